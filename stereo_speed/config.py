@@ -1,0 +1,96 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Every number one can set, once: default, unit, bounds and meaning.
+
+The YAML files of ``config/``, the command line and the ROS parameters all derive from here.
+"""
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Mapping, Union
+
+import yaml
+
+from .errors import InputError
+
+Number = Union[int, float]
+
+
+def _p(default: Number, low: Number, high: Number, unit: str, doc: str) -> Any:
+    """Make a dataclass field that carries its unit, bounds and meaning."""
+    meta = {'low': low, 'high': high, 'unit': unit, 'doc': doc}
+    return dataclasses.field(default=default, metadata=meta)
+
+
+@dataclass(frozen=True)
+class TrackerConfig:
+    """
+    Parameters of the constrained tracker; the paper's values (2012, Section V) by default.
+
+    Deviations of random walks are rates, per square root of a second, so that the frame rate
+    does not change the filter; the paper's per-frame values at 5 frames/s are given in each doc.
+    """
+
+    particles: int = _p(400, 20, 20000, '', 'number of particles N')
+    speed_rate_std: float = _p(
+        0.335, 0.0, 20.0, 'm/s/sqrt(s)',
+        'random walk of the speed; 0.335 is the 0.15 m/s a frame of the paper at 5 frames/s')
+    drift_across_std_m: float = _p(
+        0.10, 0.0, 2.0, 'm/sqrt(s)', 'drift across the path, sigma_P of eq. 27')
+    drift_up_std_m: float = _p(
+        0.03, 0.0, 1.0, 'm/sqrt(s)', 'drift above the path, sigma_B of eq. 27')
+    parts: int = _p(10, 4, 16, '', 'parts N_p of the front: 4, 6, 8, 10, 12 or 16')
+    samples_per_part: int = _p(
+        8, 4, 16, '', 'samples across and down each part; a multiple of 4')
+    lambda_d: float = _p(15.0, 0.0, 1e4, '', 'single-view weight lambda_D of eq. 13')
+    lambda_c: float = _p(20.0, 0.0, 1e4, '', 'cross-view weight lambda_c of eq. 18')
+    reference_epsilon: float = _p(
+        0.3, 0.0, 1.0, '', 'share of the old reference kept in each update, epsilon of eq. 14')
+    resample_ess: float = _p(
+        0.5, 0.0, 1.0, '', 'resample when the effective sample size falls below this share of N')
+    initial_speed_std: float = _p(
+        0.5, 0.01, 5.0, '', 'spread of the first speed, as a share of the speed limit')
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+
+
+def check_bounds(config: Any) -> None:
+    """
+    Check each field of a config record against its bounds.
+
+    :raises InputError: names the field, what was found and what was wanted.
+    """
+    for f in dataclasses.fields(config):
+        value, meta = getattr(config, f.name), f.metadata
+        kind = (int,) if isinstance(f.default, int) else (int, float)
+        wanted = f'{kind[-1].__name__} in [{meta["low"]}, {meta["high"]}] {meta["unit"]}'.strip()
+        if isinstance(value, bool) or not isinstance(value, kind) or not math.isfinite(value) \
+                or not meta['low'] <= value <= meta['high']:
+            raise InputError('configuration', f.name, repr(value), wanted)
+
+
+def load_config(path: Union[str, Path]) -> TrackerConfig:
+    """
+    Read a YAML mapping of parameters; the others keep their defaults.
+
+    :raises InputError: unreadable file, unknown key or value out of bounds.
+    """
+    try:
+        data = yaml.safe_load(Path(path).read_text())
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise InputError(path, 'file', ' '.join(str(error).split()), 'readable YAML') from None
+    if not isinstance(data, Mapping):
+        raise InputError(path, 'top level', type(data).__name__, 'a mapping of parameters')
+    known = [f.name for f in dataclasses.fields(TrackerConfig)]
+    for key in data:
+        if key not in known:
+            raise InputError(path, 'key', key, 'one of ' + ', '.join(known))
+    try:
+        return TrackerConfig(**data)
+    except InputError as error:
+        raise InputError(path, error.what, error.found, error.wanted) from None

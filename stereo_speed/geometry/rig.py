@@ -1,0 +1,140 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Two cameras fixed to each other; need not be parallel."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from .camera import Camera
+from ..errors import CalibrationError
+from ..records import Array
+
+
+@dataclass(frozen=True, eq=False)
+class StereoRig:
+    """
+    A calibrated stereo rig: ``x_right = R x_left + t``.
+
+    :param left: left camera; its frame is the frame of everything.
+    :param right: right camera.
+    :param R: (3, 3) rotation from the left to the right camera's frame.
+    :param t: (3,) the left camera's centre in the right camera's frame, m.
+    :param frame_id: name of the left optical frame.
+    """
+
+    left: Camera
+    right: Camera
+    R: Array
+    t: Array
+    frame_id: str = 'stereo_left_optical_frame'
+
+    def __post_init__(self) -> None:
+        for key, shape in (('R', (3, 3)), ('t', (3,))):
+            array = np.array(getattr(self, key), dtype=np.float64).reshape(shape)
+            if not np.all(np.isfinite(array)):
+                raise CalibrationError('rig', key, array.ravel().tolist(), 'finite numbers')
+            array.setflags(write=False)
+            object.__setattr__(self, key, array)
+        if np.abs(self.R @ self.R.T - np.eye(3)).max() > 1e-5 or np.linalg.det(self.R) < 0:
+            raise CalibrationError('rig', 'R', self.R.ravel().tolist(), 'a rotation')
+        if not self.baseline_m > 0:
+            raise CalibrationError('rig', 'baseline', f'{self.baseline_m} m', 'more than 0')
+
+    @property
+    def baseline_m(self) -> float:
+        """Distance between the two cameras."""
+        return float(np.linalg.norm(self.t))
+
+    @cached_property
+    def essential(self) -> Array:
+        """(3, 3) with ``x_right^T E x_left = 0`` in normalised coordinates."""
+        x, y, z = self.t
+        return np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]) @ self.R
+
+    def to_right(self, points_m: Array) -> Array:
+        """
+        Carry points from the left into the right camera's frame.
+
+        :param points_m: (..., 3).
+        """
+        return np.asarray(points_m, dtype=np.float64) @ self.R.T + self.t
+
+    def to_left(self, points_m: Array) -> Array:
+        """
+        Carry points from the right into the left camera's frame.
+
+        :param points_m: (..., 3).
+        """
+        return (np.asarray(points_m, dtype=np.float64) - self.t) @ self.R
+
+    def project(self, points_m: Array) -> tuple[Array, Array, np.ndarray, np.ndarray]:
+        """
+        Project points into both raw images: pixels left and right, validity left and right.
+
+        :param points_m: (..., 3) in the left camera's frame.
+        """
+        uv_left, valid_left = self.left.project(points_m)
+        uv_right, valid_right = self.right.project(self.to_right(points_m))
+        return uv_left, uv_right, valid_left, valid_right
+
+    def epipolar_lines_left(self, uv_right: Array) -> Array:
+        """
+        Give the epipolar lines, in normalised coordinates of the left camera, of right pixels.
+
+        :param uv_right: (..., 2) raw pixels; the result is (..., 3) with ``l . (x, y, 1) = 0``.
+        """
+        return self.right.rays(uv_right) @ self.essential
+
+    def epipolar_lines_right(self, uv_left: Array) -> Array:
+        """
+        Give the epipolar lines, in normalised coordinates of the right camera, of left pixels.
+
+        :param uv_left: (..., 2) raw pixels; the result is (..., 3) with ``l . (x, y, 1) = 0``.
+        """
+        return self.left.rays(uv_left) @ self.essential.T
+
+    def triangulate(self, uv_left: Array, uv_right: Array) -> Array:
+        """
+        Find the points of pixel pairs; NaN for parallel rays or points behind a camera.
+
+        Both pixels are first moved onto a common epipolar plane by the least squared change
+        in normalised coordinates (Lindstrom 2010, two steps), then their rays are met.
+
+        :param uv_left: (..., 2) raw pixels.
+        :param uv_right: (..., 2) raw pixels, pair by pair.
+        """
+        left, right = self._corrected(self.left.rays(uv_left), self.right.rays(uv_right))
+        right_in_left = right @ self.R
+        centre = -self.R.T @ self.t
+        # Depths a, b of the rays' closest points: a left = centre + b right_in_left.
+        ll = np.sum(left * left, axis=-1)
+        rr = np.sum(right_in_left * right_in_left, axis=-1)
+        lr = np.sum(left * right_in_left, axis=-1)
+        lc, rc = left @ centre, right_in_left @ centre
+        det = ll * rr - lr * lr
+        with np.errstate(divide='ignore', invalid='ignore'):
+            a, b = (lc * rr - lr * rc) / det, (lr * lc - ll * rc) / det
+            bad = ~((a > 0) & (b > 0) & (det > 1e-16 * ll * rr))
+        middle = 0.5 * (a[..., None] * left + centre + b[..., None] * right_in_left)
+        return np.where(bad[..., None], np.nan, middle)
+
+    def _corrected(self, left: Array, right: Array) -> tuple[Array, Array]:
+        """Move rays (..., 3) at depth 1 the least, so that ``right^T E left = 0``."""
+        e = self.essential
+        e2 = e[:2, :2]
+        n_r, n_l = (left @ e.T)[..., :2], (right @ e)[..., :2]
+        a = np.sum(n_r * (n_l @ e2.T), axis=-1)
+        b = 0.5 * (np.sum(n_r * n_r, axis=-1) + np.sum(n_l * n_l, axis=-1))
+        c = np.sum(right * (left @ e.T), axis=-1)
+        with np.errstate(divide='ignore', invalid='ignore'):
+            d = np.sqrt(np.maximum(b * b - a * c, 0.0))
+            step = (c / (b + d))[..., None]
+            n_r, n_l = n_r - (step * n_l) @ e2.T, n_l - (step * n_r) @ e2
+            squares = np.sum(n_r * n_r, axis=-1) + np.sum(n_l * n_l, axis=-1)
+            step = step * (2 * d / squares)[..., None]
+        one = np.zeros_like(left[..., :1])
+        return (left - np.concatenate([step * n_l, one], axis=-1),
+                right - np.concatenate([step * n_r, one], axis=-1))

@@ -1,0 +1,120 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The records that every layer speaks.
+
+Time is integer nanoseconds of the header stamp; everything geometric is in the left camera's
+optical frame (x right, y down, z forward), in metres; pixels are of the raw images.
+"""
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any, Optional
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class TrackState(str, Enum):
+    """Life of a track; the values are those of ``tracks.csv``."""
+
+    TENTATIVE = 'tentative'
+    CONFIRMED = 'confirmed'
+    COASTING = 'coasting'
+
+
+class Verdict(str, Enum):
+    """Outcome of a pass; the values are those of ``passes.csv``."""
+
+    MEASURED = 'measured'
+    REJECTED = 'rejected'
+
+
+@dataclass(frozen=True, eq=False)
+class StereoPair:
+    """
+    One synchronized pair of raw grey images.
+
+    :param index: number of the pair in its stream, from 0.
+    :param stamp_ns: header stamp of the left image, ns.
+    :param right_stamp_ns: header stamp of the right image, ns.
+    :param left: (H, W) uint8 or uint16, raw (not rectified).
+    :param right: (H, W), same type.
+    """
+
+    index: int
+    stamp_ns: int
+    right_stamp_ns: int
+    left: NDArray[Any]
+    right: NDArray[Any]
+
+
+@dataclass(frozen=True, eq=False)
+class TrackUpdate:
+    """
+    What a tracker says of one vehicle after one pair, from this pair and earlier ones only.
+
+    :param stamp_ns: header stamp of the pair, ns.
+    :param track: track number, never reused.
+    :param lane: name of the lane.
+    :param state: see :class:`TrackState`.
+    :param speed_mps: ground speed, m/s.
+    :param speed_std_mps: its 1-sigma, m/s.
+    :param s_m: arc length along the lane's path, m.
+    :param lateral_m: offset from the path, positive to the left of travel, m.
+    :param position_m: (3,) centre of the tracked front, left optical frame, m.
+    :param position_cov_m2: (3, 3) its covariance, m^2.
+    :param axes: (3, 3) columns are heading (unit), left and up, left optical frame.
+    :param quad_left_px: (4, 2) corners of the front in the raw left image, px, clockwise from
+        the image's top-left corner.
+    :param quad_right_px: (4, 2) the same in the raw right image, px.
+    """
+
+    stamp_ns: int
+    track: int
+    lane: str
+    state: TrackState
+    speed_mps: float
+    speed_std_mps: float
+    s_m: float
+    lateral_m: float
+    position_m: Array
+    position_cov_m2: Array
+    axes: Array
+    quad_left_px: Array
+    quad_right_px: Array
+
+
+@dataclass(frozen=True, eq=False)
+class PassResult:
+    """
+    One vehicle's whole pass: the final speed and the smoothed profile.
+
+    :param track: track number.
+    :param lane: name of the lane.
+    :param first_ns: stamp of its first pair, ns.
+    :param last_ns: stamp of its last pair, ns.
+    :param pairs: number of pairs it was measured in.
+    :param speed_mps: final ground speed, mean over the pass, m/s; None when rejected for want
+        of a measurement.
+    :param speed_std_mps: its 1-sigma, m/s.
+    :param verdict: see :class:`Verdict`.
+    :param reason: why it was rejected, snake_case; empty when measured.
+    :param smoothed: stamp in ns to the smoothed speed in m/s, from all pairs of the pass.
+    :param smoothed_std: stamp in ns to the 1-sigma of the smoothed speed, m/s.
+    """
+
+    track: int
+    lane: str
+    first_ns: int
+    last_ns: int
+    pairs: int
+    speed_mps: Optional[float]
+    speed_std_mps: Optional[float]
+    verdict: Verdict
+    reason: str
+    smoothed: dict[int, float]
+    smoothed_std: dict[int, float]

@@ -1,0 +1,248 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The path-constrained stereo particle filter of the 2012 paper, made to work at real ranges.
+
+The paper's elements: particles over the place of the front on the road's path and its speed
+(eq. 24, 25-27), the likelihood of both views and across them (eq. 12-18), the adaptive reference
+(eq. 14), resampling, posterior mean and covariance (eq. 3).  What is added: after each pair the
+particles, which find the vehicle but are metres apart at range, are moved by the photometric
+refinement of the whole pass (``refine``) so that their mean and covariance are those of all
+images so far; depth and offsets stay unknowns instead of dying in the first pairs.
+"""
+from __future__ import annotations
+
+from typing import Optional
+
+import numpy as np
+
+from ..config import TrackerConfig
+from ..features.haar import PartGrid
+from ..filtering.resampling import systematic
+from ..filtering.weights import (
+    DegenerateWeightsError, effective_sample_size, mean_and_covariance, normalise_log_weights)
+from ..geometry.rig import StereoRig
+from ..records import Array, PassResult, StereoPair, TrackState, TrackUpdate, Verdict
+from ..site import InitMark, LanePath
+from .acquire import acquire
+from .front import Front
+from .likelihood import Reference, score
+from .looks import inside, LookSampler
+from .refine import PassPrior, PassRefiner, Posterior
+
+_CONFIRM_PAIRS = 3  # pairs before a reading is worth publishing
+_MIN_PASS_PAIRS = 4
+_MIN_NCC = 0.5  # left-right and texture agreement below this is not the vehicle
+_LOST_AFTER_S = 1.0
+_MAX_SPEED_STD_SHARE = 0.05  # a pass less certain than this is not a measurement
+_JITTER = 1e-12
+_DISTINCT_PER_DIM = 3
+_START_STD_PX = 0.15  # spread of the first particles in depth, in disparity
+
+
+class ConstrainedTracker:
+    """
+    Follow one marked vehicle along the path of its lane; see the module's docstring.
+
+    :param rig: the cameras.
+    :param lane: the lane whose path constrains the motion.
+    :param config: parameters.
+    :param mark: the front as marked in ``pair``.
+    :param pair: the first pair.
+    :param track: number of the track.
+    :param rng: source of all randomness.
+    """
+
+    def __init__(self, *, rig: StereoRig, lane: LanePath, config: TrackerConfig, mark: InitMark,
+                 pair: StereoPair, track: int, rng: np.random.Generator) -> None:
+        self.rig, self.lane, self.config, self.track, self.rng = rig, lane, config, track, rng
+        self.grid = PartGrid(config.parts, config.samples_per_part)
+        start = acquire(rig, lane.path, mark, pair, self.grid)
+        self.front: Front = start.front
+        sampler = LookSampler(rig, start.front, self.grid.unit_xy, self.grid.shape)
+        prior = PassPrior(
+            s_m=float(start.pose[0]), s_std_m=start.s_std_m, offset_m=start.pose[1:],
+            offset_slope=start.offset_slope, speed_mps=lane.speed_limit_mps,
+            speed_std_mps=2 * config.initial_speed_std * lane.speed_limit_mps,
+            heading_std_rad=np.asarray(lane.heading_std_rad))
+        self.refiner = PassRefiner(sampler, prior, config)
+        self.particles = self._first_particles(start.pose, start.offset_slope,
+                                               _START_STD_PX / abs(start.disparity_slope))
+        self.log_weights = np.zeros(config.particles)
+        self.posterior: Optional[Posterior] = None
+        self.reference: Optional[Reference] = None
+        self.first_ns = self.last_ns = self.seen_ns = pair.stamp_ns
+        self.smoothable: list[int] = []
+        self._over = False
+
+    @property
+    def ended(self) -> bool:
+        """Whether the pass is over: out of view, or lost for too long."""
+        return self._over
+
+    def update(self, pair: StereoPair) -> Optional[TrackUpdate]:
+        """Predict, weigh, resample, refine (2012, Section III)."""
+        if self._over:
+            return None
+        self._predict((pair.stamp_ns - self.last_ns) * 1e-9)
+        self.last_ns = pair.stamp_ns
+        if self._out_of_view():
+            self._over = True
+            return None
+        before = self.particles.copy(), self.log_weights.copy()
+        if not (self._weigh(pair) and self._refine(pair)):
+            self.particles, self.log_weights = before
+            if (pair.stamp_ns - self.seen_ns) * 1e-9 > _LOST_AFTER_S:
+                self._over = True
+                return None
+            return self._report(pair, TrackState.COASTING)
+        self.seen_ns = pair.stamp_ns
+        self.smoothable.append(pair.stamp_ns)
+        self._update_reference(pair)
+        seen = len(self.smoothable)
+        return self._report(
+            pair, TrackState.CONFIRMED if seen >= _CONFIRM_PAIRS else TrackState.TENTATIVE)
+
+    def result(self) -> PassResult:
+        """Measure the pass from all its pairs, or say why it cannot be measured."""
+        if self.posterior is None:
+            return self._pass(None, None, {}, {}, 'never_seen')
+        times, values, stds = self._ground_profile(self.posterior)
+        stamps = np.array(self.smoothable)
+        at = (stamps - stamps[0]) * 1e-9
+        smooth = dict(zip(self.smoothable, np.interp(at, times, values).tolist()))
+        smooth_std = dict(zip(self.smoothable, np.interp(at, times, stds).tolist()))
+        speed, std = self._mean_speed(self.posterior, values)
+        reason = ''
+        if len(self.smoothable) < _MIN_PASS_PAIRS:
+            reason = 'too_few_pairs'
+        elif not std < _MAX_SPEED_STD_SHARE * abs(speed):
+            reason = 'uncertain'
+        return self._pass(speed, std, smooth, smooth_std, reason)
+
+    # -- the filter's steps ---------------------------------------------------------------
+
+    def _first_particles(self, pose: Array, slope: Array, s_std_m: float) -> Array:
+        """Particles (N, 4) of s, a, b, v on the ray of the front's centre, any likely speed."""
+        n, limit = self.config.particles, self.lane.speed_limit_mps
+        ds = s_std_m * self.rng.standard_normal(n)
+        speed = limit * (1 + self.config.initial_speed_std * self.rng.standard_normal(n))
+        # A quarter of the particles cover what limits do not foresee.
+        speed[: n // 4] = self.rng.uniform(0.0, 2.5 * limit, n // 4)
+        return np.column_stack([pose[0] + ds, pose[1:] + ds[:, None] * slope,
+                                np.maximum(speed, 0.0)])
+
+    def _predict(self, dt_s: float) -> None:
+        """Random-walk speed along the path, drift across and above it (eq. 24, 25, 27)."""
+        if dt_s <= 0:
+            return
+        c, n, root = self.config, len(self.particles), np.sqrt(dt_s)
+        s, a, b, v = self.particles.T
+        noise = self.rng.standard_normal((4, n)) * root
+        v_next = v + c.speed_rate_std * noise[3]
+        self.particles = np.column_stack([
+            s + 0.5 * (v + v_next) * dt_s, a + c.drift_across_std_m * noise[1],
+            b + c.drift_up_std_m * noise[2], v_next])
+
+    def _weigh(self, pair: StereoPair) -> bool:
+        """Weigh by the images (eq. 2, 12) and resample; False when none is possible."""
+        quads = self.front.corners(self.rig, self.particles[:, :3])
+        scores = score(pair.left, pair.right, quads, self.reference, grid=self.grid,
+                       config=self.config)
+        try:
+            weights = normalise_log_weights(self.log_weights + scores.log_likelihood)
+        except DegenerateWeightsError:
+            return False
+        n = len(weights)
+        if effective_sample_size(weights) < self.config.resample_ess * n:
+            self.particles = self.particles[systematic(weights, n, self.rng)]
+            weights = np.full(n, 1 / n)
+        with np.errstate(divide='ignore'):
+            self.log_weights = np.log(weights)
+        return True
+
+    def _refine(self, pair: StereoPair) -> bool:
+        """Move the particles to the posterior of all images so far; False when they disagree."""
+        weights = normalise_log_weights(self.log_weights)
+        guess, cov = mean_and_covariance(weights, self.particles)
+        posterior = self.refiner.add(pair, guess)
+        if posterior is None:
+            return False
+        if min(posterior.cross_ncc[-1], posterior.texture_ncc[-1]) < _MIN_NCC:
+            self.refiner.drop_last()
+            return False
+        self.posterior = posterior
+        self.particles = _transport(self.particles, (guess, cov), posterior.at(-1), self.rng)
+        return True
+
+    def _update_reference(self, pair: StereoPair) -> None:
+        """Blend the features at the estimated state into the reference (eq. 14)."""
+        pose = self._mean()[None, :3]
+        at = score(pair.left, pair.right, self.front.corners(self.rig, pose), None,
+                   grid=self.grid, config=self.config)
+        if self.reference is None:
+            self.reference = Reference(at.left[0], at.right[0])
+        else:
+            self.reference = self.reference.updated(
+                at.left[0], at.right[0], self.config.reference_epsilon)
+
+    # -- what is told ---------------------------------------------------------------------
+
+    def _mean(self) -> Array:
+        return normalise_log_weights(self.log_weights) @ self.particles
+
+    def _out_of_view(self) -> bool:
+        left, right = self.front.corners(self.rig, self._mean()[None, :3])
+        return not (inside(self.rig.left, left[0]) and inside(self.rig.right, right[0]))
+
+    def _report(self, pair: StereoPair, state: TrackState) -> TrackUpdate:
+        mean, cov = mean_and_covariance(normalise_log_weights(self.log_weights), self.particles)
+        frame = self.lane.path.frame(np.array(mean[0]))
+        left, right = self.front.corners(self.rig, mean[None, :3])
+        ground = self.front.ground_speed(mean[:3], 1.0)
+        return TrackUpdate(
+            stamp_ns=pair.stamp_ns, track=self.track, lane=self.lane.name, state=state,
+            speed_mps=ground * float(mean[3]), speed_std_mps=ground * float(np.sqrt(cov[3, 3])),
+            s_m=float(mean[0]), lateral_m=float(mean[1]),
+            position_m=self.front.centre(mean[:3]),
+            position_cov_m2=frame @ cov[:3, :3] @ frame.T, axes=frame,
+            quad_left_px=left[0], quad_right_px=right[0])
+
+    def _ground_profile(self, posterior: Posterior) -> tuple[Array, Array, Array]:
+        """Times, ground speeds and their 1-sigma of the looks of the pass."""
+        ratio = np.array([self.front.ground_speed(x[:3], 1.0) for x in posterior.mean])
+        variance = np.diag(posterior.covariance)[3::4]
+        return posterior.stamps_s, ratio * posterior.mean[:, 3], ratio * np.sqrt(variance)
+
+    def _mean_speed(self, posterior: Posterior, values: Array) -> tuple[float, float]:
+        """Mean ground speed over the pairs of the pass, and its 1-sigma."""
+        share = np.full(len(values), 1 / len(values))
+        block = posterior.covariance[3::4, 3::4]
+        scale = values / np.where(posterior.mean[:, 3] == 0, 1.0, posterior.mean[:, 3])
+        return float(share @ values), float(np.sqrt((share * scale) @ block @ (share * scale)))
+
+    def _pass(self, speed: Optional[float], std: Optional[float], smooth: dict[int, float],
+              smooth_std: dict[int, float], reason: str) -> PassResult:
+        stamps = self.smoothable or [self.first_ns]
+        return PassResult(
+            track=self.track, lane=self.lane.name, first_ns=stamps[0], last_ns=stamps[-1],
+            pairs=len(self.smoothable), speed_mps=speed, speed_std_mps=std,
+            verdict=Verdict.REJECTED if reason else Verdict.MEASURED, reason=reason,
+            smoothed=smooth, smoothed_std=smooth_std)
+
+
+def _transport(particles: Array, moments: tuple[Array, Array], target: tuple[Array, Array],
+               rng: np.random.Generator) -> Array:
+    """
+    Carry particles affinely from one mean and covariance to another.
+
+    The map L_to L_from^-1 of the Cholesky factors keeps each particle's relative place, so the
+    shape of the cloud survives.  Where resampling has left too few distinct particles to span
+    the state there is no shape to keep, and the target is drawn from anew.
+    """
+    n, dim = particles.shape
+    goal = np.linalg.cholesky(0.5 * (target[1] + target[1].T) + _JITTER * np.eye(dim))
+    if len(np.unique(particles[:, 0])) < _DISTINCT_PER_DIM * dim:
+        return target[0] + rng.standard_normal((n, dim)) @ goal.T
+    start = np.linalg.cholesky(moments[1] + _JITTER * np.eye(dim))
+    return target[0] + np.linalg.solve(start, (particles - moments[0]).T).T @ goal.T

@@ -1,0 +1,116 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The vehicle's front: a plane across the road's path, and where it is seen.
+
+A pose is (s, a, b): arc length along the path, offset to the left of travel and offset above the
+path, all in m.  The front's plane passes through C(s) and holds the path's normal P and binormal
+B, so its normal is the tangent T (2012, Section IV-B).  A point of the front has fixed
+coordinates (x, y) on that plane, and lies at C(s) + (a + x) P(s) + (b + y) B(s).
+"""
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..geometry.camera import Camera
+from ..geometry.rig import StereoRig
+from ..paths.base import Path
+from ..records import Array
+
+
+def plane_points(path: Path, poses: Array, plane_xy_m: Array) -> Array:
+    """
+    Points of the front for many poses.
+
+    :param poses: (N, 3) s, a, b in m.
+    :param plane_xy_m: (M, 2) coordinates on the plane along P and B, m.
+    :return: (N, M, 3), left optical frame, m.
+    """
+    s_m = poses[:, 0]
+    frame = path.frame(s_m)
+    offset = poses[:, None, 1:] + plane_xy_m[None]
+    return path.position(s_m)[:, None] + offset @ np.swapaxes(frame[:, :, 1:], 1, 2)
+
+
+def back_project(path: Path, camera: Camera, s_m: float, uv_px: Array) -> Array:
+    """
+    Where pixels of the left view meet the plane across the path at ``s_m``.
+
+    :param uv_px: (M, 2) raw pixels of the left camera.
+    :return: (M, 2) coordinates along P and B measured from the path, m.
+    """
+    rays = camera.rays(uv_px)
+    origin, frame = path.position(np.array(s_m)), path.frame(np.array(s_m))
+    depth = (origin @ frame[:, 0]) / (rays @ frame[:, 0])
+    return (rays * depth[:, None] - origin) @ frame[:, 1:]
+
+
+def quad_grid(corners: Array, unit_xy: Array) -> Array:
+    """
+    Map the unit square onto quadrilaterals by the homography of their four corners.
+
+    Closed form (Heckbert 1989, "Fundamentals of texture mapping", section 2.2.3).
+
+    :param corners: (N, 4, 2) images of (0, 0), (1, 0), (1, 1), (0, 1).
+    :param unit_xy: (G, 2) points of the unit square.
+    :return: (N, G, 2), the type of ``corners``.
+    """
+    p0, p1, p2, p3 = (corners[:, k] for k in range(4))
+    d1, d2, d3 = p1 - p2, p3 - p2, p0 - p1 + p2 - p3
+    det = d1[:, 0] * d2[:, 1] - d2[:, 0] * d1[:, 1]
+    g = (d3[:, 0] * d2[:, 1] - d2[:, 0] * d3[:, 1]) / det
+    h = (d1[:, 0] * d3[:, 1] - d3[:, 0] * d1[:, 1]) / det
+    ax = p1 - p0 + g[:, None] * p1
+    ay = p3 - p0 + h[:, None] * p3
+    x, y = unit_xy[:, 0].astype(corners.dtype), unit_xy[:, 1].astype(corners.dtype)
+    scale = 1 / (g[:, None] * x + h[:, None] * y + 1)
+    u = (ax[:, :1] * x + ay[:, :1] * y + p0[:, :1]) * scale
+    v = (ax[:, 1:] * x + ay[:, 1:] * y + p0[:, 1:]) * scale
+    return np.stack([u, v], axis=-1)
+
+
+@dataclass(frozen=True, eq=False)
+class Front:
+    """
+    One vehicle's front on its lane's path.
+
+    :param path: the lane's path.
+    :param corners_m: (4, 2) corners on the plane about the front's centre, m, clockwise as seen
+        in the image from its top left.
+    """
+
+    path: Path
+    corners_m: Array
+
+    def corners(self, rig: StereoRig, poses: Array) -> tuple[Array, Array]:
+        """
+        Project the corners of the front: the 2-D sub-states of both views (eq. 11).
+
+        The plane moves rigidly, so these are the quads that the homographies of eq. 5 and 8
+        carry along; projecting in 3-D also holds for distorted lenses.
+
+        :param poses: (N, 3).
+        :return: (N, 4, 2) left and right raw pixels, NaN behind the camera.
+        """
+        left, right, _, _ = rig.project(plane_points(self.path, poses, self.corners_m))
+        return left, right
+
+    def grid_m(self, unit_xy: Array) -> Array:
+        """Grid samples on the plane about the front's centre, (G, 2) m."""
+        return quad_grid(self.corners_m[None], unit_xy)[0]
+
+    def centre(self, pose: Array) -> Array:
+        """Centre of the front for one pose, (3,), left optical frame, m."""
+        return plane_points(self.path, pose[None], np.zeros((1, 2)))[0, 0]
+
+    def ground_speed(self, pose: Array, speed_mps: float) -> float:
+        """
+        Speed over ground of the front's centre, m/s, for a speed along the path.
+
+        Off the path on a bend the centre travels on another radius than the path.
+        """
+        step = np.array([0.05, 0.0, 0.0])
+        ahead, behind = self.centre(pose + step), self.centre(pose - step)
+        return speed_mps * float(np.linalg.norm(ahead - behind)) / (2 * step[0])

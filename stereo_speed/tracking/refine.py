@@ -1,0 +1,263 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Photometric refinement of a pass: all looks of a front, both views, one least-squares problem.
+
+A filter that keeps only the newest reference drifts, and one that fixes the depth at the start is
+wrong by the error of that start.  Here the poses of all pairs so far, the speeds between them and
+the error of the path's heading are unknowns together:
+
+- *cross*: the left and the right patch of a pair agree (eq. 16), which fixes the depth;
+- *temporal*: every patch agrees with the one texture of the front, itself unknown and eliminated
+  by its weighted mean (variable projection), which fixes the motion;
+- *motion*: random-walk speed and drift across and above the path (eq. 24, 27).
+
+Gauss-Newton on this gives the mean and covariance of the newest state, from this pair and
+earlier ones only, and at the end of the pass the smoothed profile.
+"""
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from ..config import TrackerConfig
+from ..records import Array, StereoPair
+from .looks import Look, LookSampler
+
+_INDEPENDENT = 0.35  # share of independent samples after the low-pass of a look
+_MATCH_FLOOR_PX = 0.04  # systematic matching error of one look between the views
+_TEXTURE_FLOOR_PX = 0.10  # systematic error of one look against the texture: relief, light
+_GAUGE_STD_M = 0.005  # the first look defines what the front's centre is
+_MIN_TEXTURE_NCC = 0.5  # looks that agree less with the texture are occluded: not used
+_MOVED_PX = 0.02  # a look is taken again when its pose has moved further than this
+_MAX_MOVE_PX = 3.0  # a step beyond the patch's linear range is cut
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """
+    Gaussian posterior of a whole pass.
+
+    :param stamps_s: (n,) time of each pair since the first, s.
+    :param mean: (n, 4) s, a, b in m and the speed along the path in m/s.
+    :param covariance: (4 n, 4 n) of the rows of ``mean`` in order.
+    :param cross_ncc: (n,) left-right NCC of each look.
+    :param texture_ncc: (n,) NCC of each look with the texture.
+    """
+
+    stamps_s: Array
+    mean: Array
+    covariance: Array
+    cross_ncc: Array
+    texture_ncc: Array
+
+    def at(self, k: int) -> tuple[Array, Array]:
+        """Mean (4,) and covariance (4, 4) of pair ``k``."""
+        n = range(len(self.mean))[k]
+        block = slice(4 * n, 4 * n + 4)
+        return self.mean[n], self.covariance[block, block]
+
+
+@dataclass(frozen=True, eq=False)
+class PassPrior:
+    """
+    What is known of a pass before its looks.
+
+    :param s_m: arc length of the front in its first pair, m, and
+    :param s_std_m: its 1-sigma.
+    :param offset: function from s to (a, b): the ray of the front's centre in the first left
+        view, which defines the centre.
+    :param speed_mps: expected speed, m/s, and
+    :param speed_std_mps: its 1-sigma.
+    :param heading_std_rad: (2,) 1-sigma of the path's heading across and up.
+    """
+
+    s_m: float
+    s_std_m: float
+    offset_m: Array
+    offset_slope: Array
+    speed_mps: float
+    speed_std_mps: float
+    heading_std_rad: Array
+
+
+class _Normal:
+    """Normal equations of a least-squares problem, filled row by row."""
+
+    def __init__(self, size: int) -> None:
+        self.H, self.g = np.zeros((size, size)), np.zeros(size)
+
+    def row(self, columns: list[int], values: list[float], rest: float, std: float) -> None:
+        """Add ``values . x[columns] = rest`` with a 1-sigma."""
+        j = np.array(values) / std
+        self.H[np.ix_(columns, columns)] += np.outer(j, j)
+        self.g[columns] += j * (rest / std)
+
+
+class PassRefiner:
+    """Grows with every pair of a pass; see the module's docstring."""
+
+    def __init__(self, sampler: LookSampler, prior: PassPrior, config: TrackerConfig) -> None:
+        self.sampler, self.prior, self.config = sampler, prior, config
+        self.pairs: list[StereoPair] = []
+        self.looks: list[Look] = []
+        self.state = np.zeros((0, 4))
+        self.tilt = np.zeros(2)
+        self.used: list[bool] = []
+
+    def add(self, pair: StereoPair, guess: Array) -> Posterior | None:
+        """
+        Take in a pair and refine everything.
+
+        :param guess: (4,) s, a, b, v where the particles say the front is.
+        :return: None when the front is not wholly seen at the guess.
+        """
+        look = self.sampler.look(pair, guess[:3])
+        if look is None:
+            return None
+        self.pairs.append(pair)
+        self.looks.append(look)
+        self.used.append(True)
+        self.state = np.vstack([self.state, guess])
+        return self.refine(iterations=4)
+
+    def drop_last(self) -> None:
+        """Take the newest pair out again: it was not the vehicle."""
+        for items in (self.pairs, self.looks, self.used):
+            items.pop()
+        self.state = self.state[:-1]
+
+    def refine(self, iterations: int) -> Posterior:
+        """Iterate Gauss-Newton; looks are retaken only where their pose has moved."""
+        for _ in range(iterations):
+            normal, cross, texture = self._linear_system()
+            covariance = np.linalg.inv(normal.H)
+            solution = covariance @ normal.g
+            poses_moved = self._step(solution)
+            if not poses_moved:
+                break
+        n = len(self.looks)
+        mean = np.column_stack([solution[:3 * n].reshape(n, 3), solution[3 * n:4 * n]])
+        order = np.array([[3 * k, 3 * k + 1, 3 * k + 2, 3 * n + k] for k in range(n)]).ravel()
+        return Posterior(self._times(), mean, covariance[np.ix_(order, order)], cross, texture)
+
+    def _times(self) -> Array:
+        first = self.pairs[0].stamp_ns
+        return np.array([(p.stamp_ns - first) * 1e-9 for p in self.pairs])
+
+    def _step(self, solution: Array) -> bool:
+        """Move to the solution, retake looks that moved; whether any moved."""
+        n, moved = len(self.looks), False
+        target = solution[:3 * n].reshape(n, 3)
+        self.tilt = solution[4 * n:]
+        self.state[:, 3] = solution[3 * n:4 * n]
+        for k, look in enumerate(self.looks):
+            change = target[k] - look.pose
+            px = float(np.abs(look.shift_px * change).max())
+            self.state[k, :3] = target[k]
+            if px > _MOVED_PX:
+                change *= min(1.0, _MAX_MOVE_PX / px)
+                again = self.sampler.look(self.pairs[k], look.pose + change)
+                if again is not None:
+                    self.looks[k], moved = again, True
+        return moved
+
+    def _linear_system(self) -> tuple[_Normal, Array, Array]:
+        """Normal equations at the present looks in (poses, speeds, tilt); and the NCCs."""
+        n = len(self.looks)
+        normal = _Normal(4 * n + 2)
+        poses = np.concatenate([look.pose for look in self.looks])
+        H, g, cross, texture = self._photometric()
+        normal.H[:3 * n, :3 * n] += H
+        normal.g[:3 * n] += g + H @ poses
+        self._add_prior(normal, n)
+        return normal, cross, texture
+
+    def _add_prior(self, normal: _Normal, n: int) -> None:
+        p, c, v0 = self.prior, self.config, 3 * n
+        tilt = 4 * n
+        normal.row([0], [1.0], p.s_m, p.s_std_m)
+        for axis in (0, 1):
+            slope = float(p.offset_slope[axis])
+            rest = float(p.offset_m[axis]) - slope * p.s_m
+            normal.row([1 + axis, 0], [1.0, -slope], rest, _GAUGE_STD_M)
+            normal.row([tilt + axis], [1.0], 0.0, float(p.heading_std_rad[axis]))
+        normal.row([v0], [1.0], p.speed_mps, p.speed_std_mps)
+        times = self._times()
+        drift = (c.drift_across_std_m, c.drift_up_std_m)
+        for k in range(n - 1):
+            dt = float(times[k + 1] - times[k])
+            i, j = 3 * k, 3 * k + 3
+            # Speed is a Wiener process: given both ends, the way between them scatters by
+            # q dt^3 / 12 about their mean.
+            speed_std = max(c.speed_rate_std, 1e-3) * math.sqrt(dt)
+            normal.row([j, i, v0 + k, v0 + k + 1], [1.0, -1.0, -dt / 2, -dt / 2], 0.0,
+                       speed_std * dt / math.sqrt(12))
+            normal.row([v0 + k + 1, v0 + k], [1.0, -1.0], 0.0, speed_std)
+            ds = float(self.state[k + 1, 0] - self.state[k, 0])
+            for axis in (0, 1):
+                normal.row([j + 1 + axis, i + 1 + axis, tilt + axis], [1.0, -1.0, -ds], 0.0,
+                           max(drift[axis], 1e-3) * math.sqrt(dt))
+
+    def _photometric(self) -> tuple[Array, Array, Array, Array]:
+        """Cross and temporal terms: Hessian (3n, 3n), minus gradient (3n,), NCCs."""
+        n = len(self.looks)
+        H, g = np.zeros((3 * n, 3 * n)), np.zeros(3 * n)
+        cross = np.zeros(n)
+        for k, look in enumerate(self.looks):
+            cross[k] = float(np.mean(look.patches[0] * look.patches[1]))
+            block = slice(3 * k, 3 * k + 3)
+            dH, dg = _cross_term(look)
+            H[block, block] += dH
+            g[block] += dg
+        texture = self._temporal(H, g)
+        return H, g, cross, texture
+
+    def _temporal(self, H: Array, g: Array) -> Array:
+        """Add the agreement with the texture; the NCC of each look with it."""
+        n = len(self.looks)
+        patches = np.stack([look.patches for look in self.looks])  # (n, 2, G)
+        weights = np.array([look.pixels for look in self.looks])
+        best = int(np.argmax(weights))
+        mean = np.tensordot(weights, patches.mean(axis=1), 1) / weights.sum()
+        ncc = np.array([np.corrcoef(p.mean(axis=0), mean)[0, 1] for p in patches])
+        if n < 2:
+            return ncc
+        del best
+        w, J = np.zeros(n), np.stack([look.jacobian for look in self.looks])  # (n, 2, G, 3)
+        residual = patches - mean
+        for k, look in enumerate(self.looks):
+            if ncc[k] < _MIN_TEXTURE_NCC:
+                continue
+            variance = max(float(np.mean(np.square(residual[k]))), 1e-4)
+            share = _INDEPENDENT * look.pixels / patches.shape[2]
+            info = share / variance * np.einsum('vgi,vgi->i', J[k], J[k])
+            # Shift information beyond the systematic floor is not believed.
+            per_px = info[1] / max(float(look.shift_px[0, 1] ** 2), 1e-9)
+            w[k] = share / variance / (1 + _TEXTURE_FLOOR_PX ** 2 * per_px)
+        total = 2 * w.sum()
+        if total <= 0:
+            return ncc
+        texture = np.einsum('k,kvg->g', w, patches) / total
+        residual = patches - texture
+        summed = np.einsum('k,kvgi->gki', w, J).reshape(patches.shape[2], 3 * n)
+        H -= summed.T @ summed / total
+        for k in range(n):
+            block = slice(3 * k, 3 * k + 3)
+            H[block, block] += w[k] * np.einsum('vgi,vgj->ij', J[k], J[k])
+            g[block] -= w[k] * np.einsum('vgi,vg->i', J[k], residual[k])
+        return ncc
+
+
+def _cross_term(look: Look) -> tuple[Array, Array]:
+    """Agreement of the left and the right patch of one pair, with its systematic floor."""
+    J = look.jacobian[0] - look.jacobian[1]
+    r = look.patches[0] - look.patches[1]
+    variance = max(float(np.mean(np.square(r))), 1e-4)
+    weight = _INDEPENDENT * look.pixels / len(r) / variance
+    info = weight * float(J[:, 0] @ J[:, 0])
+    per_px = info / max(float(look.disparity_px[0] ** 2), 1e-12)
+    weight /= 1 + _MATCH_FLOOR_PX ** 2 * per_px
+    return weight * J.T @ J, -weight * J.T @ r

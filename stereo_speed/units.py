@@ -1,0 +1,31 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Units that people read; inside, everything is SI."""
+from __future__ import annotations
+
+import math
+
+MPH_MPS = 0.44704  # one mile per hour in m/s, exact
+KMH_MPS = 1 / 3.6  # one kilometre per hour in m/s
+NS_S = 1e-9  # one nanosecond in s
+
+_UNITS = {'mph': MPH_MPS, 'km/h': KMH_MPS, 'm/s': 1.0}
+
+
+def parse_speed(text: str) -> float:
+    """
+    Turn ``'55 mph'``, ``'80 km/h'`` or ``'22.2 m/s'`` into m/s.
+
+    :raises ValueError: when the text is none of these, or not a positive finite number.
+    """
+    number, _, unit = str(text).strip().partition(' ')
+    factor = _UNITS.get(unit.strip())
+    value = float(number) * factor if factor else math.nan
+    if not (math.isfinite(value) and value > 0):
+        raise ValueError(f"{text!r} is not a speed like '55 mph', '80 km/h' or '22.2 m/s'")
+    return value
+
+
+def seconds(stamp_ns: int, origin_ns: int) -> float:
+    """Time since ``origin_ns`` in s; exact to the ns because the difference is taken first."""
+    return (stamp_ns - origin_ns) * NS_S

@@ -1,0 +1,93 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Rigs against OpenCV and against their own projections."""
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from stereo_speed.errors import CalibrationError
+from stereo_speed.geometry.camera import Camera
+from stereo_speed.geometry.rig import StereoRig
+
+K = np.array([[1500.0, 0.0, 511.5], [0.0, 1500.0, 383.5], [0.0, 0.0, 1.0]])
+
+
+def make_rig(r=(0.01, -0.03, 0.005), t=(-0.5, 0.01, 0.02), d=(-0.2, 0.1, 1e-3, -1e-3)):
+    """Make a rig that is not parallel, with distortion."""
+    left = Camera(name='left', width_px=1024, height_px=768, K=K, D=d, model='plumb_bob')
+    right = Camera(name='right', width_px=1024, height_px=768, K=K, D=d, model='plumb_bob')
+    return StereoRig(left, right, cv2.Rodrigues(np.array(r))[0], np.array(t))
+
+
+def test_triangulates_its_own_projections():
+    """Noise-free pixels give the points back."""
+    rig = make_rig()
+    points = np.random.default_rng(2).uniform([-5, -3, 15], [5, 3, 80], (4, 25, 3))
+    left, right, _, _ = rig.project(points)
+    np.testing.assert_allclose(rig.triangulate(left, right), points, rtol=1e-7)
+
+
+def test_noisy_triangulation_is_no_worse_than_opencv():
+    """Reprojection errors are at most those of cv2.triangulatePoints, pair by pair."""
+    rng = np.random.default_rng(3)
+    rig = make_rig(d=())
+    points = rng.uniform([-5, -3, 15], [5, 3, 60], (200, 3))
+    left, right = (uv + rng.normal(0, 0.5, uv.shape) for uv in rig.project(points)[:2])
+    m_left, m_right = K @ np.eye(3, 4), K @ np.column_stack([rig.R, rig.t])
+    theirs = cv2.triangulatePoints(m_left, m_right, left.T, right.T)
+    theirs = (theirs[:3] / theirs[3]).T
+
+    def cost(p):
+        a, b, _, _ = rig.project(p)
+        return np.sum((a - left)**2 + (b - right)**2, axis=-1)
+
+    ours = rig.triangulate(left, right)
+    assert np.all(cost(ours) <= cost(theirs) + 1e-6)
+    np.testing.assert_allclose(ours, theirs, rtol=1e-2)
+
+
+def test_hand_worked_depth():
+    """f 1500 px, baseline 0.5 m, disparity 15 px: 50 m."""
+    rig = make_rig(r=(0, 0, 0), t=(-0.5, 0, 0), d=())
+    np.testing.assert_allclose(
+        rig.triangulate(np.array([511.5, 383.5]), np.array([496.5, 383.5])), [0, 0, 50])
+    assert rig.baseline_m == 0.5
+
+
+def test_points_behind_or_at_infinity_are_nan():
+    """Negative and zero disparity have no point."""
+    rig = make_rig(r=(0, 0, 0), t=(-0.5, 0, 0), d=())
+    left = np.array([[511.5, 383.5], [511.5, 383.5]])
+    assert np.isnan(rig.triangulate(left, left + [[9, 0], [0, 0]])).all()
+
+
+def test_epipolar_lines_hold_the_other_view():
+    """The other view's pixel lies on the epipolar line."""
+    rig = make_rig()
+    left, right, _, _ = rig.project(np.array([[1.0, 2, 30], [-3, 1, 50]]))
+    on_right = np.sum(rig.epipolar_lines_right(left) * rig.right.rays(right), axis=-1)
+    on_left = np.sum(rig.epipolar_lines_left(right) * rig.left.rays(left), axis=-1)
+    np.testing.assert_allclose([on_right, on_left], 0, atol=1e-12)
+
+
+def test_frames_round_trip():
+    """To the right frame and back."""
+    rig, points = make_rig(), np.array([[1.0, 2, 30], [-3, 1, 50]])
+    np.testing.assert_allclose(rig.to_left(rig.to_right(points)), points)
+    np.testing.assert_allclose(rig.to_right(-rig.R.T @ rig.t), 0, atol=1e-15)
+
+
+@pytest.mark.parametrize('kwargs, what', [
+    ({'t': (0, 0, 0)}, 'baseline'), ({'t': (np.nan, 0, 0)}, 't')])
+def test_refuses(kwargs, what):
+    """What cannot be a rig is named."""
+    with pytest.raises(CalibrationError, match=f'rig: {what}: found'):
+        make_rig(**kwargs)
+
+
+def test_refuses_what_is_no_rotation():
+    """A mirror is no rotation."""
+    rig = make_rig()
+    with pytest.raises(CalibrationError, match='rig: R: found'):
+        StereoRig(rig.left, rig.right, np.diag([1.0, 1, -1]), rig.t)
