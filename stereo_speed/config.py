@@ -39,10 +39,17 @@ class TrackerConfig:
     speed_rate_std: float = _p(
         0.335, 0.0, 20.0, 'm/s/sqrt(s)',
         'random walk of the speed; 0.335 is the 0.15 m/s a frame of the paper at 5 frames/s')
+    manoeuvre_rate_std: float = _p(
+        1.5, 0.0, 20.0, 'm/s/sqrt(s)',
+        'random walk of the speed of a braking or accelerating vehicle')
+    manoeuvre_probability: float = _p(
+        0.05, 0.0, 0.99, '', 'share of passes that brake or accelerate; 0 leaves the model out')
     drift_across_std_m: float = _p(
-        0.10, 0.0, 2.0, 'm/sqrt(s)', 'drift across the path, sigma_P of eq. 27')
+        0.2236, 0.0, 5.0, 'm/sqrt(s)',
+        'drift across the path, sigma_P of eq. 27; 0.10 m a frame at 5 frames/s')
     drift_up_std_m: float = _p(
-        0.03, 0.0, 1.0, 'm/sqrt(s)', 'drift above the path, sigma_B of eq. 27')
+        0.0671, 0.0, 2.0, 'm/sqrt(s)',
+        'drift above the path, sigma_B of eq. 27; 0.03 m a frame at 5 frames/s')
     parts: int = _p(10, 4, 16, '', 'parts N_p of the front: 4, 6, 8, 10, 12 or 16')
     samples_per_part: int = _p(
         8, 4, 16, '', 'samples across and down each part; a multiple of 4')

@@ -141,7 +141,7 @@ def plan_pairs(left_ns: Sequence[int], right_ns: Sequence[int], tolerance_ns: in
     :param tolerance_ns: see :class:`PairMatcher`.
     :return: the positions (left, right) of each pair, and how many of each side have none.
     """
-    matcher = PairMatcher(tolerance_ns)
+    matcher = PairMatcher(tolerance_ns, queue_size=len(left_ns) + len(right_ns) + 1)
     matches: list[Match] = []
     both = heapq.merge(((stamp, LEFT, i) for i, stamp in enumerate(left_ns)),
                        ((stamp, RIGHT, i) for i, stamp in enumerate(right_ns)))

@@ -52,9 +52,10 @@ def camera_from_info(msg: Any, name: str, where: object) -> Camera:
     if k_px[0, 0] == 0 or k_px[1, 1] == 0:
         raise CalibrationError(where, 'CameraInfo K', f'focal lengths {k_px[0, 0]:g} and '
                                f'{k_px[1, 1]:g} px (not calibrated)', 'focal lengths > 0')
+    d = _numbers(msg, 'D', where)
     try:
         return Camera(name=name, width_px=int(msg.width), height_px=int(msg.height), K=k_px,
-                      D=_numbers(msg, 'D', where), model=str(msg.distortion_model))
+                      D=d, model=str(msg.distortion_model))
     except CalibrationError as error:
         raise CalibrationError(
             where, f'CameraInfo {error.what}', error.found, error.wanted) from None

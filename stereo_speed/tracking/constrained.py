@@ -107,12 +107,13 @@ class ConstrainedTracker:
         """Measure the pass from all its pairs, or say why it cannot be measured."""
         if self.posterior is None:
             return self._pass(None, None, {}, {}, 'never_seen')
-        times, values, stds = self._ground_profile(self.posterior)
+        posterior = self.refiner.finish()
+        times, values, stds = self._ground_profile(posterior)
         stamps = np.array(self.smoothable)
         at = (stamps - stamps[0]) * 1e-9
         smooth = dict(zip(self.smoothable, np.interp(at, times, values).tolist()))
         smooth_std = dict(zip(self.smoothable, np.interp(at, times, stds).tolist()))
-        speed, std = self._mean_speed(self.posterior, values)
+        speed, std = self._mean_speed(posterior, values)
         reason = ''
         if len(self.smoothable) < _MIN_PASS_PAIRS:
             reason = 'too_few_pairs'

@@ -55,20 +55,21 @@ def quad_grid(corners: Array, unit_xy: Array) -> Array:
 
     :param corners: (N, 4, 2) images of (0, 0), (1, 0), (1, 1), (0, 1).
     :param unit_xy: (G, 2) points of the unit square.
-    :return: (N, G, 2), the type of ``corners``.
+    :return: (N, 2, G) u and v, the type of ``corners``.
     """
     p0, p1, p2, p3 = (corners[:, k] for k in range(4))
     d1, d2, d3 = p1 - p2, p3 - p2, p0 - p1 + p2 - p3
     det = d1[:, 0] * d2[:, 1] - d2[:, 0] * d1[:, 1]
     g = (d3[:, 0] * d2[:, 1] - d2[:, 0] * d3[:, 1]) / det
     h = (d1[:, 0] * d3[:, 1] - d3[:, 0] * d1[:, 1]) / det
-    ax = p1 - p0 + g[:, None] * p1
-    ay = p3 - p0 + h[:, None] * p3
-    x, y = unit_xy[:, 0].astype(corners.dtype), unit_xy[:, 1].astype(corners.dtype)
-    scale = 1 / (g[:, None] * x + h[:, None] * y + 1)
-    u = (ax[:, :1] * x + ay[:, :1] * y + p0[:, :1]) * scale
-    v = (ax[:, 1:] * x + ay[:, 1:] * y + p0[:, 1:]) * scale
-    return np.stack([u, v], axis=-1)
+    homography = np.ones((len(corners), 3, 3), corners.dtype)
+    homography[:, :2, 0] = p1 - p0 + g[:, None] * p1
+    homography[:, :2, 1] = p3 - p0 + h[:, None] * p3
+    homography[:, :2, 2] = p0
+    homography[:, 2, 0], homography[:, 2, 1] = g, h
+    xy1 = np.vstack([unit_xy.T, np.ones(len(unit_xy))]).astype(corners.dtype)
+    mapped = (homography.reshape(-1, 3) @ xy1).reshape(len(corners), 3, -1)
+    return mapped[:, :2] / mapped[:, 2:]
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +100,7 @@ class Front:
 
     def grid_m(self, unit_xy: Array) -> Array:
         """Grid samples on the plane about the front's centre, (G, 2) m."""
-        return quad_grid(self.corners_m[None], unit_xy)[0]
+        return quad_grid(self.corners_m[None], unit_xy)[0].T
 
     def centre(self, pose: Array) -> Array:
         """Centre of the front for one pose, (3,), left optical frame, m."""

@@ -61,9 +61,9 @@ def sample_quads(image: NDArray[Any], quads: Array, grid: PartGrid) -> Patches:
     crop, origin = crop_for(image, flat.min(axis=0), flat.max(axis=0),
                             float(width) / grid.shape[1])
     maps = quad_grid(corners - origin, grid.unit_xy)
-    out = [cv2.remap(crop, np.ascontiguousarray(maps[k:k + _MAX_ROWS]), None,
+    out = [cv2.remap(crop, np.ascontiguousarray(part[:, 0]), np.ascontiguousarray(part[:, 1]),
                      cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-           for k in range(0, len(maps), _MAX_ROWS)]
+           for part in (maps[k:k + _MAX_ROWS] for k in range(0, len(maps), _MAX_ROWS))]
     return np.concatenate(out) if len(out) > 1 else out[0]
 
 

@@ -33,9 +33,9 @@ class Look:
     :param pose: (3,) s, a, b where it was taken, m.
     :param patches: (2, G) left and right patch, zero mean and unit variance.
     :param jacobian: (2, G, 3) derivatives of the patches by the pose, 1/m.
-    :param pixels: independent pixels the patch covers, the smaller of grid and image.
-    :param shift_px: (2, 3) motion of the front's centre by the pose in each view, |du|/dm, and
-    :param disparity_px: (3,) change of the disparity by the pose, px/m.
+    :param pixels: pixels the patch covers in the image, at most one a grid sample.
+    :param shift_px: (2, 3) speed of the front's centre in each view by the pose, px/m.
+    :param disparity_px: (3,) change of its disparity by the pose, px/m.
     """
 
     pose: Array
@@ -84,9 +84,8 @@ class LookSampler:
         patches = self.patches(pair, poses)
         jacobian = (patches[1:4] - patches[4:]) / (2 * steps[:, None, None])
         area = 0.5 * (_area(left[0]) + _area(right[0]))
-        rows, cols = self.grid_shape
         return Look(pose=pose, patches=patches[0], jacobian=np.moveaxis(jacobian, 0, -1),
-                    pixels=min(area, float(rows * cols)),
+                    pixels=min(area, float(len(self.grid_m))),
                     shift_px=np.linalg.norm(centres, axis=1),
                     disparity_px=centres[0, 0] - centres[1, 0])
 
@@ -113,15 +112,9 @@ class LookSampler:
         return values.reshape(uv.shape[:2])
 
 
-def quad_width_px(quad: Array) -> float:
-    """Mean length of the top and bottom edges of a (4, 2) quad, px."""
-    return float(0.5 * (np.linalg.norm(quad[1] - quad[0]) + np.linalg.norm(quad[2] - quad[3])))
-
-
 def inside(camera: Camera, quad: Array) -> bool:
     """Whether all corners of a (4, 2) quad lie in the camera's image."""
-    size = np.array([camera.width_px, camera.height_px])
-    return bool(np.isfinite(quad).all() and (quad >= 0).all() and (quad <= size - 1).all())
+    return bool(np.isfinite(quad).all() and camera.inside(quad).all())
 
 
 def _area(quad: Array) -> float:

@@ -23,6 +23,7 @@ import math
 import numpy as np
 
 from ..config import TrackerConfig
+from ..filtering.weights import normalise_log_weights
 from ..records import Array, StereoPair
 from .looks import Look, LookSampler
 
@@ -31,7 +32,11 @@ _MATCH_FLOOR_PX = 0.04  # systematic matching error of one look between the view
 _TEXTURE_FLOOR_PX = 0.10  # systematic error of one look against the texture: relief, light
 _GAUGE_STD_M = 0.005  # the first look defines what the front's centre is
 _MIN_TEXTURE_NCC = 0.5  # looks that agree less with the texture are occluded: not used
-_MOVED_PX = 0.02  # a look is taken again when its pose has moved further than this
+_MOVED_LIVE_PX = 0.10  # a look is taken again when its pose has moved further than this: live,
+_MOVED_FINAL_PX = 0.01  # and when the pass is measured
+_LIVE_ITERATIONS, _FINAL_ITERATIONS = 3, 8
+_LIVE_RETAKES = 3  # looks retaken in one iteration, the most moved first: bounds the time
+_MAX_LOOKS = 40  # older looks are thinned beyond this, so that the cost of a pair is bounded
 _MAX_MOVE_PX = 3.0  # a step beyond the patch's linear range is cut
 
 
@@ -83,7 +88,7 @@ class PassPrior:
     heading_std_rad: Array
 
 
-class _Normal:
+class NormalEquations:
     """Normal equations of a least-squares problem, filled row by row."""
 
     def __init__(self, size: int) -> None:
@@ -96,6 +101,25 @@ class _Normal:
         self.g[columns] += j * (rest / std)
 
 
+def condition(prior: NormalEquations, H: Array, g: Array) -> tuple[Array, Array, float]:
+    """
+    Condition a Gaussian prior on linear measurements of its first unknowns.
+
+    :param H: (m, m) information of the measurements about the first m unknowns.
+    :param g: (m,) information times measurement.
+    :return: posterior mean and covariance, and the log evidence up to what does not depend on
+        the information matrix of the prior.
+    """
+    m = len(g)
+    total, right = prior.H.copy(), prior.g.copy()
+    total[:m, :m] += H
+    right[:m] += g
+    covariance = np.linalg.inv(total)
+    mean = covariance @ right
+    log_det = np.linalg.slogdet(prior.H)[1] - np.linalg.slogdet(total)[1]
+    return mean, covariance, 0.5 * (log_det + float(right @ mean))
+
+
 class PassRefiner:
     """Grows with every pair of a pass; see the module's docstring."""
 
@@ -104,8 +128,6 @@ class PassRefiner:
         self.pairs: list[StereoPair] = []
         self.looks: list[Look] = []
         self.state = np.zeros((0, 4))
-        self.tilt = np.zeros(2)
-        self.used: list[bool] = []
 
     def add(self, pair: StereoPair, guess: Array) -> Posterior | None:
         """
@@ -119,63 +141,94 @@ class PassRefiner:
             return None
         self.pairs.append(pair)
         self.looks.append(look)
-        self.used.append(True)
         self.state = np.vstack([self.state, guess])
-        return self.refine(iterations=4)
+        if len(self.looks) > _MAX_LOOKS:
+            self._thin()
+        return self._refine(_LIVE_ITERATIONS, _MOVED_LIVE_PX, _LIVE_RETAKES)
+
+    def finish(self) -> Posterior:
+        """Refine the whole pass to convergence."""
+        return self._refine(_FINAL_ITERATIONS, _MOVED_FINAL_PX, len(self.looks))
 
     def drop_last(self) -> None:
         """Take the newest pair out again: it was not the vehicle."""
-        for items in (self.pairs, self.looks, self.used):
-            items.pop()
+        self.pairs.pop()
+        self.looks.pop()
         self.state = self.state[:-1]
 
-    def refine(self, iterations: int) -> Posterior:
+    def _thin(self) -> None:
+        """Leave out the look, not the first or the newest two, that leaves the least gap."""
+        times = self._times()
+        worst = 1 + int(np.argmin(times[2:-1] - times[:-3]))
+        del self.pairs[worst], self.looks[worst]
+        self.state = np.delete(self.state, worst, axis=0)
+
+    def _refine(self, iterations: int, moved_px: float, retake: int) -> Posterior:
         """Iterate Gauss-Newton; looks are retaken only where their pose has moved."""
         for _ in range(iterations):
-            normal, cross, texture = self._linear_system()
-            covariance = np.linalg.inv(normal.H)
-            solution = covariance @ normal.g
-            poses_moved = self._step(solution)
-            if not poses_moved:
+            solution, covariance, cross, texture = self._solve()
+            if not self._step(solution, moved_px, retake):
                 break
         n = len(self.looks)
-        mean = np.column_stack([solution[:3 * n].reshape(n, 3), solution[3 * n:4 * n]])
         order = np.array([[3 * k, 3 * k + 1, 3 * k + 2, 3 * n + k] for k in range(n)]).ravel()
-        return Posterior(self._times(), mean, covariance[np.ix_(order, order)], cross, texture)
+        return Posterior(self._times(), self.state.copy(), covariance[np.ix_(order, order)],
+                         cross, texture)
+
+    def _solve(self) -> tuple[Array, Array, Array, Array]:
+        """
+        Solve for (poses, speeds, tilt) at the present looks under both motion models.
+
+        A steady vehicle and a braking one differ only in the rate of the speed's random walk.
+        The evidence of the images for each model is Gaussian and closed; the answer is the
+        moments of the mixture, so that a steady pass is not made noisy for the sake of a
+        braking one, nor a braking one biased.
+
+        :return: mean, covariance, left-right NCCs and texture NCCs.
+        """
+        n = len(self.looks)
+        poses = np.concatenate([look.pose for look in self.looks])
+        H, g, cross, texture = self._photometric()
+        rates = (self.config.speed_rate_std, self.config.manoeuvre_rate_std)
+        chance = self.config.manoeuvre_probability
+        means, covariances, evidence = [], [], []
+        for rate, prior in zip(rates, (1 - chance, chance)):
+            if prior == 0:
+                continue
+            model_mean, model_covariance, log_evidence = condition(
+                self._motion(rate), H, g + H @ poses)
+            means.append(model_mean)
+            covariances.append(model_covariance)
+            evidence.append(math.log(prior) + log_evidence)
+        weights = normalise_log_weights(np.array(evidence))
+        mean = sum(w * m for w, m in zip(weights, means))
+        spread = sum(w * (c + np.outer(m - mean, m - mean))
+                     for w, m, c in zip(weights, means, covariances))
+        return mean, spread, cross, texture
 
     def _times(self) -> Array:
         first = self.pairs[0].stamp_ns
         return np.array([(p.stamp_ns - first) * 1e-9 for p in self.pairs])
 
-    def _step(self, solution: Array) -> bool:
-        """Move to the solution, retake looks that moved; whether any moved."""
-        n, moved = len(self.looks), False
-        target = solution[:3 * n].reshape(n, 3)
-        self.tilt = solution[4 * n:]
-        self.state[:, 3] = solution[3 * n:4 * n]
-        for k, look in enumerate(self.looks):
-            change = target[k] - look.pose
-            px = float(np.abs(look.shift_px * change).max())
-            self.state[k, :3] = target[k]
-            if px > _MOVED_PX:
-                change *= min(1.0, _MAX_MOVE_PX / px)
-                again = self.sampler.look(self.pairs[k], look.pose + change)
+    def _step(self, solution: Array, moved_px: float, retake: int) -> bool:
+        """Move to the solution and retake the looks that moved most; whether any moved."""
+        n = len(self.looks)
+        self.state = np.column_stack([solution[:3 * n].reshape(n, 3), solution[3 * n:4 * n]])
+        changes = self.state[:, :3] - np.stack([look.pose for look in self.looks])
+        px = np.array([np.abs(look.shift_px * change).max()
+                       for look, change in zip(self.looks, changes)])
+        moved = False
+        for k in np.argsort(-px, kind='stable')[:retake]:
+            if px[k] > moved_px:
+                change = changes[k] * min(1.0, _MAX_MOVE_PX / px[k])
+                again = self.sampler.look(self.pairs[k], self.looks[k].pose + change)
                 if again is not None:
                     self.looks[k], moved = again, True
         return moved
 
-    def _linear_system(self) -> tuple[_Normal, Array, Array]:
-        """Normal equations at the present looks in (poses, speeds, tilt); and the NCCs."""
+    def _motion(self, speed_rate_std: float) -> NormalEquations:
+        """Normal equations of all that is known without the images."""
         n = len(self.looks)
-        normal = _Normal(4 * n + 2)
-        poses = np.concatenate([look.pose for look in self.looks])
-        H, g, cross, texture = self._photometric()
-        normal.H[:3 * n, :3 * n] += H
-        normal.g[:3 * n] += g + H @ poses
-        self._add_prior(normal, n)
-        return normal, cross, texture
-
-    def _add_prior(self, normal: _Normal, n: int) -> None:
+        normal = NormalEquations(4 * n + 2)
         p, c, v0 = self.prior, self.config, 3 * n
         tilt = 4 * n
         normal.row([0], [1.0], p.s_m, p.s_std_m)
@@ -192,7 +245,7 @@ class PassRefiner:
             i, j = 3 * k, 3 * k + 3
             # Speed is a Wiener process: given both ends, the way between them scatters by
             # q dt^3 / 12 about their mean.
-            speed_std = max(c.speed_rate_std, 1e-3) * math.sqrt(dt)
+            speed_std = max(speed_rate_std, 1e-3) * math.sqrt(dt)
             normal.row([j, i, v0 + k, v0 + k + 1], [1.0, -1.0, -dt / 2, -dt / 2], 0.0,
                        speed_std * dt / math.sqrt(12))
             normal.row([v0 + k + 1, v0 + k], [1.0, -1.0], 0.0, speed_std)
@@ -200,6 +253,7 @@ class PassRefiner:
             for axis in (0, 1):
                 normal.row([j + 1 + axis, i + 1 + axis, tilt + axis], [1.0, -1.0, -ds], 0.0,
                            max(drift[axis], 1e-3) * math.sqrt(dt))
+        return normal
 
     def _photometric(self) -> tuple[Array, Array, Array, Array]:
         """Cross and temporal terms: Hessian (3n, 3n), minus gradient (3n,), NCCs."""
@@ -220,12 +274,10 @@ class PassRefiner:
         n = len(self.looks)
         patches = np.stack([look.patches for look in self.looks])  # (n, 2, G)
         weights = np.array([look.pixels for look in self.looks])
-        best = int(np.argmax(weights))
         mean = np.tensordot(weights, patches.mean(axis=1), 1) / weights.sum()
         ncc = np.array([np.corrcoef(p.mean(axis=0), mean)[0, 1] for p in patches])
         if n < 2:
             return ncc
-        del best
         w, J = np.zeros(n), np.stack([look.jacobian for look in self.looks])  # (n, 2, G, 3)
         residual = patches - mean
         for k, look in enumerate(self.looks):

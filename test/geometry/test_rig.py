@@ -17,7 +17,7 @@ def make_rig(r=(0.01, -0.03, 0.005), t=(-0.5, 0.01, 0.02), d=(-0.2, 0.1, 1e-3, -
     """Make a rig that is not parallel, with distortion."""
     left = Camera(name='left', width_px=1024, height_px=768, K=K, D=d, model='plumb_bob')
     right = Camera(name='right', width_px=1024, height_px=768, K=K, D=d, model='plumb_bob')
-    return StereoRig(left, right, cv2.Rodrigues(np.array(r))[0], np.array(t))
+    return StereoRig(left, right, cv2.Rodrigues(np.array(r, dtype=float))[0], np.array(t))
 
 
 def test_triangulates_its_own_projections():
@@ -51,7 +51,7 @@ def test_hand_worked_depth():
     """f 1500 px, baseline 0.5 m, disparity 15 px: 50 m."""
     rig = make_rig(r=(0, 0, 0), t=(-0.5, 0, 0), d=())
     np.testing.assert_allclose(
-        rig.triangulate(np.array([511.5, 383.5]), np.array([496.5, 383.5])), [0, 0, 50])
+        rig.triangulate(np.array([511.5, 383.5]), np.array([496.5, 383.5])), [0, 0, 50], atol=1e-9)
     assert rig.baseline_m == 0.5
 
 

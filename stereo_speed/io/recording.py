@@ -1,0 +1,162 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Read serialized messages from any kind of bag, and turn what damage does into one clear line.
+
+Here and in ``sim`` alone is rosbags known.
+"""
+from __future__ import annotations
+
+from contextlib import contextmanager
+import hashlib
+from pathlib import Path
+import struct
+from typing import Any, Collection, Iterator, NamedTuple, Optional, Union
+
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import get_typestore, Stores
+
+from ..errors import BagError, StereoSpeedError
+
+_STORAGE = ('.mcap', '.db3', '.bag')
+WHOLE = "a whole, readable bag ('mcap recover' or 'ros2 bag reindex' may repair it)"
+
+
+class RawMessage(NamedTuple):
+    """
+    A message as it lies in the bag; it must begin with a ``std_msgs/Header``.
+
+    :param topic: its topic.
+    :param msgtype: for instance ``sensor_msgs/msg/Image``, for ROS 1 as well.
+    :param stamp_ns: its header stamp, ns.
+    :param log_time_ns: when it was recorded (receive time), ns.
+    :param data: the serialized message.
+    """
+
+    topic: str
+    msgtype: str
+    stamp_ns: int
+    log_time_ns: int
+    data: bytes
+
+
+@contextmanager
+def _reading(path: Path) -> Iterator[None]:
+    """
+    Turn whatever a damaged file makes the reader raise into one line.
+
+    The libraries below raise their own errors and, on bytes that make no sense, nearly any
+    built-in one; only calls into them belong inside.
+    """
+    try:
+        yield
+    except StereoSpeedError:
+        raise
+    except Exception as error:
+        told = ' '.join(str(error).split()) or 'no details'
+        raise BagError(path, 'file', f'{type(error).__name__}: {told[:300]}', WHOLE) from error
+
+
+def header_stamp_ns(data: Union[bytes, memoryview], big_endian: bool = False) -> int:
+    """
+    Read the header stamp, ns, of a serialized message without decoding it.
+
+    ROS 2: 4 bytes of CDR encapsulation, then sec and nanosec. ROS 1: 4 bytes of ``seq``, then
+    secs and nsecs. Either way they are bytes 4 to 12.
+    """
+    sec, nanosec = struct.unpack_from('>iI' if big_endian else '<iI', data, 4)
+    return int(sec) * 1_000_000_000 + int(nanosec)
+
+
+class Recording:
+    """
+    An open bag of any kind.
+
+    :param path: rosbag2 folder, bare ``.mcap`` or ``.db3`` file, or ROS 1 ``.bag`` file.
+    :raises BagError: no such bag, or a damaged one.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._reader: Optional[AnyReader] = None
+        _check_path(path)
+        with _reading(path):
+            # the default serves bags that bring no message definitions
+            reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY))
+            reader.open()
+            self._reader = reader
+            self._connections = list(reader.connections)
+
+    def close(self) -> None:
+        """Close the files; closing twice does no harm."""
+        reader, self._reader = self._reader, None
+        if reader is not None:
+            reader.close()
+
+    @property
+    def types(self) -> dict[str, str]:
+        """Message type of each topic that holds messages."""
+        return {c.topic: c.msgtype for c in self._connections if c.msgcount}
+
+    def count(self, topics: Collection[str]) -> int:
+        """Give the number of messages the bag's index tells of."""
+        return sum(c.msgcount for c in self._connections if c.topic in topics)
+
+    def messages(self, topics: Collection[str]) -> Iterator[RawMessage]:
+        """Stream the messages of some topics in the order they were recorded."""
+        reader = self._open()
+        source = reader.messages([c for c in self._connections if c.topic in topics])
+        while True:
+            with _reading(self.path):
+                found = next(source, None)
+                if found is None:
+                    return
+                connection, log_time_ns, data = found
+                # the second byte of CDR is even when big-endian; ROS 1 is little-endian
+                stamp_ns = header_stamp_ns(data, big_endian=reader.is2 and not data[1] & 1)
+            yield RawMessage(connection.topic, connection.msgtype, stamp_ns, log_time_ns, data)
+
+    def decode(self, raw: RawMessage) -> Any:
+        """Deserialize a message."""
+        reader = self._open()
+        with _reading(self.path):
+            return reader.deserialize(raw.data, raw.msgtype)
+
+    def _open(self) -> AnyReader:
+        if self._reader is None:
+            raise RuntimeError(f'{self.path} is not open')
+        return self._reader
+
+
+def _check_path(path: Path) -> None:
+    wanted = 'a rosbag2 folder, or a .mcap, .db3 or ROS 1 .bag file'
+    if not path.exists():
+        raise BagError(path, 'bag', 'no such file or folder', wanted)
+    if path.is_dir() and not (path / 'metadata.yaml').is_file():
+        inside = ', '.join(sorted(p.name for p in path.iterdir())[:8]) or 'nothing'
+        raise BagError(path, 'metadata.yaml', f'none among {inside}',
+                       'a rosbag2 folder (or give the .mcap, .db3 or .bag file itself)')
+    if path.is_file() and path.suffix not in _STORAGE:
+        raise BagError(path, 'bag', f'a file ending in {path.suffix!r}', wanted)
+
+
+def hash_files(path: Path) -> str:
+    """
+    Hash a bag's files, whatever its folder is called.
+
+    :return: SHA-256, hex: of the file, or for a folder of the lines that ``sha256sum`` prints
+        for its files, in order of their names.
+    """
+    if path.is_file():
+        return _sha256(path)
+    files = sorted(p for p in path.iterdir() if p.is_file())
+    lines = ''.join(f'{_sha256(p)}  {p.name}\n' for p in files)
+    return hashlib.sha256(lines.encode()).hexdigest()
+
+
+def _sha256(path: Path) -> str:
+    digest = hashlib.sha256()
+    with path.open('rb') as stream:
+        for block in iter(lambda: stream.read(1 << 20), b''):
+            digest.update(block)
+    return digest.hexdigest()

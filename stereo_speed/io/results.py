@@ -1,0 +1,187 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Write the files of a run: ``tracks.csv``, ``passes.csv`` and ``summary.json``.
+
+The same run gives the same files, byte for byte: numbers have a fixed number of digits, rows
+and keys a fixed order, and no wall-clock time enters. The files are written aside and renamed
+when whole, ``summary.json`` last, so that a folder with a summary is a finished run.
+"""
+from __future__ import annotations
+
+import csv
+import dataclasses
+from enum import Enum
+from importlib.metadata import PackageNotFoundError, version
+import io
+import json
+import math
+import os
+from pathlib import Path
+import platform
+import tempfile
+from typing import Any, Iterable, Mapping, Optional, Sequence, Union
+
+import cv2
+import numpy as np
+import scipy
+
+from ..errors import InputError
+from ..records import PassResult, TrackUpdate
+from ..units import seconds
+
+TRACKS, PASSES, SUMMARY = 'tracks.csv', 'passes.csv', 'summary.json'
+TRACK_COLUMNS = ('stamp_ns', 'track', 'lane', 'state', 'speed_mps', 'speed_std_mps',
+                 'smoothed_mps', 's_m', 'lateral_m', 'x_m', 'y_m', 'z_m')
+PASS_COLUMNS = ('track', 'lane', 'first_ns', 'last_ns', 'pairs', 'speed_mps', 'speed_std_mps',
+                'verdict', 'reason')
+PLOTS = ('speed.png', 'road.png', 'strip.png')  # written beside them by report
+_DIGITS = 5  # 0.01 mm and 0.01 mm/s: finer than anything measured here
+
+
+def write_run(out_dir: Union[str, Path], updates: Sequence[TrackUpdate],
+              passes: Sequence[PassResult], summary: Mapping[str, Any]) -> None:
+    """
+    Write the three files of a run and remove those of an older run in the same folder.
+
+    :param out_dir: folder, made when it is not there.
+    :param updates: every update of every track, in any order.
+    :param passes: every pass, in any order.
+    :param summary: versions, parameters, seed, input hash, timings: nothing that changes when
+        the run is repeated.
+    :raises InputError: a folder that cannot be written.
+    """
+    files = {TRACKS: tracks_csv(updates, passes), PASSES: passes_csv(passes),
+             SUMMARY: summary_json(summary)}
+    folder = prepare_folder(out_dir)
+    try:
+        with tempfile.TemporaryDirectory(prefix='.partial-', dir=folder) as aside:
+            for name, text in files.items():
+                Path(aside, name).write_text(text, encoding='utf-8', newline='')
+            remove_run(folder)
+            for name in files:
+                os.replace(Path(aside, name), folder / name)
+    except OSError as error:
+        raise InputError(folder, 'output folder', error.strerror, 'a writable folder') from None
+
+
+def prepare_folder(out_dir: Union[str, Path]) -> Path:
+    """
+    Make the output folder and try that it can be written, before the work begins.
+
+    :raises InputError: it is a file, or cannot be made or written.
+    """
+    folder = Path(out_dir)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise InputError(folder, 'output folder', error.strerror, 'a writable folder') from None
+    return folder
+
+
+def remove_run(folder: Path) -> None:
+    """
+    Remove the files of an older run, the summary first: without it a run is not complete.
+
+    :param folder: where they lie; files of other names stay.
+    """
+    for name in (SUMMARY, TRACKS, PASSES, *PLOTS):
+        (folder / name).unlink(missing_ok=True)
+
+
+def tracks_csv(updates: Iterable[TrackUpdate], passes: Iterable[PassResult]) -> str:
+    """
+    Give the text of ``tracks.csv``: a row per vehicle and pair, by stamp, then track.
+
+    :param updates: the live updates.
+    :param passes: they hold the smoothed speeds; where there is none the field is empty.
+    """
+    smoothed = {p.track: p.smoothed for p in passes}
+    rows = []
+    for u in sorted(updates, key=lambda u: (u.stamp_ns, u.track)):
+        numbers = (u.speed_mps, u.speed_std_mps, smoothed.get(u.track, {}).get(u.stamp_ns),
+                   u.s_m, u.lateral_m, *u.position_m)
+        rows.append((u.stamp_ns, u.track, u.lane, u.state.value, *map(_fixed, numbers)))
+    return _csv(TRACK_COLUMNS, rows)
+
+
+def passes_csv(passes: Iterable[PassResult]) -> str:
+    """Give the text of ``passes.csv``: a row per vehicle, by track."""
+    return _csv(PASS_COLUMNS, (
+        (p.track, p.lane, p.first_ns, p.last_ns, p.pairs, _fixed(p.speed_mps),
+         _fixed(p.speed_std_mps), p.verdict.value, p.reason)
+        for p in sorted(passes, key=lambda p: p.track)))
+
+
+def summary_json(summary: Mapping[str, Any]) -> str:
+    """Give the text of ``summary.json``: sorted keys; what is not a finite number is null."""
+    return json.dumps(_plain(summary), indent=2, sort_keys=True, ensure_ascii=False,
+                      allow_nan=False) + '\n'
+
+
+def software_versions() -> dict[str, str]:
+    """Versions of what the results depend on."""
+    from .. import __version__  # here, so that io can be imported by the package itself
+    try:
+        rosbags = version('rosbags')
+    except PackageNotFoundError:
+        rosbags = 'unknown'
+    return {'stereo_speed': __version__,
+            'python': '.'.join(platform.python_version_tuple()[:2]),
+            'numpy': np.__version__, 'opencv': cv2.__version__, 'scipy': scipy.__version__,
+            'rosbags': rosbags}
+
+
+def stream_timings(stamps_ns: Sequence[int]) -> dict[str, Any]:
+    """
+    Tell the timing of the recorded stream, which is the same whenever it is replayed.
+
+    :param stamps_ns: stamps of the pairs, rising, ns.
+    """
+    facts: dict[str, Any] = {'pairs': len(stamps_ns)}
+    if stamps_ns:
+        facts.update(first_ns=int(stamps_ns[0]), last_ns=int(stamps_ns[-1]),
+                     duration_s=round(seconds(stamps_ns[-1], stamps_ns[0]), 9))
+    if len(stamps_ns) > 1:
+        steps_ns = np.diff(np.asarray(stamps_ns, dtype=np.int64))
+        facts.update(shortest_interval_s=round(int(steps_ns.min()) * 1e-9, 9),
+                     longest_interval_s=round(int(steps_ns.max()) * 1e-9, 9),
+                     mean_rate_hz=round(1e9 / float(steps_ns.mean()), 6))
+    return facts
+
+
+def _fixed(value: Optional[float]) -> str:
+    """Print a number with fixed digits; nothing where it is not known; no negative zero."""
+    if value is None or not math.isfinite(value):
+        return ''
+    text = f'{value:.{_DIGITS}f}'
+    return text.lstrip('-') if float(text) == 0 else text
+
+
+def _csv(columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+    buffer = io.StringIO()
+    writer = csv.writer(buffer, lineterminator='\n')
+    writer.writerow(columns)
+    writer.writerows(rows)
+    return buffer.getvalue()
+
+
+def _plain(value: Any) -> Any:
+    """Turn records, arrays and numpy numbers into what JSON knows."""
+    if isinstance(value, Enum):
+        return _plain(value.value)
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {f.name: _plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
+    if isinstance(value, Mapping):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, np.generic):
+        return _plain(value.item())
+    if isinstance(value, (list, tuple)):
+        return [_plain(v) for v in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value if isinstance(value, (str, bool, int, float, type(None))) else str(value)

@@ -1,0 +1,143 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Annotated frames: the lanes' paths, each vehicle's front and its speed over the left image."""
+from __future__ import annotations
+
+from typing import Any, Mapping, Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..geometry.rig import StereoRig
+from ..records import Array, StereoPair, TrackState, TrackUpdate
+from ..site import LanePath
+from ..units import KMH_MPS, MPH_MPS
+
+Image = NDArray[np.uint8]
+
+# BGR, told apart also by the colour-blind (Okabe and Ito)
+COLOURS = ((0, 159, 230), (233, 180, 86), (115, 158, 0), (66, 228, 240), (167, 121, 204),
+           (0, 94, 213))
+PATH_COLOUR = (178, 114, 0)
+_FONT = cv2.FONT_HERSHEY_SIMPLEX
+_STEP_M = 0.5  # between the drawn points of a path
+
+
+def colour_of(track: int) -> tuple[int, int, int]:
+    """Give the BGR colour of a track."""
+    return COLOURS[track % len(COLOURS)]
+
+
+def draw(pair: StereoPair, updates: Sequence[TrackUpdate], lanes: Mapping[str, LanePath],
+         rig: StereoRig) -> Image:
+    """
+    Draw paths, fronts and speeds over the left image.
+
+    :param pair: the pair.
+    :param updates: what the pipeline said of it.
+    :param lanes: the lanes' paths.
+    :param rig: the cameras.
+    :return: (H, W, 3) uint8, BGR.
+    """
+    image = cv2.cvtColor(_eight_bits(pair.left), cv2.COLOR_GRAY2BGR)
+    unit = max(image.shape[1] / 1024, 0.4)  # text and lines grow with the image
+    for lane in lanes.values():
+        _draw_path(image, lane, rig, unit)
+    for update in updates:
+        _draw_vehicle(image, update, unit)
+    return image
+
+
+def strip(frames: Sequence[Image], columns: int = 3, width_px: int = 640) -> Image:
+    """
+    Lay frames out as one sheet, row by row.
+
+    :param frames: (H, W, 3) uint8, BGR, all of one size, at least one.
+    :param columns: frames per row.
+    :param width_px: width of each frame on the sheet.
+    """
+    height_px = round(width_px * frames[0].shape[0] / frames[0].shape[1])
+    columns = min(columns, len(frames))
+    gap = 4
+    rows = -(-len(frames) // columns)
+    sheet = np.full((rows * (height_px + gap) - gap, columns * (width_px + gap) - gap, 3), 255,
+                    np.uint8)
+    for index, frame in enumerate(frames):
+        top = index // columns * (height_px + gap)
+        left = index % columns * (width_px + gap)
+        sheet[top:top + height_px, left:left + width_px] = cv2.resize(
+            frame, (width_px, height_px), interpolation=cv2.INTER_AREA)
+    return sheet
+
+
+def label(update: TrackUpdate) -> tuple[str, str]:
+    """Give the two lines beside a vehicle: the speed in mph, and in km/h."""
+    if update.state is TrackState.TENTATIVE:
+        return f'#{update.track}', 'measuring'
+    speed, std = update.speed_mps, update.speed_std_mps
+    return (f'#{update.track} {speed / MPH_MPS:.1f} +/- {std / MPH_MPS:.1f} mph',
+            f'{speed / KMH_MPS:.1f} +/- {std / KMH_MPS:.1f} km/h')
+
+
+def _eight_bits(image: NDArray[Any]) -> Image:
+    """Bring an image to 8 bits; brighter ones are scaled by their own maximum."""
+    if image.dtype == np.uint8:
+        return np.ascontiguousarray(image)
+    return (image * (255.0 / max(int(image.max()), 255))).astype(np.uint8)
+
+
+def _draw_path(image: Image, lane: LanePath, rig: StereoRig, unit: float) -> None:
+    """Draw the visible runs of a lane's path, half transparent."""
+    count = max(int(np.ceil(lane.path.length_m / _STEP_M)) + 1, 2)
+    s_m = np.linspace(0.0, lane.path.length_m, count)
+    uv, valid = rig.left.project(lane.path.position(s_m))
+    over = image.copy()
+    for run in _runs(uv, valid):
+        cv2.polylines(over, [_fixed_point(run)], False, PATH_COLOUR, max(round(3 * unit), 1),
+                      cv2.LINE_AA, _SHIFT)
+    cv2.addWeighted(over, 0.6, image, 0.4, 0.0, dst=image)
+
+
+def _runs(uv: Array, valid: NDArray[np.bool_]) -> list[Array]:
+    """Split points (n, 2) into the runs of at least two valid ones."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], valid, [False]]).astype(int)))
+    return [uv[a:b] for a, b in edges.reshape(-1, 2) if b - a > 1]
+
+
+_SHIFT = 4  # fractional bits of the coordinates given to OpenCV
+
+
+def _fixed_point(uv: Array) -> NDArray[np.int32]:
+    """Turn pixels (n, 2) into OpenCV's fixed point, kept within what it can hold."""
+    return np.clip(np.round(uv * 2 ** _SHIFT), -2 ** 24, 2 ** 24).astype(np.int32)
+
+
+def _draw_vehicle(image: Image, update: TrackUpdate, unit: float) -> None:
+    """Draw a vehicle's front and its label."""
+    if not np.all(np.isfinite(update.quad_left_px)):
+        return
+    colour = colour_of(update.track)
+    thick = max(round(2 * unit), 1)
+    cv2.polylines(image, [_fixed_point(update.quad_left_px)], True, colour, thick, cv2.LINE_AA,
+                  _SHIFT)
+    _draw_label(image, label(update), update.quad_left_px, colour, unit)
+
+
+def _draw_label(image: Image, lines: Sequence[str], quad_px: Array,
+                colour: tuple[int, int, int], unit: float) -> None:
+    """Put lines of text on a dark plate above the front, or below where there is no room."""
+    scale, thick = 0.75 * unit, max(round(1.4 * unit), 1)
+    sizes = [cv2.getTextSize(line, _FONT, scale, thick)[0] for line in lines]
+    line_px, pad = round(1.55 * max(h for _, h in sizes)), round(6 * unit)
+    width, height = max(w for w, _ in sizes) + 2 * pad, line_px * len(lines) + pad
+    x = int(np.clip(quad_px[:, 0].mean() - width / 2, 0, max(image.shape[1] - width, 0)))
+    y = round(float(quad_px[:, 1].min())) - height - 2 * pad
+    if y < 0:
+        y = round(float(quad_px[:, 1].max())) + 2 * pad
+    y = int(np.clip(y, 0, max(image.shape[0] - height, 0)))
+    plate = image[y:y + height, x:x + width]
+    plate[:] = (plate * 0.3).astype(np.uint8)
+    for index, line in enumerate(lines):
+        cv2.putText(image, line, (x + pad, y + (index + 1) * line_px - pad // 3), _FONT, scale,
+                    colour if index == 0 else (235, 235, 235), thick, cv2.LINE_AA)

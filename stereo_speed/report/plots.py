@@ -1,0 +1,204 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Plots of a run: speed over time with its 1-sigma band, and the vehicles' places on the road.
+
+The same run gives the same bytes: fixed size and resolution, no pyplot state, no metadata.
+"""
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Mapping, Optional, Sequence, Union
+
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+import numpy as np
+
+from ..records import Array, PassResult, TrackState, TrackUpdate, Verdict
+from ..site import LanePath
+from ..units import KMH_MPS, MPH_MPS, NS_S
+
+# Vehicle name to rows of (stamp in ns, speed in m/s).
+Truth = Mapping[str, Sequence[tuple[int, float]]]
+
+# Told apart also by the colour-blind (Okabe and Ito); the same tracks as on the overlay
+COLOURS = ('#e69f00', '#56b4e9', '#009e73', '#f0e442', '#cc79a7', '#d55e00')
+_DPI = 110
+_GREY = '#5b6470'
+
+
+def write_plots(out_dir: Union[str, Path], updates: Sequence[TrackUpdate],
+                passes: Sequence[PassResult], lanes: Mapping[str, LanePath],
+                truth: Optional[Truth] = None) -> list[Path]:
+    """
+    Write ``speed.png`` and ``road.png``.
+
+    :param out_dir: an existing folder.
+    :param updates: the live updates.
+    :param passes: the passes, for the smoothed speeds and the final ones.
+    :param lanes: the lanes, for paths and limits.
+    :param truth: true speeds, where they are known.
+    :return: the files written.
+    """
+    figures = {'speed.png': speed_figure(updates, passes, lanes, truth),
+               'road.png': road_figure(updates, lanes)}
+    for name, figure in figures.items():
+        FigureCanvasAgg(figure)
+        figure.savefig(Path(out_dir) / name, dpi=_DPI, metadata={'Software': None})
+    return [Path(out_dir) / name for name in figures]
+
+
+def colour_of(track: int) -> str:
+    """Give the colour of a track."""
+    return COLOURS[track % len(COLOURS)]
+
+
+def speed_figure(updates: Sequence[TrackUpdate], passes: Sequence[PassResult],
+                 lanes: Mapping[str, LanePath], truth: Optional[Truth] = None) -> Figure:
+    """Draw speed over time: live, smoothed, limits, and the truth where it is given."""
+    figure, axes = _figure(10.0, 5.4)
+    stamps = [u.stamp_ns for u in updates]
+    stamps += [stamp for rows in (truth or {}).values() for stamp, _ in rows]
+    origin_ns = min(stamps, default=0)
+    for track, rows in sorted(_by_track(updates).items()):
+        _draw_live(axes, track, rows, origin_ns)
+    for result in sorted(passes, key=lambda p: p.track):
+        _draw_smoothed(axes, result, origin_ns)
+    for number, (name, points) in enumerate(sorted((truth or {}).items())):
+        t_s, speed = _series(points, origin_ns)
+        axes.plot(t_s, speed / MPH_MPS, color='black', lw=1.2, ls=(0, (1, 1.5)), zorder=5,
+                  label='truth' if len(truth or {}) == 1 else f'truth of {name}')
+    _fit_speeds(axes, updates, passes, truth)
+    _draw_limits(axes, lanes, {u.lane for u in updates})
+    axes.set(title='Ground speed', xlabel='time since the first pair, s', ylabel='speed, mph')
+    ratio = MPH_MPS / KMH_MPS
+    right = axes.secondary_yaxis('right', functions=(lambda v: v * ratio, lambda v: v / ratio))
+    right.set_ylabel('speed, km/h')
+    _legend(figure, axes)
+    return figure
+
+
+def road_figure(updates: Sequence[TrackUpdate], lanes: Mapping[str, LanePath]) -> Figure:
+    """Draw the road from above, forward to the right: the lanes' paths, and each place."""
+    figure, axes = _figure(11.0, 4.2)
+    for name, lane in sorted(lanes.items()):
+        _draw_lane(axes, name, lane)
+    for track, rows in sorted(_by_track(updates).items()):
+        places = np.array([u.position_m for u in rows])
+        sure = np.array([u.state is TrackState.CONFIRMED for u in rows])
+        colour = colour_of(track)
+        axes.plot(places[:, 2], places[:, 0], color=colour, lw=1.0, alpha=0.6, zorder=3)
+        axes.scatter(places[sure, 2], places[sure, 0], s=26, color=colour, edgecolor='white',
+                     linewidth=0.6, zorder=4, label=f'vehicle {track}')
+        axes.scatter(places[~sure, 2], places[~sure, 0], s=26, facecolor='white',
+                     edgecolor=colour, zorder=4,
+                     label=None if sure.all() else f'vehicle {track}, not confirmed')
+    axes.plot(0, 0, marker='>', ms=11, color=_GREY, ls='none', label='left camera')
+    axes.set(title='Places on the road, from above', xlabel='forward of the camera (z), m',
+             ylabel='right of the camera (x), m')
+    axes.set_aspect('equal', adjustable='datalim')
+    axes.margins(0.04, 0.25)
+    axes.invert_yaxis()  # seen from above with z to the right, x points down
+    _legend(figure, axes)
+    return figure
+
+
+def _figure(width_in: float, height_in: float) -> tuple[Figure, Axes]:
+    figure = Figure(figsize=(width_in, height_in), layout='constrained')
+    axes = figure.add_subplot()
+    axes.grid(color='#e3e6ea', lw=0.8)
+    axes.set_axisbelow(True)
+    axes.spines[['top', 'right']].set_visible(False)
+    return figure, axes
+
+
+def _legend(figure: Figure, axes: Axes) -> None:
+    handles, labels = axes.get_legend_handles_labels()
+    if labels:
+        figure.legend(handles, labels, loc='outside lower center', ncols=4, frameon=False,
+                      fontsize=9)
+
+
+def _by_track(updates: Sequence[TrackUpdate]) -> dict[int, list[TrackUpdate]]:
+    tracks: dict[int, list[TrackUpdate]] = {}
+    for update in sorted(updates, key=lambda u: u.stamp_ns):
+        tracks.setdefault(update.track, []).append(update)
+    return tracks
+
+
+def _series(rows: Sequence[tuple[int, float]], origin_ns: int) -> tuple[Array, Array]:
+    """Split (stamp, value) rows into times (n,) in s and values (n,), by time."""
+    rows = sorted(rows)
+    return (np.array([stamp - origin_ns for stamp, _ in rows]) * NS_S,
+            np.array([value for _, value in rows], dtype=np.float64))
+
+
+def _draw_live(axes: Axes, track: int, rows: Sequence[TrackUpdate], origin_ns: int) -> None:
+    """Draw a track's live readings as points with bars, hollow until confirmed."""
+    t_s, speed = _series([(u.stamp_ns, u.speed_mps / MPH_MPS) for u in rows], origin_ns)
+    std = np.array([u.speed_std_mps for u in rows]) / MPH_MPS
+    sure = np.array([u.state is TrackState.CONFIRMED for u in rows])
+    colour = colour_of(track)
+    axes.errorbar(t_s, speed, std, fmt='none', ecolor=colour, elinewidth=1.1, alpha=0.55)
+    axes.plot(t_s[sure], speed[sure], 'o', ms=5.5, color=colour, mec='white', mew=0.6,
+              label=f'vehicle {track}, live ± 1σ')
+    axes.plot(t_s[~sure], speed[~sure], 'o', ms=5.5, mfc='white', color=colour,
+              label=None if sure.all() else f'vehicle {track}, not confirmed')
+
+
+def _draw_smoothed(axes: Axes, result: PassResult, origin_ns: int) -> None:
+    """Draw a pass's smoothed speed with its band; its label tells the final speed."""
+    t_s, speed = _series(list(result.smoothed.items()), origin_ns)
+    std = _series(list(result.smoothed_std.items()), origin_ns)[1]
+    label = f'vehicle {result.track}, smoothed'
+    if result.verdict is Verdict.MEASURED and result.speed_mps is not None:
+        label += f': {result.speed_mps / MPH_MPS:.2f} ± ' \
+                 f'{(result.speed_std_mps or 0.0) / MPH_MPS:.2f} mph'
+    else:
+        label += f': rejected ({result.reason})'
+    colour = colour_of(result.track)
+    axes.plot(t_s, speed / MPH_MPS, color=colour, lw=2.0, label=label)
+    if len(std) == len(speed):
+        axes.fill_between(t_s, (speed - std) / MPH_MPS, (speed + std) / MPH_MPS, color=colour,
+                          alpha=0.22, lw=0)
+
+
+def _fit_speeds(axes: Axes, updates: Sequence[TrackUpdate], passes: Sequence[PassResult],
+                truth: Optional[Truth]) -> None:
+    """Fit the axis to what is measured; wide first bars must not press the rest flat."""
+    sure = [u for u in updates if u.state is TrackState.CONFIRMED] or list(updates)
+    values = [v for u in sure for v in (u.speed_mps - u.speed_std_mps,
+                                        u.speed_mps + u.speed_std_mps)]
+    values += [v for p in passes for v in p.smoothed.values()]
+    values += [v for rows in (truth or {}).values() for _, v in rows]
+    finite = [v / MPH_MPS for v in values if np.isfinite(v)]
+    if finite:
+        pad = max(0.08 * (max(finite) - min(finite)), 1.0)
+        axes.set_ylim(max(min(finite) - pad, 0.0), max(finite) + pad)
+
+
+def _draw_limits(axes: Axes, lanes: Mapping[str, LanePath], used: set[str]) -> None:
+    """Draw the limits of the lanes that were driven on; the axis stretches to a near one."""
+    for name in sorted(used & set(lanes)):
+        limit = lanes[name].speed_limit_mps
+        if limit is None:
+            continue
+        mph = limit / MPH_MPS
+        low, high = axes.get_ylim()
+        if abs(mph - np.clip(mph, low, high)) < 15.0:
+            axes.set_ylim(min(low, mph - 1.0), max(high, mph + 1.0))
+        axes.axhline(mph, color=_GREY, lw=1.2, ls=(0, (6, 4)), label=f'limit of {name}, {mph:.0f} mph')
+
+
+def _draw_lane(axes: Axes, name: str, lane: LanePath) -> None:
+    """Draw a lane's path with an arrow along travel and its name."""
+    points = lane.path.position(np.linspace(0.0, lane.path.length_m, 200))
+    axes.plot(points[:, 2], points[:, 0], color='#b9c0c9', lw=5, solid_capstyle='round', zorder=1)
+    middle = len(points) // 2
+    axes.annotate('', xy=points[middle + 4, [2, 0]], xytext=points[middle, [2, 0]],
+                  arrowprops={'arrowstyle': '-|>', 'color': _GREY, 'lw': 1.4}, zorder=2)
+    axes.annotate(f'{name} \N{RIGHTWARDS ARROW}' if points[-1, 2] > points[0, 2]
+                  else f'\N{LEFTWARDS ARROW} {name}',
+                  xy=points[middle, [2, 0]], xytext=(0, 14), textcoords='offset points',
+                  color=_GREY, fontsize=9, ha='center')
