@@ -149,7 +149,7 @@ def measure(bag: StereoBag, pipeline: SpeedPipeline, lanes: Mapping[str, LanePat
     :param lanes: the lanes, for the annotated frames.
     :param keep_frames: whether annotated frames are wanted.
     """
-    result, frames = Run(), _Sampler(9)
+    result, frames = Run(), EvenSampler(9)
     for pair in tqdm(bag.pairs(), total=bag.pair_count, desc='replay', unit='pair', disable=None):
         start = time.perf_counter()
         updates = pipeline.process(pair)
@@ -168,7 +168,7 @@ def measure(bag: StereoBag, pipeline: SpeedPipeline, lanes: Mapping[str, LanePat
     return result
 
 
-class _Sampler:
+class EvenSampler:
     """Keeps evenly spaced items of a stream of unknown length, in bounded memory."""
 
     def __init__(self, count: int) -> None:
@@ -187,7 +187,7 @@ class _Sampler:
             self._kept, self._step = self._kept[::2], 2 * self._step
 
     def frames(self) -> list[Any]:
-        """Give at most ``count`` of them, the first and the last among them."""
+        """Give at most ``count`` of those kept, evenly spaced, the first and the last of them."""
         chosen = np.linspace(0, len(self._kept) - 1, min(self._count, len(self._kept)))
         return [self._kept[i] for i in np.round(chosen).astype(int)]
 

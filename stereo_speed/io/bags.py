@@ -90,7 +90,7 @@ class StereoBag:
 
     @property
     def pair_count(self) -> int:
-        """Number of pairs that :meth:`pairs` gives."""
+        """Count the pairs that :meth:`pairs` gives."""
         return len(self._plan)
 
     @property
@@ -166,7 +166,8 @@ class StereoBag:
         if count < self._recording.count(topics):
             raise BagError(self.path, 'messages',
                            f'{count} of {self._recording.count(topics)}', WHOLE)
-        self.rig = rig_from_info(*(infos[topic][1] for topic in self.topics.infos), self.path)
+        left, right = (infos[topic][1] for topic in self.topics.infos)
+        self.rig = rig_from_info(left, right, self.path)
         self._stamps = stamps
         self._make_plan()
 

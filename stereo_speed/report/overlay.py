@@ -84,7 +84,7 @@ def _eight_bits(image: NDArray[Any]) -> Image:
     """Bring an image to 8 bits; brighter ones are scaled by their own maximum."""
     if image.dtype == np.uint8:
         return np.ascontiguousarray(image)
-    return (image * (255.0 / max(int(image.max()), 255))).astype(np.uint8)
+    return np.round(image * (255.0 / max(int(image.max()), 255))).astype(np.uint8)
 
 
 def _draw_path(image: Image, lane: LanePath, rig: StereoRig, unit: float) -> None:

@@ -24,14 +24,14 @@ class Messages:
         self.ros1 = ros1
         self.store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_JAZZY)
 
-    def type(self, name):
+    def make(self, name):
         return self.store.types[name]
 
     def header(self, stamp_ns, frame='stereo_left_optical_frame'):
-        stamp = self.type('builtin_interfaces/msg/Time')(
+        stamp = self.make('builtin_interfaces/msg/Time')(
             sec=stamp_ns // 10**9, nanosec=stamp_ns % 10**9)
         extra = {'seq': 0x01020304} if self.ros1 else {}
-        return self.type('std_msgs/msg/Header')(stamp=stamp, frame_id=frame, **extra)
+        return self.make('std_msgs/msg/Header')(stamp=stamp, frame_id=frame, **extra)
 
     def image(self, stamp_ns, pixels, encoding='mono8', padding=0, big=False):
         """Pack (H, W[, C]) pixels with ``padding`` bytes behind each row."""
@@ -39,14 +39,14 @@ class Messages:
             pixels = pixels.astype('>u2' if big else '<u2')
         rows = np.ascontiguousarray(pixels).view(np.uint8).reshape(pixels.shape[0], -1)
         rows = np.hstack([rows, np.full((len(rows), padding), 77, np.uint8)])
-        return self.type('sensor_msgs/msg/Image')(
+        return self.make('sensor_msgs/msg/Image')(
             header=self.header(stamp_ns), height=pixels.shape[0], width=pixels.shape[1],
             encoding=encoding, is_bigendian=int(big), step=rows.shape[1],
             data=rows.reshape(-1))
 
     def compressed(self, stamp_ns, pixels, kind='jpg', fmt='mono8; jpeg compressed mono8'):
         data = cv2.imencode('.' + kind, pixels)[1].reshape(-1)
-        return self.type('sensor_msgs/msg/CompressedImage')(
+        return self.make('sensor_msgs/msg/CompressedImage')(
             header=self.header(stamp_ns), format=fmt, data=data)
 
     def info(self, stamp_ns, side, **changes):
@@ -54,9 +54,9 @@ class Messages:
         fields.update(changes)
         if self.ros1:
             fields = {k.upper() if k in 'dkrp' else k: v for k, v in fields.items()}
-        roi = self.type('sensor_msgs/msg/RegionOfInterest')(
+        roi = self.make('sensor_msgs/msg/RegionOfInterest')(
             x_offset=0, y_offset=0, height=0, width=0, do_rectify=False)
-        return self.type('sensor_msgs/msg/CameraInfo')(
+        return self.make('sensor_msgs/msg/CameraInfo')(
             header=self.header(stamp_ns), binning_x=0, binning_y=0, roi=roi, **fields)
 
 

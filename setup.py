@@ -1,0 +1,46 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Build of the ament_python package."""
+from glob import glob
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+package_name = 'stereo_speed'
+share = f'share/{package_name}'
+
+setup(
+    name=package_name,
+    version='0.1.0',
+    packages=find_packages(include=[package_name, f'{package_name}.*']),
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
+        (share, ['package.xml', 'LICENSE']),
+        (f'{share}/launch', sorted(glob('launch/*'))),
+        (f'{share}/config', sorted(glob('config/*'))),
+    ],
+    python_requires='>=3.10',
+    install_requires=['setuptools'],
+    extras_require={'test': ['pytest']},
+    zip_safe=True,
+    author='The stereo_speed developers',
+    author_email='stereo-speed@example.org',
+    maintainer='The stereo_speed developers',
+    maintainer_email='stereo-speed@example.org',
+    description='Measures the ground speed of vehicles from a roadside stereo camera.',
+    long_description=Path('README.md').read_text(encoding='utf-8'),
+    long_description_content_type='text/markdown',
+    license='Apache-2.0',
+    entry_points={
+        'console_scripts': [
+            'stereo_sync_node = stereo_speed.nodes.stereo_sync_node:main',
+            'tracker_node = stereo_speed.nodes.tracker_node:main',
+            'speed_node = stereo_speed.nodes.speed_node:main',
+            'replay_node = stereo_speed.nodes.replay_node:main',
+            'replay = stereo_speed.cli.main:replay',
+            'simulate = stereo_speed.cli.main:simulate',
+            'bench = stereo_speed.cli.main:bench',
+            'demo = stereo_speed.cli.main:demo',
+        ],
+    },
+)

@@ -1,0 +1,125 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""``replay`` on the sample: its files, its table, and the same bytes again."""
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import pytest
+from stereo_speed.cli.main import main
+from stereo_speed.cli.replay import EvenSampler
+from stereo_speed.io.results import PASS_COLUMNS, TRACK_COLUMNS
+from stereo_speed.units import MPH_MPS
+
+
+@pytest.fixture(scope='module')
+def run(tmp_path_factory, sample):
+    """Give the function that replays the sample into a new folder."""
+    def replay(*more: str) -> Path:
+        out = tmp_path_factory.mktemp('run')
+        assert main(['replay', str(sample / 'bag'), '--site', str(sample / 'site.yaml'),
+                     '--init', str(sample / 'init.yaml'), '--out', str(out), *more]) == 0
+        return out
+    return replay
+
+
+@pytest.fixture(scope='module')
+def out(run):
+    return run()
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    """Read a CSV file."""
+    with path.open(newline='') as file:
+        return list(csv.DictReader(file))
+
+
+def test_files(out):
+    assert sorted(path.name for path in out.iterdir()) == [
+        'passes.csv', 'road.png', 'speed.png', 'strip.png', 'summary.json', 'tracks.csv']
+
+
+def test_tables(out):
+    tracks, passes = rows(out / 'tracks.csv'), rows(out / 'passes.csv')
+    assert tuple(tracks[0])[:len(TRACK_COLUMNS)] == TRACK_COLUMNS
+    assert tuple(passes[0])[:len(PASS_COLUMNS)] == PASS_COLUMNS
+    assert len(passes) == 1
+    assert {row['track'] for row in tracks} == {passes[0]['track']}
+    assert passes[0]['verdict'] == 'measured'
+    assert float(passes[0]['speed_mps']) / MPH_MPS == pytest.approx(55.0, abs=0.8)
+
+
+def test_live_readings_against_the_truth(out, sample):
+    """After the first half no confirmed reading is off by more than 1.2 mph."""
+    truth = {round(float(row['stamp']) * 1e3): float(row['speed'])
+             for row in rows(sample / 'truth.csv')}
+    late = [row for row in rows(out / 'tracks.csv') if row['state'] == 'confirmed'][-6:]
+    assert len(late) == 6
+    for row in late:
+        true = truth[round(int(row['stamp_ns']) / 1e6)]
+        assert abs(float(row['speed_mps']) - true) < 1.2 * MPH_MPS
+
+
+def test_summary(out):
+    summary = json.loads((out / 'summary.json').read_text())
+    assert summary['seed'] == 0
+    assert summary['parameters']['particles'] == 400
+    assert summary['pairing']['pairs'] == 12
+    assert len(summary['input']['bag_sha256']) == 64
+    assert {'versions', 'timings', 'tracker', 'passes'} <= set(summary)
+
+
+def test_same_bytes_again(run, out):
+    again = run()
+    for path in out.iterdir():
+        assert path.read_bytes() == (again / path.name).read_bytes(), path.name
+
+
+def test_options(run, out, capsys):
+    other = run('--seed', '7', '--particles', '150', '--no-plots')
+    assert not list(other.glob('*.png'))
+    assert json.loads((other / 'summary.json').read_text())['parameters']['particles'] == 150
+    assert (other / 'tracks.csv').read_bytes() != (out / 'tracks.csv').read_bytes()
+    told = capsys.readouterr().out
+    assert 'mph' in told
+    assert 'km/h' in told
+    assert 'ms per pair' in told
+
+
+def test_a_later_run_leaves_nothing_of_an_older_one(tmp_path, sample, short_bag):
+    (tmp_path / 'speed.png').write_bytes(b'old')
+    (tmp_path / 'notes.txt').write_text('mine')
+    assert main(['replay', str(short_bag), '--site', str(sample / 'site.yaml'), '--no-plots',
+                 '--init', str(sample / 'init.yaml'), '--out', str(tmp_path)]) == 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        'notes.txt', 'passes.csv', 'summary.json', 'tracks.csv']
+
+
+@pytest.mark.parametrize(('count', 'length', 'wanted'), [
+    (3, 2, [0, 1]), (3, 6, [0, 2, 5]), (1, 4, [0]), (4, 0, []),
+], ids=['fewer', 'even', 'one', 'none'])
+def test_sampler_by_hand(count, length, wanted):
+    assert sampled(count, length) == wanted
+
+
+def test_sampler_keeps_little_and_spans_all():
+    sampler = EvenSampler(9)
+    for item in range(10_000):
+        if sampler.wants():
+            sampler.add(item)
+        assert len(sampler._kept) <= 18
+    frames = sampler.frames()
+    assert len(frames) == 9
+    assert frames[0] == 0
+    assert frames[-1] > 8000
+
+
+def sampled(count: int, length: int) -> list[int]:
+    """Run the numbers below ``length`` through a sampler."""
+    sampler = EvenSampler(count)
+    for item in range(length):
+        if sampler.wants():
+            sampler.add(item)
+    return sampler.frames()
