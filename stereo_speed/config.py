@@ -59,8 +59,10 @@ class TrackerConfig:
         0.3, 0.0, 1.0, '', 'share of the old reference kept in each update, epsilon of eq. 14')
     resample_ess: float = _p(
         0.5, 0.0, 1.0, '', 'resample when the effective sample size falls below this share of N')
+    initial_speed_mps: float = _p(
+        20.0, 0.5, 100.0, 'm/s', 'expected speed on a lane without a speed limit')
     initial_speed_std: float = _p(
-        0.5, 0.01, 5.0, '', 'spread of the first speed, as a share of the speed limit')
+        0.5, 0.01, 5.0, '', 'spread of the first speed, as a share of the one expected')
 
     def __post_init__(self) -> None:
         check_bounds(self)

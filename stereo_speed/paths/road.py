@@ -12,19 +12,22 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Mapping
+from typing import Mapping, Optional
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from .road_guess import guess_road
-from .road_model import BENDS, RoadModel, Weights
+from .road_model import RoadModel, Weights
+from ..geometry.camera import Camera
 from ..geometry.rig import StereoRig
 from ..records import Array
 
 PICK_STD_PX = 0.3  # what a careful person reaches; only sets the weight of the priors
 ROBUST_PX = 1.0  # residuals beyond this count less and less (soft L1)
+MIN_STD_PX = 0.02  # no picks are better than this
 MAX_TURNS = 6
+MAX_STEPS = 40
 ROLL_STD_RAD = 0.1  # of the road about its direction, against the camera's up
 BEND_STD = (0.06, 0.04)  # grade and crossfall of a bent surface, rad
 CREST_STD_PER_M = 1 / 800  # vertical curvature
@@ -73,52 +76,69 @@ class _Feet:
     residual_px: Array
 
 
+def _pixels(camera: Camera, points_m: Array) -> Array:
+    """Project points (..., 3) of the camera's frame to raw pixels; NaN behind the camera."""
+    z = points_m[..., 2:]
+    return camera.distort(points_m[..., :2] / np.where(z > 0.1, z, np.nan))
+
+
 class RoadProblem:
     """The residuals of a road model and their derivatives."""
 
     def __init__(self, rig: StereoRig, picks: Picks, model: RoadModel) -> None:
         self.rig, self.picks, self.model = rig, picks, model
-
-    def _seen(self, lines_m: Array) -> Array:
-        """Project points (..., n, 3), one for each pick, into the view of the pick."""
-        left = self.rig.left.project(lines_m)[0]
-        right = self.rig.right.project(self.rig.to_right(lines_m))[0]
-        return np.where(self.picks.right[:, None], right, left)
+        self._last: Optional[tuple[Array, _Feet]] = None
 
     def at(self, x: Array, weights: Weights) -> Array:
         """Give the pixels (..., n, 2) of the lines at fixed arc lengths, one for each pick."""
         points, frames = self.model.reference(x)
-        offsets = self.model.offsets(x)[..., self.picks.line, None]
-        return self._seen(weights(points) + offsets * weights(frames[..., 1]))
+        return self._seen((points, frames[..., 1]), self.model.offsets(x), weights)
+
+    def _seen(self, reference: tuple[Array, Array], offsets: Array, weights: Weights) -> Array:
+        """Place a point on the line of each pick and project it into the view of the pick."""
+        points, left = (weights(values) for values in reference)
+        points = points + offsets[..., self.picks.line, None] * left
+        uv_px, right = np.empty(points.shape[:-1] + (2,)), self.picks.right
+        uv_px[..., ~right, :] = _pixels(self.rig.left, points[..., ~right, :])
+        uv_px[..., right, :] = _pixels(
+            self.rig.right, self.rig.to_right(points[..., right, :]))
+        return uv_px
 
     def feet(self, x: Array) -> _Feet:
         """Find where each pick meets its projected line."""
+        if self._last is not None and np.array_equal(self._last[0], x):
+            return self._last[1]
+        points, frames = self.model.reference(x)
+        reference, offsets = (points, frames[..., 1]), self.model.offsets(x)
         nodes, h = self.model.s_m, 0.01
-        s = nodes[self._nearest_nodes(x)]
-        for _ in range(4):
-            here, after = (self.at(x, Weights.at(nodes, s + d)) for d in (-h, h))
+        s, reach = nodes[self._nearest_nodes(reference, offsets)], 3 * (nodes[1] - nodes[0])
+        for _ in range(3):
+            here, after = (self._seen(reference, offsets, Weights.at(nodes, s + d))
+                           for d in (-h, h))
             tangent, off = (after - here) / (2 * h), self.picks.uv_px - (here + after) / 2
             step = np.sum(off * tangent, -1) / np.sum(tangent * tangent, -1)
-            step = np.nan_to_num(np.clip(step, -3 * (nodes[1] - nodes[0]), 3 * (nodes[1] - nodes[0])))
-            s = np.clip(s + step, 1.3 * nodes[0], 1.3 * nodes[-1])
+            s = np.clip(s + np.nan_to_num(np.clip(step, -reach, reach)),
+                        1.3 * nodes[0], 1.3 * nodes[-1])
         length = np.linalg.norm(tangent, axis=-1, keepdims=True)
         normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=-1) / length
-        residual = np.sum(normal * (self.picks.uv_px - self.at(x, Weights.at(nodes, s))), axis=-1)
+        off = self.picks.uv_px - self._seen(reference, offsets, Weights.at(nodes, s))
+        residual = np.sum(normal * off, axis=-1)
         lost = ~np.isfinite(residual)  # behind a camera: far off, and no slope
-        return _Feet(s, np.where(lost[:, None], 0.0, normal), np.where(lost, 1e3, residual))
+        feet = _Feet(s, np.where(lost[:, None], 0.0, normal), np.where(lost, 1e3, residual))
+        self._last = x.copy(), feet
+        return feet
 
-    def _nearest_nodes(self, x: Array) -> Array:
+    def _nearest_nodes(self, reference: tuple[Array, Array], offsets: Array) -> Array:
         """Give the node (n,) whose projection is nearest to each pick."""
-        points, frames = self.model.reference(x)
-        lines = points + self.model.offsets(x)[:, None, None] * frames[..., 1]
-        views = self.rig.project(lines)[:2]
+        lines = reference[0] + offsets[:, None, None] * reference[1]
+        views = (_pixels(self.rig.left, lines), _pixels(self.rig.right, self.rig.to_right(lines)))
         nearest = np.zeros(len(self.picks.line), dtype=int)
         for i in range(self.model.lines):
             for right in (False, True):
                 mine = (self.picks.line == i) & (self.picks.right == right)
                 gap = self.picks.uv_px[mine, None] - views[int(right)][i]
-                square = np.nan_to_num(np.sum(gap * gap, axis=-1), nan=np.inf)
-                nearest[mine] = np.argmin(square, axis=-1)
+                square = np.sum(gap * gap, axis=-1)
+                nearest[mine] = np.argmin(np.where(np.isnan(square), np.inf, square), axis=-1)
         return nearest
 
     def priors(self, x: Array) -> Array:
@@ -178,7 +198,7 @@ class RoadFit:
         free = max(len(self.feet.residual_px) - len(self.x), 1)
         # a robust scale: one pick gone astray says nothing of the others
         std = max(1.4826 * float(np.median(np.abs(self.feet.residual_px))),
-                  0.7 * float(np.sqrt(np.mean(self.feet.residual_px**2))), 0.02)
+                  0.7 * float(np.sqrt(np.mean(self.feet.residual_px**2))), MIN_STD_PX)
         scale = std**2 * len(self.feet.residual_px) / free
         return scale * np.linalg.pinv(jacobian.T @ jacobian)
 
@@ -192,8 +212,15 @@ def _solve(problem: RoadProblem, start: Array) -> RoadFit:
     """Fit one model from a start."""
     result = least_squares(
         problem.residuals, start, jac=problem.jacobian, loss='soft_l1', f_scale=ROBUST_PX,
-        x_scale='jac', method='trf', xtol=1e-9, ftol=1e-9, gtol=1e-9, max_nfev=60)
+        x_scale='jac', method='trf', xtol=1e-7, ftol=1e-5, gtol=1e-9, max_nfev=MAX_STEPS)
     return RoadFit(problem, result.x, 2 * float(result.cost))
+
+
+def _widened(fit: RoadFit, turns: int, bends: int) -> RoadFit:
+    """Fit a wider model, from a narrower one's result."""
+    problem = fit.problem
+    model, start = problem.model.within(turns, bends, fit.x)
+    return _solve(RoadProblem(problem.rig, problem.picks, model), start)
 
 
 def fit_road(rig: StereoRig, lines: Mapping[str, tuple[Array, Array]]) -> RoadFit:
@@ -204,26 +231,29 @@ def fit_road(rig: StereoRig, lines: Mapping[str, tuple[Array, Array]]) -> RoadFi
     :raises ValueError: when the picks give no road to start from.
     """
     picks = Picks.of(lines)
-    fits = []
-    for turns in range(MAX_TURNS + 1):
-        model, start = guess_road(rig, list(lines.values()), turns, 0)
-        fits.append(_solve(RoadProblem(rig, picks, model), start))
-    bent = [_bent(fit) for fit in _best(fits, 3)]
-    return _best(fits + bent, 1)[0]
+    flat = []
+    for turns in (0, 1, 2):  # each from its own guess
+        model, start = guess_road(rig, list(lines.values()), turns)
+        flat.append(_solve(RoadProblem(rig, picks, model), start))
+    while len(flat) <= MAX_TURNS and not _settled(flat):
+        flat.append(_widened(flat[-1], len(flat), 0))
+    fits = flat + [_widened(fit, fit.problem.model.turns, 1) for fit in flat[1:]]
+    for fit in _best(fits, 2):
+        fits += [_widened(fit, fit.problem.model.turns, bends) for bends in (2, 3)
+                 if bends > fit.problem.model.bends]
+    return _best(fits, 1)[0]
 
 
-def _bent(fit: RoadFit) -> RoadFit:
-    """Let the surface of a fitted road bend."""
-    old = fit.problem.model
-    model = RoadModel(old.frame, old.centre_m, old.half_length_m, old.lines, old.turns, BENDS)
-    problem = RoadProblem(fit.problem.rig, fit.problem.picks, model)
-    return _solve(problem, np.append(fit.x, np.zeros(BENDS)))
+def _settled(flat: list[RoadFit]) -> bool:
+    """Say whether a straight road already explains what wider ones do."""
+    variance = flat[-1].cost_px2 / len(flat[-1].problem.picks.line)
+    return flat[0].cost_px2 - flat[-1].cost_px2 < 10 * variance
 
 
 def _best(fits: list[RoadFit], count: int) -> list[RoadFit]:
-    """Sort by BIC, with the scatter of the picks from the richest model."""
-    free = [len(f.feet.residual_px) - f.problem.model.size for f in fits]
-    variance = max(min(f.cost_px2 / max(k, 1) for f, k in zip(fits, free)), 0.02**2)
-    picks = len(fits[0].feet.residual_px)
+    """Sort by BIC, with the scatter of the picks from the closest fit."""
+    picks = len(fits[0].problem.picks.line)
+    variance = max(
+        min(f.cost_px2 / max(picks - f.problem.model.size, 1) for f in fits), MIN_STD_PX**2)
     return sorted(fits, key=lambda f: f.cost_px2 / variance
                   + f.problem.model.size * np.log(picks))[:count]

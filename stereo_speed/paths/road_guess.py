@@ -47,13 +47,12 @@ def _surface(rig: StereoRig, lines: Sequence[Line]) -> tuple[Array, float]:
 
 
 def guess_road(
-        rig: StereoRig, lines: Sequence[Line], turns: int, bends: int) -> tuple[RoadModel, Array]:
+        rig: StereoRig, lines: Sequence[Line], turns: int) -> tuple[RoadModel, Array]:
     """
     Make a model about a guess, and the guess's parameters.
 
     :param lines: (left (n, 2), right (m, 2)) raw pixels of each line.
     :param turns: number of curvature coefficients.
-    :param bends: number of bends of the surface.
     :raises ValueError: when the two views have too little in common.
     """
     n, d = _surface(rig, lines)
@@ -67,13 +66,11 @@ def guess_road(
     longest = max(on_road, key=lambda p: np.linalg.norm(p[0][-1] - p[0][0]) if len(p[0]) else 0.0)
     if len(longest[0]) < 2:
         raise ValueError('the picks do not meet one road surface')
-    return _along(longest[0], on_road, (turns, bends), up)
+    return _along(longest[0], on_road, turns, up)
 
 
-def _along(line: Array, on_road: list, orders: tuple[int, int], up: Array) -> tuple[
-        RoadModel, Array]:
+def _along(line: Array, on_road: list, turns: int, up: Array) -> tuple[RoadModel, Array]:
     """Lay the reference line along one line's points (n, 3) on the surface."""
-    turns, bends = orders
     chord = unit(line[-1] - line[0])
     frame = frame_of(chord, up)
     every = np.concatenate([p for pair in on_road for p in pair])
@@ -92,8 +89,8 @@ def _along(line: Array, on_road: list, orders: tuple[int, int], up: Array) -> tu
     heading = _heading(curve, s[-1], half, turns)
     offsets = [_offset(pair, (frame, centre)) for pair in on_road] if turns == 0 else [
         _offset_along(pair, line, frame) for pair in on_road]
-    model = RoadModel(frame, centre, float(half), len(on_road), turns, bends)
-    return model, np.concatenate([np.zeros(4), offsets, heading, np.zeros(bends)])
+    model = RoadModel(frame, centre, float(half), len(on_road), turns, 0)
+    return model, np.concatenate([np.zeros(4), offsets, heading])
 
 
 def _smooth(flat: Array, s: Array, turns: int):

@@ -9,11 +9,11 @@ crest s``; crossfall ``phi``. With both at zero the road is a plane. A straight 
 neither, because the plane tilts with it; a curve that climbs does.
 
 The parameters are one vector: small rotation of the guess (3), height (1), a lateral offset for
-each line, ``turns`` curvature coefficients and, if ``bends``, grade, crossfall and crest.
+each line, ``turns`` curvature coefficients and the first ``bends`` of grade, crossfall, crest.
 """
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -21,8 +21,8 @@ from numpy.polynomial import legendre
 
 from ..records import Array
 
-NODES = 161  # along the reference line
-BENDS = 3  # grade (rad), crossfall (rad), crest (1/half length, rad)
+NODES = 81  # along the reference line
+BENDS = ('grade', 'crossfall', 'crest')  # rad, rad, rad per half length
 _OVERHANG = 1.1  # how far the nodes go beyond the half length either way
 
 
@@ -36,7 +36,7 @@ class RoadModel:
     :param half_length_m: from the middle to the furthest pick.
     :param lines: number of lines.
     :param turns: number of curvature coefficients; 0 is a straight road.
-    :param bends: whether the surface may bend.
+    :param bends: how many of the bends are free, in the order of ``BENDS``; 0 is a plane.
     """
 
     frame: Array
@@ -62,6 +62,18 @@ class RoadModel:
         """Arc lengths (NODES,) of the nodes from the middle."""
         return np.linspace(-1, 1, NODES) * _OVERHANG * self.half_length_m
 
+    def within(self, turns: int, bends: int, x: Array) -> tuple[RoadModel, Array]:
+        """
+        Widen the family; the road of ``x`` (size,) stays the same in it.
+
+        :param turns: at least those of now.
+        :param bends: at least those of now.
+        """
+        wide = replace(self, turns=turns, bends=bends)
+        cut = self.size - self.bends
+        return wide, np.concatenate([
+            x[:cut], np.zeros(turns - self.turns), x[cut:], np.zeros(bends - self.bends)])
+
     @cached_property
     def _turning(self) -> Array:
         """Heading (2 NODES - 1, turns) of unit coefficients at the nodes and between them."""
@@ -75,8 +87,8 @@ class RoadModel:
         return x[..., 4:4 + self.lines]
 
     def bend(self, x: Array) -> Array:
-        """Take the bends (..., BENDS); zeros if the surface may not bend."""
-        out = np.zeros(x.shape[:-1] + (BENDS,))
+        """Take the bends (..., 3); those that are not free are 0."""
+        out = np.zeros(x.shape[:-1] + (len(BENDS),))
         out[..., :self.bends] = x[..., self.size - self.bends:]
         return out
 

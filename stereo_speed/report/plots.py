@@ -188,13 +188,15 @@ def _draw_limits(axes: Axes, lanes: Mapping[str, LanePath], used: set[str]) -> N
         low, high = axes.get_ylim()
         if abs(mph - np.clip(mph, low, high)) < 15.0:
             axes.set_ylim(min(low, mph - 1.0), max(high, mph + 1.0))
-        axes.axhline(mph, color=_GREY, lw=1.2, ls=(0, (6, 4)), label=f'limit of {name}, {mph:.0f} mph')
+        axes.axhline(mph, color=_GREY, lw=1.2, ls=(0, (6, 4)),
+                     label=f'limit of {name}, {mph:.0f} mph')
 
 
 def _draw_lane(axes: Axes, name: str, lane: LanePath) -> None:
     """Draw a lane's path with an arrow along travel and its name."""
     points = lane.path.position(np.linspace(0.0, lane.path.length_m, 200))
-    axes.plot(points[:, 2], points[:, 0], color='#b9c0c9', lw=5, solid_capstyle='round', zorder=1)
+    axes.plot(points[:, 2], points[:, 0], color='#b9c0c9', lw=5, solid_capstyle='round',
+              zorder=1)
     middle = len(points) // 2
     axes.annotate('', xy=points[middle + 4, [2, 0]], xytext=points[middle, [2, 0]],
                   arrowprops={'arrowstyle': '-|>', 'color': _GREY, 'lw': 1.4}, zorder=2)

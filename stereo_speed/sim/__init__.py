@@ -1,0 +1,12 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Simulated stereo sequences with exact truth."""
+from __future__ import annotations
+
+from .config import (
+    RIGS, RigConfig, RoadConfig, SimConfig, VehicleConfig, circle_config, straight_config)
+from .sequence import SimSequence, simulate
+
+__all__ = [
+    'RIGS', 'RigConfig', 'RoadConfig', 'SimConfig', 'SimSequence', 'VehicleConfig',
+    'circle_config', 'simulate', 'straight_config']

@@ -146,7 +146,7 @@ class SimConfig:
     road: RoadConfig = RoadConfig()
     rig: RigConfig = RigConfig()
     start_m: float = 72.0
-    near_m: float = 18.0
+    near_m: float = 17.5
     camera_height_m: float = 4.0
     camera_side_m: Optional[float] = None
     camera_pitch_deg: Optional[float] = None
@@ -193,7 +193,7 @@ def _want(condition: bool, what: str, found: object, wanted: str) -> None:
 
 def straight_config(speed: str = '55 mph', **changes: Any) -> SimConfig:
     """
-    Build a straight pass at a constant speed, from 72 m to 18 m.
+    Build a straight pass at a constant speed, from 72 m to 17.5 m.
 
     :param speed: as in the site file.
     :param changes: fields of :class:`SimConfig`.

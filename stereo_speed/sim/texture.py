@@ -14,7 +14,9 @@ _DRAW = 2  # texels of the drawing per texel of the finest level
 
 def octaves(rng: np.random.Generator, height: int, width: int, finest: int) -> Array:
     """
-    Make noise of equal strength per octave, with standard deviation about 1.
+    Make noise of equal strength per octave, with standard deviation 1.
+
+    Sizes that are multiples of every cell (powers of two) give a pattern that tiles.
 
     :param rng: source of randomness.
     :param height: rows.
@@ -24,9 +26,10 @@ def octaves(rng: np.random.Generator, height: int, width: int, finest: int) -> A
     total = np.zeros((height, width), np.float32)
     cell, count = finest, 0
     while cell * 2 < max(height, width):
-        coarse = rng.standard_normal((height // cell + 4, width // cell + 4)).astype(np.float32)
-        fine = cv2.resize(coarse, None, fx=cell, fy=cell, interpolation=cv2.INTER_CUBIC)
-        total += fine[cell:cell + height, cell:cell + width]
+        coarse = rng.standard_normal((-(-height // cell), -(-width // cell)), dtype=np.float32)
+        fine = cv2.resize(np.pad(coarse, 2, mode='wrap'), None, fx=cell, fy=cell,
+                          interpolation=cv2.INTER_CUBIC)
+        total += fine[2 * cell:2 * cell + height, 2 * cell:2 * cell + width]
         cell, count = cell * 2, count + 1
     total -= total.mean()
     return total / max(float(total.std()), 1e-6)

@@ -57,13 +57,14 @@ class ConstrainedTracker:
                  pair: StereoPair, track: int, rng: np.random.Generator) -> None:
         self.rig, self.lane, self.config, self.track, self.rng = rig, lane, config, track, rng
         self.grid = PartGrid(config.parts, config.samples_per_part)
+        self.expected_mps = lane.speed_limit_mps or config.initial_speed_mps
         start = acquire(rig, lane.path, mark, pair, self.grid)
         self.front: Front = start.front
         sampler = LookSampler(rig, start.front, self.grid.unit_xy, self.grid.shape)
         prior = PassPrior(
             s_m=float(start.pose[0]), s_std_m=start.s_std_m, offset_m=start.pose[1:],
-            offset_slope=start.offset_slope, speed_mps=lane.speed_limit_mps,
-            speed_std_mps=2 * config.initial_speed_std * lane.speed_limit_mps,
+            offset_slope=start.offset_slope, speed_mps=self.expected_mps,
+            speed_std_mps=2 * config.initial_speed_std * self.expected_mps,
             heading_std_rad=np.asarray(lane.heading_std_rad))
         self.refiner = PassRefiner(sampler, prior, config)
         self.particles = self._first_particles(start.pose, start.offset_slope,
@@ -125,7 +126,7 @@ class ConstrainedTracker:
 
     def _first_particles(self, pose: Array, slope: Array, s_std_m: float) -> Array:
         """Particles (N, 4) of s, a, b, v on the ray of the front's centre, any likely speed."""
-        n, limit = self.config.particles, self.lane.speed_limit_mps
+        n, limit = self.config.particles, self.expected_mps
         ds = s_std_m * self.rng.standard_normal(n)
         speed = limit * (1 + self.config.initial_speed_std * self.rng.standard_normal(n))
         # A quarter of the particles cover what limits do not foresee.

@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
@@ -21,7 +22,7 @@ from ..records import Array, StereoPair
 from .front import Front, plane_points
 from .likelihood import crop_for
 
-_POSE_STEP_PX = 0.4  # half width of the central differences, in pixels of image motion
+_STEP_M = 1e-3  # half width of the central differences of the geometry
 _BLUR_STEPS = 0.6  # low-pass of every look, in grid steps, so that near and far looks compare
 
 
@@ -47,69 +48,67 @@ class Look:
 
 
 class LookSampler:
-    """Takes looks at one front: fixed grid on its plane, any pose, any pair."""
+    """
+    Takes looks at one front: fixed grid on its plane, any pose, any pair.
+
+    :param rig: the cameras.
+    :param front: the front.
+    :param unit_xy: (G, 2) grid samples in the unit square.
+    :param grid_shape: rows and columns of the grid.
+    """
 
     def __init__(self, rig: StereoRig, front: Front, unit_xy: Array,
                  grid_shape: tuple[int, int]) -> None:
-        self.rig, self.front = rig, front
-        self.grid_m = front.grid_m(unit_xy)
-        self.grid_shape = grid_shape
-
-    def pixels_of(self, poses: Array) -> tuple[Array, Array]:
-        """Grid samples in both raw views, (N, G, 2) px each; NaN behind the camera."""
-        left, right, _, _ = self.rig.project(
-            plane_points(self.front.path, poses, self.grid_m))
-        return left, right
-
-    def patches(self, pair: StereoPair, poses: Array) -> NDArray[np.float64]:
-        """
-        Sample both views for a few poses.
-
-        :param poses: (N, 3).
-        :return: (N, 2, G), each patch of zero mean and unit variance.
-        """
-        views = [self._sample(image, uv) for image, uv in
-                 zip((pair.left, pair.right), self.pixels_of(poses))]
-        return _standardise(np.stack(views, axis=1))
+        self.rig, self.front, self.grid_shape = rig, front, grid_shape
+        self._plane_m = np.concatenate([front.grid_m(unit_xy), front.corners_m])
+        self._count = len(unit_xy)
 
     def look(self, pair: StereoPair, pose: Array) -> Look | None:
-        """Take a look with its derivatives; None where the front is not wholly seen."""
-        left, right, in_left, in_right = self.rig.project(
-            plane_points(self.front.path, pose[None], self.front.corners_m))
-        if not (in_left.all() and in_right.all()):
+        """
+        Take a look with its derivatives; None where the front is not wholly seen.
+
+        :param pose: (3,) s, a, b, m.
+        """
+        n = self._count
+        steps = _STEP_M * np.eye(3)
+        points = plane_points(self.front.path, np.concatenate([pose[None], pose + steps,
+                                                               pose - steps]), self._plane_m)
+        left, right, in_left, in_right = self.rig.project(points)
+        if not (in_left[0].all() and in_right[0].all()):
             return None
-        centres = self._centre_motion(pose)
-        steps = _POSE_STEP_PX / np.maximum(np.abs(centres).max(axis=(0, 1)), 1e-9)
-        poses = np.concatenate([pose[None], pose + np.diag(steps), pose - np.diag(steps)])
-        patches = self.patches(pair, poses)
-        jacobian = (patches[1:4] - patches[4:]) / (2 * steps[:, None, None])
-        area = 0.5 * (_area(left[0]) + _area(right[0]))
-        return Look(pose=pose, patches=patches[0], jacobian=np.moveaxis(jacobian, 0, -1),
-                    pixels=min(area, float(len(self.grid_m))),
-                    shift_px=np.linalg.norm(centres, axis=1),
-                    disparity_px=centres[0, 0] - centres[1, 0])
+        motion = [(uv[1:4] - uv[4:]) / (2 * _STEP_M) for uv in (left, right)]  # (3, M, 2)
+        views = [self._patch(image, uv[0, :n], m[:, :n]) for image, uv, m in
+                 zip((pair.left, pair.right), (left, right), motion)]
+        centre = [m[:, :n].mean(axis=1) for m in motion]  # (3, 2)
+        area = 0.5 * (_area(left[0, n:]) + _area(right[0, n:]))
+        return Look(pose=pose, patches=np.stack([v[0] for v in views]),
+                    jacobian=np.stack([v[1] for v in views]), pixels=min(area, float(n)),
+                    shift_px=np.stack([np.linalg.norm(c, axis=1) for c in centre]),
+                    disparity_px=centre[0][:, 0] - centre[1][:, 0])
 
-    def _centre_motion(self, pose: Array) -> Array:
-        """Derivatives of the centre's pixels by the pose, (2 views, 2 uv, 3)."""
-        step = 1e-3
-        poses = np.concatenate([pose + step * np.eye(3), pose - step * np.eye(3)])
-        views = self.rig.project(plane_points(self.front.path, poses, np.zeros((1, 2))))[:2]
-        return np.stack([(uv[:3, 0] - uv[3:, 0]).T / (2 * step) for uv in views])
+    def _patch(self, image: NDArray[Any], uv: Array, motion: Array) -> tuple[Array, Array]:
+        """
+        Sample one view, low-passed to the grid's spacing.
 
-    def _sample(self, image: NDArray[Any], uv: Array) -> Array:
-        """Cubic B-spline samples (N, G) of an image low-passed to the grid's spacing."""
-        flat = uv.reshape(-1, 2)
-        rows, cols = self.grid_shape
-        grid = uv[0].reshape(rows, cols, 2)
-        step = np.linalg.norm(np.diff(grid, axis=1), axis=-1).mean(), \
-            np.linalg.norm(np.diff(grid, axis=0), axis=-1).mean()
-        crop, origin = crop_for(image, flat.min(axis=0) - 3, flat.max(axis=0) + 3, 1.0)
-        sigma = [_BLUR_STEPS * step[1], _BLUR_STEPS * step[0]]
-        smooth = ndimage.gaussian_filter(crop.astype(float), sigma, mode='nearest', truncate=3.0)
-        spline = ndimage.spline_filter(smooth, order=3, mode='nearest')
-        at = (flat - origin).T[::-1]
-        values = ndimage.map_coordinates(spline, at, order=3, mode='nearest', prefilter=False)
-        return values.reshape(uv.shape[:2])
+        :param uv: (G, 2) px.
+        :param motion: (3, G, 2) their derivatives by the pose, px/m.
+        :return: (G,) patch of zero mean and unit variance and (G, 3) its derivatives.
+        """
+        grid = uv.reshape(*self.grid_shape, 2)
+        sigma = [_BLUR_STEPS * float(np.linalg.norm(np.diff(grid, axis=k), axis=-1).mean())
+                 for k in (0, 1)]
+        crop, origin = crop_for(image, uv.min(axis=0) - 3, uv.max(axis=0) + 3, 1.0)
+        smooth = ndimage.gaussian_filter(crop, sigma, mode='nearest', truncate=3.0)
+        at = (uv - origin).T[::-1]
+        values = ndimage.map_coordinates(smooth, at, np.float64, order=3, mode='nearest')
+        u, v = np.ascontiguousarray(at[::-1], dtype=np.float32)[:, None]
+        slopes = [cv2.remap(g, u, v, cv2.INTER_LINEAR)[0] for g in np.gradient(smooth)]
+        jacobian = (slopes[1] * motion[..., 0] + slopes[0] * motion[..., 1]).T
+        scale = max(float(values.std()), 1e-6)
+        patch = (values - values.mean()) / scale
+        # The patch is kept at zero mean and unit variance, so its derivatives have no part there.
+        jacobian = (jacobian - jacobian.mean(axis=0)) / scale
+        return patch, jacobian - np.outer(patch, patch @ jacobian / len(patch))
 
 
 def inside(camera: Camera, quad: Array) -> bool:
@@ -120,8 +119,3 @@ def inside(camera: Camera, quad: Array) -> bool:
 def _area(quad: Array) -> float:
     x, y = quad[:, 0], quad[:, 1]
     return float(abs(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))) / 2)
-
-
-def _standardise(patches: Array) -> Array:
-    centred = patches - patches.mean(axis=-1, keepdims=True)
-    return centred / np.maximum(centred.std(axis=-1, keepdims=True), 1e-6)

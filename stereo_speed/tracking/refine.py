@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 import math
+from typing import Any
 
 import numpy as np
 
@@ -96,9 +97,22 @@ class NormalEquations:
 
     def row(self, columns: list[int], values: list[float], rest: float, std: float) -> None:
         """Add ``values . x[columns] = rest`` with a 1-sigma."""
-        j = np.array(values) / std
-        self.H[np.ix_(columns, columns)] += np.outer(j, j)
-        self.g[columns] += j * (rest / std)
+        self.rows([columns], [values], np.array([std]), rest)
+
+    def rows(self, columns: Any, values: Any, std: Array, rest: float = 0.0) -> None:
+        """
+        Add several rows at once.
+
+        :param columns: (r, c) indices of the unknowns of each row.
+        :param values: (r, c) or (c,) their factors.
+        :param std: (r,) 1-sigma of each row.
+        """
+        at = np.asarray(columns)
+        j = np.zeros((len(at), len(self.g)))
+        np.put_along_axis(j, at, np.broadcast_to(np.asarray(values, float), at.shape), axis=1)
+        j /= std[:, None]
+        self.H += j.T @ j
+        self.g += j.T @ (rest / std)
 
 
 def condition(prior: NormalEquations, H: Array, g: Array) -> tuple[Array, Array, float]:
@@ -238,21 +252,23 @@ class PassRefiner:
             normal.row([1 + axis, 0], [1.0, -slope], rest, _GAUGE_STD_M)
             normal.row([tilt + axis], [1.0], 0.0, float(p.heading_std_rad[axis]))
         normal.row([v0], [1.0], p.speed_mps, p.speed_std_mps)
-        times = self._times()
-        drift = (c.drift_across_std_m, c.drift_up_std_m)
-        for k in range(n - 1):
-            dt = float(times[k + 1] - times[k])
-            i, j = 3 * k, 3 * k + 3
-            # Speed is a Wiener process: given both ends, the way between them scatters by
-            # q dt^3 / 12 about their mean.
-            speed_std = max(speed_rate_std, 1e-3) * math.sqrt(dt)
-            normal.row([j, i, v0 + k, v0 + k + 1], [1.0, -1.0, -dt / 2, -dt / 2], 0.0,
-                       speed_std * dt / math.sqrt(12))
-            normal.row([v0 + k + 1, v0 + k], [1.0, -1.0], 0.0, speed_std)
-            ds = float(self.state[k + 1, 0] - self.state[k, 0])
-            for axis in (0, 1):
-                normal.row([j + 1 + axis, i + 1 + axis, tilt + axis], [1.0, -1.0, -ds], 0.0,
-                           max(drift[axis], 1e-3) * math.sqrt(dt))
+        dt = np.diff(self._times())
+        if not len(dt):
+            return normal
+        k = np.arange(n - 1)
+        # Speed is a Wiener process: given both ends, the way between them scatters by
+        # q dt^3 / 12 about their mean.
+        root = np.sqrt(dt)
+        speed_std = max(speed_rate_std, 1e-3) * root
+        way = np.column_stack([np.ones(n - 1), -np.ones(n - 1), -dt / 2, -dt / 2])
+        normal.rows(np.column_stack([3 * k + 3, 3 * k, v0 + k, v0 + k + 1]), way,
+                    speed_std * dt / math.sqrt(12))
+        normal.rows(np.column_stack([v0 + k + 1, v0 + k]), [1.0, -1.0], speed_std)
+        ones, ds = np.ones(n - 1), np.diff(self.state[:, 0])
+        for axis, drift in enumerate((c.drift_across_std_m, c.drift_up_std_m)):
+            at = np.column_stack([3 * k + 4 + axis, 3 * k + 1 + axis,
+                                  np.full(n - 1, tilt + axis)])
+            normal.rows(at, np.column_stack([ones, -ones, -ds]), max(drift, 1e-3) * root)
         return normal
 
     def _photometric(self) -> tuple[Array, Array, Array, Array]:
