@@ -16,7 +16,7 @@ MODULES = sorted(ROOT.rglob('*.py'))
 # strangers to each other.
 LAYERS = (
     ('errors', 'records', 'units', '__init__'),
-    ('config', 'sync'),
+    ('config', 'fields', 'sync'),
     ('geometry', 'features', 'filtering'),
     ('paths',),
     ('site',),

@@ -238,7 +238,7 @@ def write_all(args: argparse.Namespace, lanes: Mapping[str, LanePath], result: R
             from ..report.plots import write_plots
             write_plots(stage, result.updates, result.passes, lanes)
             if result.strip:
-                cv2.imwrite(str(stage / 'strip.png'), strip(result.strip))
+                cv2.imwrite(str(stage / 'strip.png'), strip(result.strip, width_px=480))
         remove_run(args.out)
         for name in (TRACKS, PASSES, *PLOTS, SUMMARY):
             if (stage / name).exists():

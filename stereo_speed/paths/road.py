@@ -26,7 +26,8 @@ from ..records import Array
 PICK_STD_PX = 0.3  # what a careful person reaches; only sets the weight of the priors
 ROBUST_PX = 1.0  # residuals beyond this count less and less (soft L1)
 MIN_STD_PX = 0.02  # no picks are better than this
-MAX_TURNS = 6
+PENALTY = 2.0  # of BIC; at 1 one straight road in fifteen would be taken for a curve
+MAX_TURNS = 8
 MAX_STEPS = 40
 ROLL_STD_RAD = 0.1  # of the road about its direction, against the camera's up
 BEND_STD = (0.06, 0.04)  # grade and crossfall of a bent surface, rad
@@ -256,4 +257,4 @@ def _best(fits: list[RoadFit], count: int) -> list[RoadFit]:
     variance = max(
         min(f.cost_px2 / max(picks - f.problem.model.size, 1) for f in fits), MIN_STD_PX**2)
     return sorted(fits, key=lambda f: f.cost_px2 / variance
-                  + f.problem.model.size * np.log(picks))[:count]
+                  + PENALTY * f.problem.model.size * np.log(picks))[:count]

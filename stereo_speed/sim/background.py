@@ -13,10 +13,12 @@ from .view import View, below
 from ..records import Array
 
 FAR_M = 600.0
+BEYOND_M = 40.0  # a curved road is drawn this far beyond the first front
 SHOULDER_M = 1.5  # of asphalt beyond the outer lines
-TILE = 1024  # texels of a ground texture
-TILE_TEXEL_M = 0.02
-LEVELS = 8
+TILE = 512  # texels of a ground texture
+TILE_TEXEL_M = 0.03
+LEVELS = 7
+TREES_UP = 0.07  # no tree's top is higher, in sines of elevation
 GREY = {'asphalt': 85.0, 'grass': 72.0, 'paint': 185.0, 'sky': 150.0, 'trees': 50.0}
 
 
@@ -28,7 +30,8 @@ class GroundMap:
     :param view: the view.
 
     ``station`` and ``offset`` in m, their derivatives ``*_x`` and ``*_y`` per pixel, ``hit``
-    the share of the pixel that sees ground, all (rows, columns).
+    the share of the pixel that sees ground, ``road`` whether the road may be there, all
+    (rows, columns); ``rays`` (rows, columns, 3) unit, world.
     """
 
     def __init__(self, scene: SimScene, view: View) -> None:
@@ -44,7 +47,11 @@ class GroundMap:
         station, offset = scene.road.station(xy)
         self.station, self.station_x, self.station_y = _derivatives(station)
         self.offset, self.offset_x, self.offset_y = _derivatives(offset)
-        self.distance_m = (depth * flat)[1:-1, 1:-1]
+        # Beyond its range, or where the ray and a sloping bend meet twice, there is no road.
+        height = centre[2] + depth * rays[..., 2] - scene.road.config.grade * station
+        far = 0.9 * FAR_M if not scene.road.curved else scene.config.start_m + BEYOND_M
+        self.road = ((np.abs(height) < 1e-3) & (depth * flat < far)
+                     & (station > scene.road.from_m) & (station < scene.road.to_m))[1:-1, 1:-1]
         slope, slope_x, slope_y = _derivatives(rays[..., 2] / flat)
         horizon = -(centre[2] - scene.road.config.grade * scene.end_station_m) / FAR_M
         self.hit = below(horizon - slope, slope_x, slope_y)
@@ -78,12 +85,19 @@ def _ground_distance(road: Road, centre: Array, rays: Array, flat: Array) -> Arr
         heading = road.heading(station)
         plan = np.maximum(1.0 - road.curvature(station) * offset, 0.3)
         along = (rays[..., 0] * np.cos(heading) + rays[..., 1] * np.sin(heading)) / plan
-        # Newton: the surface rises at grade x along; the rest is the ray's own descent.
+        # Newton: along the ray, the gap to the surface shrinks at grade x along less the slope.
         gap = centre[2] + depth * rays[..., 2] - grade * station
-        depth = np.clip(depth + meet(-gap, rays[..., 2] - grade * along)
-                        * (gap > 0) - np.maximum(-gap, 0.0)
-                        / np.maximum(grade * along - rays[..., 2], 1e-3), 0.0, far)
+        depth = np.clip(depth + gap / np.maximum(grade * along - rays[..., 2], 1e-4), 0.0, far)
     return depth
+
+
+def _asphalt_coverage(ground: GroundMap, road: Road) -> Array:
+    """Return the share of each pixel that is road."""
+    left = (road.config.lanes - 0.5) * road.config.lane_width_m + SHOULDER_M
+    right = -0.5 * road.config.lane_width_m - SHOULDER_M
+    share = (below(left - ground.offset, ground.offset_x, ground.offset_y)
+             - below(right - ground.offset, ground.offset_x, ground.offset_y))
+    return np.where(ground.road, share, 0.0)
 
 
 def paint_coverage(ground: GroundMap, road: Road) -> Array:
@@ -93,8 +107,7 @@ def paint_coverage(ground: GroundMap, road: Road) -> Array:
     near = np.abs(ground.offset_x) + np.abs(ground.offset_y)
     for name, middle in road.line_offsets().items():
         where = np.nonzero((np.abs(ground.offset - middle) < c.paint_width_m / 2 + near)
-                           & (ground.distance_m < 0.9 * FAR_M)
-                           & (ground.station > road.from_m) & (ground.station < road.to_m))
+                           & ground.road)
         gap = middle - ground.offset[where]
         gx, gy = ground.offset_x[where], ground.offset_y[where]
         share = (below(gap + c.paint_width_m / 2, gx, gy)
@@ -139,17 +152,26 @@ def _tile(rng: np.random.Generator, finest: int) -> list[Array]:
     return pyramid(octaves(rng, TILE, TILE, finest), LEVELS)
 
 
-def _treeline(rng: np.random.Generator, ground: GroundMap) -> tuple[Array, Array]:
-    """Return coverage and grey level of a row of trees far behind everything."""
-    azimuth = np.arctan2(ground.rays[..., 1], ground.rays[..., 0])
+def _plant(sky: Array, rays: Array, rng: np.random.Generator) -> None:
+    """
+    Draw a row of trees far behind everything, in place.
+
+    :param sky: (rows, columns) grey levels.
+    :param rays: (rows, columns, 3) unit, world.
+    :param rng: source of their shape.
+    """
     crowns = octaves(rng, 1, 4096, 8)[0]
-    # The seam of the azimuth lies where no camera looks: behind the reference direction 0.
-    place = np.mod(azimuth, 2 * np.pi) / (2 * np.pi) * crowns.size * 4
-    height = 0.012 + 0.006 * np.interp(np.mod(place, crowns.size), np.arange(crowns.size), crowns)
-    gap, gx, gy = ground.rays[..., 2] - np.maximum(height, 0.002), 0.0, 1 / 1800.0
-    grain = octaves(rng, *azimuth.shape, 2)
-    return below(-gap, np.full_like(gap, gx), np.full_like(gap, gy)), (
-        GREY['trees'] + 10 * grain)
+    rows = np.nonzero((np.abs(rays[..., 2]) < TREES_UP).any(axis=1))[0]
+    if not rows.size:
+        return
+    band = slice(rows[0], rows[-1] + 1)
+    rays = rays[band]
+    # Four rounds of the crowns make the circle.
+    place = np.mod(np.arctan2(rays[..., 1], rays[..., 0]) * (2 / np.pi), 1.0) * crowns.size
+    height = 0.012 + 0.006 * np.interp(place, np.arange(crowns.size), crowns)
+    share = np.clip((np.clip(height, 0.002, TREES_UP) - rays[..., 2]) * 1800.0 + 0.5, 0.0, 1.0)
+    trees = GREY['trees'] + 10 * octaves(rng, *share.shape, 2)
+    sky[band] += share * (trees - sky[band])
 
 
 def render_background(scene: SimScene, views: tuple[View, View],
@@ -164,21 +186,15 @@ def render_background(scene: SimScene, views: tuple[View, View],
     """
     asphalt, grass = _tile(rng, 2), _tile(rng, 4)
     seed = int(rng.integers(2 ** 31))
-    road, images = scene.road, []
+    images = []
     for view in views:
         ground = GroundMap(scene, view)
-        left = (road.config.lanes - 0.5) * road.config.lane_width_m + SHOULDER_M
-        right = -0.5 * road.config.lane_width_m - SHOULDER_M
-        on_road = (below(left - ground.offset, ground.offset_x, ground.offset_y)
-                   - below(right - ground.offset, ground.offset_x, ground.offset_y))
-        on_road = np.where((ground.station > road.from_m) & (ground.station < road.to_m)
-                           & (ground.distance_m < 0.9 * FAR_M), on_road, 0.0)
+        on_road = _asphalt_coverage(ground, scene.road)
         grey = GREY['grass'] + 11.0 * _sample_ground(grass, ground)
         tar = GREY['asphalt'] + 6.0 * _sample_ground(asphalt, ground)
         grey += on_road * (tar - grey)
-        grey += paint_coverage(ground, road) * (GREY['paint'] - grey)
+        grey += paint_coverage(ground, scene.road) * (GREY['paint'] - grey)
         sky = GREY['sky'] + 60.0 * np.clip(ground.rays[..., 2], 0.0, 0.5)
-        share, trees = _treeline(np.random.default_rng(seed), ground)
-        sky += share * (trees - sky)
+        _plant(sky, ground.rays, np.random.default_rng(seed))
         images.append((sky + ground.hit * (grey - sky)).astype(np.float32))
     return images[0], images[1]

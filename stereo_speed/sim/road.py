@@ -37,6 +37,11 @@ class Road:
         half = min(200.0, 2.2 / curvature) if curvature else 250.0
         self.from_m, self.to_m = middle - half, middle + half
 
+    @property
+    def curved(self) -> bool:
+        """Whether it bends anywhere."""
+        return bool(self.config.curvature_start or self.config.curvature_end)
+
     def curvature(self, station_m: Array) -> Array:
         """Return the curvature of the right lane's path, 1/m."""
         c = self.config

@@ -93,8 +93,7 @@ class SimScene:
         chord /= np.linalg.norm(chord)
         side = c.camera_side_m
         if side is None:
-            curved = c.road.curvature_start or c.road.curvature_end
-            side = 0.0 if curved else 5.0
+            side = 0.0 if self.road.curved else 5.0
         centre = points[-1] + chord * c.near_m + side * np.array([chord[1], -chord[0], 0.0])
         centre[2] += c.camera_height_m
         sight = points + [0.0, 0.0, 0.8] - centre
@@ -159,7 +158,7 @@ class SimScene:
         return bool(left.all() and right.all()) and ahead >= self.config.near_m - 1e-6
 
     def truth(self, index: int, t_s: float, stamp_ns: int) -> dict[str, Any]:
-        """Return a row of ``truth.csv`` for a vehicle."""
+        """Return a row of ``truth.csv`` for a vehicle, and ``stamp_ns`` with it."""
         vehicle = self.config.vehicles[index]
         pose = self.front(vehicle, t_s)
         step = (self.road_point(vehicle, t_s + _RATE_S)[0]
@@ -167,7 +166,8 @@ class SimScene:
         uv, _, _, _ = self.rig.project(pose.corners_m)
         x, y, z = pose.centre_m
         return {
-            'stamp': f'{stamp_ns // 10**9}.{stamp_ns % 10**9:09d}', 'vehicle': index,
+            'stamp': f'{stamp_ns // 10**9}.{stamp_ns % 10**9 // 1000:06d}',
+            'stamp_ns': stamp_ns, 'vehicle': index,
             'speed': float(np.linalg.norm(step)) / (2 * _RATE_S),
             'path_speed': float(path_speed_mps(vehicle, t_s)),
             'lateral': float(lateral_m(vehicle, t_s)),

@@ -33,7 +33,7 @@ class SimSequence:
     :param site_exact: content of a site file with the true lines as ``points_m``.
     :param init: content of an init file.
     :param pairs: the pairs, numbered from 0.
-    :param truth: rows of ``truth.csv``, one for each vehicle and pair.
+    :param truth: rows of ``truth.csv``, one for each vehicle and pair, with ``stamp_ns`` beside them.
     """
 
     config: SimConfig
@@ -88,7 +88,8 @@ def _times(scene: SimScene, rng: np.random.Generator) -> list[tuple[float, int, 
         # Never more than a third of a period, so that the order is kept.
         jitter = float(np.clip(jitter, -1 / (3 * config.fps), 1 / (3 * config.fps)))
         skew = float(rng.uniform(-1, 1)) * config.right_stamp_jitter_s
-        offset_ns = round((i / config.fps + jitter) * 1e9)
+        # Whole microseconds, so that truth.csv tells them exactly.
+        offset_ns = round((i / config.fps + jitter) * 1e6) * 1000
         t_s = offset_ns * 1e-9
         visible = any(scene.visible(vehicle, t_s) for vehicle in config.vehicles)
         if seen and not visible:

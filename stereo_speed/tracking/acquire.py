@@ -19,6 +19,7 @@ from .likelihood import sample_quads
 from .looks import inside
 
 _MARK_STD_PX = 0.7  # how well a person marks a corner
+_MAX_GAP_PX = 5.0  # marks whose centres' rays pass further apart are of different things
 _SEARCH_SIGMAS = 4.0
 _SEARCH_STEP_PX = 0.2  # step of the depth search, in disparity
 _INDEPENDENT = 0.35  # share of independent samples in a patch
@@ -76,6 +77,13 @@ def acquire(rig: StereoRig, path: Path, mark: InitMark, pair: StereoPair,
     if not np.isfinite(centre).all() or centre[2] <= 0:
         raise InputError(where, 'left and right quads', 'no point in front of the cameras',
                          'quads on the same vehicle front')
+    left, right, _, _ = rig.project(centre[None])
+    gap_px = float(np.linalg.norm(right[0] - mark.right_px.mean(axis=0))
+                   + np.linalg.norm(left[0] - mark.left_px.mean(axis=0)))
+    if not gap_px < _MAX_GAP_PX:
+        raise InputError(where, 'left and right quads', f'{gap_px:.1f} px off one another',
+                         f'quads of one vehicle front, within {_MAX_GAP_PX:.0f} px of the '
+                         f'epipolar line')
     s_mark = float(path.arc_length(centre))
     uv = mark.left_px.mean(axis=0, keepdims=True)
 

@@ -108,7 +108,7 @@ def test_size_of_images_against_calibration(refused, rewrite, tmp_path):
 def test_stamps_out_of_order(refused, rewrite, tmp_path):
     def swapped(topic, number, msg):
         if number in (1, 2):
-            msg.header.stamp.nanosec  # both sides, so that the images still pair
+            # on both sides, so that the images still pair
             replaced(msg.header.stamp, 'nanosec', 400_000_000 if number == 1 else 200_000_000)
         return msg
     bag = rewrite(tmp_path / 'swapped', swapped)
@@ -147,12 +147,15 @@ def test_unknown_line_of_a_lane(refused, edited):
     assert_names(refused(site=site), site, 'kerb')
 
 
-@pytest.mark.parametrize('corner', [[-3.0, 300.0], [1024.5, 300.0], [400.0, 800.0]], ids=str)
-def test_quad_outside_the_image(refused, edited, corner):
+@pytest.mark.parametrize('side', ['left_image', 'right_image'])
+@pytest.mark.parametrize('shift', [[-400.0, 0.0], [610.0, 0.0], [0.0, -320.0], [0.0, 460.0]],
+                         ids=['left', 'right', 'above', 'below'])
+def test_quad_outside_the_image(refused, edited, side, shift):
     def move(data):
-        data['vehicles'][0]['left_image'][1] = corner
+        quad = data['vehicles'][0][side]
+        data['vehicles'][0][side] = [[u + shift[0], v + shift[1]] for u, v in quad]
     init = edited('init.yaml', move)
-    assert_names(refused(init=init), init, 'left_image')
+    assert_names(refused(init=init), init, side, '1024x768')
 
 
 def test_mark_in_a_pair_that_never_comes(refused, edited):

@@ -1,0 +1,35 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+# Each target works alone in a fresh clone, and reuses what is there.
+PYTHON ?= python3
+VENV := .venv
+PY := $(VENV)/bin/python
+SOURCES := stereo_speed launch test setup.py tools
+
+.PHONY: venv test demo bench lint build clean
+
+venv:
+	@bash tools/venv.sh '$(PYTHON)' $(VENV)
+
+test: venv
+	$(PY) -m pytest -q $(PYTEST_ARGS)
+
+demo: venv
+	$(PY) -m stereo_speed demo --out out
+
+bench: venv
+	$(PY) -m stereo_speed bench
+
+lint: venv
+	$(VENV)/bin/ament_flake8 $(SOURCES)
+	$(VENV)/bin/ament_pep257 $(SOURCES)
+
+build: venv
+	rm -rf build/colcon
+	$(VENV)/bin/colcon --log-base build/colcon/log build --paths . \
+		--build-base build/colcon/build --install-base build/colcon/install
+	$(PY) tools/check_install.py build/colcon/install/stereo_speed
+
+clean:
+	rm -rf $(VENV) build install log out .pytest_cache
+	find stereo_speed test launch tools -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,133 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""The constrained tracker and its pipeline on simulated passes with exact truth."""
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+
+from stereo_speed.config import TrackerConfig
+from stereo_speed.errors import InputError
+from stereo_speed.pipeline import SpeedPipeline
+from stereo_speed.records import TrackState, Verdict
+from stereo_speed.site import InitMark, lane_paths, load_init, load_site
+from stereo_speed.tracking import constrained, refine
+
+
+def prepare(sequence, folder):
+    """Lanes and marks of a sequence, through real files."""
+    (folder / 'site.yaml').write_text(yaml.safe_dump(dict(sequence.site_exact)))
+    (folder / 'init.yaml').write_text(yaml.safe_dump(dict(sequence.init)))
+    return (lane_paths(load_site(folder / 'site.yaml'), sequence.rig),
+            load_init(folder / 'init.yaml'))
+
+
+def drive(sequence, folder, pairs=None, seed=0, config=TrackerConfig()):
+    lanes, marks = prepare(sequence, folder)
+    pipeline = SpeedPipeline(sequence.rig, lanes, config, marks, seed=seed)
+    updates = [u for pair in pairs or sequence.pairs for u in pipeline.process(pair)]
+    return updates, pipeline.ended() + pipeline.finish()
+
+
+def blank(pair):
+    grey = np.full_like(pair.left, 100)
+    return replace(pair, left=grey, right=grey)
+
+
+@pytest.mark.parametrize('name', ['straight', 'circle'])
+def test_speed_place_and_lane_are_right(name, request, tmp_path):
+    sequence = request.getfixturevalue(name)
+    updates, (result,) = drive(sequence, tmp_path)
+    truth = sequence.truth
+    assert len(updates) == len(truth) == len(sequence.pairs)
+    speeds = np.array([row['speed'] for row in truth], float)
+    late = slice(len(truth) // 2, None)
+    errors = np.array([u.speed_mps for u in updates]) - speeds
+    assert np.abs(errors[late]).max() < 0.25
+    assert result.verdict is Verdict.MEASURED
+    assert abs(result.speed_mps - speeds.mean()) < 0.13
+    smooth = np.array([result.smoothed[u.stamp_ns] for u in updates])
+    assert np.abs(smooth - speeds).max() < 0.3
+    for update, row in list(zip(updates, truth))[late]:
+        place = np.array([row[k] for k in 'xyz'], float)
+        assert np.linalg.norm(update.position_m - place) < 0.3
+        assert update.state is TrackState.CONFIRMED and update.lane == updates[0].lane
+
+
+def test_sigma_holds_the_truth(straight, tmp_path):
+    updates, _ = drive(straight, tmp_path)
+    for update, row in list(zip(updates, straight.truth))[2:]:
+        assert abs(update.speed_mps - float(row['speed'])) < 4 * update.speed_std_mps
+
+
+def test_same_seed_same_readings_and_other_seeds_agree(circle, tmp_path):
+    runs = [drive(circle, tmp_path, seed=s)[0] for s in (5, 5, 6)]
+    speeds = np.array([[u.speed_mps for u in run] for run in runs])
+    np.testing.assert_array_equal(speeds[0], speeds[1])
+    assert np.any(speeds[0] != speeds[2])
+    assert np.abs(speeds[0] - speeds[2])[len(runs[0]) // 2:].max() < 0.1
+
+
+def test_hidden_pairs_coast_and_the_vehicle_is_found_again(circle, tmp_path):
+    pairs = [blank(p) if p.index in (5, 6) else p for p in circle.pairs]
+    updates, (result,) = drive(circle, tmp_path, pairs)
+    states = [u.state for u in updates]
+    assert [k for k, s in enumerate(states) if s is TrackState.COASTING] == [5, 6]
+    assert result.pairs == len(pairs) - 2 and result.verdict is Verdict.MEASURED
+    assert abs(result.speed_mps - float(circle.truth[0]['speed'])) < 0.13
+
+
+def test_a_vehicle_lost_for_good_ends_its_track(circle, tmp_path):
+    pairs = [blank(p) if p.index > 4 else p for p in circle.pairs]
+    updates, (result,) = drive(circle, tmp_path, pairs)
+    assert len(updates) < len(pairs) and result.pairs == 5
+
+
+def test_a_short_pass_is_rejected_not_guessed(circle, tmp_path):
+    _, (result,) = drive(circle, tmp_path, circle.pairs[:3])
+    assert (result.verdict, result.reason) == (Verdict.REJECTED, 'too_few_pairs')
+
+
+def test_long_passes_are_thinned_without_losing_stamps(straight, tmp_path, monkeypatch):
+    monkeypatch.setattr(refine, '_MAX_LOOKS', 6)
+    updates, (result,) = drive(straight, tmp_path)
+    assert list(result.smoothed) == [u.stamp_ns for u in updates]
+    assert abs(result.speed_mps - float(straight.truth[0]['speed'])) < 0.2
+
+
+def test_marks_outside_the_image_are_refused(straight, tmp_path):
+    lanes, marks = prepare(straight, tmp_path)
+    outside = InitMark(0, marks[0].left_px, marks[0].right_px + [900, 0])
+    with pytest.raises(InputError, match='right_image'):
+        SpeedPipeline(straight.rig, lanes, TrackerConfig(), [outside])
+
+
+def test_marks_on_different_things_are_refused(straight, tmp_path):
+    lanes, marks = prepare(straight, tmp_path)
+    wrong = InitMark(0, marks[0].left_px, marks[0].right_px + [0.0, 60.0])
+    pipeline = SpeedPipeline(straight.rig, lanes, TrackerConfig(), [wrong])
+    with pytest.raises(InputError, match='left and right|correlation'):
+        pipeline.process(straight.pairs[0])
+
+
+def test_stamps_must_increase_until_a_reset(circle, tmp_path):
+    lanes, marks = prepare(circle, tmp_path)
+    pipeline = SpeedPipeline(circle.rig, lanes, TrackerConfig(), marks)
+    first = [pipeline.process(p)[0].track for p in circle.pairs[:2]]
+    with pytest.raises(InputError, match='later than'):
+        pipeline.process(circle.pairs[0])
+    pipeline.reset()
+    assert first == [0, 0] and pipeline.process(circle.pairs[0])[0].track == 1
+
+
+def test_transport_reaches_the_wanted_moments_exactly():
+    rng = np.random.default_rng(0)
+    particles = rng.normal(size=(50, 4)) @ rng.normal(size=(4, 4))
+    goal = rng.normal(size=4), np.diag([4.0, 1.0, 0.25, 2.0])
+    moments = particles.mean(axis=0), np.cov(particles.T, ddof=0)
+    moved = constrained._transport(particles, moments, goal, rng)
+    np.testing.assert_allclose(moved.mean(axis=0), goal[0], atol=1e-9)
+    np.testing.assert_allclose(np.cov(moved.T, ddof=0), goal[1], atol=1e-8)

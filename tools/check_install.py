@@ -1,0 +1,44 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Check that a colcon install prefix holds what ``ros2 run`` and ``ros2 launch`` look for."""
+from __future__ import annotations
+
+import os
+from pathlib import Path
+import sys
+
+EXECUTABLES = ('stereo_sync_node', 'tracker_node', 'speed_node', 'replay_node',
+               'replay', 'simulate', 'bench', 'demo')
+
+
+def missing(prefix: Path, source: Path) -> list[str]:
+    """
+    List what should be under the prefix and is not.
+
+    :param prefix: install prefix of the package.
+    :param source: root of the checkout that it was built from.
+    """
+    share = prefix / 'share' / 'stereo_speed'
+    files = [prefix / 'share/ament_index/resource_index/packages/stereo_speed',
+             share / 'package.xml']
+    for folder in ('launch', 'config'):
+        files += [share / folder / f.name for f in sorted((source / folder).glob('*'))
+                  if f.is_file()]
+    programs = [prefix / 'lib' / 'stereo_speed' / name for name in EXECUTABLES]
+    return ([str(f) for f in files if not f.is_file()]
+            + [f'{p} (executable)' for p in programs if not os.access(p, os.X_OK)])
+
+
+def main() -> int:
+    """Check the prefix named on the command line."""
+    prefix = Path(sys.argv[1])
+    lacking = missing(prefix, Path(__file__).resolve().parent.parent)
+    for line in lacking:
+        print(f'missing: {line}', file=sys.stderr)
+    if not lacking:
+        print(f'{prefix}: {len(EXECUTABLES)} executables, launch, config and index are there')
+    return 1 if lacking else 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,32 @@
+#!/bin/bash
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+# Usage: venv.sh PYTHON FOLDER. Make the virtual environment from requirements.lock, or keep the
+# one that is there when it fits the lock, the interpreter's version and this folder.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+python=$1 venv=$2
+
+fail() { echo "error: $1" >&2; exit 1; }
+
+version=$("$python" -c 'import sys; print("%d.%d" % sys.version_info[:2])' 2>/dev/null) ||
+    fail "$python does not run; give another one: make PYTHON=python3.12"
+"$python" -c 'import sys; sys.exit(sys.version_info < (3, 10))' ||
+    fail "$python is Python $version, 3.10 or newer is needed: make PYTHON=python3.12"
+
+wanted() { echo "python $version at $PWD"; cat requirements.lock; }
+if wanted | cmp -s - "$venv/stamp" && "$venv/bin/python" -c '' 2>/dev/null; then
+    exit 0
+fi
+"$python" -c 'import ensurepip, venv' 2>/dev/null ||
+    fail "$python has no venv with pip; on Debian and Ubuntu: apt-get install python3-venv"
+
+echo "making $venv with Python $version (a minute or two)"
+rm -rf "$venv"
+"$python" -m venv "$venv"
+"$venv/bin/python" -m pip install --quiet --disable-pip-version-check \
+    --use-pep517 --requirement requirements.lock
+# The checkout itself, so that the package imports from anywhere.
+site=$("$venv/bin/python" -c 'import sysconfig; print(sysconfig.get_path("purelib"))')
+echo "$PWD" > "$site/stereo_speed.pth"
+wanted > "$venv/stamp"
