@@ -20,7 +20,7 @@ def missing(prefix: Path, source: Path) -> list[str]:
     """
     share = prefix / 'share' / 'stereo_speed'
     files = [prefix / 'share/ament_index/resource_index/packages/stereo_speed',
-             share / 'package.xml']
+             share / 'package.xml', share / 'hook' / 'ament_prefix_path.sh']
     for folder in ('launch', 'config'):
         files += [share / folder / f.name for f in sorted((source / folder).glob('*'))
                   if f.is_file()]

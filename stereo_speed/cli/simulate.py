@@ -11,8 +11,8 @@ from typing import Any, Callable
 import numpy as np
 
 from ..errors import InputError
-from ..sim import RIGS, RoadConfig, SimConfig, VehicleConfig, circle_config, straight_config
-from ..sim import simulate
+from ..sim import (
+    circle_config, RIGS, RoadConfig, SimConfig, simulate, straight_config, VehicleConfig)
 from ..units import MPH_MPS, parse_speed
 
 STORAGES = ('mcap', 'sqlite3', 'ros1')  # as in sim.write, which needs rosbags

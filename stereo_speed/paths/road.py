@@ -26,7 +26,7 @@ from ..records import Array
 PICK_STD_PX = 0.3  # what a careful person reaches; only sets the weight of the priors
 ROBUST_PX = 1.0  # residuals beyond this count less and less (soft L1)
 MIN_STD_PX = 0.02  # no picks are better than this
-PENALTY = 2.0  # of BIC; at 1 one straight road in fifteen would be taken for a curve
+PENALTY = 2.0  # times that of BIC; at 1 one straight road in fifteen was taken for a curve
 MAX_TURNS = 8
 MAX_STEPS = 40
 ROLL_STD_RAD = 0.1  # of the road about its direction, against the camera's up
@@ -239,6 +239,7 @@ def fit_road(rig: StereoRig, lines: Mapping[str, tuple[Array, Array]]) -> RoadFi
     while len(flat) <= MAX_TURNS and not _settled(flat):
         flat.append(_widened(flat[-1], len(flat), 0))
     fits = flat + [_widened(fit, fit.problem.model.turns, 1) for fit in flat[1:]]
+    fits.append(_widened(flat[0], 0, 3))  # a straight road over a crest or through a dip
     for fit in _best(fits, 2):
         fits += [_widened(fit, fit.problem.model.turns, bends) for bends in (2, 3)
                  if bends > fit.problem.model.bends]

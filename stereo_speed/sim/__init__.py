@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from .config import (
-    RIGS, RigConfig, RoadConfig, SimConfig, VehicleConfig, circle_config, straight_config)
+    circle_config, RigConfig, RIGS, RoadConfig, SimConfig, straight_config, VehicleConfig)
 from .sequence import SimSequence, simulate
 
 __all__ = [

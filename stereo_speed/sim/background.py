@@ -9,7 +9,7 @@ import numpy as np
 from .road import Road
 from .scene import SimScene
 from .texture import octaves, pyramid
-from .view import View, below
+from .view import below, View
 from ..records import Array
 
 FAR_M = 600.0

@@ -3,8 +3,8 @@
 """What a simulated pass is made of; every length in metres, every time in seconds."""
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
+import math
 from typing import Any, Optional
 
 from ..errors import InputError

@@ -14,7 +14,7 @@ import numpy as np
 from .config import VehicleConfig
 from .scene import FrontPose
 from .texture import front_texture, pyramid
-from .view import View, below
+from .view import below, View
 from ..records import Array
 
 SUB = 4  # sub-pixels across and down a pixel

@@ -70,7 +70,7 @@ class Road:
         return CubicHermiteSpline(nodes, xy, np.stack([np.cos(h), np.sin(h)], axis=1))
 
     def position(self, station_m: Array, offset_m: Array = 0.0) -> Array:
-        """Return the world position (..., 3) of points of the surface, m."""
+        """Return points of the surface, (..., 3) in the world, m."""
         s = np.asarray(station_m, dtype=float)
         h, n = self.heading(s), np.asarray(offset_m, dtype=float)
         xy = self._table(s) + n[..., None] * np.stack([-np.sin(h), np.cos(h)], axis=-1)

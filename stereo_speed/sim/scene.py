@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
@@ -118,20 +119,20 @@ class SimScene:
         return (np.asarray(world_m) - self.centre_world_m) @ self.left_R_world.T
 
     @cached_property
-    def _lane_tables(self) -> dict[int, tuple[Array, Array]]:
-        """Arc length of each lane's path over station, 0 at station 0."""
-        road, tables = self.road, {}
-        s = np.linspace(road.from_m, road.to_m, 8001)
+    def _stations(self) -> dict[int, CubicHermiteSpline]:
+        """Station over arc length of each lane's path, 0 at station 0."""
+        road, splines = self.road, {}
+        s = np.union1d(np.linspace(road.from_m, road.to_m, 4001), [0.0, road.config.clothoid_m])
         for lane in range(road.config.lanes):
             rate = road.length_per_station(s, road.lane_offset(lane))
             arc = np.concatenate([[0.0], np.cumsum((rate[1:] + rate[:-1]) / 2 * np.diff(s))])
-            tables[lane] = s, arc - np.interp(0.0, s, arc)
-        return tables
+            arc -= arc[np.searchsorted(s, 0.0)]
+            splines[lane] = CubicHermiteSpline(arc, s, 1 / rate)
+        return splines
 
     def road_point(self, vehicle: VehicleConfig, t_s: float) -> tuple[Array, float, float]:
         """Return the world point below the front, its station and its offset."""
-        s, arc = self._lane_tables[vehicle.lane]
-        station = float(np.interp(path_m(vehicle, t_s), arc, s))
+        station = float(self._stations[vehicle.lane](path_m(vehicle, t_s)))
         offset = self.road.lane_offset(vehicle.lane) + lateral_m(vehicle, t_s)
         return self.road.position(station, offset), station, offset
 

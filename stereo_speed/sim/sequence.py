@@ -10,7 +10,7 @@ import numpy as np
 
 from .background import render_background
 from .config import SimConfig
-from .render import VehicleLook, draw_body, draw_front
+from .render import draw_body, draw_front, VehicleLook
 from .scene import SimScene
 from .view import View
 from ..errors import InputError
@@ -33,7 +33,7 @@ class SimSequence:
     :param site_exact: content of a site file with the true lines as ``points_m``.
     :param init: content of an init file.
     :param pairs: the pairs, numbered from 0.
-    :param truth: rows of ``truth.csv``, one for each vehicle and pair, with ``stamp_ns`` beside them.
+    :param truth: rows of ``truth.csv``, one for each vehicle and pair, and ``stamp_ns`` in each.
     """
 
     config: SimConfig

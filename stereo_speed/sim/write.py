@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin, Writer as Writer2
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import get_typestore, Stores
 import yaml
 
 from .sequence import SimSequence
@@ -122,7 +122,7 @@ def _write_messages(sequence: SimSequence, folder: Path, storage: str, encoding:
             connections[side, True] = bag.add_connection(topic, image_type, typestore=store)
             connections[side, False] = bag.add_connection(
                 f'/stereo/{side}/camera_info', _INFO, typestore=store)
-        for stamp_ns, side, is_image, message in make.all():
+        for stamp_ns, side, is_image, message in make.in_order():
             kind = image_type if is_image else _INFO
             raw = (store.serialize_ros1(message, kind) if storage == 'ros1'
                    else store.serialize_cdr(message, kind))
@@ -137,7 +137,7 @@ class _Messages:
         self.sequence, self.types, self.ros1 = sequence, types, ros1
         self.encoding, self.quality = encoding, quality
 
-    def all(self) -> Iterator[tuple[int, str, bool, Any]]:
+    def in_order(self) -> Iterator[tuple[int, str, bool, Any]]:
         """Yield stamp (ns), side, whether an image, and the message."""
         rig = self.sequence.rig
         r1, r2, p1, p2 = rectification(rig)

@@ -3,21 +3,19 @@
 """What is drawn lies where the geometry says, to a small part of a pixel."""
 from __future__ import annotations
 
-import cv2
 import numpy as np
 import pytest
 from scipy.ndimage import map_coordinates
 
 from stereo_speed.geometry.camera import Camera
-from stereo_speed.sim import RIGS, RoadConfig, circle_config, straight_config
+from stereo_speed.sim import circle_config, RIGS, RoadConfig, straight_config
 from stereo_speed.sim.background import GroundMap, paint_coverage
-from stereo_speed.sim.render import VehicleLook, draw_front
+from stereo_speed.sim.render import draw_front, VehicleLook
 from stereo_speed.sim.scene import SimScene
 from stereo_speed.sim.texture import front_texture, octaves, pyramid
-from stereo_speed.sim.view import View, below
+from stereo_speed.sim.view import below, View
 
 CLOTHOID = RoadConfig(curvature_start=0.004, curvature_end=0.035, clothoid_m=40.0, grade=0.03)
-FINE = 8  # of the brute-force drawing
 BACK = 60.0
 
 
@@ -37,15 +35,14 @@ def _brute(camera, corners_px, look, box):
     config = look.config
     w, h = config.front_width_m, config.front_height_m
     flat = camera.undistort(corners_px)
-    texture_H_image = cv2.getPerspectiveTransform(
-        flat.astype(np.float32) * 1000, np.float32([[0, 0], [w, 0], [w, h], [0, h]]))
-    # Float32 corners are too coarse for a reference: solve again in double.
+    # Solved here in double: cv2.getPerspectiveTransform takes corners in float32.
     a, b = [], []
     for (x, y), (p, q) in zip(flat, [(0, 0), (w, 0), (w, h), (0, h)]):
         a += [[x, y, 1, 0, 0, 0, -p * x, -p * y], [0, 0, 0, x, y, 1, -q * x, -q * y]]
         b += [p, q]
     texture_H_image = np.append(np.linalg.solve(a, b), 1.0).reshape(3, 3)
-    steps = (np.arange(FINE) + 0.5) / FINE - 0.5
+    fine = int(np.clip(1500 // (u1 - u0), 8, 24))
+    steps = (np.arange(fine) + 0.5) / fine - 0.5
     uv = np.stack(np.meshgrid((np.arange(u0, u1)[:, None] + steps).ravel(),
                               (np.arange(v0, v1)[:, None] + steps).ravel()), axis=-1)
     xyw = camera.rays(uv) @ texture_H_image.T
@@ -54,7 +51,7 @@ def _brute(camera, corners_px, look, box):
     grey = map_coordinates(look.levels[0], [y / look.texel_m[1] - 0.5, x / look.texel_m[0] - 0.5],
                            order=1, mode='nearest')
     image = np.where(inside, grey, BACK)
-    return image.reshape(v1 - v0, FINE, u1 - u0, FINE).mean(axis=(1, 3))
+    return image.reshape(v1 - v0, fine, u1 - u0, fine).mean(axis=(1, 3))
 
 
 def _shift(image, reference):
@@ -123,13 +120,17 @@ def test_paint_lies_on_the_lines(config):
             v = round(v)
             low, high = max(round(u) - 15, 0), round(u) + 16
             row = paint[v, low:high]
-            crossing = []
+            crossing, slope = [], 0.0
             for edge in edges:
                 k = np.flatnonzero((edge[:-1, 1] - v) * (edge[1:, 1] - v) <= 0)
                 k = k[np.abs(edge[k, 0] - u) < 15]
                 crossing.append(edge[k, 0].mean() if len(k) == 1 else np.nan)
+                if len(k) == 1:
+                    step = edge[k[0] + 1] - edge[k[0]]
+                    slope = step[0] / step[1]
             if row[0] + row[-1] < 1e-9 and len(row) == 31 and row.max() > 0.2:
-                gaps.append((row * np.arange(low, high)).sum() / row.sum() - np.mean(crossing))
+                centroid = (row * np.arange(low, high)).sum() / row.sum()
+                gaps.append((centroid - np.mean(crossing)) / np.hypot(1.0, slope))
         gaps = np.array(gaps)[np.isfinite(gaps)]
         assert len(gaps) > 8
         assert np.abs(np.median(gaps)) < 0.01

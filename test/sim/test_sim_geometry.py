@@ -11,7 +11,7 @@ import pytest
 
 from stereo_speed.errors import InputError
 from stereo_speed.sim import (
-    RIGS, RoadConfig, SimConfig, VehicleConfig, circle_config, straight_config)
+    circle_config, RIGS, RoadConfig, SimConfig, straight_config, VehicleConfig)
 from stereo_speed.sim.motion import lateral_m, path_m, path_speed_mps
 from stereo_speed.sim.road import Road
 from stereo_speed.sim.scene import SimScene
@@ -106,7 +106,7 @@ def test_picks_lie_on_their_lines_and_run_along_travel():
     site = picked_site(scene, np.random.default_rng(0))
     assert list(site['lines']) == ['edge_right', 'line_0', 'edge_left']
     for name, offset in scene.road.line_offsets().items():
-        stations = np.arange(-6.0, 60.0, 0.002)
+        stations = np.arange(-6.0, 60.0, 0.0005)
         points = scene.to_left(scene.road.position(stations, np.full_like(stations, offset)))
         for key, line in zip(('left_image', 'right_image'), scene.rig.project(points)[:2]):
             picks = np.array(site['lines'][name][key])

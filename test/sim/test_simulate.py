@@ -10,22 +10,21 @@ import sys
 
 import numpy as np
 import pytest
-import yaml
-
 from stereo_speed.errors import InputError
 from stereo_speed.io.bags import StereoBag
 from stereo_speed.sim import (
-    RIGS, RigConfig, VehicleConfig, circle_config, simulate, straight_config)
+    circle_config, RigConfig, RIGS, simulate, straight_config, VehicleConfig)
 from stereo_speed.sim.scene import make_rig
 from stereo_speed.sim.write import rectification, write_bag
 from stereo_speed.site import load_init, load_site
+import yaml
 
 SMALL = RigConfig(width_px=320, height_px=240, f_px=560.0)
 
 
 @pytest.fixture(scope='module')
 def short():
-    """A small sequence on a curve, seen by a converging, distorted rig."""
+    """Make a small sequence on a curve, seen by a converging, distorted rig."""
     rig = replace(RIGS['distorted'], width_px=320, height_px=240, f_px=560.0, right_f_px=550.0)
     return simulate(circle_config(rig=rig, pairs=3, stamp_jitter_s=0.01),
                     np.random.default_rng(7))
@@ -111,7 +110,8 @@ def test_bag_gives_the_sequence_back(short, tmp_path, storage, encoding):
         pairs = list(bag.pairs())
     assert [p.stamp_ns for p in pairs] == [p.stamp_ns for p in short.pairs]
     scale = 257 if encoding == 'mono16' else 1
-    near = 3 if encoding.startswith('bayer') else 0  # interpolation smooths the noise a little
+    # A grey scene is its own mosaic, but interpolation smooths its noise and edges.
+    near = 6 if encoding.startswith('bayer') else 0
     for found, true in zip(pairs, short.pairs):
         for side in ('left', 'right'):
             gap = getattr(found, side) / scale - getattr(true, side).astype(float)

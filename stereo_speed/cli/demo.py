@@ -1,0 +1,212 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+``demo``: the main job on the sample, live and offline, side by side.
+
+The nodes run as separate processes over real DDS, on a domain of their own and on this machine
+only; the sample bag is played in real time; a listener reads ``/vehicle_speed`` as any other
+user's node would.
+"""
+from __future__ import annotations
+
+import argparse
+from contextlib import ExitStack
+import csv
+import os
+from pathlib import Path
+import subprocess
+import sys
+import time
+from typing import Any, Sequence
+
+import cv2
+import numpy as np
+
+from .replay import measure, print_table, Run
+from ..config import TrackerConfig
+from ..errors import StereoSpeedError
+from ..io.bags import StereoBag
+from ..pipeline import SpeedPipeline
+from ..records import TrackState
+from ..report.overlay import strip
+from ..report.plots import write_plots
+from ..site import lane_paths, load_init, load_site
+from ..units import MPH_MPS
+
+_ROOT = Path(__file__).resolve().parents[2]
+_START_S, _DELIVERY_S, _STOP_S = 60.0, 30.0, 5.0  # longest waits
+_SETTLE_S = 0.5  # what the listener has discovered, the others have within this time
+_RELIABLE = [f'qos_overrides./{side}/image_raw.subscription.reliability:=reliable'
+             for side in ('left', 'right')]
+
+Reading = tuple[int, str, float, float]  # stamp ns, vehicle, speed and 1-sigma m/s
+
+
+class DemoError(StereoSpeedError):
+    """The demo did not show what it should."""
+
+
+def add_parser(subparsers: Any) -> None:
+    """Add the ``demo`` command."""
+    parser = subparsers.add_parser('demo', help='play the sample through the live nodes')
+    parser.add_argument('--sample', type=Path, default=_ROOT / 'sample' / 'straight55',
+                        help='folder with bag/, site.yaml, init.yaml and truth.csv')
+    parser.add_argument('--out', type=Path, default=Path('out'), help='folder to write')
+    parser.add_argument('--rate', type=float, default=1.0, help='pace of the replay')
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure offline, then live; compare both with the truth and with each other."""
+    sample: Path = args.sample
+    args.out.mkdir(parents=True, exist_ok=True)
+    truth = read_truth(sample / 'truth.csv')
+    offline, lanes = _offline(sample)
+    expected = {u.stamp_ns: u.speed_mps for u in offline.updates
+                if u.state is TrackState.CONFIRMED}
+    readings, frames = live(sample, len(expected), args.rate, truth)
+    write_plots(args.out, offline.updates, offline.passes, lanes, truth={'truth': truth})
+    write_frames(args.out, frames)
+    print('\nthe whole pass, offline:')
+    print_table(offline.passes)
+    missing = sorted(set(expected) - {r[0] for r in readings})
+    if missing:
+        raise DemoError(f'demo: /vehicle_speed: found {len(readings)} readings, wanted '
+                        f'{len(expected)}; the first one missing is {missing[0]}')
+    apart = max(abs(speed - expected[ns]) for ns, _, speed, _ in readings)
+    print(f'live and offline readings differ by at most {apart / MPH_MPS:.6f} mph')
+    print(f'frames and plots are in {args.out}/')
+    return 0
+
+
+def read_truth(path: Path) -> list[tuple[int, float]]:
+    """Read stamps in ns and true ground speeds in m/s, of the first vehicle."""
+    with path.open(newline='') as file:
+        return [(round(float(row['stamp']) * 1e3) * 1_000_000, float(row['speed']))
+                for row in csv.DictReader(file) if row['vehicle'] == '0']
+
+
+def _offline(sample: Path) -> tuple[Run, Any]:
+    """Run the same bag through the pipeline in this process."""
+    with StereoBag(sample / 'bag') as bag:
+        lanes = lane_paths(load_site(sample / 'site.yaml'), bag.rig)
+        pipeline = SpeedPipeline(bag.rig, lanes, TrackerConfig(),
+                                 load_init(sample / 'init.yaml'))
+        return measure(bag, pipeline, lanes, keep_frames=False), lanes
+
+
+def live(sample: Path, wanted: int, rate: float, truth: Sequence[tuple[int, float]]
+         ) -> tuple[list[Reading], dict[int, Any]]:
+    """
+    Play the sample through the nodes.
+
+    :param wanted: readings to wait for.
+    :param rate: pace of the replay.
+    :param truth: stamps and speeds to print beside the readings.
+    :return: the readings, and the overlay frames by stamp.
+    """
+    _private_graph()
+    from ..nodes.demo_listener import Listener
+    readings: list[Reading] = []
+    frames: dict[int, Any] = {}
+    origin_ns, true_speed = truth[0][0], dict(truth)
+
+    def on_reading(ns: int, vehicle: str, speed: float, std: float) -> None:
+        readings.append((ns, vehicle, speed, std))
+        true = true_speed.get(round(ns / 1e6) * 1_000_000)
+        beside = '' if true is None else (f'   truth {true / MPH_MPS:6.2f}   '
+                                          f'error {(speed - true) / MPH_MPS:+.2f}')
+        print(f'{(ns - origin_ns) * 1e-9:5.1f} s  {vehicle}  {speed / MPH_MPS:6.2f} ± '
+              f'{std / MPH_MPS:.2f} mph{beside}', flush=True)
+
+    with ExitStack() as stack:
+        nodes = [stack.enter_context(Process(*command)) for command in (
+            ('stereo_sync_node', *_RELIABLE),
+            ('tracker_node', f'site:={sample / "site.yaml"}', f'init:={sample / "init.yaml"}'),
+            ('speed_node',))]
+        listener = Listener(on_reading, lambda ns, image: frames.setdefault(ns, image))
+        stack.callback(listener.close)
+        if not listener.spin(_START_S, lambda: _check(nodes) and not _wires(listener)):
+            raise DemoError(f'demo: graph: found nothing on {", ".join(listener.missing_wires())}'
+                            f' after {_START_S:.0f} s, wanted all nodes connected')
+        listener.spin(_SETTLE_S, lambda: False)
+        print('nodes connected; readings on /vehicle_speed:')
+        replay = stack.enter_context(Process('replay_node', f'bag:={sample / "bag"}',
+                                             f'rate:={rate}'))
+        # The replay waits for its subscribers, plays for the bag's length, and ends.
+        span_s = (truth[-1][0] - origin_ns) * 1e-9 / rate
+        listener.spin(_START_S + span_s, lambda: _check(nodes) and replay.ended())
+        listener.spin(_DELIVERY_S, lambda: _check(nodes) and len(readings) >= wanted)
+        listener.spin(_SETTLE_S, lambda: False)
+    return readings, frames
+
+
+def _wires(listener: Any) -> list[str]:
+    """Wires still missing, the replay's own left out: it comes last."""
+    return listener.missing_wires()
+
+
+def _check(nodes: Sequence[Process]) -> bool:
+    """Raise when a node has ended by itself: waiting on would be in vain."""
+    for node in nodes:
+        if node.ended():
+            raise DemoError(f'demo: {node.name}: found it ended with status '
+                            f'{node.process.returncode}, wanted it running')
+    return True
+
+
+def _private_graph() -> None:
+    """Keep the demo's graph apart from others: own domain, this machine only, large images."""
+    os.environ.setdefault('ROS_DOMAIN_ID', str(20 + os.getpid() % 80))
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+    profile = _ROOT / 'config' / 'fastdds.xml'
+    if profile.exists():
+        os.environ.setdefault('FASTRTPS_DEFAULT_PROFILES_FILE', str(profile))
+
+
+class Process:
+    """
+    A node in a process of its own, ended by its id when left.
+
+    :param name: module of the node.
+    :param parameters: its ROS parameters, ``name:=value``.
+    """
+
+    def __init__(self, name: str, *parameters: str) -> None:
+        self.name = name
+        command = [sys.executable, '-m', f'stereo_speed.nodes.{name}']
+        if parameters:
+            command += ['--ros-args'] + [word for p in parameters for word in ('-p', p)]
+        self.process = subprocess.Popen(command, stdin=subprocess.DEVNULL)
+
+    def __enter__(self) -> Process:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.process.terminate()
+        try:
+            self.process.wait(_STOP_S)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait(_STOP_S)
+
+    def ended(self) -> bool:
+        """Whether the process is over."""
+        return self.process.poll() is not None
+
+
+def write_frames(out: Path, frames: dict[int, Any]) -> None:
+    """Write a sheet of annotated frames and, where OpenCV can encode it, a video."""
+    images = [frames[ns] for ns in sorted(frames)]
+    if not images:
+        raise DemoError('demo: overlay/image_raw: found no frames, wanted one a pair')
+    chosen = np.round(np.linspace(0, len(images) - 1, min(9, len(images)))).astype(int)
+    cv2.imwrite(str(out / 'demo_strip.png'), strip([images[k] for k in chosen]))
+    size = images[0].shape[1], images[0].shape[0]
+    video = cv2.VideoWriter(str(out / 'demo.mp4'), cv2.VideoWriter_fourcc(*'mp4v'), 5.0, size)
+    if not video.isOpened():
+        print('this OpenCV encodes no mp4: no demo.mp4, only demo_strip.png')
+        return
+    for image in images:
+        video.write(image)
+    video.release()

@@ -1,0 +1,180 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""What the nodes share: parameters, stamps, images, diagnostics, and how they start and end."""
+from __future__ import annotations
+
+from array import array
+import dataclasses
+import signal
+import sys
+from typing import Any, Callable, Optional, Sequence
+
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+import numpy as np
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+import rclpy
+from rclpy.clock import Clock, ClockType
+from rclpy.exceptions import ParameterException
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from sensor_msgs.msg import Image
+
+from ..config import TrackerConfig
+from ..errors import InputError, StereoSpeedError
+
+PAIR_TOPIC = 'stereo/image_pair'
+# Between our own nodes nothing may be lost, or live and offline speeds would differ.
+RELIABLE = QoSProfile(depth=50, reliability=ReliabilityPolicy.RELIABLE)
+BAD_INPUT = 2
+
+
+def qos_options() -> QoSOverridingOptions:
+    """Let a topic's QoS be overridden by parameters."""
+    return QoSOverridingOptions.with_default_policies()
+
+
+def stamp_ns(stamp: Any) -> int:
+    """Header stamp in integer ns."""
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+
+
+def to_stamp(ns: int) -> Time:
+    """Message stamp of integer ns."""
+    return Time(sec=ns // 1_000_000_000, nanosec=ns % 1_000_000_000)
+
+
+def image_message(pixels: np.ndarray, *, ns: int, frame_id: str) -> Image:
+    """
+    Make an ``Image`` of grey or BGR pixels.
+
+    :param pixels: (H, W) uint8 or uint16, or (H, W, 3) uint8 BGR.
+    """
+    encoding = {(2, 1): 'mono8', (2, 2): 'mono16', (3, 1): 'bgr8'}[pixels.ndim, pixels.itemsize]
+    msg = Image(height=pixels.shape[0], width=pixels.shape[1], encoding=encoding,
+                step=pixels.shape[1] * pixels.itemsize * (3 if pixels.ndim == 3 else 1),
+                is_bigendian=int(pixels.itemsize > 1 and sys.byteorder == 'big'))
+    msg.header.stamp, msg.header.frame_id = to_stamp(ns), frame_id
+    # From an array.array the setter takes the buffer as it is; from an ndarray it would check
+    # every byte in Python.
+    data = array('B')
+    data.frombytes(memoryview(np.ascontiguousarray(pixels)).cast('B'))
+    msg.data = data
+    return msg
+
+
+class Parameters:
+    """
+    Declares parameters with description and range and reads them once.
+
+    All are read-only: a measuring instrument does not change under way.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self.node = node
+
+    def get(self, name: str, default: Any, doc: str, low: Optional[float] = None,
+            high: Optional[float] = None) -> Any:
+        """
+        Declare a parameter and return its value.
+
+        :raises InputError: a value of another type or out of range.
+        """
+        descriptor = ParameterDescriptor(description=doc, read_only=True)
+        if isinstance(default, float):
+            # Numbers like 3 are integers on the command line; they are as good as 3.0.
+            descriptor.dynamic_typing = True
+            if low is not None and high is not None:
+                descriptor.floating_point_range = [
+                    FloatingPointRange(from_value=float(low), to_value=float(high))]
+        elif isinstance(default, int) and not isinstance(default, bool) and low is not None:
+            descriptor.integer_range = [IntegerRange(from_value=int(low), to_value=int(high or 0),
+                                                     step=1)]
+        where = f'{self.node.get_name()}: parameter'
+        try:
+            value = self.node.declare_parameter(name, default, descriptor).value
+        except ParameterException as error:
+            raise InputError(where, name, ' '.join(str(error).split()),
+                             f'{type(default).__name__} as described') from None
+        if isinstance(default, float):
+            return self._number(where, name, value, low, high)
+        return value
+
+    def config(self) -> TrackerConfig:
+        """Declare all tracker parameters as :class:`TrackerConfig` describes them."""
+        values = {}
+        for f in dataclasses.fields(TrackerConfig):
+            meta = f.metadata
+            unit = f' [{meta["unit"]}]' if meta['unit'] else ''
+            values[f.name] = self.get(f.name, f.default, meta['doc'] + unit, meta['low'],
+                                      meta['high'])
+        return TrackerConfig(**values)
+
+    @staticmethod
+    def _number(where: str, name: str, value: Any, low: Optional[float],
+                high: Optional[float]) -> float:
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            raise InputError(where, name, repr(value), 'a number')
+        if low is not None and high is not None and not low <= value <= high:
+            raise InputError(where, name, value, f'a number in [{low}, {high}]')
+        return float(value)
+
+
+class Diagnostics:
+    """
+    Publishes one status on ``/diagnostics`` each second.
+
+    :param node: the node it speaks for.
+    :param values: gives level, message and key-value pairs.
+    """
+
+    def __init__(self, node: Node,
+                 values: Callable[[], tuple[bytes, str, dict[str, Any]]]) -> None:
+        self.node, self.values = node, values
+        self.publisher = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        # Steady time: with simulated time a stopped replay would stop the heartbeat too.
+        node.create_timer(1.0, self.publish, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def publish(self) -> None:
+        """Publish the present state."""
+        level, message, values = self.values()
+        status = DiagnosticStatus(
+            level=level, name=f'{self.node.get_name()}: pipeline', message=message,
+            hardware_id='stereo_speed',
+            values=[KeyValue(key=k, value=str(v)) for k, v in values.items()])
+        msg = DiagnosticArray(status=[status])
+        msg.header.stamp = self.node.get_clock().now().to_msg()
+        self.publisher.publish(msg)
+
+
+def run(make: Callable[[], Node], args: Optional[Sequence[str]] = None,
+        spin: Callable[[Node], None] = rclpy.spin) -> int:
+    """
+    Run a node until it is told to stop.
+
+    :param make: makes the node.
+    :param args: command line.
+    :param spin: what the node does; returns when done.
+    :return: exit status: 0 stopped or done, 2 bad input, which is said in one line on stderr.
+    """
+    rclpy.init(args=args)
+    # Launch and supervisors end nodes by SIGTERM; end as for Ctrl-C, so that passes are finished.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    node: Optional[Node] = None
+    status = 0
+    try:
+        node = make()
+        spin(node)
+    except StereoSpeedError as error:
+        print(f'error: {error}', file=sys.stderr, flush=True)
+        status = BAD_INPUT
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    finally:
+        if node is not None:
+            getattr(node, 'close', lambda: None)()
+            node.destroy_node()
+        rclpy.try_shutdown()
+    return status

@@ -1,0 +1,163 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+``replay_node``: plays a bag as the camera pair would.
+
+Images keep their header stamps and are published in recorded order, at the pace of those stamps
+times ``rate``, each after a ``/clock`` of its time.
+"""
+from __future__ import annotations
+
+from array import array
+import time
+from typing import Any, Callable, Optional, Sequence
+
+import numpy as np
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+
+from .common import image_message, Parameters, qos_options, RELIABLE, run, to_stamp
+from ..errors import BagError, InputError
+from ..io.bags import BagMessage, StereoBag
+from ..io.images import grey_from_message
+
+_ACK_WAIT = Duration(seconds=10)
+_POLL_S = 0.02
+
+
+class ReplayNode(Node):
+    """See the module's docstring."""
+
+    def __init__(self) -> None:
+        super().__init__('replay_node')
+        p = Parameters(self)
+        bag = p.get('bag', '', 'rosbag2 folder, .mcap or .db3 file, or ROS 1 .bag')
+        if not bag:
+            raise InputError(f'{self.get_name()}: parameter', 'bag', 'nothing', 'a bag')
+        left, right = (p.get(f'{side}_topic', '', f'topic of the {side} images in the bag; '
+                             'empty finds it by type and name') for side in ('left', 'right'))
+        self.rate = p.get('rate', 1.0, 'pace: 2 is twice as fast as recorded', 0.01, 100.0)
+        self.start_s = p.get('start', 0.0, 'seconds of the bag to leave out', 0.0, 1e9)
+        self.loop = p.get('loop', False, 'play again and again')
+        self.decode = p.get('decode', True, 'publish compressed images as raw grey ones; false '
+                            'publishes them as recorded, on image_raw/compressed')
+        self.wait = p.get('wait_for_subscribers', True,
+                          'begin when images and camera_info have subscribers')
+        self.wait_s = p.get('wait_timeout', 60.0, 'give up waiting after [s]', 0.0, 3600.0)
+        self.bag = StereoBag(bag, left or None, right or None)
+        self.bag.__enter__()
+        self.clock = self.create_publisher(Clock, '/clock', 10)
+        self.outputs = {(side, kind): self._publisher(side, kind)
+                        for side in ('left', 'right') for kind in ('image', 'camera_info')}
+
+    def _publisher(self, side: str, kind: str) -> Publisher:
+        options = {'qos_overriding_options': qos_options()}
+        if kind == 'camera_info':
+            return self.create_publisher(CameraInfo, f'{side}/camera_info', RELIABLE, **options)
+        topic = self.bag.topics.images[side == 'right']
+        if self.decode or not topic.endswith('/compressed'):
+            return self.create_publisher(Image, f'{side}/image_raw', RELIABLE, **options)
+        return self.create_publisher(CompressedImage, f'{side}/image_raw/compressed', RELIABLE,
+                                     **options)
+
+    def play(self) -> None:
+        """
+        Play the bag, once or for ever.
+
+        :raises InputError: nobody subscribes in time, or nothing is left to play.
+        """
+        if self.wait:
+            self._wait_for(lambda: all(o.get_subscription_count() for o in self.outputs.values()))
+        while True:
+            if not self._play_once():
+                raise BagError(self.bag.path, 'messages', f'none after {self.start_s} s',
+                               'a start within the bag')
+            if not self.loop:
+                break
+        # Leave only when all has arrived, or it would be lost with this process.
+        for output in self.outputs.values():
+            output.wait_for_all_acked(_ACK_WAIT)
+
+    def _play_once(self) -> int:
+        """Publish each message when it is due; how many were published."""
+        first_ns, count, clock_ns = None, 0, 0
+        begun = time.monotonic()
+        for message in self.bag.messages():
+            first_ns = message.stamp_ns if first_ns is None else first_ns
+            due_s = (message.stamp_ns - first_ns) * 1e-9 - self.start_s
+            if due_s < 0:
+                continue
+            self._sleep_until(begun + due_s / self.rate)
+            clock_ns = max(clock_ns, message.stamp_ns)
+            self.clock.publish(Clock(clock=to_stamp(clock_ns)))
+            output = self.outputs[message.side, message.kind]
+            output.publish(self._message(message))
+            count += 1
+        return count
+
+    def _message(self, message: BagMessage) -> Any:
+        """Turn a message of the bag into one of rclpy."""
+        if message.kind == 'camera_info':
+            return _camera_info(message)
+        header = message.msg.header
+        if message.msgtype.endswith('/CompressedImage'):
+            if self.decode:
+                return image_message(grey_from_message(message.msg, message.topic),
+                                     ns=message.stamp_ns, frame_id=header.frame_id)
+            out = CompressedImage(format=message.msg.format)
+        else:
+            m = message.msg
+            out = Image(height=m.height, width=m.width, encoding=m.encoding, step=m.step,
+                        is_bigendian=int(m.is_bigendian))
+        data = array('B')
+        data.frombytes(memoryview(np.ascontiguousarray(message.msg.data)).cast('B'))
+        out.data = data
+        out.header.stamp, out.header.frame_id = to_stamp(message.stamp_ns), header.frame_id
+        return out
+
+    def _wait_for(self, ready: Callable[[], bool]) -> None:
+        end = time.monotonic() + self.wait_s
+        while not ready():
+            if time.monotonic() > end:
+                lonely = [o.topic_name for o in self.outputs.values()
+                          if not o.get_subscription_count()]
+                raise InputError(self.get_name(), 'subscribers', f'none on {", ".join(lonely)} '
+                                 f'after {self.wait_s} s', 'one on each topic')
+            time.sleep(_POLL_S)
+
+    @staticmethod
+    def _sleep_until(due: float) -> None:
+        left = due - time.monotonic()
+        if left > 0:
+            time.sleep(left)
+
+    def close(self) -> None:
+        """Close the bag."""
+        if hasattr(self, 'bag'):
+            self.bag.close()
+
+
+def _camera_info(message: BagMessage) -> CameraInfo:
+    """Copy a calibration; ROS 1 bags name its matrices in capitals."""
+    m = message.msg
+    out = CameraInfo(height=m.height, width=m.width, distortion_model=m.distortion_model,
+                     binning_x=m.binning_x, binning_y=m.binning_y)
+    for name in 'dkrp':
+        values = getattr(m, name) if hasattr(m, name) else getattr(m, name.upper())
+        setattr(out, name, np.asarray(values, float) if name != 'd' else list(map(float, values)))
+    for name in ('x_offset', 'y_offset', 'height', 'width', 'do_rectify'):
+        setattr(out.roi, name, getattr(m.roi, name))
+    out.header.stamp, out.header.frame_id = to_stamp(message.stamp_ns), m.header.frame_id
+    return out
+
+
+def main(args: Optional[Sequence[str]] = None) -> int:
+    """Run the node."""
+    return run(ReplayNode, args, spin=ReplayNode.play)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

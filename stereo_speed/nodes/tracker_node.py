@@ -1,0 +1,190 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+``tracker_node``: synchronized pairs in, tracks, markers and an overlay out.
+
+It runs the same pipeline as ``replay``; pairs are counted from 0 since the start or the last jump
+of time, as ``frame`` of the init file means them.
+"""
+from __future__ import annotations
+
+from collections import deque
+from typing import Any, Optional, Sequence
+
+from nav_msgs.msg import Odometry
+import rclpy
+from rclpy.clock import JumpThreshold
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.qos import qos_profile_sensor_data
+from sensor_msgs.msg import CameraInfo, Image
+from visualization_msgs.msg import MarkerArray
+
+from .common import (Diagnostics, image_message, PAIR_TOPIC, Parameters, qos_options, RELIABLE,
+                     run, stamp_ns)
+from .messages import deletions, markers, odometry, path_markers
+from ..errors import CalibrationError, InputError
+from ..io.camera_info import rig_from_info, same_calibration
+from ..io.images import grey_from_message
+from ..pipeline import SpeedPipeline, TRACKERS
+from ..records import PassResult, StereoPair, TrackUpdate
+from ..report.overlay import draw
+from ..site import lane_paths, load_init, load_site
+from ..units import KMH_MPS, MPH_MPS
+
+_WAITING_PAIRS = 50  # pairs kept until both calibrations have come
+
+
+class TrackerNode(Node):
+    """See the module's docstring."""
+
+    def __init__(self) -> None:
+        super().__init__('tracker_node')
+        p = Parameters(self)
+        site = p.get('site', '', 'path of the site file')
+        self.init_path = p.get('init', '', 'path of the init file that marks the vehicles')
+        self.seed = p.get('seed', 0, 'seed of all randomness', 0, 2 ** 31 - 1)
+        self.tracker = p.get('tracker', 'constrained', 'tracker: ' + ', '.join(TRACKERS))
+        self.config = p.config()
+        where = f'{self.get_name()}: parameter'
+        for name, value in (('site', site), ('init', self.init_path)):
+            if not value:
+                raise InputError(where, name, 'nothing', f'the path of the {name} file')
+        if self.tracker not in TRACKERS:
+            raise InputError(where, 'tracker', self.tracker, ', '.join(TRACKERS))
+        self.site, self.marks = load_site(site), load_init(self.init_path)
+        self.infos: dict[str, CameraInfo] = {}
+        self.pipeline: Optional[SpeedPipeline] = None
+        self.waiting: deque[Image] = deque(maxlen=_WAITING_PAIRS)
+        self.index, self.last_ns, self.resets, self.passes = 0, -1, 0, 0
+        self._publish_and_subscribe()
+        self.diagnostics = Diagnostics(self, self.state)
+        # A simulated clock that jumps back means that the stream starts anew.
+        threshold = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1))
+        self.jump = self.get_clock().create_jump_callback(threshold, post_callback=self.on_jump)
+
+    def _publish_and_subscribe(self) -> None:
+        options = {'qos_overriding_options': qos_options()}
+        self.tracks = self.create_publisher(Odometry, 'tracks', RELIABLE, **options)
+        self.marker_array = self.create_publisher(MarkerArray, 'markers', RELIABLE, **options)
+        self.overlay = self.create_publisher(Image, 'overlay/image_raw', RELIABLE, **options)
+        self.create_subscription(Image, PAIR_TOPIC, self.on_pair, RELIABLE, **options)
+        for side, callback in (('left', self.on_left_info), ('right', self.on_right_info)):
+            self.create_subscription(CameraInfo, f'{side}/camera_info', callback,
+                                     qos_profile_sensor_data, **options)
+
+    # -- input ----------------------------------------------------------------------------
+
+    def on_left_info(self, msg: CameraInfo) -> None:
+        """Take the left calibration."""
+        self.on_info('left', msg)
+
+    def on_right_info(self, msg: CameraInfo) -> None:
+        """Take the right calibration."""
+        self.on_info('right', msg)
+
+    def on_info(self, side: str, msg: CameraInfo) -> None:
+        """
+        Take a calibration; with both, build the pipeline.
+
+        :raises InputError: a calibration, site or mark that cannot be used, or another
+            calibration than before.
+        """
+        known = self.infos.setdefault(side, msg)
+        if not same_calibration(known, msg):
+            raise CalibrationError(f'{side}/camera_info', 'calibration', 'another one',
+                                   'the one measuring began with; start the node anew')
+        if self.pipeline is None and len(self.infos) == 2:
+            rig = rig_from_info(self.infos['left'], self.infos['right'], 'camera_info')
+            self.pipeline = SpeedPipeline(
+                rig, lane_paths(self.site, rig), self.config, self.marks, seed=self.seed,
+                tracker=self.tracker, where=self.init_path)
+            while self.waiting:
+                self.process(self.pipeline, self.waiting.popleft())
+
+    def on_pair(self, msg: Image) -> None:
+        """Take a pair, or keep it until both calibrations have come."""
+        if self.pipeline is None:
+            if len(self.waiting) == _WAITING_PAIRS:
+                raise InputError(self.get_name(), 'left/camera_info and right/camera_info',
+                                 f'{sorted(self.infos) or "neither"} after {_WAITING_PAIRS} '
+                                 'pairs', 'both calibrations')
+            self.waiting.append(msg)
+        else:
+            self.process(self.pipeline, msg)
+
+    def on_jump(self, jump: Any) -> None:
+        """Start anew when the clock has jumped back behind the last pair."""
+        if self.pipeline is not None and self.get_clock().now().nanoseconds < self.last_ns:
+            self.start_anew(self.pipeline, 'clock')
+
+    # -- measuring ------------------------------------------------------------------------
+
+    def process(self, pipeline: SpeedPipeline, msg: Image) -> None:
+        """Run the pipeline on a pair and publish what it says."""
+        ns = stamp_ns(msg.header.stamp)
+        if ns <= self.last_ns:
+            self.start_anew(pipeline, 'stamps')
+        both = grey_from_message(msg, PAIR_TOPIC)
+        half = both.shape[0] // 2
+        pair = StereoPair(self.index, ns, ns, both[:half], both[half:])
+        self.index, self.last_ns = self.index + 1, ns
+        updates = pipeline.process(pair)
+        frame_id = pipeline.rig.frame_id
+        for update in updates:
+            self.tracks.publish(odometry(update, frame_id))
+        drawn = [m for u in updates for m in markers(u, frame_id)]
+        drawn += path_markers(pipeline.lanes, ns, frame_id)
+        for result in pipeline.ended():
+            drawn += deletions(result.track, frame_id)
+            self.tell(result)
+        self.marker_array.publish(MarkerArray(markers=drawn))
+        self._publish_overlay(pipeline, pair, updates)
+
+    def _publish_overlay(self, pipeline: SpeedPipeline, pair: StereoPair,
+                         updates: list[TrackUpdate]) -> None:
+        if self.overlay.get_subscription_count():  # drawing costs more than tracking
+            image = draw(pair, updates, pipeline.lanes, pipeline.rig)
+            self.overlay.publish(image_message(image, ns=pair.stamp_ns,
+                                               frame_id=pipeline.rig.frame_id))
+
+    def start_anew(self, pipeline: SpeedPipeline, what: str) -> None:
+        """End all passes and count pairs from 0: time has jumped back."""
+        self.get_logger().warning(f'{what} jumped back: starting anew')
+        for result in pipeline.finish():
+            self.tell(result)
+        pipeline.reset()
+        self.index, self.last_ns = 0, -1
+        self.resets += 1
+
+    def tell(self, result: PassResult) -> None:
+        """Log the result of a pass."""
+        self.passes += 1
+        speed = 'no speed' if result.speed_mps is None or result.speed_std_mps is None else (
+            f'{result.speed_mps / MPH_MPS:.2f} ± {result.speed_std_mps / MPH_MPS:.2f} mph '
+            f'({result.speed_mps / KMH_MPS:.2f} km/h)')
+        self.get_logger().info(f'vehicle_{result.track} on {result.lane}: {speed}, '
+                               f'{result.pairs} pairs, {result.verdict.value} {result.reason}')
+
+    def close(self) -> None:
+        """End the passes that are still open: the node stops."""
+        if self.pipeline is not None and rclpy.ok():
+            for result in self.pipeline.finish():
+                self.tell(result)
+
+    def state(self) -> tuple[bytes, str, dict[str, Any]]:
+        """Level, message and counts for ``/diagnostics``."""
+        ready = self.pipeline is not None
+        message = 'measuring' if ready else 'waiting for camera_info'
+        return (b'\x00' if ready else b'\x01'), message, {
+            'pairs': self.index, 'passes': self.passes, 'resets': self.resets,
+            'waiting': len(self.waiting)}
+
+
+def main(args: Optional[Sequence[str]] = None) -> int:
+    """Run the node."""
+    return run(TrackerNode, args)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

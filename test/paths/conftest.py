@@ -1,0 +1,76 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Picks of made-up roads with known shape, for the tests of the joint fit."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import pytest
+from stereo_speed.geometry.camera import Camera
+from stereo_speed.geometry.rig import StereoRig
+
+OFFSETS_M = {'edge_right': -1.75, 'line_0': 1.75, 'edge_left': 5.25}
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A rig, picks by line, and the true lane: points, arc lengths and tangents."""
+
+    rig: StereoRig
+    lines: dict
+    lane_m: np.ndarray
+    s_m: np.ndarray
+    tangent: np.ndarray
+
+
+def make_rig(distorted=False):
+    """Make a rig; the distorted one is not parallel either."""
+    k = np.array([[1500.0, 0.0, 511.5], [0.0, 1500.0, 383.5], [0.0, 0.0, 1.0]])
+    d = (-0.21, 0.12, 1e-3, -7e-4) if distorted else ()
+    cameras = [Camera(name=n, width_px=1024, height_px=768, K=k, D=d, model='plumb_bob')
+               for n in ('left', 'right')]
+    r, t = ((0.004, -0.02, 0.003), (-0.5, 0.006, 0.01)) if distorted else ((0, 0, 0), (-0.5, 0, 0))
+    return StereoRig(*cameras, cv2.Rodrigues(np.array(r, dtype=float))[0], np.array(t))
+
+
+def build_scene(curvature=0.0, grade=0.0, seed=0, std_px=0.3, distorted=False):
+    """Make a road of constant curvature (1/m) and grade, 120 m or 65 m long, seen from ahead."""
+    rng, rig = np.random.default_rng(seed), make_rig(distorted)
+    s = np.linspace(0, 120 if curvature < 0.02 else 65, 2401)
+    psi = curvature * s
+    tangent = np.stack([np.cos(psi), np.sin(psi), np.full(s.shape, grade)], -1)
+    tangent /= np.linalg.norm(tangent, axis=-1, keepdims=True)
+    way = np.cumsum((tangent[1:] + tangent[:-1]) / 2 * np.diff(s)[:, None], axis=0)
+    points = np.concatenate([np.zeros((1, 3)), way])
+    left = np.stack([-np.sin(psi), np.cos(psi), np.zeros(s.shape)], -1)
+    eye = points[-1] + 14 * tangent[-1] - 8 * left[-1] + [0, 0, 6.0]
+    z = 0.45 * points[1200] + 0.55 * points[-1] - eye
+    z /= np.linalg.norm(z)
+    x = np.cross(z, [0, 0, 1.0])
+    x /= np.linalg.norm(x)
+    axes = np.stack([x, np.cross(z, x), z])
+    lines = {name: _picked(rig, (points + o * left - eye) @ axes.T, rng, std_px)
+             for name, o in OFFSETS_M.items()}
+    lane = (points - eye) @ axes.T
+    seen = rig.left.project(lane)[1] & (lane[:, 2] < 80)
+    return Scene(rig, lines, lane[seen], s[seen] - s[seen][0], (tangent @ axes.T)[seen])
+
+
+def _picked(rig, points, rng, std_px):
+    """Pick 14 points of a line in each view, evenly along the image curve, with scatter."""
+    out = []
+    for uv, valid in zip(rig.project(points)[:2], rig.project(points)[2:]):
+        uv = uv[valid & (points[:, 2] < 90)]
+        along = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(uv, axis=0), axis=-1))])
+        at = np.linspace(0, along[-1], 14)
+        exact = np.stack([np.interp(at, along, uv[:, i]) for i in (0, 1)], -1)
+        out.append(exact + rng.normal(0, std_px, exact.shape))
+    return tuple(out)
+
+
+@pytest.fixture(scope='session')
+def make_scene():
+    """Give the maker of scenes: (curvature, grade, seed, std_px, distorted) to Scene."""
+    return build_scene
