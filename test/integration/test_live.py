@@ -1,0 +1,146 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Real node processes over real DDS."""
+from __future__ import annotations
+
+import csv
+import subprocess
+import sys
+import time
+
+import pytest
+
+pytest.importorskip('rclpy')
+
+from sensor_msgs.msg import CameraInfo, Image  # noqa: E402
+
+from stereo_speed.cli.demo import live, Process, read_truth  # noqa: E402
+from stereo_speed.cli.main import main  # noqa: E402
+
+STARTUP_S, EVENT_S = 60.0, 20.0
+
+
+def test_live_readings_equal_replay(sample, tmp_path):
+    assert main(['replay', str(sample / 'bag'), '--site', str(sample / 'site.yaml'), '--init',
+                 str(sample / 'init.yaml'), '--out', str(tmp_path), '--no-plots']) == 0
+    rows = list(csv.DictReader((tmp_path / 'tracks.csv').open()))
+    wanted = {int(r['stamp_ns']): r for r in rows if r['state'] == 'confirmed'}
+    readings, frames = live(sample, len(wanted), 2.0, read_truth(sample / 'truth.csv'))
+    assert [r[0] for r in readings] == sorted(wanted)
+    for ns, vehicle, speed, std in readings:
+        assert vehicle == 'vehicle_' + wanted[ns]['track']
+        assert speed == pytest.approx(float(wanted[ns]['speed_mps']), abs=1e-5)
+        assert std == pytest.approx(float(wanted[ns]['speed_std_mps']), abs=1e-5)
+    assert len(frames) == len(rows)  # an overlay for every pair, confirmed or not
+
+
+@pytest.mark.parametrize('node, parameters, words', [
+    ('tracker_node', ['site:={bad}', 'init:={init}'], ['site.yaml', 'lanez']),
+    ('tracker_node', ['init:={init}'], ['site', 'nothing']),
+    ('tracker_node', ['site:={site}', 'init:={init}', 'particles:=3'], ['particles']),
+    ('replay_node', ['bag:={init}/none'], ['none']),
+    ('stereo_sync_node', ['image_transport:=theora'], ['image_transport', 'theora']),
+])
+def test_bad_input_ends_a_node_with_one_line(node, parameters, words, sample, tmp_path):
+    bad = tmp_path / 'site.yaml'
+    bad.write_text((sample / 'site.yaml').read_text().replace('lanes:', 'lanez:'))
+    values = {'bad': bad, 'init': sample / 'init.yaml', 'site': sample / 'site.yaml'}
+    command = [sys.executable, '-m', f'stereo_speed.nodes.{node}', '--ros-args']
+    command += [w for p in parameters for w in ('-p', p.format(**values))]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=STARTUP_S)
+    lines = [x for x in done.stderr.splitlines() if x.strip()]
+    assert done.returncode == 2, done.stderr
+    assert len(lines) == 1 and lines[0].startswith('error: '), done.stderr
+    assert all(w in lines[0] for w in words), lines[0]
+
+
+@pytest.fixture()
+def rig_node():
+    """Stand in for the cameras and listen to the pairs."""
+    import rclpy
+    from rclpy.context import Context
+    from rclpy.executors import SingleThreadedExecutor
+    from stereo_speed.nodes.common import RELIABLE
+    context = Context()
+    rclpy.init(context=context, args=[])
+    node = rclpy.create_node('cameras', context=context)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    node.send = {side: node.create_publisher(Image, f'/{side}/image_raw', RELIABLE)
+                 for side in ('left', 'right')}
+    node.infos = {side: node.create_publisher(CameraInfo, f'/{side}/camera_info', RELIABLE)
+                  for side in ('left', 'right')}
+    node.pairs = []
+    node.create_subscription(Image, '/stereo/image_pair', node.pairs.append, RELIABLE)
+
+    def wait(condition, seconds):
+        end = time.monotonic() + seconds
+        while not condition() and time.monotonic() < end:
+            executor.spin_once(timeout_sec=0.05)
+        assert condition(), 'the awaited event has not come'
+    node.wait = wait
+    yield node
+    executor.shutdown(timeout_sec=1.0)
+    node.destroy_node()
+    rclpy.shutdown(context=context)
+
+
+def image(ns, value):
+    import numpy as np
+    from stereo_speed.nodes.common import image_message
+    return image_message(np.full((4, 6), value, np.uint8), ns=ns, frame_id='left_optical')
+
+
+def test_sync_pairs_equal_stamps_counts_the_rest_and_survives_a_jump(rig_node):
+    from diagnostic_msgs.msg import DiagnosticArray
+    from stereo_speed.nodes.common import stamp_ns
+    counts = {}
+
+    def on_diagnostics(msg):
+        counts.update({v.key: int(v.value) for s in msg.status for v in s.values})
+    rig_node.create_subscription(DiagnosticArray, '/diagnostics', on_diagnostics, 10)
+    reliable = [f'qos_overrides./{side}/image_raw.subscription.reliability:=reliable'
+                for side in ('left', 'right')]
+    second = 1_000_000_000
+    with Process('stereo_sync_node', *reliable):
+        rig_node.wait(lambda: all(p.get_subscription_count() for p in rig_node.send.values())
+                      and rig_node.count_publishers('/stereo/image_pair'), STARTUP_S)
+        for ns in (100 * second, 101 * second, 102 * second):
+            rig_node.send['left'].publish(image(ns, 10))
+            if ns != 101 * second:  # one right image is lost on the way
+                rig_node.send['right'].publish(image(ns, 20))
+        rig_node.wait(lambda: len(rig_node.pairs) == 2, EVENT_S)
+        rig_node.send['left'].publish(image(5 * second, 30))  # time jumps back
+        rig_node.send['right'].publish(image(5 * second, 40))
+        rig_node.wait(lambda: len(rig_node.pairs) == 3, EVENT_S)
+        rig_node.wait(lambda: counts.get('pairs') == 3, EVENT_S)
+    assert [stamp_ns(p.header.stamp) // second for p in rig_node.pairs] == [100, 102, 5]
+    pair = rig_node.pairs[-1]
+    assert (pair.height, pair.width, pair.encoding) == (8, 6, 'mono8')
+    assert bytes(pair.data) == bytes([30] * 24 + [40] * 24)
+    assert pair.header.frame_id == 'left_optical'
+    assert counts['unpaired_left'] == 1 and counts['unpaired_right'] == 0
+
+
+def test_an_image_of_another_size_than_calibrated_ends_the_node(rig_node):
+    command = [sys.executable, '-m', 'stereo_speed.nodes.stereo_sync_node']
+    node = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    try:
+        rig_node.wait(lambda: all(p.get_subscription_count() for p in
+                                  [*rig_node.send.values(), *rig_node.infos.values()]),
+                      STARTUP_S)
+        stamp = [1_000_000_000]
+
+        def publish_until_ended():
+            stamp[0] += 50_000_000
+            rig_node.infos['left'].publish(CameraInfo(width=1024, height=768))
+            rig_node.send['left'].publish(image(stamp[0], 1))
+            return node.poll() is not None
+        rig_node.wait(publish_until_ended, EVENT_S)
+        error = node.stderr.read()
+    finally:
+        node.kill()
+        node.wait(5)
+    assert node.returncode == 2
+    assert error.splitlines()[-1] == ('error: left/image_raw: image size: found 6x4, '
+                                      'wanted 1024x768 as in left/camera_info')

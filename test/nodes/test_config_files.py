@@ -1,0 +1,52 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""The shipped configuration and launch files say what the code does."""
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+import yaml
+
+from stereo_speed.config import load_config, TrackerConfig
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def test_tracker_yaml_holds_the_defaults_of_every_parameter():
+    path = ROOT / 'config' / 'tracker.yaml'
+    assert load_config(path) == TrackerConfig()
+    assert set(yaml.safe_load(path.read_text())) == set(asdict(TrackerConfig()))
+
+
+def test_node_parameters_hold_the_same_defaults():
+    data = yaml.safe_load((ROOT / 'config' / 'stereo_speed.params.yaml').read_text())
+    values = data['/**/tracker_node']['ros__parameters']
+    assert {k: values[k] for k in asdict(TrackerConfig())} == asdict(TrackerConfig())
+
+
+@pytest.mark.parametrize('path', sorted((ROOT / 'launch').glob('*.xml')), ids=lambda p: p.name)
+def test_launch_files_name_what_is_installed(path):
+    setup = (ROOT / 'setup.py').read_text()
+    root = ElementTree.parse(path).getroot()
+    nodes = list(root.iter('node'))
+    for node in nodes:
+        assert node.get('pkg') == 'stereo_speed'
+        assert f"'{node.get('exec')} = " in setup
+    for element in root.iter():
+        for value in element.attrib.values():
+            if value.startswith('$(find-pkg-share stereo_speed)/'):
+                assert (ROOT / value.partition(')/')[2]).is_file()
+    assert nodes
+
+
+def test_parameters_of_the_launch_file_are_declared_by_the_nodes():
+    source = {n: (ROOT / 'stereo_speed' / 'nodes' / f'{n}.py').read_text()
+              for n in ('stereo_sync_node', 'tracker_node', 'replay_node')}
+    for path in (ROOT / 'launch').glob('*.xml'):
+        for node in ElementTree.parse(path).getroot().iter('node'):
+            for param in node.iter('param'):
+                if param.get('name'):
+                    assert f"'{param.get('name')}'" in source[node.get('exec')]
