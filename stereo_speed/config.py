@@ -8,8 +8,8 @@ The YAML files of ``config/``, the command line and the ROS parameters all deriv
 from __future__ import annotations
 
 import dataclasses
-import math
 from dataclasses import dataclass
+import math
 from pathlib import Path
 from typing import Any, Mapping, Union
 

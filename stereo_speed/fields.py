@@ -112,7 +112,7 @@ class Fields:
 
     def points(self, key: str, width: int, least: int) -> Array:
         """
-        Give points (n, width), all finite.
+        Give (n, width) points, all finite.
 
         :param least: the fewest that will do.
         """

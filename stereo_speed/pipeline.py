@@ -76,7 +76,7 @@ class SpeedPipeline:
         return [update for update in updates if update is not None]
 
     def ended(self) -> list[PassResult]:
-        """Passes that ended since this was last asked."""
+        """Give the passes that ended since this was last asked."""
         out, self._ended = self._ended, []
         return out
 

@@ -289,7 +289,7 @@ def _refuse_swapped(
     if len(numbers) == 2 and not offsets[1] > offsets[0]:
         lane = site.lanes[index]
         raise SiteError(site.where, f'lanes[{index}].right', f'{lane.right}, left of {lane.left}',
-                        'the line on the driver\'s right, with picks in order along travel')
+                        "the line on the driver's right, with picks in order along travel")
 
 
 def load_init(path: Union[str, FilePath]) -> tuple[InitMark, ...]:
@@ -309,7 +309,7 @@ def load_init(path: Union[str, FilePath]) -> tuple[InitMark, ...]:
                 raise fields.error(view, f'{len(quad)} corners', '4')
             if not _clockwise(quad):
                 raise fields.error(view, quad.tolist(),
-                                   'corners clockwise from the image\'s top-left corner')
+                                   "corners clockwise from the image's top-left corner")
             quads.append(quad)
         marks.append(InitMark(fields.integer('frame'), *quads))
     return tuple(marks)

@@ -16,7 +16,6 @@ import os
 from pathlib import Path
 import subprocess
 import sys
-import time
 from typing import Any, Sequence
 
 import cv2

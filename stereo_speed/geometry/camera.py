@@ -72,7 +72,7 @@ class Camera:
 
     @cached_property
     def _lens(self) -> Distortion | None:
-        """The distortion in normalised coordinates; None where there is none."""
+        """Give the distortion in normalised coordinates; None where there is none."""
         if self.model == 'equidistant':
             return partial(equidistant, coefficients=np.pad(self.D, (0, 4 - self.D.size)))
         if not np.any(self.D):

@@ -143,7 +143,7 @@ class RoadProblem:
         return nearest
 
     def priors(self, x: Array) -> Array:
-        """Give the weak priors (..., 4) as residuals in px: roll, grade, crossfall, crest."""
+        """Give weak constraints as (..., 4) residuals in px: roll, grade, crossfall, crest."""
         up = (self.model.reference(x)[1])[..., len(self.model.s_m) // 2, :, :]
         bend = self.model.bend(x)
         roll = up[..., 1, 1]  # how far the left axis dips below the camera's horizontal

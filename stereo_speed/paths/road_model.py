@@ -53,9 +53,10 @@ class RoadModel:
 
     @cached_property
     def steps(self) -> Array:
-        """Steps (size,) for differences, which move the picks by something like 1e-3 px."""
+        """Give the (size,) differences that move the picks by something like 1e-3 px."""
         return np.concatenate([
-            np.full(3, 1e-6), np.full(1 + self.lines, 1e-5), np.full(self.turns + self.bends, 1e-6)])
+            np.full(3, 1e-6), np.full(1 + self.lines, 1e-5),
+            np.full(self.turns + self.bends, 1e-6)])
 
     @cached_property
     def s_m(self) -> Array:
@@ -83,7 +84,7 @@ class RoadModel:
         return np.stack(basis, axis=-1) if basis else np.zeros((sigma.size, 0))
 
     def offsets(self, x: Array) -> Array:
-        """Take the lateral offsets (..., lines), m, positive to the left."""
+        """Take the (..., lines) lateral places of the lines, m, positive to the left."""
         return x[..., 4:4 + self.lines]
 
     def bend(self, x: Array) -> Array:

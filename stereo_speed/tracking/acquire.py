@@ -7,6 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .front import back_project, Front
+from .likelihood import sample_quads
+from .looks import inside
 from ..errors import InputError
 from ..features.haar import PartGrid
 from ..features.ncc import ncc
@@ -14,9 +17,6 @@ from ..geometry.rig import StereoRig
 from ..paths.base import Path
 from ..records import Array, StereoPair
 from ..site import InitMark
-from .front import back_project, Front
-from .likelihood import sample_quads
-from .looks import inside
 
 _MARK_STD_PX = 0.7  # how well a person marks a corner
 _MAX_GAP_PX = 5.0  # marks whose centres' rays pass further apart are of different things

@@ -16,6 +16,11 @@ from typing import Optional
 
 import numpy as np
 
+from .acquire import acquire
+from .front import Front
+from .likelihood import Reference, score
+from .looks import inside, LookSampler
+from .refine import PassPrior, PassRefiner, Posterior
 from ..config import TrackerConfig
 from ..features.haar import PartGrid
 from ..filtering.resampling import systematic
@@ -24,11 +29,6 @@ from ..filtering.weights import (
 from ..geometry.rig import StereoRig
 from ..records import Array, PassResult, StereoPair, TrackState, TrackUpdate, Verdict
 from ..site import InitMark, LanePath
-from .acquire import acquire
-from .front import Front
-from .likelihood import Reference, score
-from .looks import inside, LookSampler
-from .refine import PassPrior, PassRefiner, Posterior
 
 _CONFIRM_PAIRS = 3  # pairs before a reading is worth publishing
 _MIN_PASS_PAIRS = 4
@@ -211,7 +211,7 @@ class ConstrainedTracker:
             quad_left_px=left[0], quad_right_px=right[0])
 
     def _ground_profile(self, posterior: Posterior) -> tuple[Array, Array, Array]:
-        """Times, ground speeds and their 1-sigma of the looks of the pass."""
+        """Give times, ground speeds and their 1-sigma of the looks of the pass."""
         ratio = np.array([self.front.ground_speed(x[:3], 1.0) for x in posterior.mean])
         variance = np.diag(posterior.covariance)[3::4]
         return posterior.stamps_s, ratio * posterior.mean[:, 3], ratio * np.sqrt(variance)

@@ -14,11 +14,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from .front import quad_grid
 from ..config import TrackerConfig
 from ..features.haar import PartGrid
 from ..features.ncc import ncc
 from ..records import Array
-from .front import quad_grid
 
 Patches = NDArray[np.float32]
 

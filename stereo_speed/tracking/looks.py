@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from .front import Front, plane_points
+from .likelihood import crop_for
 from ..geometry.camera import Camera
 from ..geometry.rig import StereoRig
 from ..records import Array, StereoPair
-from .front import Front, plane_points
-from .likelihood import crop_for
 
 _STEP_M = 1e-3  # half width of the central differences of the geometry
 _BLUR_STEPS = 0.6  # low-pass of every look, in grid steps, so that near and far looks compare

@@ -23,10 +23,10 @@ from typing import Any
 
 import numpy as np
 
+from .looks import Look, LookSampler
 from ..config import TrackerConfig
 from ..filtering.weights import normalise_log_weights
 from ..records import Array, StereoPair
-from .looks import Look, LookSampler
 
 _INDEPENDENT = 0.35  # share of independent samples after the low-pass of a look
 _MATCH_FLOOR_PX = 0.04  # systematic matching error of one look between the views
@@ -199,7 +199,6 @@ class PassRefiner:
 
         :return: mean, covariance, left-right NCCs and texture NCCs.
         """
-        n = len(self.looks)
         poses = np.concatenate([look.pose for look in self.looks])
         H, g, cross, texture = self._photometric()
         rates = (self.config.speed_rate_std, self.config.manoeuvre_rate_std)
@@ -240,7 +239,7 @@ class PassRefiner:
         return moved
 
     def _motion(self, speed_rate_std: float) -> NormalEquations:
-        """Normal equations of all that is known without the images."""
+        """Write down all that is known without the images."""
         n = len(self.looks)
         normal = NormalEquations(4 * n + 2)
         p, c, v0 = self.prior, self.config, 3 * n

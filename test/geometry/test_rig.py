@@ -48,7 +48,7 @@ def test_noisy_triangulation_is_no_worse_than_opencv():
 
 
 def test_hand_worked_depth():
-    """f 1500 px, baseline 0.5 m, disparity 15 px: 50 m."""
+    """Focal length 1500 px, baseline 0.5 m, disparity 15 px: 50 m."""
     rig = make_rig(r=(0, 0, 0), t=(-0.5, 0, 0), d=())
     np.testing.assert_allclose(
         rig.triangulate(np.array([511.5, 383.5]), np.array([496.5, 383.5])), [0, 0, 50], atol=1e-9)

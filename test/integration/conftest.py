@@ -22,5 +22,5 @@ def private_graph():
 
 @pytest.fixture()
 def sample():
-    """The sample pass that comes with the package."""
+    """Give the sample pass that comes with the package."""
     return SAMPLE

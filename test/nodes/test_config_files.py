@@ -8,9 +8,8 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
-import yaml
-
 from stereo_speed.config import load_config, TrackerConfig
+import yaml
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -124,7 +124,8 @@ def test_model_hand_worked():
     np.testing.assert_allclose(wide.reference(wide_x)[0], points)
     assert model.offsets(x).tolist() == [-1.0, 2.0]
     at = Weights.at(model.s_m, np.array([1.234, -7.0]))(points)
-    np.testing.assert_allclose(at[:, 0], 41 * (1 - np.cos(np.array([1.234, -7.0]) / 41)), atol=1e-5)
+    want = 41 * (1 - np.cos(np.array([1.234, -7.0]) / 41))
+    np.testing.assert_allclose(at[:, 0], want, atol=1e-5)
 
 
 def test_views_with_nothing_in_common(make_scene):

@@ -7,14 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import yaml
-
 from stereo_speed.config import TrackerConfig
 from stereo_speed.errors import InputError
 from stereo_speed.pipeline import SpeedPipeline
 from stereo_speed.records import TrackState, Verdict
 from stereo_speed.site import InitMark, lane_paths, load_init, load_site
 from stereo_speed.tracking import constrained, refine
+import yaml
 
 
 def prepare(sequence, folder):

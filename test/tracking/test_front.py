@@ -24,7 +24,7 @@ def rig():
 
 @pytest.fixture()
 def oncoming():
-    """A straight path from 60 m ahead towards the camera, 2 m below it."""
+    """Lay a straight path from 60 m ahead towards the camera, 2 m below it."""
     return StraightPath(np.array([0.0, 2.0, 60.0]), np.array([0.0, 0.0, -1.0]), 50.0)
 
 
