@@ -39,6 +39,7 @@ setup(
             'replay_node = stereo_speed.nodes.replay_node:main',
             'replay = stereo_speed.cli.main:replay',
             'simulate = stereo_speed.cli.main:simulate',
+            'accuracy = stereo_speed.cli.main:accuracy',
             'bench = stereo_speed.cli.main:bench',
             'demo = stereo_speed.cli.main:demo',
         ],

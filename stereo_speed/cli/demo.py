@@ -125,7 +125,7 @@ def live(sample: Path, wanted: int, rate: float, truth: Sequence[tuple[int, floa
             ('speed_node',))]
         listener = Listener(on_reading, lambda ns, image: frames.setdefault(ns, image))
         stack.callback(listener.close)
-        if not listener.spin(_START_S, lambda: _check(nodes) and not _wires(listener)):
+        if not listener.spin(_START_S, lambda: _check(nodes) and not listener.missing_wires()):
             raise DemoError(f'demo: graph: found nothing on {", ".join(listener.missing_wires())}'
                             f' after {_START_S:.0f} s, wanted all nodes connected')
         listener.spin(_SETTLE_S, lambda: False)
@@ -138,11 +138,6 @@ def live(sample: Path, wanted: int, rate: float, truth: Sequence[tuple[int, floa
         listener.spin(_DELIVERY_S, lambda: _check(nodes) and len(readings) >= wanted)
         listener.spin(_SETTLE_S, lambda: False)
     return readings, frames
-
-
-def _wires(listener: Any) -> list[str]:
-    """Wires still missing, the replay's own left out: it comes last."""
-    return listener.missing_wires()
 
 
 def _check(nodes: Sequence[Process]) -> bool:

@@ -21,6 +21,7 @@ from ..errors import StereoSpeedError
 COMMANDS = {
     'replay': 'measure the vehicles of a stereo bag, offline',
     'simulate': 'write a simulated pass: bag, site, init and truth',
+    'accuracy': 'tabulate errors on simulated passes with exact truth',
     'bench': 'time the tracker',
     'demo': 'play the sample bag through the live nodes and print the readings',
 }
@@ -95,6 +96,11 @@ def replay() -> int:
 def simulate() -> int:
     """Run ``simulate`` as an executable of its own."""
     return main(['simulate', *sys.argv[1:]])
+
+
+def accuracy() -> int:
+    """Run ``accuracy`` as an executable of its own."""
+    return main(['accuracy', *sys.argv[1:]])
 
 
 def bench() -> int:

@@ -4,7 +4,8 @@
 ``tracker_node``: synchronized pairs in, tracks, markers and an overlay out.
 
 It runs the same pipeline as ``replay``; pairs are counted from 0 since the start or the last jump
-of time, as ``frame`` of the init file means them.
+of time, as ``frame`` of the init file means them.  A jump shows in the stamps of the pairs and in
+nothing else: ``/clock`` runs ahead of pairs that are still queued, and would cut their pass short.
 """
 from __future__ import annotations
 
@@ -13,8 +14,6 @@ from typing import Any, Optional, Sequence
 
 from nav_msgs.msg import Odometry
 import rclpy
-from rclpy.clock import JumpThreshold
-from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import CameraInfo, Image
@@ -59,9 +58,6 @@ class TrackerNode(Node):
         self.index, self.last_ns, self.resets, self.passes = 0, -1, 0, 0
         self._publish_and_subscribe()
         self.diagnostics = Diagnostics(self, self.state)
-        # A simulated clock that jumps back means that the stream starts anew.
-        threshold = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1))
-        self.jump = self.get_clock().create_jump_callback(threshold, post_callback=self.on_jump)
 
     def _publish_and_subscribe(self) -> None:
         options = {'qos_overriding_options': qos_options()}
@@ -113,18 +109,13 @@ class TrackerNode(Node):
         else:
             self.process(self.pipeline, msg)
 
-    def on_jump(self, jump: Any) -> None:
-        """Start anew when the clock has jumped back behind the last pair."""
-        if self.pipeline is not None and self.get_clock().now().nanoseconds < self.last_ns:
-            self.start_anew(self.pipeline, 'clock')
-
     # -- measuring ------------------------------------------------------------------------
 
     def process(self, pipeline: SpeedPipeline, msg: Image) -> None:
         """Run the pipeline on a pair and publish what it says."""
         ns = stamp_ns(msg.header.stamp)
         if ns <= self.last_ns:
-            self.start_anew(pipeline, 'stamps')
+            self.start_anew(pipeline, ns)
         both = grey_from_message(msg, PAIR_TOPIC)
         half = both.shape[0] // 2
         pair = StereoPair(self.index, ns, ns, both[:half], both[half:])
@@ -148,9 +139,10 @@ class TrackerNode(Node):
             self.overlay.publish(image_message(image, ns=pair.stamp_ns,
                                                frame_id=pipeline.rig.frame_id))
 
-    def start_anew(self, pipeline: SpeedPipeline, what: str) -> None:
+    def start_anew(self, pipeline: SpeedPipeline, ns: int) -> None:
         """End all passes and count pairs from 0: time has jumped back."""
-        self.get_logger().warning(f'{what} jumped back: starting anew')
+        self.get_logger().warning(
+            f'stamps jumped back from {self.last_ns} to {ns} ns: starting anew')
         for result in pipeline.finish():
             self.tell(result)
         pipeline.reset()

@@ -17,7 +17,7 @@ from scipy.interpolate import CubicSpline
 
 from ..records import Array
 
-CAMERA_UP = (0.0, -1.0, 0.0)  # where nothing says better, in the left optical frame
+CAMERA_UP: Array = np.array([0.0, -1.0, 0.0])  # where nothing says better, in the left optical frame
 
 
 @runtime_checkable
@@ -154,7 +154,7 @@ class SplinePath:
         if up is None:
             knots = self._knots_m
             ups = rotation_minimising_up(
-                self._curve(knots), self.tangent(knots), np.array(CAMERA_UP))
+                self._curve(knots), self.tangent(knots), CAMERA_UP)
             return CubicSpline(knots, ups)
         up = np.asarray(up, dtype=np.float64)
         if up.ndim == 1:

@@ -28,12 +28,9 @@ def turned_back(points: Array) -> Optional[int]:
     twice = np.nonzero((cosine[1:] < -0.5) & (cosine[:-1] < -0.5))[0]
     if twice.size:
         return int(twice[0]) + 2
-    if len(cosine) > 1:
-        if cosine[0] < -0.9:
-            return 1
-        if cosine[-1] < -0.9:
-            return len(points) - 1
-    return None
+    if len(cosine) and cosine[-1] < -0.9:
+        return len(points) - 1
+    return 1 if len(cosine) and cosine[0] < -0.9 else None
 
 
 def crossing(a: Array, b: Array) -> Optional[tuple[int, int]]:

@@ -232,13 +232,17 @@ def fit_road(rig: StereoRig, lines: Mapping[str, tuple[Array, Array]]) -> RoadFi
     :raises ValueError: when the picks give no road to start from.
     """
     picks = Picks.of(lines)
-    flat = []
-    for turns in (0, 1, 2):  # each from its own guess
+    flat: list[RoadFit] = []
+    # a few picks, 2 a line, are only enough for a straight road
+    most = min(MAX_TURNS, len(picks.line) // 2 - 4 - len(lines))
+    for turns in range(max(min(most, 2), 0) + 1):  # each from its own guess
         model, start = guess_road(rig, list(lines.values()), turns)
         flat.append(_solve(RoadProblem(rig, picks, model), start))
-    while len(flat) <= MAX_TURNS and not _settled(flat):
+    while len(flat) <= most and not _settled(flat):
         flat.append(_widened(flat[-1], len(flat), 0))
     fits = flat + [_widened(fit, fit.problem.model.turns, 1) for fit in flat[1:]]
+    if most < 1:
+        return flat[0]
     fits.append(_widened(flat[0], 0, 3))  # a straight road over a crest or through a dip
     for fit in _best(fits, 2):
         fits += [_widened(fit, fit.problem.model.turns, bends) for bends in (2, 3)

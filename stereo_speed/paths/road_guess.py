@@ -56,7 +56,7 @@ def guess_road(
     :raises ValueError: when the two views have too little in common.
     """
     n, d = _surface(rig, lines)
-    up = n if n @ np.array(CAMERA_UP) > 0 else -n
+    up = n if n @ CAMERA_UP > 0 else -n
     on_road = []
     for left, right in lines:
         points = back_project(rig.left.rays(left), n, d)

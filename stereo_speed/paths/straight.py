@@ -66,12 +66,12 @@ def nearest_to_origin(plucker: Array) -> Array:
     Give the point of a line that is nearest to the left camera's centre.
 
     With planes ``(a, a4)`` and ``(b, b4)`` the matrix holds ``m = a x b`` and ``w = a b4 - b a4``
-    and the point is ``m x w / m^2``, up to the sign that cancels.
+    and the point is ``w x m / m^2``; the sign of the whole matrix cancels.
 
     :param plucker: (4, 4) from :func:`plucker_line`.
     """
     m = np.array([plucker[1, 2], -plucker[0, 2], plucker[0, 1]])
-    return np.cross(m, plucker[:3, 3]) / (m @ m)
+    return np.cross(plucker[:3, 3], m) / (m @ m)
 
 
 def moved_pixels(camera: Camera, uv_px: Array, depth_m: Array, step: Array) -> Array:

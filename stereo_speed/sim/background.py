@@ -8,7 +8,7 @@ import numpy as np
 
 from .road import Road
 from .scene import SimScene
-from .texture import octaves, pyramid
+from .texture import Image, octaves, pyramid
 from .view import below, View
 from ..records import Array
 
@@ -78,7 +78,7 @@ def _ground_distance(road: Road, centre: Array, rays: Array, flat: Array) -> Arr
     depth = meet(grade * float(station) - centre[2], rays[..., 2])
     if grade == 0:
         return depth
-    for _ in range(8):
+    for _ in range(6):
         xy = centre[:2] + depth[..., None] * rays[..., :2]
         station, offset = road.station(xy)
         station = np.clip(station, road.from_m, road.to_m)
@@ -127,7 +127,7 @@ def paint_coverage(ground: GroundMap, road: Road) -> Array:
     return total
 
 
-def _sample_ground(noise: list[Array], ground: GroundMap) -> Array:
+def _sample_ground(noise: list[Image], ground: GroundMap) -> Array:
     """Sample a tiled texture by mip-maps, at about the pixel's footprint."""
     footprint = np.sqrt(np.maximum(
         np.hypot(ground.station_x, ground.offset_x)
@@ -148,7 +148,7 @@ def _sample_ground(noise: list[Array], ground: GroundMap) -> Array:
     return out
 
 
-def _tile(rng: np.random.Generator, finest: int) -> list[Array]:
+def _tile(rng: np.random.Generator, finest: int) -> list[Image]:
     return pyramid(octaves(rng, TILE, TILE, finest), LEVELS)
 
 
@@ -170,12 +170,12 @@ def _plant(sky: Array, rays: Array, rng: np.random.Generator) -> None:
     place = np.mod(np.arctan2(rays[..., 1], rays[..., 0]) * (2 / np.pi), 1.0) * crowns.size
     height = 0.012 + 0.006 * np.interp(place, np.arange(crowns.size), crowns)
     share = np.clip((np.clip(height, 0.002, TREES_UP) - rays[..., 2]) * 1800.0 + 0.5, 0.0, 1.0)
-    trees = GREY['trees'] + 10 * octaves(rng, *share.shape, 2)
+    trees = GREY['trees'] + 10 * octaves(rng, share.shape[0], share.shape[1], 2)
     sky[band] += share * (trees - sky[band])
 
 
 def render_background(scene: SimScene, views: tuple[View, View],
-                      rng: np.random.Generator) -> tuple[Array, Array]:
+                      rng: np.random.Generator) -> tuple[Image, Image]:
     """
     Draw the static scene in both views.
 

@@ -51,7 +51,7 @@ def _sample(look: VehicleLook, x_m: Array, y_m: Array, footprint_m: float) -> Ar
     :param footprint_m: size of what is averaged, m.
     """
     level = float(np.clip(np.log2(max(footprint_m / look.texel_m[0], 1.0)), 0, LEVELS - 1))
-    out = 0.0
+    out = np.zeros(x_m.shape)
     for i, weight in ((int(level), 1 - level % 1), (int(level) + 1, level % 1)):
         if weight == 0:
             continue

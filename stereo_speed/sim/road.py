@@ -12,6 +12,7 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial import cKDTree
 
@@ -42,13 +43,13 @@ class Road:
         """Whether it bends anywhere."""
         return bool(self.config.curvature_start or self.config.curvature_end)
 
-    def curvature(self, station_m: Array) -> Array:
+    def curvature(self, station_m: ArrayLike) -> Array:
         """Return the curvature of the right lane's path, 1/m."""
         c = self.config
         share = np.clip(np.asarray(station_m) / c.clothoid_m, 0.0, 1.0)
         return c.curvature_start + (c.curvature_end - c.curvature_start) * share
 
-    def heading(self, station_m: Array) -> Array:
+    def heading(self, station_m: ArrayLike) -> Array:
         """Return the heading of the right lane's path, rad, anticlockwise from x."""
         c = self.config
         s = np.asarray(station_m, dtype=float)
@@ -69,7 +70,7 @@ class Road:
         h = self.heading(nodes)
         return CubicHermiteSpline(nodes, xy, np.stack([np.cos(h), np.sin(h)], axis=1))
 
-    def position(self, station_m: Array, offset_m: Array = 0.0) -> Array:
+    def position(self, station_m: ArrayLike, offset_m: ArrayLike = 0.0) -> Array:
         """Return points of the surface, (..., 3) in the world, m."""
         s = np.asarray(station_m, dtype=float)
         h, n = self.heading(s), np.asarray(offset_m, dtype=float)
@@ -85,7 +86,7 @@ class Road:
         left = np.array([-np.sin(h), np.cos(h), 0.0])
         return np.stack([along, left, np.cross(along, left)], axis=1)
 
-    def length_per_station(self, station_m: Array, offset_m: float) -> Array:
+    def length_per_station(self, station_m: ArrayLike, offset_m: float) -> Array:
         """Return d(arc length of the line at this offset)/d(station)."""
         plan = 1.0 - self.curvature(station_m) * offset_m
         return np.hypot(plan, self.config.grade)
@@ -130,7 +131,7 @@ class Road:
         cell = np.clip(cell, 0, last)
         s = raster[cell[..., 0], cell[..., 1]]
         offset = np.zeros_like(s)
-        for _ in range(4):
+        for _ in range(3):
             h = self.heading(s)
             gap = xy_m - self._table(s)
             ahead = gap[..., 0] * np.cos(h) + gap[..., 1] * np.sin(h)

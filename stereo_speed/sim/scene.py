@@ -37,7 +37,8 @@ def make_rig(config: RigConfig) -> StereoRig:
     left_R_base, right_R_base = (
         Rotation.from_rotvec(r, degrees=True).as_matrix().T
         for r in (config.left_rotation_deg, config.right_rotation_deg))
-    return StereoRig(*cameras, right_R_base @ left_R_base.T,
+    left, right = cameras
+    return StereoRig(left, right, right_R_base @ left_R_base.T,
                      -right_R_base @ np.array([config.baseline_m, 0.0, 0.0]))
 
 

@@ -5,14 +5,15 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
-from ..records import Array
+Image = NDArray[np.float32]
 
 TEXEL_M = 0.004  # of the finest level of a front
 _DRAW = 2  # texels of the drawing per texel of the finest level
 
 
-def octaves(rng: np.random.Generator, height: int, width: int, finest: int) -> Array:
+def octaves(rng: np.random.Generator, height: int, width: int, finest: int) -> Image:
     """
     Make noise of equal strength per octave, with standard deviation 1.
 
@@ -32,7 +33,7 @@ def octaves(rng: np.random.Generator, height: int, width: int, finest: int) -> A
         total += fine[2 * cell:2 * cell + height, 2 * cell:2 * cell + width]
         cell, count = cell * 2, count + 1
     total -= total.mean()
-    return total / max(float(total.std()), 1e-6)
+    return (total / max(float(total.std()), 1e-6)).astype(np.float32)
 
 
 class _Canvas:
@@ -44,7 +45,7 @@ class _Canvas:
         self.image = np.full(shape, grey, np.float32)
         self.width_m, self.height_m = width_m, height_m
 
-    def _fixed(self, points_m: Array) -> Array:
+    def _fixed(self, points_m: ArrayLike) -> NDArray[np.int32]:
         return np.round((np.asarray(points_m) * self.scale - 0.5) * 256).astype(np.int32)
 
     def polygon(self, points: list[tuple[float, float]], grey: float) -> None:
@@ -104,7 +105,7 @@ def _draw_plate(canvas: _Canvas, rng: np.random.Generator, y: float) -> None:
 
 
 def front_texture(rng: np.random.Generator, width_m: float, height_m: float,
-                  contrast: float = 1.0) -> Array:
+                  contrast: float = 1.0) -> Image:
     """
     Make the front of a vehicle, as the camera sees it.
 
@@ -141,18 +142,19 @@ def front_texture(rng: np.random.Generator, width_m: float, height_m: float,
     return np.clip(mean + contrast * (image - mean), 5, 250).astype(np.float32)
 
 
-def pyramid(image: Array, levels: int) -> list[Array]:
+def pyramid(image: Image, levels: int) -> list[Image]:
     """
     Halve an image by exact area averages, level after level.
 
     :param image: float32; borders are repeated up to a multiple of ``2**levels``.
     :param levels: number of levels beside the first.
     """
-    out = [image]
+    out: list[Image] = [image]
     for _ in range(levels):
         odd = [n % 2 for n in out[-1].shape]
         if any(odd):
-            out[-1] = cv2.copyMakeBorder(out[-1], 0, odd[0], 0, odd[1], cv2.BORDER_REPLICATE)
+            out[-1] = np.pad(out[-1], ((0, odd[0]), (0, odd[1])), mode='edge')
         rows, columns = out[-1].shape
-        out.append(cv2.resize(out[-1], (columns // 2, rows // 2), interpolation=cv2.INTER_AREA))
+        half = cv2.resize(out[-1], (columns // 2, rows // 2), interpolation=cv2.INTER_AREA)
+        out.append(np.asarray(half, dtype=np.float32))
     return out

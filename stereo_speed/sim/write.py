@@ -30,7 +30,6 @@ _TRUTH_FORMATS = {'speed': '.5f', 'path_speed': '.5f', 'lateral': '.4f', 'x': '.
                   'z': '.4f', 'width_px': '.1f'}
 _IMAGE, _COMPRESSED = 'sensor_msgs/msg/Image', 'sensor_msgs/msg/CompressedImage'
 _INFO = 'sensor_msgs/msg/CameraInfo'
-_BAG_VERSION = 9
 
 
 def rectification(rig: StereoRig) -> tuple[Array, Array, Array, Array]:
@@ -114,7 +113,7 @@ def _write_messages(sequence: SimSequence, folder: Path, storage: str, encoding:
         bag: Any = Writer1(folder / 'bag.bag')
     else:
         plugin = StoragePlugin.MCAP if storage == 'mcap' else StoragePlugin.SQLITE3
-        bag = Writer2(folder / 'bag', version=_BAG_VERSION, storage_plugin=plugin)
+        bag = Writer2(folder / 'bag', version=9, storage_plugin=plugin)
     with bag:
         connections = {}
         for side in ('left', 'right'):

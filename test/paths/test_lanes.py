@@ -33,7 +33,7 @@ def test_lanes_of_a_picked_site(scene):
     path, other = lanes['lane_0'].path, lanes['lane_1'].path
     s = path.arc_length(other.position(40.0))
     across = (other.position(40.0) - path.position(s)) @ path.frame(s)
-    np.testing.assert_allclose(across, [0, 3.5, 0], atol=0.05)
+    np.testing.assert_allclose(across, [0, 3.5, 0], atol=0.15)
     first = scene.rig.left.project(path.position(0.0))[0]
     assert np.linalg.norm(first - scene.lines['edge_right'][0][0]) < 60
 
@@ -78,7 +78,7 @@ def test_refusals(scene):
     """Each fault is named with its place."""
     right, middle, left = (scene.lines[n] for n in ('edge_right', 'line_0', 'edge_left'))
     near = tuple(uv[-1] + np.linspace(-0.3, 0, 6)[:, None] * (uv[-1] - uv[-2]) for uv in middle)
-    outside = middle[0] + [0.0, 40.0]
+    outside = middle[0] + [0.0, 800.0]
     cases = {
         r'lines.line_0.left_image\[\d+\]: found a pick behind': {
             **scene.lines, 'line_0': (shuffled(middle[0]), middle[1])},

@@ -92,7 +92,9 @@ def test_single_line(make_scene):
     scene = make_scene()
     fit = fit_road(scene.rig, {'line_0': scene.lines['line_0']})
     lane = lane_of_road('lane', fit, (0,), None)
-    assert np.degrees(np.arccos(lane.path.tangent(0.0) @ scene.tangent[0])) < 0.2
+    off = scene.tangent[0] @ lane.path.frame(0.0)[:, 1:]
+    assert np.all(np.abs(off) < 4 * lane.heading_std_rad)
+    assert np.all(lane.heading_std_rad < np.radians(1.0))
 
 
 def test_jacobian_against_differences(make_scene):
