@@ -42,8 +42,11 @@ class TrackerConfig:
     manoeuvre_rate_std: float = _p(
         1.5, 0.0, 20.0, 'm/s/sqrt(s)',
         'random walk of the speed of a braking or accelerating vehicle')
+    manoeuvre_across_std_m: float = _p(
+        1.0, 0.0, 5.0, 'm/sqrt(s)', 'drift across the path of a vehicle that changes lanes')
     manoeuvre_probability: float = _p(
-        0.05, 0.0, 0.99, '', 'share of passes that brake or accelerate; 0 leaves the model out')
+        0.05, 0.0, 0.49, '', 'share of passes that brake or accelerate, and share of those that '
+        'change lanes; 0 leaves these models out')
     drift_across_std_m: float = _p(
         0.2236, 0.0, 5.0, 'm/sqrt(s)',
         'drift across the path, sigma_P of eq. 27; 0.10 m a frame at 5 frames/s')

@@ -3,7 +3,7 @@
 """
 Sites: what their files say, and the lane paths that follow from it.
 
-What is read from the files lives in ``site_file`` and is offered here as well.
+What is read from the files lives in ``paths.site_file`` and is offered here as well.
 """
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .geometry.rig import StereoRig
 from .paths.base import Path
 from .paths.lanes import lane_of_paths, lane_of_road, LanePath, surveyed_path
 from .paths.road import fit_road, RoadFit
-from .site_file import (
+from .paths.site_file import (
     InitMark, LaneSpec, LEAST_ROAD_M, load_init, load_site, Site, SiteLine, VIEWS)
 
 __all__ = ['InitMark', 'LanePath', 'LaneSpec', 'Site', 'SiteLine', 'lane_paths', 'load_init',

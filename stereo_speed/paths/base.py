@@ -17,7 +17,8 @@ from scipy.interpolate import CubicSpline
 
 from ..records import Array
 
-CAMERA_UP: Array = np.array([0.0, -1.0, 0.0])  # where nothing says better, in the left optical frame
+# Where nothing says better, in the left optical frame.
+CAMERA_UP: Array = np.array([0.0, -1.0, 0.0])
 
 
 @runtime_checkable

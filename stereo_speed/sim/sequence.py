@@ -7,11 +7,13 @@ from dataclasses import dataclass
 from typing import Any, Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .background import render_background
 from .config import SimConfig
 from .render import draw_body, draw_front, VehicleLook
 from .scene import SimScene
+from .texture import Image
 from .view import View
 from ..errors import InputError
 from ..geometry.rig import StereoRig
@@ -101,8 +103,8 @@ def _times(scene: SimScene, rng: np.random.Generator) -> list[tuple[float, int, 
     return out if seen else []
 
 
-def _draw(scene: SimScene, view: View, looks: list[VehicleLook], background: Array,
-          t_s: float) -> Array:
+def _draw(scene: SimScene, view: View, looks: list[VehicleLook], background: Image,
+          t_s: float) -> Image:
     """Draw the vehicles, the farthest first, over a copy of the background."""
     image = background.copy()
     poses = [(scene.front(look.config, t_s), look) for look in looks]
@@ -115,7 +117,7 @@ def _draw(scene: SimScene, view: View, looks: list[VehicleLook], background: Arr
     return image
 
 
-def _expose(image: Array, config: SimConfig, rng: np.random.Generator) -> np.ndarray:
+def _expose(image: Image, config: SimConfig, rng: np.random.Generator) -> NDArray[np.uint8]:
     """Turn the ideal image into 8-bit counts with sensor noise."""
     grain = rng.standard_normal(image.shape, dtype=np.float32) * config.noise_grey
     return np.clip(np.rint(image * config.exposure + grain), 0, 255).astype(np.uint8)

@@ -143,7 +143,8 @@ class ConstrainedTracker:
         noise = self.rng.standard_normal((4, n)) * root
         v_next = v + c.speed_rate_std * noise[3]
         self.particles = np.column_stack([
-            s + 0.5 * (v + v_next) * dt_s, a + c.drift_across_std_m * noise[1],
+            s + 0.5 * (v + v_next) * dt_s,
+            a + self._lateral_mps() * dt_s + c.drift_across_std_m * noise[1],
             b + c.drift_up_std_m * noise[2], v_next])
 
     def _weigh(self, pair: StereoPair) -> bool:
@@ -190,6 +191,10 @@ class ConstrainedTracker:
 
     # -- what is told ---------------------------------------------------------------------
 
+    def _lateral_mps(self) -> float:
+        """Rate at which the vehicle crosses its path, from all looks so far."""
+        return 0.0 if self.posterior is None else float(self.posterior.lateral_rates()[-1])
+
     def _mean(self) -> Array:
         return normalise_log_weights(self.log_weights) @ self.particles
 
@@ -201,10 +206,11 @@ class ConstrainedTracker:
         mean, cov = mean_and_covariance(normalise_log_weights(self.log_weights), self.particles)
         frame = self.lane.path.frame(np.array(mean[0]))
         left, right = self.front.corners(self.rig, mean[None, :3])
-        ground = self.front.ground_speed(mean[:3], 1.0)
+        ground = self.front.ground_speed(mean[:3], float(mean[3]), self._lateral_mps())
+        ratio = ground / mean[3] if mean[3] else 1.0
         return TrackUpdate(
             stamp_ns=pair.stamp_ns, track=self.track, lane=self.lane.name, state=state,
-            speed_mps=ground * float(mean[3]), speed_std_mps=ground * float(np.sqrt(cov[3, 3])),
+            speed_mps=ground, speed_std_mps=float(ratio * np.sqrt(cov[3, 3])),
             s_m=float(mean[0]), lateral_m=float(mean[1]),
             position_m=self.front.centre(mean[:3]),
             position_cov_m2=frame @ cov[:3, :3] @ frame.T, axes=frame,
@@ -212,9 +218,13 @@ class ConstrainedTracker:
 
     def _ground_profile(self, posterior: Posterior) -> tuple[Array, Array, Array]:
         """Give times, ground speeds and their 1-sigma of the looks of the pass."""
-        ratio = np.array([self.front.ground_speed(x[:3], 1.0) for x in posterior.mean])
+        values = np.array([
+            self.front.ground_speed(x[:3], float(x[3]), float(rate))
+            for x, rate in zip(posterior.mean, posterior.lateral_rates())])
         variance = np.diag(posterior.covariance)[3::4]
-        return posterior.stamps_s, ratio * posterior.mean[:, 3], ratio * np.sqrt(variance)
+        along = posterior.mean[:, 3]
+        ratio = values / np.where(along == 0, 1.0, along)
+        return posterior.stamps_s, values, ratio * np.sqrt(variance)
 
     def _mean_speed(self, posterior: Posterior, values: Array) -> tuple[float, float]:
         """Mean ground speed over the pairs of the pass, and its 1-sigma."""

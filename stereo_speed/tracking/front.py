@@ -11,6 +11,7 @@ coordinates (x, y) on that plane, and lies at C(s) + (a + x) P(s) + (b + y) B(s)
 from __future__ import annotations
 
 from dataclasses import dataclass
+import math
 
 import numpy as np
 
@@ -106,12 +107,18 @@ class Front:
         """Centre of the front for one pose, (3,), left optical frame, m."""
         return plane_points(self.path, pose[None], np.zeros((1, 2)))[0, 0]
 
-    def ground_speed(self, pose: Array, speed_mps: float) -> float:
+    def ground_speed(self, pose: Array, speed_mps: float, lateral_mps: float = 0.0) -> float:
         """
-        Speed over ground of the front's centre, m/s, for a speed along the path.
+        Speed over ground of the front's centre, m/s.
 
-        Off the path on a bend the centre travels on another radius than the path.
+        Off the path on a bend the centre travels on another radius than the path; across the
+        path it travels while it changes lanes.
+
+        :param pose: (3,) s, a, b, m.
+        :param speed_mps: speed along the path.
+        :param lateral_mps: rate of the offset from the path.
         """
         step = np.array([0.05, 0.0, 0.0])
         ahead, behind = self.centre(pose + step), self.centre(pose - step)
-        return speed_mps * float(np.linalg.norm(ahead - behind)) / (2 * step[0])
+        along = speed_mps * float(np.linalg.norm(ahead - behind)) / (2 * step[0])
+        return math.copysign(math.hypot(along, lateral_mps), speed_mps)

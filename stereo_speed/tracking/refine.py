@@ -59,6 +59,12 @@ class Posterior:
     cross_ncc: Array
     texture_ncc: Array
 
+    def lateral_rates(self) -> Array:
+        """Rates (n,) at which the front moves across the path, m/s; 0 for a single pair."""
+        if len(self.mean) < 2:
+            return np.zeros(len(self.mean))
+        return np.gradient(self.mean[:, 1], self.stamps_s)
+
     def at(self, k: int) -> tuple[Array, Array]:
         """Mean (4,) and covariance (4, 4) of pair ``k``."""
         n = range(len(self.mean))[k]
@@ -190,25 +196,27 @@ class PassRefiner:
 
     def _solve(self) -> tuple[Array, Array, Array, Array]:
         """
-        Solve for (poses, speeds, tilt) at the present looks under both motion models.
+        Solve for (poses, speeds, tilt) at the present looks under all motion models.
 
-        A steady vehicle and a braking one differ only in the rate of the speed's random walk.
-        The evidence of the images for each model is Gaussian and closed; the answer is the
-        moments of the mixture, so that a steady pass is not made noisy for the sake of a
-        braking one, nor a braking one biased.
+        A steady vehicle, a braking one and one that changes lanes differ only in the rates of
+        their random walks.  The evidence of the images for each model is Gaussian and closed;
+        the answer is the moments of the mixture, so that a steady pass is not made noisy for the
+        sake of a braking one, nor a braking one biased.
 
         :return: mean, covariance, left-right NCCs and texture NCCs.
         """
         poses = np.concatenate([look.pose for look in self.looks])
         H, g, cross, texture = self._photometric()
-        rates = (self.config.speed_rate_std, self.config.manoeuvre_rate_std)
-        chance = self.config.manoeuvre_probability
+        c, chance = self.config, self.config.manoeuvre_probability
+        models = ((1 - 2 * chance, c.speed_rate_std, c.drift_across_std_m),
+                  (chance, c.manoeuvre_rate_std, c.drift_across_std_m),
+                  (chance, c.speed_rate_std, c.manoeuvre_across_std_m))
         means, covariances, evidence = [], [], []
-        for rate, prior in zip(rates, (1 - chance, chance)):
+        for prior, rate, across in models:
             if prior == 0:
                 continue
             model_mean, model_covariance, log_evidence = condition(
-                self._motion(rate), H, g + H @ poses)
+                self._motion(rate, across), H, g + H @ poses)
             means.append(model_mean)
             covariances.append(model_covariance)
             evidence.append(math.log(prior) + log_evidence)
@@ -238,11 +246,16 @@ class PassRefiner:
                     self.looks[k], moved = again, True
         return moved
 
-    def _motion(self, speed_rate_std: float) -> NormalEquations:
-        """Write down all that is known without the images."""
+    def _motion(self, speed_rate_std: float, across_std_m: float) -> NormalEquations:
+        """
+        Write down all that is known without the images.
+
+        :param speed_rate_std: rate of the speed's random walk, m/s/sqrt(s).
+        :param across_std_m: rate of the drift across the path, m/sqrt(s).
+        """
         n = len(self.looks)
         normal = NormalEquations(4 * n + 2)
-        p, c, v0 = self.prior, self.config, 3 * n
+        p, v0 = self.prior, 3 * n
         tilt = 4 * n
         normal.row([0], [1.0], p.s_m, p.s_std_m)
         for axis in (0, 1):
@@ -264,7 +277,7 @@ class PassRefiner:
                     speed_std * dt / math.sqrt(12))
         normal.rows(np.column_stack([v0 + k + 1, v0 + k]), [1.0, -1.0], speed_std)
         ones, ds = np.ones(n - 1), np.diff(self.state[:, 0])
-        for axis, drift in enumerate((c.drift_across_std_m, c.drift_up_std_m)):
+        for axis, drift in enumerate((across_std_m, self.config.drift_up_std_m)):
             at = np.column_stack([3 * k + 4 + axis, 3 * k + 1 + axis,
                                   np.full(n - 1, tilt + axis)])
             normal.rows(at, np.column_stack([ones, -ones, -ds]), max(drift, 1e-3) * root)

@@ -68,7 +68,7 @@ def test_front_is_drawn_where_it_projects(make, rig):
     scene = SimScene(make(rig=RIGS[rig]))
     vehicle = scene.config.vehicles[0]
     look = VehicleLook(vehicle, np.random.default_rng(5))
-    for t_s in (0.0, 0.8, 1.6):
+    for t_s in (0.0, 1.4):
         pose = scene.front(vehicle, t_s)
         shifts = []
         for view, corners in zip(_views(scene), scene.rig.project(pose.corners_m)[:2]):

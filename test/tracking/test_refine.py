@@ -55,7 +55,7 @@ def test_motion_model_is_the_kalman_smoother_of_the_same_process():
     info, right = np.zeros((3 * n, 3 * n)), np.zeros(3 * n)
     info[range(0, 3 * n, 3), range(0, 3 * n, 3)] = MEASURE_STD ** -2
     right[::3] = measured / MEASURE_STD ** 2
-    mean, covariance, _ = condition(refiner_with_times()._motion(RATE), info, right)
+    mean, covariance, _ = condition(refiner_with_times()._motion(RATE, 0.2), info, right)
     for k, (x, P) in enumerate(kalman_smoother(measured)):
         at = [3 * k, 3 * n + k]
         np.testing.assert_allclose(mean[at], x, rtol=1e-6)

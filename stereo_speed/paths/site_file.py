@@ -10,11 +10,11 @@ from typing import Mapping, Optional, Union
 
 import numpy as np
 
-from .errors import SiteError
-from .fields import Fields, load_yaml
-from .paths.checks import crossing, turned_back
-from .records import Array
-from .units import parse_speed
+from .checks import crossing, turned_back
+from ..errors import SiteError
+from ..fields import Fields, load_yaml
+from ..records import Array
+from ..units import parse_speed
 
 LEAST_ROAD_M = 5.0
 VIEWS = ('left_image', 'right_image')
