@@ -13,7 +13,7 @@ import numpy as np
 
 from .config import VehicleConfig
 from .scene import FrontPose
-from .texture import front_texture, pyramid
+from .texture import front_texture, Image, pyramid
 from .view import below, View
 from ..records import Array
 
@@ -72,7 +72,7 @@ def _region(view: View, points_m: Array) -> tuple[int, int, int, int]:
     return (u0, min(high[0], view.camera.width_px), v0, min(high[1], view.camera.height_px))
 
 
-def draw_front(image: Array, view: View, look: VehicleLook, pose: FrontPose) -> None:
+def draw_front(image: Image, view: View, look: VehicleLook, pose: FrontPose) -> None:
     """
     Draw the textured front into an image, in place.
 
@@ -146,7 +146,7 @@ def _facing(face: Array, inside: Array, eye: Array) -> bool:
     return bool((normal @ (face[0] - inside)) * (normal @ (eye - face[0])) > 0)
 
 
-def draw_body(image: Array, view: View, look: VehicleLook, pose: FrontPose) -> None:
+def draw_body(image: Image, view: View, look: VehicleLook, pose: FrontPose) -> None:
     """Draw the plain body behind the front, in place; its edges are good to a tenth of a px."""
     faces = _body_faces(look, pose)
     inside = pose.ground_m + pose.axes @ np.array([-2.0, 0.0, 0.5])
