@@ -18,7 +18,7 @@ demo: venv
 	$(PY) -m stereo_speed demo --out out
 
 bench: venv
-	$(PY) -m stereo_speed bench
+	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(PY) -m stereo_speed bench
 
 lint: venv
 	$(VENV)/bin/ament_flake8 $(SOURCES)
