@@ -116,8 +116,9 @@ def _figure(width_in: float, height_in: float) -> tuple[Figure, Axes]:
 def _legend(figure: Figure, axes: Axes) -> None:
     handles, labels = axes.get_legend_handles_labels()
     if labels:
-        figure.legend(handles, labels, loc='outside lower center', ncols=4, frameon=False,
-                      fontsize=9)
+        # Below the axes, where it hides nothing; the layout leaves room for legends of axes.
+        axes.legend(handles, labels, loc='upper center', bbox_to_anchor=(0.5, -0.14), ncols=4,
+                    frameon=False, fontsize=9)
 
 
 def _by_track(updates: Sequence[TrackUpdate]) -> dict[int, list[TrackUpdate]]:
