@@ -111,9 +111,10 @@ def run(args: argparse.Namespace) -> int:
                                  tracker=args.tracker, where=str(args.init))
         _check_frames(marks, bag.pair_count, args.init)
         result = measure(bag, pipeline, lanes, keep_frames=not args.no_plots)
-        summary = summarize(args, config, bag, result)
+        summary = summarize(args, config, bag, result, lanes)
         pairing = dict(bag.pairing)
     write_all(args, lanes, result, summary)
+    print_lanes(lanes)
     print_table(result.passes)
     print(f'{pairing["pairs"]} pairs ({pairing["method"]} stamps; unpaired: '
           f'{pairing["unpaired_left"]} left, {pairing["unpaired_right"]} right), '
@@ -193,7 +194,7 @@ class EvenSampler:
 
 
 def summarize(args: argparse.Namespace, config: TrackerConfig, bag: StereoBag,
-              result: Run) -> dict[str, Any]:
+              result: Run, lanes: Mapping[str, LanePath]) -> dict[str, Any]:
     """
     Gather what ``summary.json`` says; nothing in it depends on the machine's pace.
 
@@ -201,6 +202,7 @@ def summarize(args: argparse.Namespace, config: TrackerConfig, bag: StereoBag,
     :param config: the tracker's parameters.
     :param bag: the bag, read to its end.
     :param result: the run.
+    :param lanes: the lanes, for how well their picks agree.
     """
     return {
         'versions': software_versions(),
@@ -210,10 +212,28 @@ def summarize(args: argparse.Namespace, config: TrackerConfig, bag: StereoBag,
         'input': {'bag': args.bag.resolve().name, 'bag_sha256': bag.input_hash(),
                   'site_sha256': _sha256(args.site), 'init_sha256': _sha256(args.init)},
         'pairing': bag.pairing,
+        'lanes': {lane.name: path_quality(lane) for lane in lanes.values()},
         'timings': stream_timings(result.stamps_ns),
         'passes': {verdict.value: sum(p.verdict is verdict for p in result.passes)
                    for verdict in Verdict},
     }
+
+
+def path_quality(lane: LanePath) -> dict[str, float]:
+    """Tell how long a lane's path is, how well its picks agree, and how well it is known."""
+    return {'length_m': round(lane.path.length_m, 3),
+            'residual_px': round(float(lane.residual_px), 3),
+            'heading_std_across_deg': round(float(np.degrees(lane.heading_std_rad[0])), 4),
+            'heading_std_up_deg': round(float(np.degrees(lane.heading_std_rad[1])), 4)}
+
+
+def print_lanes(lanes: Mapping[str, LanePath]) -> None:
+    """Print how well each lane's path is known."""
+    for lane in lanes.values():
+        q = path_quality(lane)
+        print(f'{lane.name}: path of {q["length_m"]:.1f} m, picks {q["residual_px"]:.2f} px '
+              f'r.m.s. off it, heading ± {q["heading_std_across_deg"]:.3f}° across '
+              f'and ± {q["heading_std_up_deg"]:.3f}° up')
 
 
 def _sha256(path: Path) -> str:
