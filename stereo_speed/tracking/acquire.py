@@ -123,4 +123,8 @@ def _cross_scores(rig: StereoRig, path: Path, mark: InitMark, pair: StereoPair,
                     @ path.frame(np.array(s))[:, 1:].T)[1]
         for s in candidates])
     left = sample_quads(pair.left, mark.left_px[None], grid)
-    return ncc(sample_quads(pair.right, quads, grid), left[0]).astype(float)
+    scores = np.zeros(len(candidates))
+    seen = np.isfinite(quads).all(axis=(1, 2))  # others lie behind the right camera
+    if seen.any():
+        scores[seen] = ncc(sample_quads(pair.right, quads[seen], grid), left[0])
+    return scores

@@ -254,7 +254,10 @@ def _transport(particles: Array, moments: tuple[Array, Array], target: tuple[Arr
     """
     n, dim = particles.shape
     goal = np.linalg.cholesky(0.5 * (target[1] + target[1].T) + _JITTER * np.eye(dim))
-    if len(np.unique(particles[:, 0])) < _DISTINCT_PER_DIM * dim:
+    try:
+        if len(np.unique(particles[:, 0])) < _DISTINCT_PER_DIM * dim:
+            raise np.linalg.LinAlgError('too few distinct particles')
+        start = np.linalg.cholesky(moments[1] + _JITTER * np.eye(dim))
+    except np.linalg.LinAlgError:
         return target[0] + rng.standard_normal((n, dim)) @ goal.T
-    start = np.linalg.cholesky(moments[1] + _JITTER * np.eye(dim))
     return target[0] + np.linalg.solve(start, (particles - moments[0]).T).T @ goal.T

@@ -19,12 +19,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 import math
-from typing import Any
 
 import numpy as np
 
 from .looks import Look, LookSampler
 from ..config import TrackerConfig
+from ..filtering.gaussian import condition, NormalEquations
 from ..filtering.weights import normalise_log_weights
 from ..records import Array, StereoPair
 
@@ -79,8 +79,9 @@ class PassPrior:
 
     :param s_m: arc length of the front in its first pair, m, and
     :param s_std_m: its 1-sigma.
-    :param offset: function from s to (a, b): the ray of the front's centre in the first left
-        view, which defines the centre.
+    :param offset_m: (2,) offsets a, b at ``s_m`` of the ray through the front's centre in the
+        first left view, which defines the centre, m.
+    :param offset_slope: (2,) their change per metre of s.
     :param speed_mps: expected speed, m/s, and
     :param speed_std_mps: its 1-sigma.
     :param heading_std_rad: (2,) 1-sigma of the path's heading across and up.
@@ -93,51 +94,6 @@ class PassPrior:
     speed_mps: float
     speed_std_mps: float
     heading_std_rad: Array
-
-
-class NormalEquations:
-    """Normal equations of a least-squares problem, filled row by row."""
-
-    def __init__(self, size: int) -> None:
-        self.H, self.g = np.zeros((size, size)), np.zeros(size)
-
-    def row(self, columns: list[int], values: list[float], rest: float, std: float) -> None:
-        """Add ``values . x[columns] = rest`` with a 1-sigma."""
-        self.rows([columns], [values], np.array([std]), rest)
-
-    def rows(self, columns: Any, values: Any, std: Array, rest: float = 0.0) -> None:
-        """
-        Add several rows at once.
-
-        :param columns: (r, c) indices of the unknowns of each row.
-        :param values: (r, c) or (c,) their factors.
-        :param std: (r,) 1-sigma of each row.
-        """
-        at = np.asarray(columns)
-        j = np.zeros((len(at), len(self.g)))
-        np.put_along_axis(j, at, np.broadcast_to(np.asarray(values, float), at.shape), axis=1)
-        j /= std[:, None]
-        self.H += j.T @ j
-        self.g += j.T @ (rest / std)
-
-
-def condition(prior: NormalEquations, H: Array, g: Array) -> tuple[Array, Array, float]:
-    """
-    Condition a Gaussian prior on linear measurements of its first unknowns.
-
-    :param H: (m, m) information of the measurements about the first m unknowns.
-    :param g: (m,) information times measurement.
-    :return: posterior mean and covariance, and the log evidence up to what does not depend on
-        the information matrix of the prior.
-    """
-    m = len(g)
-    total, right = prior.H.copy(), prior.g.copy()
-    total[:m, :m] += H
-    right[:m] += g
-    covariance = np.linalg.inv(total)
-    mean = covariance @ right
-    log_det = np.linalg.slogdet(prior.H)[1] - np.linalg.slogdet(total)[1]
-    return mean, covariance, 0.5 * (log_det + float(right @ mean))
 
 
 class PassRefiner:

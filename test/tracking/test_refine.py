@@ -9,7 +9,8 @@ import numpy as np
 from scipy import stats
 
 from stereo_speed.config import TrackerConfig
-from stereo_speed.tracking.refine import condition, NormalEquations, PassPrior, PassRefiner
+from stereo_speed.filtering.gaussian import condition, NormalEquations
+from stereo_speed.tracking.refine import PassPrior, PassRefiner
 
 TIMES_S = np.array([0.0, 0.2, 0.35, 0.8, 1.0, 1.2])  # uneven on purpose
 RATE, S_STD, V_STD, MEASURE_STD = 0.4, 2.0, 5.0, 0.3
