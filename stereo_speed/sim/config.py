@@ -140,6 +140,10 @@ class SimConfig:
     :param speed_limit: as in the site file.
     :param name: name of the site.
     :param origin_ns: first stamp, ns.
+    :param rig_moved_deg: pan to the right, tilt upwards and roll clockwise, degrees, by which
+        the right camera has turned about its own centre since the calibration: the images, the
+        picks and the marks are those of the turned camera, ``rig`` and ``CameraInfo`` those of
+        the calibration.
     """
 
     vehicles: tuple[VehicleConfig, ...] = (VehicleConfig(),)
@@ -166,6 +170,7 @@ class SimConfig:
     speed_limit: str = '45 mph'
     name: str = 'simulated'
     origin_ns: int = 1_700_000_000_000_000_000
+    rig_moved_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         """Refuse what cannot be drawn."""
@@ -184,6 +189,8 @@ class SimConfig:
         _want(self.rig.baseline_m > 0, 'rig.baseline_m', self.rig.baseline_m, 'positive')
         _want(self.camera_height_m > 0, 'camera_height_m', self.camera_height_m, 'positive')
         _want(self.picks >= 2, 'picks', self.picks, 'at least 2')
+        _want(len(self.rig_moved_deg) == 3 and all(abs(a) <= 10 for a in self.rig_moved_deg),
+              'rig_moved_deg', self.rig_moved_deg, 'pan, tilt and roll of at most 10 degrees')
 
 
 def _want(condition: bool, what: str, found: object, wanted: str) -> None:

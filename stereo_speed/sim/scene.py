@@ -42,6 +42,21 @@ def make_rig(config: RigConfig) -> StereoRig:
                      -right_R_base @ np.array([config.baseline_m, 0.0, 0.0]))
 
 
+def moved_rig(rig: StereoRig, moved_deg: tuple[float, float, float]) -> StereoRig:
+    """
+    Turn the right camera about its own centre.
+
+    :param rig: the rig as it was.
+    :param moved_deg: pan to the right, tilt upwards, roll clockwise, degrees; one rotation
+        vector about the right camera's y, x and z axis.
+    """
+    if not any(moved_deg):
+        return rig
+    pan, tilt, roll = moved_deg
+    moved_R_right = Rotation.from_rotvec((tilt, pan, roll), degrees=True).as_matrix().T
+    return StereoRig(rig.left, rig.right, moved_R_right @ rig.R, moved_R_right @ rig.t)
+
+
 @dataclass(frozen=True, eq=False)
 class FrontPose:
     """
@@ -64,12 +79,15 @@ class SimScene:
     Geometry of a pass; the same config gives the same scene.
 
     :param config: what to build.
+
+    ``rig`` is the calibrated rig, ``seen_rig`` the one that takes the images.
     """
 
     def __init__(self, config: SimConfig) -> None:
         self.config = config
         self.road = Road(config.road)
         self.rig = make_rig(config.rig)
+        self.seen_rig = moved_rig(self.rig, config.rig_moved_deg)
         self.end_station_m = self._end_station()
         self.centre_world_m, self.left_R_world, self._chord = self._camera_pose()
 
@@ -154,7 +172,7 @@ class SimScene:
     def visible(self, vehicle: VehicleConfig, t_s: float) -> bool:
         """Say whether the front is whole in both views and not past the pass's end."""
         pose = self.front(vehicle, t_s)
-        _, _, left, right = self.rig.project(pose.corners_m)
+        _, _, left, right = self.seen_rig.project(pose.corners_m)
         world, _, _ = self.road_point(vehicle, t_s)
         ahead = float((self.centre_world_m - world) @ self._chord)
         return bool(left.all() and right.all()) and ahead >= self.config.near_m - 1e-6
@@ -165,7 +183,7 @@ class SimScene:
         pose = self.front(vehicle, t_s)
         step = (self.road_point(vehicle, t_s + _RATE_S)[0]
                 - self.road_point(vehicle, t_s - _RATE_S)[0])
-        uv, _, _, _ = self.rig.project(pose.corners_m)
+        uv, _, _, _ = self.seen_rig.project(pose.corners_m)
         x, y, z = pose.centre_m
         return {
             'stamp': f'{stamp_ns // 10**9}.{stamp_ns % 10**9 // 1000:06d}',

@@ -30,7 +30,7 @@ class SimSequence:
 
     :param config: what it was made from.
     :param scene: the geometry behind it.
-    :param rig: the true rig.
+    :param rig: the calibrated rig: the true one unless ``rig_moved_deg`` says otherwise.
     :param site: content of a site file with picked lines.
     :param site_exact: content of a site file with the true lines as ``points_m``.
     :param init: content of an init file.
@@ -59,8 +59,7 @@ def simulate(config: SimConfig, rng: np.random.Generator) -> SimSequence:
     # A generator for each purpose, so that more pairs or picks change nothing else.
     texture, noise, clock, pick, mark = rng.spawn(5)
     scene = SimScene(config)
-    views = (View(scene.rig.left, np.eye(3), np.zeros(3)),
-             View(scene.rig.right, scene.rig.R, scene.rig.t))
+    views = scene_views(scene)
     times = _times(scene, clock)
     if not times:
         raise InputError('simulation', 'vehicles', 'none whole in both views',
@@ -80,6 +79,12 @@ def simulate(config: SimConfig, rng: np.random.Generator) -> SimSequence:
     return SimSequence(
         config, scene, scene.rig, picked_site(scene, pick), exact_site(scene),
         marks(scene, [t[0] for t in times], mark), tuple(pairs), tuple(truth))
+
+
+def scene_views(scene: SimScene) -> tuple[View, View]:
+    """Return the views of the left and the right camera as they take the images."""
+    rig = scene.seen_rig
+    return View(rig.left, np.eye(3), np.zeros(3)), View(rig.right, rig.R, rig.t)
 
 
 def _times(scene: SimScene, rng: np.random.Generator) -> list[tuple[float, int, int]]:
@@ -170,7 +175,7 @@ def picked_site(scene: SimScene, rng: np.random.Generator) -> dict[str, Any]:
     config, lines = scene.config, {}
     for name, offset in scene.road.line_offsets().items():
         points = _line_points(scene, offset, 0.02)
-        left, right, in_left, in_right = scene.rig.project(points)
+        left, right, in_left, in_right = scene.seen_rig.project(points)
         lines[name] = {
             'left_image': _picks(
                 _visible_run(left, in_left), config.picks, config.pick_std_px, rng),
@@ -202,7 +207,7 @@ def marks(scene: SimScene, times_s: list[float], rng: np.random.Generator) -> di
             continue
         corners = scene.front(vehicle, times_s[frame]).corners_m
         quads = [uv + rng.standard_normal((4, 2)) * scene.config.init_std_px
-                 for uv in scene.rig.project(corners)[:2]]
+                 for uv in scene.seen_rig.project(corners)[:2]]
         vehicles.append({'frame': frame, **{
             key: [[round(float(u), 2), round(float(v), 2)] for u, v in quad]
             for key, quad in zip(('left_image', 'right_image'), quads)}})

@@ -147,3 +147,37 @@ def test_exact_site_has_points():
 def test_impossible_passes_are_refused(make, what):
     with pytest.raises(InputError, match=what):
         make()
+
+
+@pytest.mark.parametrize('moved, centre_du, centre_dv', [
+    ((0.1, 0.0, 0.0), -1.0, 0.0), ((0.0, 0.1, 0.0), 0.0, 1.0), ((0.0, 0.0, 0.1), 0.0, 0.0)])
+def test_moved_right_camera_by_hand(moved, centre_du, centre_dv):
+    scene = SimScene(straight_config(rig_moved_deg=moved))
+    still = SimScene(straight_config())
+    np.testing.assert_array_equal(scene.rig.R, still.rig.R)
+    np.testing.assert_allclose(-scene.seen_rig.R.T @ scene.seen_rig.t, [0.5, 0.0, 0.0],
+                               atol=1e-12)
+    shift = 1800.0 * math.tan(math.radians(0.1))
+    point = np.array([0.5, 0.0, 50.0])  # on the right camera's axis
+    uv = scene.seen_rig.project(point)[1] - still.rig.project(point)[1]
+    np.testing.assert_allclose(uv, [centre_du * shift, centre_dv * shift], atol=1e-6)
+    off = point + [10.0, 0.0, 0.0]  # 360 px to its right: a clockwise roll lifts it
+    uv = scene.seen_rig.project(off)[1] - still.rig.project(off)[1]
+    if moved[2]:
+        assert uv[1] == pytest.approx(-360.0 * math.sin(math.radians(0.1)))
+
+
+def test_picks_and_marks_are_made_in_the_moved_images():
+    config = straight_config(pick_std_px=0.0, init_std_px=0.0)
+    sites = [picked_site(SimScene(c), np.random.default_rng(0))
+             for c in (config, replace(config, rig_moved_deg=(0.0, 0.1, 0.0)))]
+    left, right = ([np.array(s['lines']['edge_right'][k]) for s in sites]
+                   for k in ('left_image', 'right_image'))
+    np.testing.assert_array_equal(*left)
+    # Where the line leaves the image moves along; the line itself lies 3.1 px lower.
+    v = np.linspace(350.0, 650.0, 5)
+    rows = [np.interp(v, *line.T[::-1]) for line in (right[0], right[1] - [0.0, 3.14])]
+    np.testing.assert_allclose(*rows, atol=0.1)
+    quads = [np.array(marks(SimScene(c), [0.0], np.random.default_rng(0))['vehicles'][0][
+        'right_image']) for c in (config, replace(config, rig_moved_deg=(0.0, 0.1, 0.0)))]
+    np.testing.assert_allclose(quads[1] - quads[0], [[0.0, 3.14]] * 4, atol=0.05)
