@@ -5,8 +5,14 @@ from __future__ import annotations
 
 from .config import (
     circle_config, RigConfig, RIGS, RoadConfig, SimConfig, straight_config, VehicleConfig)
+from .props import (
+    DAY, DUSK, LightConfig, OVERCAST, ParkedConfig, PersonConfig, PoleConfig, TreeConfig)
 from .sequence import SimSequence, simulate
+from .traffic import stream_traffic, TrafficPair, TrafficStream
+from .traffic_config import traffic_config, TrafficConfig
 
 __all__ = [
-    'RIGS', 'RigConfig', 'RoadConfig', 'SimConfig', 'SimSequence', 'VehicleConfig',
-    'circle_config', 'simulate', 'straight_config']
+    'DAY', 'DUSK', 'LightConfig', 'OVERCAST', 'ParkedConfig', 'PersonConfig', 'PoleConfig',
+    'RIGS', 'RigConfig', 'RoadConfig', 'SimConfig', 'SimSequence', 'TrafficConfig',
+    'TrafficPair', 'TrafficStream', 'TreeConfig', 'VehicleConfig', 'circle_config', 'simulate',
+    'straight_config', 'stream_traffic', 'traffic_config']

@@ -7,10 +7,13 @@ from dataclasses import dataclass, replace
 import math
 from typing import Any, Optional
 
+from .props import (
+    LightConfig, ParkedConfig, PersonConfig, PoleConfig, TreeConfig)
 from ..errors import InputError
 from ..units import parse_speed
 
 Knots = tuple[tuple[float, float], ...]
+KINDS = ('', 'car', 'suv', 'van', 'truck')
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,6 +63,7 @@ class RoadConfig:
     :param paint_width_m: width of a painted line, m.
     :param dash_m: length of a dash of the inner lines, m.
     :param gap_m: gap between two dashes, m.
+    :param receding: lanes whose vehicles drive the other way and show their rears.
     """
 
     curvature_start: float = 0.0
@@ -71,6 +75,7 @@ class RoadConfig:
     paint_width_m: float = 0.15
     dash_m: float = 3.0
     gap_m: float = 6.0
+    receding: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,6 +97,8 @@ class VehicleConfig:
     :param clearance_m: height of the front's lower edge above the road, m.
     :param body: draw a plain bonnet, windscreen, roof, sides and shadow behind the front.
     :param texture_contrast: scale of the front's grey-level detail; 1 is that of a real car.
+    :param kind: ``car``, ``suv``, ``van`` or ``truck`` for a textured body of that kind behind
+        the front; empty for the plain one.
     """
 
     speed_mps: float = 24.58720
@@ -105,6 +112,7 @@ class VehicleConfig:
     clearance_m: float = 0.25
     body: bool = True
     texture_contrast: float = 1.0
+    kind: str = ''
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,6 +152,13 @@ class SimConfig:
         the right camera has turned about its own centre since the calibration: the images, the
         picks and the marks are those of the turned camera, ``rig`` and ``CameraInfo`` those of
         the calibration.
+    :param gaps_s: times from and to which no pair arrives, s.
+    :param right_delay_s: how much later the right camera exposes, as its stamps tell, s.
+    :param poles: poles between camera and road.
+    :param people: who walks beside the road.
+    :param trees: trees in the wind.
+    :param parked: parked vehicles.
+    :param light: the light on the scene; None for an even sky.
     """
 
     vehicles: tuple[VehicleConfig, ...] = (VehicleConfig(),)
@@ -171,6 +186,19 @@ class SimConfig:
     name: str = 'simulated'
     origin_ns: int = 1_700_000_000_000_000_000
     rig_moved_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    gaps_s: Knots = ()
+    right_delay_s: float = 0.0
+    poles: tuple[PoleConfig, ...] = ()
+    people: tuple[PersonConfig, ...] = ()
+    trees: tuple[TreeConfig, ...] = ()
+    parked: tuple[ParkedConfig, ...] = ()
+    light: Optional[LightConfig] = None
+
+    @property
+    def staged(self) -> bool:
+        """Whether there is more to draw than plain approaching vehicles on an empty road."""
+        return bool(self.poles or self.people or self.trees or self.parked or self.light
+                    or self.road.receding or any(v.kind for v in self.vehicles))
 
     def __post_init__(self) -> None:
         """Refuse what cannot be drawn."""
@@ -181,6 +209,9 @@ class SimConfig:
             _want(vehicle.front_width_m > 0 and vehicle.front_height_m > 0,
                   'vehicle front', (vehicle.front_width_m, vehicle.front_height_m),
                   'a positive width and height in m')
+            _want(vehicle.kind in KINDS, 'vehicle.kind', vehicle.kind, 'one of ' + repr(KINDS))
+        _want(all(0 <= lane < self.road.lanes for lane in self.road.receding), 'road.receding',
+              self.road.receding, f'lanes below {self.road.lanes}')
         _want(len(self.vehicles) > 0, 'vehicles', 0, 'at least one')
         _want(self.start_m > self.near_m > 0, 'start_m, near_m', (self.start_m, self.near_m),
               'start_m > near_m > 0')

@@ -35,6 +35,17 @@ def path_m(vehicle: VehicleConfig, t_s: float) -> float:
     return vehicle.head_start_m + (length if t_s >= 0 else -length)
 
 
+def smooth_step(share: float) -> tuple[float, float]:
+    """
+    Go from 0 to 1 as a driver steers: without acceleration at both ends.
+
+    :param share: of the time; outside 0 to 1 it rests.
+    :return: the step and its rate per share of the time.
+    """
+    s = float(np.clip(share, 0.0, 1.0))
+    return s ** 3 * (10 - 15 * s + 6 * s ** 2), 30 * (s * (1 - s)) ** 2
+
+
 def lateral_m(vehicle: VehicleConfig, t_s: float) -> float:
     """Return the offset from the lane's path, m, positive to the left of travel."""
     if not vehicle.lateral_knots:
@@ -44,5 +55,5 @@ def lateral_m(vehicle: VehicleConfig, t_s: float) -> float:
     if len(t) == 1:
         return float(n[0])
     share = float(np.clip((t_s - t[i]) / (t[i + 1] - t[i]), 0.0, 1.0))
-    # A step of zero acceleration at both ends, as a driver steers.
+    # As smooth_step, but rounded as it always was: the same seed gives the same images.
     return float(n[i] + (n[i + 1] - n[i]) * share ** 3 * (10 - 15 * share + 6 * share ** 2))

@@ -57,6 +57,11 @@ def moved_rig(rig: StereoRig, moved_deg: tuple[float, float, float]) -> StereoRi
     return StereoRig(rig.left, rig.right, moved_R_right @ rig.R, moved_R_right @ rig.t)
 
 
+def stamp_text(stamp_ns: int) -> str:
+    """Print a stamp as ``truth.csv`` does: seconds with whole microseconds."""
+    return f'{stamp_ns // 10**9}.{stamp_ns % 10**9 // 1000:06d}'
+
+
 @dataclass(frozen=True, eq=False)
 class FrontPose:
     """
@@ -89,7 +94,7 @@ class SimScene:
         self.rig = make_rig(config.rig)
         self.seen_rig = moved_rig(self.rig, config.rig_moved_deg)
         self.end_station_m = self._end_station()
-        self.centre_world_m, self.left_R_world, self._chord = self._camera_pose()
+        self.centre_world_m, self.left_R_world, self.chord = self._camera_pose()
 
     def _end_station(self) -> float:
         """Find the station whose point lies a chord of ``start_m - near_m`` from the start."""
@@ -149,32 +154,55 @@ class SimScene:
             splines[lane] = CubicHermiteSpline(arc, s, 1 / rate)
         return splines
 
+    def station(self, lane: int, arc_m: float) -> float:
+        """Return the station at an arc length along a lane's path, both 0 at station 0."""
+        return float(self._stations[lane](arc_m))
+
+    def arc(self, lane: int, station_m: float) -> float:
+        """Return the arc length along a lane's path at a station."""
+        arcs = self._stations[lane].x
+        return float(np.interp(station_m, self._stations[lane](arcs), arcs))
+
     def road_point(self, vehicle: VehicleConfig, t_s: float) -> tuple[Array, float, float]:
         """Return the world point below the front, its station and its offset."""
-        station = float(self._stations[vehicle.lane](path_m(vehicle, t_s)))
-        offset = self.road.lane_offset(vehicle.lane) + lateral_m(vehicle, t_s)
+        away = self.away(vehicle)
+        gone = path_m(vehicle, t_s)
+        if away:
+            gone = self.arc(vehicle.lane, self.end_station_m) - gone
+        station = self.station(vehicle.lane, gone)
+        lateral = lateral_m(vehicle, t_s)
+        offset = self.road.lane_offset(vehicle.lane) + (-lateral if away else lateral)
         return self.road.position(station, offset), station, offset
 
+    def away(self, vehicle: VehicleConfig) -> bool:
+        """Say whether a vehicle drives away from the camera, which then sees its rear."""
+        return vehicle.lane in self.config.road.receding
+
     def front(self, vehicle: VehicleConfig, t_s: float) -> FrontPose:
-        """Return the place of a vehicle's front at a time."""
+        """Return the place of a vehicle's front, or of its rear when it recedes, at a time."""
         world, station, _ = self.road_point(vehicle, t_s)
         # The front stays square to its lane's path, also while it changes lanes.
         frame = self.road.frame(station, self.road.lane_offset(vehicle.lane))
+        if self.away(vehicle):
+            frame = frame * [-1.0, -1.0, 1.0]
         axes = self.left_R_world @ frame
         ground = self.to_left(world)
         centre = ground + axes[:, 2] * (vehicle.clearance_m + vehicle.front_height_m / 2)
         half_w, half_h = vehicle.front_width_m / 2, vehicle.front_height_m / 2
-        # The vehicle's right is the image's left: it faces the camera.
+        # The right of a vehicle that faces the camera is the image's left.
+        half_w = -half_w if self.away(vehicle) else half_w
         corners = np.stack([centre + axes[:, 1] * w + axes[:, 2] * h for w, h in (
             (-half_w, half_h), (half_w, half_h), (half_w, -half_h), (-half_w, -half_h))])
         return FrontPose(centre, axes, corners, ground)
 
     def visible(self, vehicle: VehicleConfig, t_s: float) -> bool:
-        """Say whether the front is whole in both views and not past the pass's end."""
+        """Say whether the front is whole in both views and not beyond the pass's end."""
         pose = self.front(vehicle, t_s)
         _, _, left, right = self.seen_rig.project(pose.corners_m)
         world, _, _ = self.road_point(vehicle, t_s)
-        ahead = float((self.centre_world_m - world) @ self._chord)
+        ahead = float((self.centre_world_m - world) @ self.chord)
+        if self.away(vehicle) and ahead > self.config.start_m + 1e-6:
+            return False
         return bool(left.all() and right.all()) and ahead >= self.config.near_m - 1e-6
 
     def truth(self, index: int, t_s: float, stamp_ns: int) -> dict[str, Any]:
@@ -186,7 +214,7 @@ class SimScene:
         uv, _, _, _ = self.seen_rig.project(pose.corners_m)
         x, y, z = pose.centre_m
         return {
-            'stamp': f'{stamp_ns // 10**9}.{stamp_ns % 10**9 // 1000:06d}',
+            'stamp': stamp_text(stamp_ns),
             'stamp_ns': stamp_ns, 'vehicle': index,
             'speed': float(np.linalg.norm(step)) / (2 * _RATE_S),
             'path_speed': float(path_speed_mps(vehicle, t_s)),

@@ -3,21 +3,26 @@
 """A simulated sequence: pairs, rig, site, marks and truth."""
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Callable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .background import render_background
 from .config import SimConfig
+from .looks import BODIES, BodyLook
+from .painter import Painter, Shown
 from .render import draw_body, draw_front, VehicleLook
 from .scene import SimScene
 from .texture import Image
-from .view import View
+from .view import rig_views, View
 from ..errors import InputError
 from ..geometry.rig import StereoRig
 from ..records import Array, StereoPair
+
+Pictures = tuple[NDArray[np.uint8], NDArray[np.uint8]]
+Draw = Callable[[float], Pictures]
 
 MOST_PAIRS = 2000
 PICK_BEYOND_M = 5.0  # the picks begin this far before the first front
@@ -59,20 +64,15 @@ def simulate(config: SimConfig, rng: np.random.Generator) -> SimSequence:
     # A generator for each purpose, so that more pairs or picks change nothing else.
     texture, noise, clock, pick, mark = rng.spawn(5)
     scene = SimScene(config)
-    views = scene_views(scene)
     times = _times(scene, clock)
     if not times:
         raise InputError('simulation', 'vehicles', 'none whole in both views',
                          'a start and camera that see the front')
-    backgrounds = render_background(scene, views, texture)
-    looks = [VehicleLook(vehicle, texture) for vehicle in config.vehicles]
     pairs: list[StereoPair] = []
     truth: list[Mapping[str, Any]] = []
+    draw = _staged(scene, texture, noise) if config.staged else _plain(scene, texture, noise)
     for t_s, stamp_ns, right_stamp_ns in times:
-        images = [_draw(scene, view, looks, background, t_s)
-                  for view, background in zip(views, backgrounds)]
-        images[1] = images[1] * config.right_gain + config.right_offset_grey
-        left, right = (_expose(image, config, noise) for image in images)
+        left, right = draw(t_s)
         pairs.append(StereoPair(len(pairs), stamp_ns, right_stamp_ns, left, right))
         truth += [scene.truth(i, t_s, stamp_ns) for i, vehicle in enumerate(config.vehicles)
                   if scene.visible(vehicle, t_s)]
@@ -81,10 +81,40 @@ def simulate(config: SimConfig, rng: np.random.Generator) -> SimSequence:
         marks(scene, [t[0] for t in times], mark), tuple(pairs), tuple(truth))
 
 
-def scene_views(scene: SimScene) -> tuple[View, View]:
-    """Return the views of the left and the right camera as they take the images."""
-    rig = scene.seen_rig
-    return View(rig.left, np.eye(3), np.zeros(3)), View(rig.right, rig.R, rig.t)
+def _plain(scene: SimScene, texture: np.random.Generator,
+           noise: np.random.Generator) -> Draw:
+    """Draw plain bodies over the road."""
+    config, views = scene.config, rig_views(scene.seen_rig)
+    backgrounds = render_background(scene, views, texture)
+    looks = [VehicleLook(vehicle, texture) for vehicle in config.vehicles]
+
+    def draw(t_s: float) -> Pictures:
+        images = [_draw(scene, view, looks, background, t) for view, background, t in
+                  zip(views, backgrounds, (t_s, t_s + config.right_delay_s))]
+        images[1] = images[1] * config.right_gain + config.right_offset_grey
+        left, right = (_expose(image, config, noise) for image in images)
+        return left, right
+    return draw
+
+
+def _staged(scene: SimScene, texture: np.random.Generator,
+            noise: np.random.Generator) -> Draw:
+    """Draw textured bodies, and what stands and walks beside the road."""
+    config = scene.config
+    painter = Painter(scene, noise)
+    looks = [BodyLook(replace(
+        BODIES[v.kind or 'car'], width_m=v.front_width_m, face_m=v.front_height_m,
+        rear_m=v.front_height_m, clearance_m=v.clearance_m), scene.away(v), texture)
+        for v in config.vehicles]
+
+    def shown(t_s: float) -> list[Shown]:
+        return [Shown(i, look, scene.front(vehicle, t_s))
+                for i, (vehicle, look) in enumerate(zip(config.vehicles, looks))]
+
+    def draw(t_s: float) -> Pictures:
+        late_s = t_s + config.right_delay_s
+        return painter.paint(shown(t_s), (t_s, late_s), shown(late_s))[0]
+    return draw
 
 
 def _times(scene: SimScene, rng: np.random.Generator) -> list[tuple[float, int, int]]:
@@ -102,9 +132,10 @@ def _times(scene: SimScene, rng: np.random.Generator) -> list[tuple[float, int, 
         if seen and not visible:
             break
         seen = seen or visible
-        if i not in config.drop:
+        if i not in config.drop and not any(a <= t_s < b for a, b in config.gaps_s):
             stamp_ns = config.origin_ns + offset_ns
-            out.append((t_s, stamp_ns, stamp_ns + round(skew * 1e9)))
+            late_s = config.right_delay_s + skew
+            out.append((t_s, stamp_ns, stamp_ns + round(late_s * 1e9)))
     return out if seen else []
 
 
@@ -157,11 +188,36 @@ def _picks(uv: Array, count: int, std_px: float, rng: np.random.Generator) -> li
     return [[round(float(u), 2), round(float(v), 2)] for u, v in points]
 
 
+def site_lines(scene: SimScene) -> tuple[dict[str, tuple[float, bool]], list[tuple[str, str]]]:
+    """
+    Name the lines of a site, each in order along travel.
+
+    A line between lanes of both directions is there twice.
+
+    :return: offset of each line and whether it runs away from the camera, by name; and the names
+        of the right and the left line of each lane.
+    """
+    road = scene.road
+    away = road.config.receding
+    names, offsets = list(road.line_offsets()), road.line_offsets()
+    lines: dict[str, tuple[float, bool]] = {}
+    lanes = []
+    for i in range(road.config.lanes):
+        pair = [names[i + 1], names[i]] if i in away else [names[i], names[i + 1]]
+        # The line towards a lane of the other direction gets a name of its own.
+        shared = {names[i + k] for k, j in ((0, i - 1), (1, i + 1))
+                  if i in away and 0 <= j < road.config.lanes and j not in away}
+        own = [name + '_away' if name in shared else name for name in pair]
+        for name, source in zip(own, pair):
+            lines.setdefault(name, (offsets[source], i in away))
+        lanes.append((own[0], own[1]))
+    return lines, lanes
+
+
 def _site(scene: SimScene, lines: dict[str, Any]) -> dict[str, Any]:
-    names = list(scene.road.line_offsets())
     lanes = [{'name': f'lane_{i}', 'right': right, 'left': left,
               'speed_limit': scene.config.speed_limit}
-             for i, (right, left) in enumerate(zip(names, names[1:]))]
+             for i, (right, left) in enumerate(site_lines(scene)[1])]
     return {'stereo_speed_site': 1, 'name': scene.config.name, 'lines': lines, 'lanes': lanes}
 
 
@@ -173,8 +229,8 @@ def picked_site(scene: SimScene, rng: np.random.Generator) -> dict[str, Any]:
     :param rng: source of the scatter.
     """
     config, lines = scene.config, {}
-    for name, offset in scene.road.line_offsets().items():
-        points = _line_points(scene, offset, 0.02)
+    for name, (offset, away) in site_lines(scene)[0].items():
+        points = _line_points(scene, offset, 0.02)[::-1 if away else 1]
         left, right, in_left, in_right = scene.seen_rig.project(points)
         lines[name] = {
             'left_image': _picks(
@@ -188,8 +244,8 @@ def exact_site(scene: SimScene) -> dict[str, Any]:
     """Return the same site with the true lines as points, 6 decimals."""
     return _site(scene, {
         name: {'points_m': [[round(float(x), 6) for x in point]
-                            for point in _line_points(scene, offset, 1.0)]}
-        for name, offset in scene.road.line_offsets().items()})
+                            for point in _line_points(scene, offset, 1.0)[::-1 if away else 1]]}
+        for name, (offset, away) in site_lines(scene)[0].items()})
 
 
 def marks(scene: SimScene, times_s: list[float], rng: np.random.Generator) -> dict[str, Any]:

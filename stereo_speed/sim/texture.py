@@ -36,11 +36,12 @@ def octaves(rng: np.random.Generator, height: int, width: int, finest: int) -> I
     return (total / max(float(total.std()), 1e-6)).astype(np.float32)
 
 
-class _Canvas:
+class Canvas:
     """A drawing in metres from the front's top-left corner; 8 fractional bits."""
 
-    def __init__(self, width_m: float, height_m: float, grey: float) -> None:
-        self.scale = _DRAW / TEXEL_M
+    def __init__(self, width_m: float, height_m: float, grey: float,
+                 texel_m: float = TEXEL_M) -> None:
+        self.scale = _DRAW / texel_m
         shape = (round(height_m * self.scale), round(width_m * self.scale))
         self.image = np.full(shape, grey, np.float32)
         self.width_m, self.height_m = width_m, height_m
@@ -64,7 +65,7 @@ class _Canvas:
                    round(radius_m * self.scale * 256), float(grey), -1, cv2.LINE_8, 8)
 
 
-def _draw_grille(canvas: _Canvas, rng: np.random.Generator, top: float, bottom: float) -> None:
+def _draw_grille(canvas: Canvas, rng: np.random.Generator, top: float, bottom: float) -> None:
     left = rng.uniform(0.24, 0.32)
     canvas.box(left, top, 1 - left, bottom, rng.uniform(20, 45))
     slats = int(rng.integers(3, 6))
@@ -76,7 +77,7 @@ def _draw_grille(canvas: _Canvas, rng: np.random.Generator, top: float, bottom: 
         canvas.disc(0.5, (top + bottom) / 2, rng.uniform(0.03, 0.06), rng.uniform(140, 220))
 
 
-def _draw_lights(canvas: _Canvas, rng: np.random.Generator, top: float, bottom: float) -> None:
+def _draw_lights(canvas: Canvas, rng: np.random.Generator, top: float, bottom: float) -> None:
     width, slant = rng.uniform(0.14, 0.2), rng.uniform(0.0, 0.08)
     grey, rim = rng.uniform(170, 230), rng.uniform(40, 70)
     inner = rng.uniform(0.03, 0.06)
@@ -90,7 +91,7 @@ def _draw_lights(canvas: _Canvas, rng: np.random.Generator, top: float, bottom: 
         canvas.disc(*at(0.03 + width * 0.55, (top + slant + bottom) / 2), inner, rim)
 
 
-def _draw_plate(canvas: _Canvas, rng: np.random.Generator, y: float) -> None:
+def _draw_plate(canvas: Canvas, rng: np.random.Generator, y: float) -> None:
     half = 0.26 / canvas.width_m
     tall = 0.055 / canvas.height_m
     canvas.box(0.5 - half, y - tall, 0.5 + half, y + tall, rng.uniform(200, 235))
@@ -116,7 +117,7 @@ def front_texture(rng: np.random.Generator, width_m: float, height_m: float,
     :return: (rows, columns) float32 grey levels at ``TEXEL_M``.
     """
     body = rng.uniform(60, 165)
-    canvas = _Canvas(width_m, height_m, body)
+    canvas = Canvas(width_m, height_m, body)
     top = max(0.0, 1 - 0.8 / height_m)  # above this a tall front has its windscreen
     if top > 0.15:
         canvas.polygon([(0.08, 0.06), (0.92, 0.06), (0.96, top - 0.03), (0.04, top - 0.03)],

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.interpolate import RectBivariateSpline
 
 from ..geometry.camera import Camera
+from ..geometry.rig import StereoRig
 from ..records import Array
 
 KNOT_PX = 16  # of the spline through a distorted camera's rays; good to 1e-4 px
@@ -63,6 +64,11 @@ class View:
     def project(self, points_m: Array) -> tuple[Array, Array]:
         """Return raw pixels (..., 2) of points of the left frame, and their validity."""
         return self.camera.project(np.asarray(points_m) @ self.R.T + self.t)
+
+
+def rig_views(rig: StereoRig) -> tuple[View, View]:
+    """Return the views of a rig's left and right camera."""
+    return View(rig.left, np.eye(3), np.zeros(3)), View(rig.right, rig.R, rig.t)
 
 
 def below(gap: Array, gx: Array, gy: Array) -> Array:
