@@ -177,7 +177,7 @@ class Visibility:
         for item in items:
             hull = eye.project(item.hull_m)
             if len(hull) >= 3:
-                _fill(mask, cv2.convexHull(hull.astype(np.float32))[:, 0], 0)
+                _fill(mask, np.asarray(cv2.convexHull(hull.astype(np.float32)), float)[:, 0], 0)
             if item.vehicle is None or item.face_m is None:
                 continue
             uv = eye.project(item.face_m)

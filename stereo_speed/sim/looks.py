@@ -163,7 +163,7 @@ def _side(rng: np.random.Generator, body: BodyConfig, paint: float) -> Texture:
         canvas.disc(*at(x, wheel), 0.55 * wheel, rng.uniform(60, 130))
     grey = _finish(canvas, rng, TEXEL_M)
     alpha = cv2.resize(mask.image, grey.shape[::-1], interpolation=cv2.INTER_AREA)
-    return Texture.of(grey, alpha)
+    return Texture.of(grey, np.asarray(alpha, np.float32))
 
 
 def _flipped(texture: Texture) -> Texture:
@@ -226,7 +226,7 @@ class BodyLook:
         front = body.length_m if self.rear else 0.0
 
         def at(back: float, left: float, up: float) -> Array:
-            return pose.ground_m + pose.axes @ np.array([front - back, left, up])
+            return np.asarray(pose.ground_m + pose.axes @ np.array([front - back, left, up]))
         along, left, up = pose.axes.T
         half, low, roof, long = body.width_m / 2, body.clearance_m, body.roof_m, body.length_m
         planes = [Plane(at(long, -half, roof), along * long, -up * roof, self.sides[0]),

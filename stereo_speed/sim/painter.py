@@ -101,8 +101,8 @@ class Painter:
     def _items(self, vehicles: Sequence[Shown], t_s: float) -> list[Item]:
         moving = [vehicle_item(self.ground, v.look, v.pose, v.number, self.light.headlights)
                   for v in vehicles]
-        for thing in (*self.people, *self.trees):
-            moving.append(thing.item(self.ground, t_s))
+        moving += [person.item(self.ground, t_s) for person in self.people]
+        moving += [tree.item(self.ground, t_s) for tree in self.trees]
         return moving + self.still
 
     def _view(self, side: int, eye: Eye, vehicles: Sequence[Shown], items: list[Item],

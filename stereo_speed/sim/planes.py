@@ -170,8 +170,8 @@ class Eye:
         colour, alpha = self.sample(plane, box)
         if plane.fine:
             size = (u1 - u0, v1 - v0)
-            colour = cv2.resize(colour, size, interpolation=cv2.INTER_AREA)
-            alpha = cv2.resize(alpha, size, interpolation=cv2.INTER_AREA)
+            colour, alpha = (np.asarray(cv2.resize(part, size, interpolation=cv2.INTER_AREA),
+                                        np.float32) for part in (colour, alpha))
         target = image[v0:v1, u0:u1]
         target *= 1 - alpha
         target += colour
@@ -208,7 +208,8 @@ class Eye:
         below = combine(normal)
         ahead = below * np.float32(np.sign(reach)) > 1e-6
         # At unit distance of the plane's foot: x = (across.ray reach - across.gap normal.ray)/..
-        scale = 1 / np.where(ahead, below, 1)
+        one = np.float32(1)
+        scale = np.asarray(one / np.where(ahead, below, one), np.float32)
         across, down = plane.across_m / width, plane.down_m / height
         x = combine(reach * across - (gap @ across) * normal) * scale
         y = combine(reach * down - (gap @ down) * normal) * scale
@@ -235,7 +236,7 @@ class Eye:
             cv2.fillPoly(mask, [np.round(corners).astype(np.int32)], 255, cv2.LINE_AA, _SHIFT)
         share = mask.astype(np.float32) * np.float32((factor - 1) / 255)
         if blur_px > 0:
-            share = cv2.GaussianBlur(share, (0, 0), blur_px)
+            share = np.asarray(cv2.GaussianBlur(share, (0, 0), blur_px), np.float32)
         image[v0:v1, u0:u1] *= 1 + share
 
 
@@ -251,11 +252,12 @@ def _steps(value: Image) -> float:
 def _inside(value: Image, size: float, step: float) -> Image:
     """Return the share of each sub-pixel between 0 and ``size``."""
     half = np.float32(size / 2)
-    gap = half - np.abs(value - half)
+    gap: Image = half - np.abs(value - half)
     gap *= np.float32(1 / step)
     gap += np.float32(0.5)
     # What is narrower than a sub-pixel covers no more than its width.
-    return np.clip(gap, 0, min(1.0, size / step), out=gap)
+    np.clip(gap, 0, min(1.0, size / step), out=gap)
+    return gap
 
 
 def _textured(texture: Texture, x: Image, y: Image, steps: tuple[float, float],

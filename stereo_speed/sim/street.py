@@ -47,7 +47,7 @@ class Ground:
         """Return the horizontal unit vector (3,) to the right of a thing that faces the camera."""
         sight = foot - (foot @ self.up) * self.up
         right = np.cross(sight, self.up)
-        return right / np.linalg.norm(right)
+        return np.asarray(right / np.linalg.norm(right))
 
     def footprint(self, points_m: Array) -> Footprint:
         """Return what points (n, 3) of the left frame cover on the ground."""
