@@ -39,9 +39,14 @@ class TrackerConfig:
     speed_rate_std: float = _p(
         0.335, 0.0, 20.0, 'm/s/sqrt(s)',
         'random walk of the speed; 0.335 is the 0.15 m/s a frame of the paper at 5 frames/s')
-    manoeuvre_rate_std: float = _p(
-        1.5, 0.0, 20.0, 'm/s/sqrt(s)',
-        'random walk of the speed of a braking or accelerating vehicle')
+    cruise_rate_std: float = _p(
+        0.05, 0.0, 20.0, 'm/s/sqrt(s)', 'random walk of the speed of a vehicle that cruises')
+    cruise_share: float = _p(
+        0.7, 0.0, 1.0, '', 'share of passes that cruise; 0 leaves the model out')
+    acceleration_std_mps2: float = _p(
+        1.5, 0.0, 20.0, 'm/s^2', 'first acceleration of a vehicle that changes its speed')
+    jerk_rate_std: float = _p(
+        3.0, 0.0, 50.0, 'm/s^2/sqrt(s)', 'random walk of the acceleration of such a vehicle')
     manoeuvre_across_std_m: float = _p(
         1.0, 0.0, 5.0, 'm/sqrt(s)', 'drift across the path of a vehicle that changes lanes')
     manoeuvre_probability: float = _p(
@@ -53,6 +58,10 @@ class TrackerConfig:
     drift_up_std_m: float = _p(
         0.0671, 0.0, 2.0, 'm/sqrt(s)',
         'drift above the path, sigma_B of eq. 27; 0.03 m a frame at 5 frames/s')
+    climb_std_m: float = _p(
+        0.03, 0.0, 2.0, 'm/sqrt(s)', 'drift of the front above the path over the whole pass')
+    bounce_std_m: float = _p(
+        0.03, 0.0, 0.5, 'm', 'bouncing of the front on its springs')
     parts: int = _p(10, 4, 16, '', 'parts N_p of the front: 4, 6, 8, 10, 12 or 16')
     samples_per_part: int = _p(
         8, 4, 16, '', 'samples across and down each part; a multiple of 4')
@@ -66,6 +75,22 @@ class TrackerConfig:
         20.0, 0.5, 100.0, 'm/s', 'expected speed on a lane without a speed limit')
     initial_speed_std: float = _p(
         0.5, 0.01, 5.0, '', 'spread of the first speed, as a share of the one expected')
+
+    stamp_std_s: float = _p(
+        2e-4, 0.0, 0.1, 's', '1-sigma of each header stamp against the true exposure')
+    trigger_tolerance_s: float = _p(
+        5e-4, 0.0, 1.0, 's', 'pairs whose stamps differ by less were exposed at once; beyond it '
+        'each view counts at its own time')
+    focal_std: float = _p(
+        5e-4, 0.0, 0.1, '', '1-sigma of the focal lengths, as a share')
+    baseline_std_m: float = _p(
+        2e-4, 0.0, 0.1, 'm', '1-sigma of the baseline')
+    max_speed_std_share: float = _p(
+        0.03, 0.0, 1.0, '', 'a pass with a greater 1-sigma, as a share of its speed, is rejected')
+    max_speed_std_mps: float = _p(
+        0.2, 0.0, 10.0, 'm/s', 'unless its 1-sigma is smaller than this')
+    particle_budget: int = _p(
+        2000, 100, 100000, '', 'particles of all tracks together; many tracks share them')
 
     def __post_init__(self) -> None:
         check_bounds(self)

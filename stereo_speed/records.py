@@ -10,12 +10,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
+import math
 from typing import Any, Optional
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+
+LEFT_VIEW, LOST, STREAM_ENDED = 'left_view', 'lost', 'stream_ended'  # how tracks end
 
 
 class TrackState(str, Enum):
@@ -88,6 +91,29 @@ class TrackUpdate:
     quad_right_px: Array
 
 
+@dataclass(frozen=True)
+class SpeedBudget:
+    """
+    What the 1-sigma of a pass's speed is made of, each part in m/s.
+
+    :param matching_mps: the images and how the vehicle may have moved between them.
+    :param path_mps: the direction of the lane's path.
+    :param stamps_mps: the header stamps against the true exposures.
+    :param calibration_mps: focal length, baseline and the length of the path.
+    """
+
+    matching_mps: float
+    path_mps: float
+    stamps_mps: float
+    calibration_mps: float
+
+    @property
+    def total_mps(self) -> float:
+        """Root of the sum of squares: the parts are independent."""
+        return math.hypot(self.matching_mps, self.path_mps, self.stamps_mps,
+                          self.calibration_mps)
+
+
 @dataclass(frozen=True, eq=False)
 class PassResult:
     """
@@ -105,6 +131,9 @@ class PassResult:
     :param reason: why it was rejected, snake_case; empty when measured.
     :param smoothed: stamp in ns to the smoothed speed in m/s, from all pairs of the pass.
     :param smoothed_std: stamp in ns to the 1-sigma of the smoothed speed, m/s.
+    :param budget: what the 1-sigma is made of; None where the tracker does not tell.
+    :param end: how the track ended: ``left_view``, ``lost`` or ``stream_ended``.
+    :param lane_to: name of the lane it ended in; that of ``lane`` unless it changed lanes.
     """
 
     track: int
@@ -118,3 +147,18 @@ class PassResult:
     reason: str
     smoothed: dict[int, float]
     smoothed_std: dict[int, float]
+    budget: Optional[SpeedBudget] = None
+    end: str = STREAM_ENDED
+    lane_to: str = ''
+
+    def __post_init__(self) -> None:
+        if not self.lane_to:
+            object.__setattr__(self, 'lane_to', self.lane)
+
+    @property
+    def profile_mps(self) -> tuple[Optional[float], Optional[float], Optional[float]]:
+        """Smoothed speed in the first pair, in the last, and the greatest, m/s."""
+        if not self.smoothed:
+            return None, None, None
+        speeds = [self.smoothed[ns] for ns in sorted(self.smoothed)]
+        return speeds[0], speeds[-1], max(speeds)

@@ -35,6 +35,19 @@ class NormalEquations:
         self.H += j.T @ j
         self.g += j.T @ (rest / std)
 
+    def correlated(self, columns: Any, values: Any, covariance: Array) -> None:
+        """
+        Add several rows whose errors belong together; they rest at 0.
+
+        :param columns: (r, c) indices of the unknowns of each row.
+        :param values: (r, c) their factors.
+        :param covariance: (r, r) of the rows.
+        """
+        at = np.asarray(columns)
+        j = np.zeros((len(at), len(self.g)))
+        np.put_along_axis(j, at, np.asarray(values, float), axis=1)
+        self.H += j.T @ np.linalg.solve(covariance, j)
+
 
 def condition(prior: NormalEquations, H: Array, g: Array) -> tuple[Array, Array, float]:
     """

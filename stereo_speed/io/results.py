@@ -34,7 +34,8 @@ TRACKS, PASSES, SUMMARY = 'tracks.csv', 'passes.csv', 'summary.json'
 TRACK_COLUMNS = ('stamp_ns', 'track', 'lane', 'state', 'speed_mps', 'speed_std_mps',
                  'smoothed_mps', 's_m', 'lateral_m', 'x_m', 'y_m', 'z_m')
 PASS_COLUMNS = ('track', 'lane', 'first_ns', 'last_ns', 'pairs', 'speed_mps', 'speed_std_mps',
-                'verdict', 'reason')
+                'verdict', 'reason', 'lane_to', 'end', 'first_mps', 'last_mps', 'max_mps',
+                'std_matching_mps', 'std_path_mps', 'std_stamps_mps', 'std_calibration_mps')
 PLOTS = ('speed.png', 'road.png', 'strip.png')  # written beside them by report
 _DIGITS = 5  # 0.01 mm and 0.01 mm/s: finer than anything measured here
 
@@ -109,10 +110,15 @@ def tracks_csv(updates: Iterable[TrackUpdate], passes: Iterable[PassResult]) -> 
 
 def passes_csv(passes: Iterable[PassResult]) -> str:
     """Give the text of ``passes.csv``: a row per vehicle, by track."""
-    return _csv(PASS_COLUMNS, (
-        (p.track, p.lane, p.first_ns, p.last_ns, p.pairs, _fixed(p.speed_mps),
-         _fixed(p.speed_std_mps), p.verdict.value, p.reason)
-        for p in sorted(passes, key=lambda p: p.track)))
+    rows = []
+    for p in sorted(passes, key=lambda p: p.track):
+        parts = (None,) * 4 if p.budget is None else (
+            p.budget.matching_mps, p.budget.path_mps, p.budget.stamps_mps,
+            p.budget.calibration_mps)
+        rows.append((p.track, p.lane, p.first_ns, p.last_ns, p.pairs, _fixed(p.speed_mps),
+                     _fixed(p.speed_std_mps), p.verdict.value, p.reason, p.lane_to, p.end,
+                     *map(_fixed, (*p.profile_mps, *parts))))
+    return _csv(PASS_COLUMNS, rows)
 
 
 def summary_json(summary: Mapping[str, Any]) -> str:

@@ -28,6 +28,7 @@ class LanePath:
     :param heading_std_rad: (2,) 1-sigma of the direction in the middle, across (P) and up (B).
     :param offset_std_m: (2,) 1-sigma of the position in the middle, across (P) and up (B).
     :param residual_px: root mean square distance of the picks from the lines; 0 for surveys.
+    :param scale_std: 1-sigma of the length along the path, as a share.
     """
 
     name: str
@@ -36,6 +37,7 @@ class LanePath:
     heading_std_rad: Array
     offset_std_m: Array
     residual_px: float
+    scale_std: float = 0.0
 
 
 def lane_of_road(name: str, fit: RoadFit, lines: tuple[int, ...],

@@ -17,24 +17,25 @@ from typing import Optional
 import numpy as np
 
 from .acquire import acquire
-from .front import Front
+from .front import Front, turned
 from .likelihood import Reference, score
 from .looks import inside, LookSampler
-from .refine import PassPrior, PassRefiner, Posterior
+from .motion import PassPrior
+from .outcome import calibration_share, conclude, live_std, Pass
+from .refine import PassRefiner, Posterior
 from ..config import TrackerConfig
 from ..features.haar import PartGrid
 from ..filtering.resampling import systematic
 from ..filtering.weights import (
     DegenerateWeightsError, effective_sample_size, mean_and_covariance, normalise_log_weights)
 from ..geometry.rig import StereoRig
-from ..records import Array, PassResult, StereoPair, TrackState, TrackUpdate, Verdict
+from ..records import (
+    Array, LEFT_VIEW, LOST, PassResult, StereoPair, STREAM_ENDED, TrackState, TrackUpdate)
 from ..site import InitMark, LanePath
 
 _CONFIRM_PAIRS = 3  # pairs before a reading is worth publishing
-_MIN_PASS_PAIRS = 4
 _MIN_NCC = 0.5  # left-right and texture agreement below this is not the vehicle
-_LOST_AFTER_S = 1.0
-_MAX_SPEED_STD_SHARE = 0.05  # a pass less certain than this is not a measurement
+_LOST_AFTER_S = 1.5  # long enough for a pole, and for a camera that is gone for a second
 _JITTER = 1e-12
 _DISTINCT_PER_DIM = 3
 _START_STD_PX = 0.15  # spread of the first particles in depth, in disparity
@@ -60,7 +61,8 @@ class ConstrainedTracker:
         self.expected_mps = lane.speed_limit_mps or config.initial_speed_mps
         start = acquire(rig, lane.path, mark, pair, self.grid)
         self.front: Front = start.front
-        sampler = LookSampler(rig, start.front, self.grid.unit_xy, self.grid.shape)
+        sampler = LookSampler(rig, start.front, self.grid.unit_xy, self.grid.shape,
+                              config.trigger_tolerance_s)
         prior = PassPrior(
             s_m=float(start.pose[0]), s_std_m=start.s_std_m, offset_m=start.pose[1:],
             offset_slope=start.offset_slope, speed_mps=self.expected_mps,
@@ -73,54 +75,53 @@ class ConstrainedTracker:
         self.posterior: Optional[Posterior] = None
         self.reference: Optional[Reference] = None
         self.first_ns = self.last_ns = self.seen_ns = pair.stamp_ns
-        self.smoothable: list[int] = []
-        self._over = False
+        self.stamps_ns: list[int] = []  # of the pairs it was seen in
+        self.width_px = 0.0
+        self.calibration = calibration_share(rig, lane, config)
+        self._end = ''
 
     @property
     def ended(self) -> bool:
         """Whether the pass is over: out of view, or lost for too long."""
-        return self._over
+        return bool(self._end)
+
+    def share(self, particles: int) -> None:
+        """Go on with another number of particles, when tracks come and go."""
+        if particles != len(self.particles):
+            weights = normalise_log_weights(self.log_weights)
+            self.particles = self.particles[systematic(weights, particles, self.rng)]
+            self.log_weights = np.zeros(particles)
 
     def update(self, pair: StereoPair) -> Optional[TrackUpdate]:
         """Predict, weigh, resample, refine (2012, Section III)."""
-        if self._over:
+        if self._end:
             return None
         self._predict((pair.stamp_ns - self.last_ns) * 1e-9)
         self.last_ns = pair.stamp_ns
         if self._out_of_view():
-            self._over = True
+            self._end = LEFT_VIEW
             return None
         before = self.particles.copy(), self.log_weights.copy()
         if not (self._weigh(pair) and self._refine(pair)):
             self.particles, self.log_weights = before
             if (pair.stamp_ns - self.seen_ns) * 1e-9 > _LOST_AFTER_S:
-                self._over = True
+                self._end = LOST
                 return None
             return self._report(pair, TrackState.COASTING)
         self.seen_ns = pair.stamp_ns
-        self.smoothable.append(pair.stamp_ns)
+        self.stamps_ns.append(pair.stamp_ns)
         self._update_reference(pair)
-        seen = len(self.smoothable)
-        return self._report(
-            pair, TrackState.CONFIRMED if seen >= _CONFIRM_PAIRS else TrackState.TENTATIVE)
+        confirmed = len(self.stamps_ns) >= _CONFIRM_PAIRS
+        return self._report(pair, TrackState.CONFIRMED if confirmed else TrackState.TENTATIVE)
 
     def result(self) -> PassResult:
         """Measure the pass from all its pairs, or say why it cannot be measured."""
-        if self.posterior is None:
-            return self._pass(None, None, {}, {}, 'never_seen')
-        posterior = self.refiner.finish()
-        times, values, stds = self._ground_profile(posterior)
-        stamps = np.array(self.smoothable)
-        at = (stamps - stamps[0]) * 1e-9
-        smooth = dict(zip(self.smoothable, np.interp(at, times, values).tolist()))
-        smooth_std = dict(zip(self.smoothable, np.interp(at, times, stds).tolist()))
-        speed, std = self._mean_speed(posterior, values)
-        reason = ''
-        if len(self.smoothable) < _MIN_PASS_PAIRS:
-            reason = 'too_few_pairs'
-        elif not std < _MAX_SPEED_STD_SHARE * abs(speed):
-            reason = 'uncertain'
-        return self._pass(speed, std, smooth, smooth_std, reason)
+        seen = bool(self.stamps_ns)
+        found = Pass(track=self.track, lane=self.lane, stamps_ns=self.stamps_ns or [self.first_ns],
+                     posterior=self.refiner.finish() if seen else None,
+                     exact_speeds=self.refiner.exact_speeds() if seen else None,
+                     width_px=self.width_px, end=self._end or STREAM_ENDED)
+        return conclude(found, self.rig, self.config)
 
     # -- the filter's steps ---------------------------------------------------------------
 
@@ -149,7 +150,7 @@ class ConstrainedTracker:
 
     def _weigh(self, pair: StereoPair) -> bool:
         """Weigh by the images (eq. 2, 12) and resample; False when none is possible."""
-        quads = self.front.corners(self.rig, self.particles[:, :3])
+        quads = self._quads(self.particles, self.refiner.sampler.lag_s(pair))
         scores = score(pair.left, pair.right, quads, self.reference, grid=self.grid,
                        config=self.config)
         try:
@@ -180,9 +181,8 @@ class ConstrainedTracker:
 
     def _update_reference(self, pair: StereoPair) -> None:
         """Blend the features at the estimated state into the reference (eq. 14)."""
-        pose = self._mean()[None, :3]
-        at = score(pair.left, pair.right, self.front.corners(self.rig, pose), None,
-                   grid=self.grid, config=self.config)
+        quads = self._quads(self._mean()[None], self.refiner.sampler.lag_s(pair))
+        at = score(pair.left, pair.right, quads, None, grid=self.grid, config=self.config)
         if self.reference is None:
             self.reference = Reference(at.left[0], at.right[0])
         else:
@@ -193,54 +193,43 @@ class ConstrainedTracker:
 
     def _lateral_mps(self) -> float:
         """Rate at which the vehicle crosses its path, from all looks so far."""
-        return 0.0 if self.posterior is None else float(self.posterior.lateral_rates()[-1])
+        return 0.0 if self.posterior is None else float(self.posterior.lateral_mps[-1])
+
+    def _heading_rad(self) -> float:
+        """Heading of the vehicle against its path: it drives where it points."""
+        return 0.0 if self.posterior is None else float(self.posterior.heading_rad[-1])
+
+    def _quads(self, states: Array, lag_s: float = 0.0) -> tuple[Array, Array]:
+        """Corners of the front at states (N, 4) of s, a, b, v, in the left and the right view."""
+        later = None
+        if lag_s:
+            rate = np.full(len(states), self._lateral_mps())
+            later = states[:, :3] + lag_s * np.column_stack([states[:, 3], rate, 0 * rate])
+        return self.front.corners(self.rig, states[:, :3], self._heading_rad(), later)
 
     def _mean(self) -> Array:
         return normalise_log_weights(self.log_weights) @ self.particles
 
     def _out_of_view(self) -> bool:
-        left, right = self.front.corners(self.rig, self._mean()[None, :3])
+        left, right = self._quads(self._mean()[None])
         return not (inside(self.rig.left, left[0]) and inside(self.rig.right, right[0]))
 
     def _report(self, pair: StereoPair, state: TrackState) -> TrackUpdate:
         mean, cov = mean_and_covariance(normalise_log_weights(self.log_weights), self.particles)
         frame = self.lane.path.frame(np.array(mean[0]))
-        left, right = self.front.corners(self.rig, mean[None, :3])
+        left, right = self._quads(mean[None])
+        if state is not TrackState.COASTING:
+            self.width_px = max(self.width_px, float(np.ptp(left[0, :, 0])))
         ground = self.front.ground_speed(mean[:3], float(mean[3]), self._lateral_mps())
         ratio = ground / mean[3] if mean[3] else 1.0
+        std = live_std(float(ratio * np.sqrt(cov[3, 3])), ground, self.calibration)
         return TrackUpdate(
             stamp_ns=pair.stamp_ns, track=self.track, lane=self.lane.name, state=state,
-            speed_mps=ground, speed_std_mps=float(ratio * np.sqrt(cov[3, 3])),
-            s_m=float(mean[0]), lateral_m=float(mean[1]),
+            speed_mps=ground, speed_std_mps=std, s_m=float(mean[0]), lateral_m=float(mean[1]),
             position_m=self.front.centre(mean[:3]),
-            position_cov_m2=frame @ cov[:3, :3] @ frame.T, axes=frame,
-            quad_left_px=left[0], quad_right_px=right[0])
-
-    def _ground_profile(self, posterior: Posterior) -> tuple[Array, Array, Array]:
-        """Give times, ground speeds and their 1-sigma of the looks of the pass."""
-        values = np.array([
-            self.front.ground_speed(x[:3], float(x[3]), float(rate))
-            for x, rate in zip(posterior.mean, posterior.lateral_rates())])
-        variance = np.diag(posterior.covariance)[3::4]
-        along = posterior.mean[:, 3]
-        ratio = values / np.where(along == 0, 1.0, along)
-        return posterior.stamps_s, values, ratio * np.sqrt(variance)
-
-    def _mean_speed(self, posterior: Posterior, values: Array) -> tuple[float, float]:
-        """Mean ground speed over the pairs of the pass, and its 1-sigma."""
-        share = np.full(len(values), 1 / len(values))
-        block = posterior.covariance[3::4, 3::4]
-        scale = values / np.where(posterior.mean[:, 3] == 0, 1.0, posterior.mean[:, 3])
-        return float(share @ values), float(np.sqrt((share * scale) @ block @ (share * scale)))
-
-    def _pass(self, speed: Optional[float], std: Optional[float], smooth: dict[int, float],
-              smooth_std: dict[int, float], reason: str) -> PassResult:
-        stamps = self.smoothable or [self.first_ns]
-        return PassResult(
-            track=self.track, lane=self.lane.name, first_ns=stamps[0], last_ns=stamps[-1],
-            pairs=len(self.smoothable), speed_mps=speed, speed_std_mps=std,
-            verdict=Verdict.REJECTED if reason else Verdict.MEASURED, reason=reason,
-            smoothed=smooth, smoothed_std=smooth_std)
+            position_cov_m2=frame @ cov[:3, :3] @ frame.T,
+            axes=turned(frame, self._heading_rad()), quad_left_px=left[0],
+            quad_right_px=right[0])
 
 
 def _transport(particles: Array, moments: tuple[Array, Array], target: tuple[Array, Array],

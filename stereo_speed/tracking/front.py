@@ -7,6 +7,9 @@ A pose is (s, a, b): arc length along the path, offset to the left of travel and
 path, all in m.  The front's plane passes through C(s) and holds the path's normal P and binormal
 B, so its normal is the tangent T (2012, Section IV-B).  A point of the front has fixed
 coordinates (x, y) on that plane, and lies at C(s) + (a + x) P(s) + (b + y) B(s).
+
+A vehicle that changes lanes turns: its front's plane turns about B by the heading psi, which is
+that of its motion, and the point lies at C(s) + a P + x (cos psi P - sin psi T) + (b + y) B.
 """
 from __future__ import annotations
 
@@ -21,23 +24,33 @@ from ..paths.base import Path
 from ..records import Array
 
 
-def plane_points(path: Path, poses: Array, plane_xy_m: Array) -> Array:
+def plane_points(path: Path, poses: Array, plane_xy_m: Array,
+                 heading_rad: float = 0.0) -> Array:
     """
     Points of the front for many poses.
 
     :param poses: (N, 3) s, a, b in m.
     :param plane_xy_m: (M, 2) coordinates on the plane along P and B, m.
+    :param heading_rad: psi, heading of the vehicle against the path, positive to the left.
     :return: (N, M, 3), left optical frame, m.
     """
     s_m = poses[:, 0]
     frame = path.frame(s_m)
-    offset = poses[:, None, 1:] + plane_xy_m[None]
-    return path.position(s_m)[:, None] + offset @ np.swapaxes(frame[:, :, 1:], 1, 2)
+    x, y = plane_xy_m.T
+    turned = np.stack([-math.sin(heading_rad) * x, math.cos(heading_rad) * x, y], axis=-1)
+    offset = turned[None] + np.concatenate([np.zeros((len(poses), 1)), poses[:, 1:]], 1)[:, None]
+    return path.position(s_m)[:, None] + offset @ np.swapaxes(frame, 1, 2)
+
+
+def turned(frame: Array, heading_rad: float) -> Array:
+    """Turn a path's frame (3, 3), columns T, P, B, about B by a heading to the left."""
+    cos, sin = math.cos(heading_rad), math.sin(heading_rad)
+    return frame @ np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
 
 
 def back_project(path: Path, camera: Camera, s_m: float, uv_px: Array) -> Array:
     """
-    Where pixels of the left view meet the plane across the path at ``s_m``.
+    Where pixels of a view of the left camera meet the plane across the path at ``s_m``.
 
     :param uv_px: (M, 2) raw pixels of the left camera.
     :return: (M, 2) coordinates along P and B measured from the path, m.
@@ -86,7 +99,8 @@ class Front:
     path: Path
     corners_m: Array
 
-    def corners(self, rig: StereoRig, poses: Array) -> tuple[Array, Array]:
+    def corners(self, rig: StereoRig, poses: Array, heading_rad: float = 0.0,
+                right_poses: Array | None = None) -> tuple[Array, Array]:
         """
         Project the corners of the front: the 2-D sub-states of both views (eq. 11).
 
@@ -94,9 +108,15 @@ class Front:
         carry along; projecting in 3-D also holds for distorted lenses.
 
         :param poses: (N, 3).
+        :param heading_rad: heading of the vehicle against the path.
+        :param right_poses: (N, 3) where the right view was exposed at another time.
         :return: (N, 4, 2) left and right raw pixels, NaN behind the camera.
         """
-        left, right, _, _ = rig.project(plane_points(self.path, poses, self.corners_m))
+        points = plane_points(self.path, poses, self.corners_m, heading_rad)
+        left, right, _, _ = rig.project(points)
+        if right_poses is not None:
+            right = rig.project(
+                plane_points(self.path, right_poses, self.corners_m, heading_rad))[1]
         return left, right
 
     def grid_m(self, unit_xy: Array) -> Array:
@@ -118,7 +138,11 @@ class Front:
         :param speed_mps: speed along the path.
         :param lateral_mps: rate of the offset from the path.
         """
+        along = speed_mps * self.stretch(pose)
+        return math.copysign(math.hypot(along, lateral_mps), speed_mps)
+
+    def stretch(self, pose: Array) -> float:
+        """Metres that the centre travels per metre of the path: 1 - kappa a on a bend."""
         step = np.array([0.05, 0.0, 0.0])
         ahead, behind = self.centre(pose + step), self.centre(pose - step)
-        along = speed_mps * float(np.linalg.norm(ahead - behind)) / (2 * step[0])
-        return math.copysign(math.hypot(along, lateral_mps), speed_mps)
+        return float(np.linalg.norm(ahead - behind)) / (2 * step[0])

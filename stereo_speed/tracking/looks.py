@@ -35,19 +35,24 @@ class Look:
     A linearised look at the front in one pair.
 
     :param pose: (3,) s, a, b where it was taken, m.
+    :param heading_rad: heading of the vehicle against the path it was taken with.
     :param patches: (2, G) left and right patch, zero mean and unit variance.
     :param jacobian: (2, G, 3) derivatives of the patches by the pose, 1/m.
     :param pixels: pixels the patch covers in the image, at most one a grid sample.
     :param shift_px: (2, 3) speed of the front's centre in each view by the pose, px/m.
     :param disparity_px: (3,) change of its disparity by the pose, px/m.
+    :param skew_px: how far the front moves in the right view between the two stamps where these
+        are not taken at their word, px.
     """
 
     pose: Array
+    heading_rad: float
     patches: Array
     jacobian: Array
     pixels: float
     shift_px: Array
     disparity_px: Array
+    skew_px: float
 
 
 class LookSampler:
@@ -58,26 +63,40 @@ class LookSampler:
     :param front: the front.
     :param unit_xy: (G, 2) grid samples in the unit square.
     :param grid_shape: rows and columns of the grid.
+    :param trigger_tolerance_s: pairs whose stamps differ by less were exposed at once, and their
+        stamps tell the difference only by mistake; others are two exposures, each at its time.
     """
 
     def __init__(self, rig: StereoRig, front: Front, unit_xy: Array,
-                 grid_shape: tuple[int, int]) -> None:
+                 grid_shape: tuple[int, int], trigger_tolerance_s: float) -> None:
         self.rig, self.front, self.grid_shape = rig, front, grid_shape
+        self.trigger_tolerance_s = trigger_tolerance_s
         inner = 0.5 + _INNER * (unit_xy - 0.5)
         self._plane_m = np.concatenate([front.grid_m(inner), front.corners_m])
         self._count = len(unit_xy)
 
-    def look(self, pair: StereoPair, pose: Array) -> Look | None:
+    def lag_s(self, pair: StereoPair) -> float:
+        """Time from the left to the right exposure, s."""
+        lag_s = (pair.right_stamp_ns - pair.stamp_ns) * 1e-9
+        return lag_s if abs(lag_s) > self.trigger_tolerance_s else 0.0
+
+    def look(self, pair: StereoPair, pose: Array, velocity_mps: Array,
+             heading_rad: float = 0.0) -> Look | None:
         """
         Take a look with its derivatives; None where the front is not wholly seen.
 
-        :param pose: (3,) s, a, b, m.
+        :param pose: (3,) s, a, b at the left stamp, m.
+        :param velocity_mps: (3,) their rates, for the right view where it was exposed later.
+        :param heading_rad: heading of the vehicle against the path.
         """
-        n = self._count
+        n, lag_s = self._count, self.lag_s(pair)
         steps = _STEP_M * np.eye(3)
-        points = plane_points(self.front.path, np.concatenate([pose[None], pose + steps,
-                                                               pose - steps]), self._plane_m)
-        left, right, in_left, in_right = self.rig.project(points)
+        poses = np.concatenate([pose[None], pose + steps, pose - steps])
+        points = plane_points(self.front.path, poses, self._plane_m, heading_rad)
+        later = points if lag_s == 0 else plane_points(
+            self.front.path, poses + lag_s * velocity_mps, self._plane_m, heading_rad)
+        left, in_left = self.rig.left.project(points)
+        right, in_right = self.rig.right.project(self.rig.to_right(later))
         if not (in_left[0].all() and in_right[0].all()):
             return None
         motion = [(uv[1:4] - uv[4:]) / (2 * _STEP_M) for uv in (left, right)]  # (3, M, 2)
@@ -85,10 +104,13 @@ class LookSampler:
                  zip((pair.left, pair.right), (left, right), motion)]
         centre = [m[:, :n].mean(axis=1) for m in motion]  # (3, 2)
         area = 0.5 * (_area(left[0, n:]) + _area(right[0, n:]))
-        return Look(pose=pose, patches=np.stack([v[0] for v in views]),
+        unheeded_s = (pair.right_stamp_ns - pair.stamp_ns) * 1e-9 - lag_s
+        return Look(pose=pose, heading_rad=heading_rad,
+                    patches=np.stack([v[0] for v in views]),
                     jacobian=np.stack([v[1] for v in views]), pixels=min(area, float(n)),
                     shift_px=np.stack([np.linalg.norm(c, axis=1) for c in centre]),
-                    disparity_px=centre[0][:, 0] - centre[1][:, 0])
+                    disparity_px=centre[0][:, 0] - centre[1][:, 0],
+                    skew_px=float(np.linalg.norm(velocity_mps @ centre[1]) * abs(unheeded_s)))
 
     def _patch(self, image: NDArray[Any], uv: Array, motion: Array) -> tuple[Array, Array]:
         """

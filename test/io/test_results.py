@@ -1,6 +1,7 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """The files of a run, to the letter."""
+from dataclasses import replace
 import json
 import math
 
@@ -12,7 +13,7 @@ from stereo_speed.errors import InputError
 from stereo_speed.io.results import (
     passes_csv, prepare_folder, software_versions, stream_timings, summary_json, tracks_csv,
     write_run)
-from stereo_speed.records import PassResult, TrackState, TrackUpdate, Verdict
+from stereo_speed.records import PassResult, SpeedBudget, TrackState, TrackUpdate, Verdict
 
 
 def update(stamp_ns, track, speed_mps=24.5872, lane='near, slow'):
@@ -40,11 +41,17 @@ def test_tracks_to_the_letter():
 
 
 def test_passes_to_the_letter():
-    text = passes_csv([result(7, Verdict.REJECTED, None, 'too_few_pairs'), result(2)])
+    budget = SpeedBudget(matching_mps=0.03, path_mps=0.04, stamps_mps=0.0, calibration_mps=0.12)
+    measured = replace(result(2), budget=budget, end='lost', lane_to='fast')
+    text = passes_csv([result(7, Verdict.REJECTED, None, 'too_few_pairs'), measured])
     assert text == (
-        'track,lane,first_ns,last_ns,pairs,speed_mps,speed_std_mps,verdict,reason\n'
-        '2,slow,10,20,2,24.58000,0.03000,measured,\n'
-        '7,slow,10,20,2,,,rejected,too_few_pairs\n')
+        'track,lane,first_ns,last_ns,pairs,speed_mps,speed_std_mps,verdict,reason,lane_to,end,'
+        'first_mps,last_mps,max_mps,std_matching_mps,std_path_mps,std_stamps_mps,'
+        'std_calibration_mps\n'
+        '2,slow,10,20,2,24.58000,0.03000,measured,,fast,lost,24.50000,24.50000,24.50000,'
+        '0.03000,0.04000,0.00000,0.12000\n'
+        '7,slow,10,20,2,,,rejected,too_few_pairs,slow,stream_ended,,,,,,,\n')
+    assert budget.total_mps == pytest.approx(0.13)
 
 
 def test_summary_is_plain_sorted_json():

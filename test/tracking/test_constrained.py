@@ -80,9 +80,10 @@ def test_hidden_pairs_coast_and_the_vehicle_is_found_again(circle, tmp_path):
 
 
 def test_a_vehicle_lost_for_good_ends_its_track(circle, tmp_path):
-    pairs = [blank(p) if p.index > 4 else p for p in circle.pairs]
+    pairs = [blank(p) if p.index > 1 else p for p in circle.pairs]
     updates, (result,) = drive(circle, tmp_path, pairs)
-    assert len(updates) < len(pairs) and result.pairs == 5
+    assert len(updates) < len(pairs) and result.pairs == 2 and result.end == 'lost'
+    assert {u.state for u in updates} == {TrackState.TENTATIVE, TrackState.COASTING}
 
 
 def test_a_short_pass_is_rejected_not_guessed(circle, tmp_path):
@@ -91,7 +92,8 @@ def test_a_short_pass_is_rejected_not_guessed(circle, tmp_path):
 
 
 def test_long_passes_are_thinned_without_losing_stamps(straight, tmp_path, monkeypatch):
-    monkeypatch.setattr(refine, '_MAX_LOOKS', 6)
+    monkeypatch.setattr(refine, '_LIVE_LOOKS', 6)
+    monkeypatch.setattr(refine, '_PASS_LOOKS', 9)
     updates, (result,) = drive(straight, tmp_path)
     assert list(result.smoothed) == [u.stamp_ns for u in updates]
     assert abs(result.speed_mps - float(straight.truth[0]['speed'])) < 0.2

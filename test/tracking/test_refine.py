@@ -3,14 +3,14 @@
 """The least-squares problem behind the refinement, against a Kalman smoother and scipy."""
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import numpy as np
+import pytest
 from scipy import stats
 
 from stereo_speed.config import TrackerConfig
 from stereo_speed.filtering.gaussian import condition, NormalEquations
-from stereo_speed.tracking.refine import PassPrior, PassRefiner
+from stereo_speed.tracking.motion import (
+    headings, lateral_rates, MotionModel, PassMotion, PassPrior)
 
 TIMES_S = np.array([0.0, 0.2, 0.35, 0.8, 1.0, 1.2])  # uneven on purpose
 RATE, S_STD, V_STD, MEASURE_STD = 0.4, 2.0, 5.0, 0.3
@@ -40,27 +40,72 @@ def kalman_smoother(measured):
     return out
 
 
-def refiner_with_times():
+def pass_motion(stamp_std_s=0.0, **changes):
     prior = PassPrior(s_m=1.0, s_std_m=S_STD, offset_m=np.zeros(2), offset_slope=np.zeros(2),
                       speed_mps=20.0, speed_std_mps=V_STD, heading_std_rad=np.full(2, 1e-3))
-    refiner = PassRefiner(SimpleNamespace(), prior, TrackerConfig())
-    refiner.pairs = [SimpleNamespace(stamp_ns=round(t * 1e9)) for t in TIMES_S]
-    refiner.looks = [SimpleNamespace()] * len(TIMES_S)
-    refiner.state = np.zeros((len(TIMES_S), 4))  # standing still: no heading error to share
-    return refiner
+    return PassMotion(prior, TrackerConfig(**changes), stamp_std_s)
 
 
-def test_motion_model_is_the_kalman_smoother_of_the_same_process():
-    n = len(TIMES_S)
+def measurements(n):
     measured = 3 + 19 * TIMES_S + np.random.default_rng(2).normal(0, MEASURE_STD, n)
     info, right = np.zeros((3 * n, 3 * n)), np.zeros(3 * n)
     info[range(0, 3 * n, 3), range(0, 3 * n, 3)] = MEASURE_STD ** -2
     right[::3] = measured / MEASURE_STD ** 2
-    mean, covariance, _ = condition(refiner_with_times()._motion(RATE, 0.2), info, right)
+    return measured, info, right
+
+
+def test_motion_model_is_the_kalman_smoother_of_the_same_process():
+    n = len(TIMES_S)
+    measured, info, right = measurements(n)
+    standing = np.zeros((n, 4))  # no heading error to share
+    prior = pass_motion().equations(TIMES_S, standing, MotionModel(1.0, RATE, 0.2))
+    mean, covariance, _ = condition(prior, info, right)
     for k, (x, P) in enumerate(kalman_smoother(measured)):
         at = [3 * k, 3 * n + k]
         np.testing.assert_allclose(mean[at], x, rtol=1e-6)
         np.testing.assert_allclose(covariance[np.ix_(at, at)], P, rtol=1e-5, atol=1e-9)
+
+
+def test_changing_speed_is_the_integrated_wiener_process_of_its_acceleration():
+    """Covariances of (s, v, a) at any two times in closed form, s(0), v(0), a(0) independent."""
+    n, jerk, a_std = len(TIMES_S), 3.0, 1.5
+    motion = pass_motion(jerk_rate_std=jerk, acceleration_std_mps2=a_std)
+    prior = motion.equations(TIMES_S, np.zeros((n, 4)), MotionModel(1.0, None, 0.2))
+    covariance = np.linalg.inv(prior.H)
+    for k, t in enumerate(TIMES_S):
+        F = np.array([[1, t, t * t / 2], [0, 1, t], [0, 0, 1]])
+        Q = jerk ** 2 * np.array([[t ** 5 / 20, t ** 4 / 8, t ** 3 / 6],
+                                  [t ** 4 / 8, t ** 3 / 3, t ** 2 / 2],
+                                  [t ** 3 / 6, t ** 2 / 2, t]])
+        want = F @ np.diag([S_STD ** 2, V_STD ** 2, a_std ** 2]) @ F.T + Q
+        at = [3 * k, 3 * n + k, 4 * n + k]
+        np.testing.assert_allclose(covariance[np.ix_(at, at)], want, rtol=1e-4, atol=1e-6)
+
+
+def test_stamps_off_by_a_millisecond_cost_what_brute_force_says():
+    """The sigma of the speed with jittered stamps is that of measurements jittered alike."""
+    n, v, jitter = len(TIMES_S), 20.0, 2e-3
+    _, info, right = measurements(n)
+    info[info > 0], state = 1e12, np.tile([0.0, 0, 0, v], (n, 1))
+    state[:, 0] = 0.0
+    prior = pass_motion(jitter).equations(TIMES_S, state, MotionModel(1.0, 1e-3, 0.2))
+    covariance = condition(prior, info, right * 0)[1]
+    rng = np.random.default_rng(3)
+    slopes = [np.polyfit(TIMES_S, v * rng.normal(0, jitter, n), 1)[0] for _ in range(4000)]
+    assert np.sqrt(covariance[3 * n, 3 * n]) == pytest.approx(np.std(slopes), rel=0.06)
+
+
+@pytest.mark.parametrize('fps', [2.5, 10.0, 60.0])
+def test_lateral_rates_of_a_parabola_are_exact_at_every_look(fps):
+    t = np.arange(0, 2.0, 1 / fps)
+    np.testing.assert_allclose(lateral_rates(t, 0.3 + 0.5 * t - 0.7 * t ** 2), 0.5 - 1.4 * t,
+                               atol=1e-9)
+
+
+def test_heading_is_where_the_vehicle_drives_and_none_when_it_stands():
+    state = np.array([[0.0, 0, 0, 20.0], [0, 0, 0, 0.5]])
+    got = headings(state, np.array([2.0, 2.0]), np.array([0.5, 1.0]))
+    np.testing.assert_allclose(got, [np.arctan2(2.0, 10.0), 0.0])
 
 
 def test_evidence_differs_between_priors_as_the_marginal_density_does():

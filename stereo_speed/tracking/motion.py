@@ -1,0 +1,220 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+What is known of a pass without its images: where it begins, and how vehicles move.
+
+The unknowns of a pass of n looks are its poses (s, a, b of each look), then the n speeds along
+the path, the n accelerations and the two errors of the path's heading: 5 n + 2 numbers.
+
+Every model of motion is a Gaussian prior over them.  *Cruising* and *steady*: the speed is a Wiener
+process, of a small rate and of the paper's (2012, eq. 24).  *Changing speed*: the acceleration is one.  *Changing lanes*: the drift
+across the path (eq. 27) is large.  The images then say which it was, by their evidence.
+"""
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from ..config import TrackerConfig
+from ..filtering.gaussian import NormalEquations
+from ..records import Array
+
+_GAUGE_STD_M = 0.005  # the first look defines what the front's centre is
+_LEAST_RATE = 1e-3  # no process is noiseless
+_UNUSED_STD = 1.0  # of accelerations in a model that has none: any number, it is never told
+_RATE_WINDOW_S = 0.35  # lateral rates are slopes over this time either way
+_RATE_LOOKS = 3  # and over this many looks at least
+
+
+@dataclass(frozen=True, eq=False)
+class PassPrior:
+    """
+    What is known of a pass before its looks.
+
+    :param s_m: arc length of the front in its first pair, m, and
+    :param s_std_m: its 1-sigma.
+    :param offset_m: (2,) offsets a, b at ``s_m`` of the ray through the front's centre in the
+        first left view, which defines the centre, m.
+    :param offset_slope: (2,) their change per metre of s.
+    :param speed_mps: expected speed, m/s, and
+    :param speed_std_mps: its 1-sigma.
+    :param heading_std_rad: (2,) 1-sigma of the path's heading across and up.
+    """
+
+    s_m: float
+    s_std_m: float
+    offset_m: Array
+    offset_slope: Array
+    speed_mps: float
+    speed_std_mps: float
+    heading_std_rad: Array
+
+
+@dataclass(frozen=True)
+class MotionModel:
+    """
+    One way to drive.
+
+    :param share: prior probability.
+    :param speed_rate_std: random walk of the speed, m/s/sqrt(s); None where the acceleration
+        is one.
+    :param across_std_m: drift across the path, m/sqrt(s).
+    """
+
+    share: float
+    speed_rate_std: float | None
+    across_std_m: float
+
+
+def motion_models(config: TrackerConfig) -> list[MotionModel]:
+    """Give the models that a configuration allows for, the steady one first."""
+    p, c = config.manoeuvre_probability, config
+    steady, changing, cruise = c.drift_across_std_m, c.manoeuvre_across_std_m, c.cruise_share
+    models = [MotionModel((1 - p) ** 2 * cruise, c.cruise_rate_std, steady),
+              MotionModel((1 - p) ** 2 * (1 - cruise), c.speed_rate_std, steady),
+              MotionModel(p * (1 - p), None, steady),
+              MotionModel(p * (1 - p), c.speed_rate_std, changing),
+              MotionModel(p * p, None, changing)]
+    return [m for m in models if m.share > 0]
+
+
+class PassMotion:
+    """
+    The priors of a pass at the stamps of its looks.
+
+    :param prior: how it begins.
+    :param config: rates of the random walks.
+    :param stamp_std_s: 1-sigma of each stamp, s.
+    """
+
+    def __init__(self, prior: PassPrior, config: TrackerConfig, stamp_std_s: float) -> None:
+        self.prior, self.config, self.stamp_std_s = prior, config, stamp_std_s
+
+    def equations(self, times_s: Array, state: Array, model: MotionModel) -> NormalEquations:
+        """
+        Write down all that is known without the images.
+
+        :param times_s: (n,) stamps, s.
+        :param state: (n, 4) s, a, b and speed as known so far; for what is not linear.
+        :param model: the way to drive.
+        """
+        n, p = len(times_s), self.prior
+        normal = NormalEquations(5 * n + 2)
+        tilt = 5 * n
+        normal.row([0], [1.0], p.s_m, p.s_std_m)
+        for axis in (0, 1):
+            slope = float(p.offset_slope[axis])
+            rest = float(p.offset_m[axis]) - slope * p.s_m
+            normal.row([1 + axis, 0], [1.0, -slope], rest, _GAUGE_STD_M)
+            normal.row([tilt + axis], [1.0], 0.0, float(p.heading_std_rad[axis]))
+        normal.row([3 * n], [1.0], p.speed_mps, p.speed_std_mps)
+        if model.speed_rate_std is None:
+            normal.row([4 * n], [1.0], 0.0, self.config.acceleration_std_mps2)
+        else:
+            each = np.arange(4 * n, 5 * n)[:, None]
+            normal.rows(each, [1.0], np.full(n, _UNUSED_STD))
+        if n > 1:
+            along = _changing_speed if model.speed_rate_std is None else _steady
+            along(self, normal, np.diff(times_s), np.abs(state[:, 3]), model)
+            self._sideways(normal, times_s, state, model)
+        return normal
+
+    def stamp_covariance(self, speed_mps: Array) -> Array:
+        """Covariance (n - 1, n - 1) of the ways between looks for their stamps' errors."""
+        step = np.diff(np.eye(len(speed_mps)), axis=0)
+        return step @ np.diag(np.square(self.stamp_std_s * speed_mps)) @ step.T
+
+    def _sideways(self, normal: NormalEquations, times_s: Array, state: Array,
+                  model: MotionModel) -> None:
+        """
+        Drift across and above the path (eq. 27), which may itself be turned.
+
+        A driver wanders across the lane, but the road carries the vehicle: above the path it
+        drifts little, and bounces on its springs.
+        """
+        n = len(times_s)
+        k, dt = np.arange(n - 1), np.diff(times_s)
+        ones, ds = np.ones(n - 1), np.diff(state[:, 0])
+        step = np.diff(np.eye(n), axis=0)
+        bounce = self.config.bounce_std_m ** 2 * step @ step.T
+        for axis, drift, extra in ((0, model.across_std_m, 0.0),
+                                   (1, self.config.climb_std_m, bounce)):
+            at = np.column_stack([3 * k + 4 + axis, 3 * k + 1 + axis,
+                                  np.full(n - 1, 5 * n + axis)])
+            normal.correlated(at, np.column_stack([ones, -ones, -ds]),
+                              np.diag(max(drift, _LEAST_RATE) ** 2 * dt) + extra)
+
+
+def _steady(motion: PassMotion, normal: NormalEquations, dt: Array, speed_mps: Array,
+            model: MotionModel) -> None:
+    """
+    Speed as a Wiener process.
+
+    Given both ends, the way between them scatters by q dt^3 / 12 about their mean.
+    """
+    n = len(dt) + 1
+    k, v = np.arange(n - 1), 3 * n + np.arange(n)
+    rate = max(model.speed_rate_std or 0.0, _LEAST_RATE)
+    ways = np.column_stack([np.ones(n - 1), -np.ones(n - 1), -dt / 2, -dt / 2])
+    normal.correlated(np.column_stack([3 * k + 3, 3 * k, v[:-1], v[1:]]), ways,
+                      np.diag(rate ** 2 * dt ** 3 / 12) + motion.stamp_covariance(speed_mps))
+    normal.rows(np.column_stack([v[1:], v[:-1]]), [1.0, -1.0], rate * np.sqrt(dt))
+
+
+def _changing_speed(motion: PassMotion, normal: NormalEquations, dt: Array, speed_mps: Array,
+                    model: MotionModel) -> None:
+    """Acceleration as a Wiener process; way, speed and acceleration scatter together."""
+    n = len(dt) + 1
+    k, rate = np.arange(n - 1), max(motion.config.jerk_rate_std, _LEAST_RATE)
+    s, v, a = 3 * np.arange(n), 3 * n + np.arange(n), 4 * n + np.arange(n)
+    zero, one = np.zeros(n - 1), np.ones(n - 1)
+    columns = np.column_stack([s[1:], s[:-1], v[1:], v[:-1], a[1:], a[:-1]])
+    ways = np.column_stack([one, -one, zero, -dt, zero, -dt ** 2 / 2])
+    speeds = np.column_stack([zero, zero, one, -one, zero, -dt])
+    accelerations = np.column_stack([zero, zero, zero, zero, one, -one])
+    moments = ((dt ** 5 / 20, dt ** 4 / 8, dt ** 3 / 6),
+               (dt ** 4 / 8, dt ** 3 / 3, dt ** 2 / 2),
+               (dt ** 3 / 6, dt ** 2 / 2, dt))
+    covariance = rate ** 2 * np.block([[np.diag(m) for m in row] for row in moments])
+    covariance[np.ix_(k, k)] += motion.stamp_covariance(speed_mps)
+    normal.correlated(np.tile(columns, (3, 1)), np.vstack([ways, speeds, accelerations]),
+                      covariance)
+
+
+def lateral_rates(times_s: Array, offset_m: Array) -> Array:
+    """
+    Rates at which a front moves across its path.
+
+    Each is the slope there of a parabola through the looks around it; differences of neighbours
+    would be late by half an interval at the newest look, and noisy at high frame rates.
+
+    :param times_s: (n,) s.
+    :param offset_m: (n,) offsets from the path, m.
+    :return: (n,) m/s; 0 for a single look.
+    """
+    n = len(times_s)
+    rates = np.zeros(n)
+    for k in range(n if n > 1 else 0):
+        near = np.argsort(np.abs(times_s - times_s[k]), kind='stable')
+        inside = int(np.sum(np.abs(times_s - times_s[k]) <= _RATE_WINDOW_S + 1e-9))
+        near = near[:max(inside, min(_RATE_LOOKS, n))]
+        t = times_s[near] - times_s[k]
+        scale = float(np.abs(t).max())
+        basis = np.vander(t / scale, min(3, len(near)), increasing=True)
+        rates[k] = np.linalg.lstsq(basis, offset_m[near], rcond=None)[0][1] / scale
+    return rates
+
+
+def headings(state: Array, rates_mps: Array, stretch: Array) -> Array:
+    """
+    Headings of a vehicle that drives where it points.
+
+    :param state: (n, 4) s, a, b, speed along the path.
+    :param rates_mps: (n,) lateral rates.
+    :param stretch: (n,) metres travelled per metre of the path.
+    :return: (n,) rad against the path; 0 for what hardly moves.
+    """
+    along = np.abs(state[:, 3]) * stretch
+    return np.array([math.atan2(r, v) if v > 2.0 else 0.0 for r, v in zip(rates_mps, along)])

@@ -1,0 +1,55 @@
+#!/usr/bin/env python3
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Write the tracker's parameters into ``config/`` anew, after a default or a text has changed."""
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+import re
+import sys
+import textwrap
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))
+
+from stereo_speed.config import TrackerConfig  # noqa: E402
+
+HEAD = '# Parameters of the tracker for `replay --config`; these are the defaults.\n'
+
+
+def parameters(indent: str) -> str:
+    """Give every parameter with its meaning above it, as YAML."""
+    lines = []
+    for f in dataclasses.fields(TrackerConfig):
+        m = f.metadata
+        unit = f' [{m["unit"]}]' if m['unit'] else ''
+        lines += textwrap.wrap(f'{m["doc"]}{unit}; {m["low"]} to {m["high"]}', 97,
+                               initial_indent=indent + '# ', subsequent_indent=indent + '# ',
+                               break_long_words=False, break_on_hyphens=False)
+        lines.append(f'{indent}{f.name}: {_yaml(f.default)}')
+    return '\n'.join(lines) + '\n'
+
+
+def _yaml(value: object) -> str:
+    """Write a number as YAML 1.1 reads it: exponents need a point and a sign."""
+    text = repr(value)
+    return f'{value:.8f}'.rstrip('0') if isinstance(value, float) and 'e' in text else text
+
+
+def main() -> None:
+    """Write both files."""
+    (ROOT / 'config' / 'tracker.yaml').write_text(HEAD + parameters(''))
+    path = ROOT / 'config' / 'stereo_speed.params.yaml'
+    text = path.read_text()
+    fields = [f.name for f in dataclasses.fields(TrackerConfig)]
+    # Of the tracker node's block, all from the comment above the first parameter on is made anew.
+    start = text.index('    # number of particles N')
+    end = text.find('\n\n/**/', start)
+    rest = text[end + 1:] if end >= 0 else ''
+    path.write_text(text[:start] + parameters('    ') + rest)
+    assert re.search(rf'^    {fields[-1]}:', path.read_text(), re.M)
+
+
+if __name__ == '__main__':
+    main()
