@@ -1,13 +1,14 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Write a simulated sequence as a bag with its site, marks and truth."""
+"""Write what was simulated as a bag with its site, marks and truth."""
 from __future__ import annotations
 
+from contextlib import contextmanager
 import csv
 from pathlib import Path
 import shutil
 import tempfile
-from typing import Any, Iterator, Union
+from typing import Any, Iterable, Iterator, Mapping, Sequence, Union
 
 import cv2
 import numpy as np
@@ -17,17 +18,19 @@ from rosbags.typesys import get_typestore, Stores
 import yaml
 
 from .sequence import SimSequence
+from .traffic import TrafficStream
 from ..errors import InputError
 from ..geometry.camera import Camera
 from ..geometry.rig import StereoRig
-from ..records import Array
+from ..records import Array, StereoPair
 
 STORAGES = ('mcap', 'sqlite3', 'ros1')
 ENCODINGS = ('mono8', 'bgr8', 'rgb8', 'bgra8', 'rgba8', 'bayer_rggb8', 'bayer_bggr8',
              'bayer_gbrg8', 'bayer_grbg8', 'mono16')
 TRUTH_COLUMNS = ('stamp', 'vehicle', 'speed', 'path_speed', 'lateral', 'x', 'y', 'z', 'width_px')
+TRAFFIC_COLUMNS = (*TRUTH_COLUMNS, 'lane', 'visible', 'in_view')
 _TRUTH_FORMATS = {'speed': '.5f', 'path_speed': '.5f', 'lateral': '.4f', 'x': '.4f', 'y': '.4f',
-                  'z': '.4f', 'width_px': '.1f'}
+                  'z': '.4f', 'width_px': '.1f', 'visible': '.3f', 'in_view': 'd'}
 _IMAGE, _COMPRESSED = 'sensor_msgs/msg/Image', 'sensor_msgs/msg/CompressedImage'
 _INFO = 'sensor_msgs/msg/CameraInfo'
 
@@ -72,10 +75,49 @@ def write_bag(sequence: SimSequence, folder: Union[str, Path], storage: str = 'm
     :return: the folder.
     :raises InputError: the folder is taken, or the storage or encoding unknown.
     """
-    folder = Path(folder)
+    _check(storage, encoding)
+    with _aside(folder) as work:
+        _write_messages(sequence.rig, sequence.pairs, work, storage,
+                        encoding if not compressed else '', jpeg_quality)
+        _write_yaml(sequence.site, work / 'site.yaml')
+        _write_yaml(sequence.init, work / 'init.yaml')
+        write_truth(sequence.truth, work / 'truth.csv')
+    return Path(folder)
+
+
+def write_traffic_bag(stream: TrafficStream, folder: Union[str, Path], storage: str = 'mcap',
+                      encoding: str = 'mono8', compressed: bool = False,
+                      jpeg_quality: int = 95) -> Path:
+    """
+    Write a stream of traffic as it comes: ``bag/``, ``site.yaml`` and ``truth.csv``.
+
+    The parameters, the result and the errors are those of :func:`write_bag`.
+    """
+    _check(storage, encoding)
+    truth: list[Mapping[str, Any]] = []
+
+    def pairs() -> Iterator[StereoPair]:
+        for one in stream:
+            truth.extend(one.truth)
+            yield one.pair
+    with _aside(folder) as work:
+        _write_messages(stream.rig, pairs(), work, storage,
+                        encoding if not compressed else '', jpeg_quality)
+        _write_yaml(stream.site, work / 'site.yaml')
+        write_truth(truth, work / 'truth.csv', TRAFFIC_COLUMNS)
+    return Path(folder)
+
+
+def _check(storage: str, encoding: str) -> None:
     for what, value, known in (('storage', storage, STORAGES), ('encoding', encoding, ENCODINGS)):
         if value not in known:
             raise InputError('simulation', what, value, 'one of ' + ', '.join(known))
+
+
+@contextmanager
+def _aside(folder: Union[str, Path]) -> Iterator[Path]:
+    """Give a folder to write into that takes the place of another when all went well."""
+    folder = Path(folder)
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(folder, 'output folder', 'something there already',
                          'a folder that is empty or not there')
@@ -83,31 +125,38 @@ def write_bag(sequence: SimSequence, folder: Union[str, Path], storage: str = 'm
     with tempfile.TemporaryDirectory(prefix=f'.{folder.name}.', dir=folder.parent) as scratch:
         work = Path(scratch) / folder.name
         work.mkdir()
-        _write_messages(sequence, work, storage, encoding if not compressed else '', jpeg_quality)
-        for name, content in (('site', sequence.site), ('init', sequence.init)):
-            text = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=99)
-            (work / f'{name}.yaml').write_text(text)
-        _write_truth(sequence, work / 'truth.csv')
+        yield work
         if folder.exists():
             folder.rmdir()
         shutil.move(str(work), str(folder))
-    return folder
 
 
-def _write_truth(sequence: SimSequence, path: Path) -> None:
+def _write_yaml(content: Mapping[str, Any], path: Path) -> None:
+    path.write_text(yaml.safe_dump(
+        dict(content), sort_keys=False, default_flow_style=None, width=99))
+
+
+def write_truth(rows: Iterable[Mapping[str, Any]], path: Path,
+                columns: Sequence[str] = TRUTH_COLUMNS) -> None:
+    """
+    Write ``truth.csv``.
+
+    :param rows: in the order of the file.
+    :param path: of the file.
+    :param columns: those to write.
+    """
     with path.open('w', newline='') as file:
         writer = csv.writer(file, lineterminator='\n')
-        writer.writerow(TRUTH_COLUMNS)
-        for row in sequence.truth:
-            writer.writerow([format(row[key], _TRUTH_FORMATS.get(key, ''))
-                             for key in TRUTH_COLUMNS])
+        writer.writerow(columns)
+        for row in rows:
+            writer.writerow([format(row[key], _TRUTH_FORMATS.get(key, '')) for key in columns])
 
 
-def _write_messages(sequence: SimSequence, folder: Path, storage: str, encoding: str,
-                    quality: int) -> None:
+def _write_messages(rig: StereoRig, pairs: Iterable[StereoPair], folder: Path, storage: str,
+                    encoding: str, quality: int) -> None:
     """Write the bag; an empty encoding means compressed images."""
     store = get_typestore(Stores.ROS1_NOETIC if storage == 'ros1' else Stores.ROS2_JAZZY)
-    make = _Messages(sequence, store.types, storage == 'ros1', encoding, quality)
+    make = _Messages(rig, store.types, storage == 'ros1', encoding, quality)
     image_type = _IMAGE if encoding else _COMPRESSED
     if storage == 'ros1':
         bag: Any = Writer1(folder / 'bag.bag')
@@ -121,7 +170,7 @@ def _write_messages(sequence: SimSequence, folder: Path, storage: str, encoding:
             connections[side, True] = bag.add_connection(topic, image_type, typestore=store)
             connections[side, False] = bag.add_connection(
                 f'/stereo/{side}/camera_info', _INFO, typestore=store)
-        for stamp_ns, side, is_image, message in make.in_order():
+        for stamp_ns, side, is_image, message in make.in_order(pairs):
             kind = image_type if is_image else _INFO
             raw = (store.serialize_ros1(message, kind) if storage == 'ros1'
                    else store.serialize_cdr(message, kind))
@@ -129,18 +178,18 @@ def _write_messages(sequence: SimSequence, folder: Path, storage: str, encoding:
 
 
 class _Messages:
-    """Makes the messages of a sequence, in the order of their stamps."""
+    """Makes the messages of pairs, in the order of their stamps."""
 
-    def __init__(self, sequence: SimSequence, types: Any, ros1: bool, encoding: str,
+    def __init__(self, rig: StereoRig, types: Any, ros1: bool, encoding: str,
                  quality: int) -> None:
-        self.sequence, self.types, self.ros1 = sequence, types, ros1
+        self.rig, self.types, self.ros1 = rig, types, ros1
         self.encoding, self.quality = encoding, quality
 
-    def in_order(self) -> Iterator[tuple[int, str, bool, Any]]:
+    def in_order(self, pairs: Iterable[StereoPair]) -> Iterator[tuple[int, str, bool, Any]]:
         """Yield stamp (ns), side, whether an image, and the message."""
-        rig = self.sequence.rig
+        rig = self.rig
         r1, r2, p1, p2 = rectification(rig)
-        for pair in self.sequence.pairs:
+        for pair in pairs:
             sides = [(pair.stamp_ns, 'left', pair.left, rig.left, r1, p1),
                      (pair.right_stamp_ns, 'right', pair.right, rig.right, r2, p2)]
             for stamp_ns, side, image, camera, r, p in sorted(sides, key=lambda item: item[0]):
