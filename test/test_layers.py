@@ -24,6 +24,7 @@ LAYERS = (
     ('pipeline',),
     ('io',),
     ('sim', 'report'),
+    ('evaluation',),
     ('nodes',),
     ('cli',),
     ('__main__',),

@@ -4,11 +4,10 @@
 from __future__ import annotations
 
 from contextlib import contextmanager
-import csv
 from pathlib import Path
 import shutil
 import tempfile
-from typing import Any, Iterable, Iterator, Mapping, Sequence, Union
+from typing import Any, Iterable, Iterator, Mapping, Union
 
 import cv2
 import numpy as np
@@ -19,6 +18,7 @@ import yaml
 
 from .sequence import SimSequence
 from .traffic import TrafficStream
+from .truth import TRAFFIC_COLUMNS, write_truth
 from ..errors import InputError
 from ..geometry.camera import Camera
 from ..geometry.rig import StereoRig
@@ -27,10 +27,6 @@ from ..records import Array, StereoPair
 STORAGES = ('mcap', 'sqlite3', 'ros1')
 ENCODINGS = ('mono8', 'bgr8', 'rgb8', 'bgra8', 'rgba8', 'bayer_rggb8', 'bayer_bggr8',
              'bayer_gbrg8', 'bayer_grbg8', 'mono16')
-TRUTH_COLUMNS = ('stamp', 'vehicle', 'speed', 'path_speed', 'lateral', 'x', 'y', 'z', 'width_px')
-TRAFFIC_COLUMNS = (*TRUTH_COLUMNS, 'lane', 'visible', 'in_view')
-_TRUTH_FORMATS = {'speed': '.5f', 'path_speed': '.5f', 'lateral': '.4f', 'x': '.4f', 'y': '.4f',
-                  'z': '.4f', 'width_px': '.1f', 'visible': '.3f', 'in_view': 'd'}
 _IMAGE, _COMPRESSED = 'sensor_msgs/msg/Image', 'sensor_msgs/msg/CompressedImage'
 _INFO = 'sensor_msgs/msg/CameraInfo'
 
@@ -134,22 +130,6 @@ def _aside(folder: Union[str, Path]) -> Iterator[Path]:
 def _write_yaml(content: Mapping[str, Any], path: Path) -> None:
     path.write_text(yaml.safe_dump(
         dict(content), sort_keys=False, default_flow_style=None, width=99))
-
-
-def write_truth(rows: Iterable[Mapping[str, Any]], path: Path,
-                columns: Sequence[str] = TRUTH_COLUMNS) -> None:
-    """
-    Write ``truth.csv``.
-
-    :param rows: in the order of the file.
-    :param path: of the file.
-    :param columns: those to write.
-    """
-    with path.open('w', newline='') as file:
-        writer = csv.writer(file, lineterminator='\n')
-        writer.writerow(columns)
-        for row in rows:
-            writer.writerow([format(row[key], _TRUTH_FORMATS.get(key, '')) for key in columns])
 
 
 def _write_messages(rig: StereoRig, pairs: Iterable[StereoPair], folder: Path, storage: str,

@@ -1,0 +1,233 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""``traffic``: measure a simulated stream of traffic, found automatically, and tabulate it."""
+from __future__ import annotations
+
+import argparse
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field, replace
+from multiprocessing import get_context
+import os
+from pathlib import Path
+import queue as queues
+import tempfile
+import time
+from typing import Any, Iterator, Mapping, Optional, Union
+
+import cv2
+import numpy as np
+from tqdm import tqdm
+import yaml
+
+from ..config import TrackerConfig
+from ..errors import InputError
+from ..evaluation import traffic as evaluation
+from ..geometry.rig import StereoRig
+from ..io.results import prepare_folder, software_versions, stream_timings, write_run
+from ..pipeline import SpeedPipeline
+from ..records import PassResult, TrackUpdate
+from ..sim.config import RIGS
+from ..sim.traffic import TrafficPair, TrafficStream
+from ..sim.traffic_config import LIGHTS, traffic_config, TrafficConfig
+from ..sim.truth import TRAFFIC_COLUMNS, write_truth
+from ..site import lane_paths, LanePath, load_site
+
+TRUTH = 'truth.csv'
+WAITING_PAIRS = 8  # rendered and not yet measured, at most
+Message = Union[TrafficPair, Exception, None]
+
+
+@dataclass
+class Measured:
+    """
+    What came of a stream.
+
+    :param judge: has seen truth and tracks.
+    :param truth: rows of ``truth.csv``.
+    :param wall_s: time spent in the pipeline.
+    """
+
+    judge: evaluation.TrafficJudge
+    truth: list[Mapping[str, Any]] = field(default_factory=list)
+    updates: list[TrackUpdate] = field(default_factory=list)
+    passes: list[PassResult] = field(default_factory=list)
+    stamps_ns: list[int] = field(default_factory=list)
+    wall_s: float = 0.0
+
+
+def _number(kind: type, low: float, high: float) -> Any:
+    def parse(text: str) -> Any:
+        value = kind(text)
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f'{text} is not in [{low:g}, {high:g}]')
+        return value
+    parse.__name__ = kind.__name__
+    return parse
+
+
+def add_parser(subparsers: Any) -> None:
+    """Add the ``traffic`` command."""
+    parser = subparsers.add_parser(
+        'traffic', help='measure simulated traffic, found automatically', description=__doc__)
+    add = parser.add_argument
+    add('--minutes', type=_number(float, 0.05, 600), default=10.0, help='length of the stream')
+    add('--vehicles', type=_number(int, 1, 5000), default=200, help='how many drive past')
+    add('--fps', type=_number(float, 0.5, 60), default=10.0, help='pairs per second')
+    add('--lanes', type=int, choices=(1, 2, 3), default=3)
+    add('--receding', type=int, choices=(0, 1, 2), default=0,
+        help='lanes, from the left, whose vehicles drive away and show their rears')
+    add('--light', choices=sorted(LIGHTS), default='day')
+    add('--rig', choices=sorted(RIGS), default='parallel')
+    add('--seed', type=_number(int, 0, 2 ** 63), default=0)
+    add('--particles', type=int, default=TrackerConfig().particles)
+    add('--jobs', type=int, choices=(1, 2), default=2,
+        help='2 to render in a process of its own (default)')
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument('--out', type=Path, metavar='DIR',
+                       help='write tracks.csv, passes.csv, summary.json and truth.csv there')
+    where.add_argument('--bag', type=Path, metavar='DIR',
+                       help='measure nothing, write the stream as a bag with site and truth')
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """
+    Simulate, measure, print the table, and write the files.
+
+    :raises InputError: parameters that do not fit, or a folder that cannot be written.
+    """
+    if args.receding >= args.lanes and args.receding:
+        raise InputError('traffic', '--receding', args.receding, f'fewer than {args.lanes}')
+    config = traffic_config(
+        args.light, args.lanes, args.receding, args.fps, args.minutes, args.vehicles,
+        rig=RIGS[args.rig])
+    if args.bag is not None:
+        # Only writing bags needs rosbags.
+        from ..sim.write import write_traffic_bag
+        print(write_traffic_bag(stream_of(config, args.seed), args.bag, compressed=True))
+        return 0
+    tracker = replace(TrackerConfig(), particles=args.particles)
+    if args.out is not None:
+        prepare_folder(args.out)
+    stream = stream_of(config, args.seed)
+    pairs = round(args.minutes * 60 * args.fps)
+    with _site_paths(stream.site, stream.rig) as lanes:
+        result = measure(config, args.seed, make_pipeline(stream.rig, lanes, tracker, args.seed),
+                         list(lanes), args.jobs, pairs)
+    score = result.judge.score()
+    name = (f'{args.minutes:g} min, {args.fps:g} fps, {args.lanes} lanes'
+            f'{f", {args.receding} receding" if args.receding else ""}, {args.light}')
+    if args.out is not None:
+        _write(args, result, tracker, score)
+    print(evaluation.HEADER)
+    print(evaluation.row(name, score, 1e3 * result.wall_s / max(len(result.stamps_ns), 1)))
+    return 0
+
+
+def stream_of(config: TrafficConfig, seed: int) -> TrafficStream:
+    """Make the stream of a seed."""
+    return TrafficStream(config, np.random.default_rng(seed))
+
+
+def make_pipeline(rig: StereoRig, lanes: Mapping[str, LanePath], config: TrackerConfig,
+                  seed: int) -> SpeedPipeline:
+    """Make the pipeline that finds the vehicles by itself."""
+    return SpeedPipeline(rig, lanes, config, None, seed=seed)
+
+
+@contextmanager
+def _site_paths(site: Mapping[str, Any], rig: StereoRig) -> Iterator[dict[str, LanePath]]:
+    """Read the site back from a file, as a person would hand it over."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / 'site.yaml'
+        path.write_text(yaml.safe_dump(dict(site)))
+        yield lane_paths(load_site(path), rig)
+
+
+def measure(config: TrafficConfig, seed: int, pipeline: SpeedPipeline, lanes: list[str],
+            jobs: int, total: Optional[int] = None) -> Measured:
+    """
+    Run a stream through the pipeline.
+
+    :param config: the traffic.
+    :param seed: of the stream.
+    :param pipeline: the pipeline.
+    :param lanes: names of the lanes, the rightmost first.
+    :param jobs: 2 to render in a process of its own.
+    :param total: expected number of pairs, for the progress shown.
+    """
+    out = Measured(evaluation.TrafficJudge(lanes))
+    source = rendered(config, seed) if jobs > 1 else iter(stream_of(config, seed))
+    for one in tqdm(source, total=total, desc='traffic', unit='pair', disable=None):
+        start = time.perf_counter()
+        updates = pipeline.process(one.pair)
+        ended = pipeline.ended()
+        out.wall_s += time.perf_counter() - start
+        out.judge.add(one.truth, updates)
+        out.truth += one.truth
+        out.updates += updates
+        out.passes += ended
+        out.stamps_ns.append(one.pair.stamp_ns)
+    out.passes += pipeline.finish()
+    out.judge.close(out.passes)
+    return out
+
+
+def rendered(config: TrafficConfig, seed: int) -> Iterator[TrafficPair]:
+    """
+    Give the pairs of a stream that another process renders.
+
+    :raises StereoSpeedError: what went wrong there.
+    """
+    context = get_context('spawn')
+    queue = context.Queue(WAITING_PAIRS)
+    worker = context.Process(target=_render, args=(config, seed, queue), daemon=True)
+    worker.start()
+    try:
+        while True:
+            one = _next(queue, worker)
+            if one is None:
+                return
+            if isinstance(one, Exception):
+                raise one
+            yield one
+    finally:
+        worker.terminate()
+        worker.join()
+
+
+def _next(queue: Any, worker: Any) -> Message:
+    """Wait for the next message, as long as there is somebody to send it."""
+    while True:
+        try:
+            message: Message = queue.get(timeout=5.0)
+            return message
+        except queues.Empty:
+            if not worker.is_alive():
+                raise RuntimeError(
+                    f'the renderer ended with exit code {worker.exitcode}') from None
+
+
+def _render(config: TrafficConfig, seed: int, queue: Any) -> None:
+    """Render in a process of its own."""
+    cv2.setNumThreads(1)
+    try:
+        for one in stream_of(config, seed):
+            queue.put(one)
+        queue.put(None)
+    except Exception as error:  # to be raised where somebody sees it
+        queue.put(error)
+
+
+def _write(args: argparse.Namespace, result: Measured, tracker: TrackerConfig,
+           score: evaluation.TrafficScore) -> None:
+    """Write the truth, then the files of the run, the summary last."""
+    counts = {k: v for k, v in asdict(score).items() if isinstance(v, int)}
+    with tempfile.TemporaryDirectory(prefix='.traffic-', dir=args.out) as folder:
+        write_truth(result.truth, Path(folder) / TRUTH, TRAFFIC_COLUMNS)
+        os.replace(Path(folder) / TRUTH, args.out / TRUTH)
+    write_run(args.out, result.updates, result.passes, {
+        'versions': software_versions(), 'parameters': asdict(tracker), 'seed': args.seed,
+        'traffic': {k: getattr(args, k) for k in (
+            'minutes', 'vehicles', 'fps', 'lanes', 'receding', 'light', 'rig')},
+        'score': counts, 'timings': stream_timings(result.stamps_ns)})
