@@ -97,6 +97,7 @@ class VehicleConfig:
     :param clearance_m: height of the front's lower edge above the road, m.
     :param body: draw a plain bonnet, windscreen, roof, sides and shadow behind the front.
     :param texture_contrast: scale of the front's grey-level detail; 1 is that of a real car.
+    :param relief_m: standard deviation of the front's depth: grilles lie deeper than bumpers.
     :param kind: ``car``, ``suv``, ``van`` or ``truck`` for a textured body of that kind behind
         the front; empty for the plain one.
     """
@@ -112,6 +113,7 @@ class VehicleConfig:
     clearance_m: float = 0.25
     body: bool = True
     texture_contrast: float = 1.0
+    relief_m: float = 0.0
     kind: str = ''
 
 

@@ -57,3 +57,12 @@ def lateral_m(vehicle: VehicleConfig, t_s: float) -> float:
     share = float(np.clip((t_s - t[i]) / (t[i + 1] - t[i]), 0.0, 1.0))
     # As smooth_step, but rounded as it always was: the same seed gives the same images.
     return float(n[i] + (n[i + 1] - n[i]) * share ** 3 * (10 - 15 * share + 6 * share ** 2))
+
+
+def heading_rad(vehicle: VehicleConfig, t_s: float) -> float:
+    """Return the heading against the path, positive to the left: a vehicle goes where it points."""
+    if not vehicle.lateral_knots:
+        return 0.0
+    h = 1e-4
+    rate = (lateral_m(vehicle, t_s + h) - lateral_m(vehicle, t_s - h)) / (2 * h)
+    return float(np.arctan2(rate, max(path_speed_mps(vehicle, t_s), 1.0)))

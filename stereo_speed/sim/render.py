@@ -13,12 +13,14 @@ import numpy as np
 
 from .config import VehicleConfig
 from .scene import FrontPose
-from .texture import front_texture, Image, pyramid
+from .texture import front_texture, Image, octaves, pyramid
 from .view import below, View
 from ..records import Array
 
 SUB = 4  # sub-pixels across and down a pixel
 LEVELS = 6
+RELIEF_BUMPS = 12  # of the front's relief, side by side, are the finest
+RELIEF_STEPS = 4  # of the search for where a ray meets the relief
 BONNET_M, SCREEN_M, ROOF_M = 1.1, 1.8, 4.2  # behind the front
 _SHIFT = 4  # fractional bits of polygon corners
 
@@ -40,6 +42,14 @@ class VehicleLook:
         self.levels = pyramid(image, LEVELS)
         self.paint = float(np.median(image))
         self.glass = float(rng.uniform(25, 45))
+        self.relief_m = None if config.relief_m == 0 else config.relief_m * octaves(
+            rng, *image.shape, max(image.shape) // RELIEF_BUMPS)
+
+    def depth_m(self, x_m: Array, y_m: Array) -> Array:
+        """Return how far the front stands out of its plane at places on it, m."""
+        return cv2.remap(self.relief_m, (x_m / self.texel_m[0] - 0.5).astype(np.float32),
+                         (y_m / self.texel_m[1] - 0.5).astype(np.float32), cv2.INTER_LINEAR,
+                         borderMode=cv2.BORDER_REPLICATE)
 
 
 def _sample(look: VehicleLook, x_m: Array, y_m: Array, footprint_m: float) -> Array:
@@ -93,6 +103,10 @@ def draw_front(image: Image, view: View, look: VehicleLook, pose: FrontPose) -> 
     depth = (gap @ along) / (rays @ along)
     x = depth * (rays @ left) - gap @ left
     y = -(depth * (rays @ up) - gap @ up)
+    for _ in range(RELIEF_STEPS if look.relief_m is not None else 0):
+        depth = (gap @ along + look.depth_m(x, y)) / (rays @ along)
+        x = depth * (rays @ left) - gap @ left
+        y = -(depth * (rays @ up) - gap @ up)
     xu, xv = np.gradient(x, axis=1), np.gradient(x, axis=0)
     yu, yv = np.gradient(y, axis=1), np.gradient(y, axis=0)
     width, height = look.config.front_width_m, look.config.front_height_m

@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from .config import RigConfig, SimConfig, VehicleConfig
-from .motion import lateral_m, path_m, path_speed_mps
+from .motion import heading_rad, lateral_m, path_m, path_speed_mps
 from .road import Road
 from ..errors import InputError
 from ..geometry.camera import Camera
@@ -77,6 +77,12 @@ class FrontPose:
     axes: Array
     corners_m: Array
     ground_m: Array
+
+
+def turn_left(angle_rad: float) -> Array:
+    """Return the rotation (3, 3) of a frame, columns along, left and up, about its up."""
+    cos, sin = np.cos(angle_rad), np.sin(angle_rad)
+    return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
 
 
 class SimScene:
@@ -181,8 +187,8 @@ class SimScene:
     def front(self, vehicle: VehicleConfig, t_s: float) -> FrontPose:
         """Return the place of a vehicle's front, or of its rear when it recedes, at a time."""
         world, station, _ = self.road_point(vehicle, t_s)
-        # The front stays square to its lane's path, also while it changes lanes.
         frame = self.road.frame(station, self.road.lane_offset(vehicle.lane))
+        frame = frame @ turn_left(heading_rad(vehicle, t_s))
         if self.away(vehicle):
             frame = frame * [-1.0, -1.0, 1.0]
         axes = self.left_R_world @ frame

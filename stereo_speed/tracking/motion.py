@@ -6,9 +6,10 @@ What is known of a pass without its images: where it begins, and how vehicles mo
 The unknowns of a pass of n looks are its poses (s, a, b of each look), then the n speeds along
 the path, the n accelerations and the two errors of the path's heading: 5 n + 2 numbers.
 
-Every model of motion is a Gaussian prior over them.  *Cruising* and *steady*: the speed is a Wiener
-process, of a small rate and of the paper's (2012, eq. 24).  *Changing speed*: the acceleration is one.  *Changing lanes*: the drift
-across the path (eq. 27) is large.  The images then say which it was, by their evidence.
+Every model of motion is a Gaussian prior over them.  *Cruising* and *steady*: the speed is a
+Wiener process, of a small rate and of the paper's (2012, eq. 24).  *Changing speed*: the
+acceleration is one.  *Changing lanes*: the drift across the path (eq. 27) is large.  The images
+then say which it was, by their evidence.
 """
 from __future__ import annotations
 
