@@ -36,7 +36,7 @@ ROOMS_OF = {
     'rosbags': {'io', 'sim'},
     'mcap': {'io', 'sim'},
     'matplotlib': {'report'},
-    'tqdm': {'cli'},
+    'tqdm': {'cli', 'evaluation'},
     'argparse': {'cli', 'nodes'},
 }
 ROS_MESSAGES = ('sensor_msgs', 'nav_msgs', 'geometry_msgs', 'visualization_msgs',
