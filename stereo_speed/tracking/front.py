@@ -24,21 +24,23 @@ from ..paths.base import Path
 from ..records import Array
 
 
-def plane_points(path: Path, poses: Array, plane_xy_m: Array,
-                 heading_rad: float = 0.0) -> Array:
+def plane_points(path: Path, poses: Array, plane_xy_m: Array, heading_rad: float = 0.0,
+                 relief_m: Array | float = 0.0) -> Array:
     """
     Points of the front for many poses.
 
     :param poses: (N, 3) s, a, b in m.
     :param plane_xy_m: (M, 2) coordinates on the plane along P and B, m.
     :param heading_rad: psi, heading of the vehicle against the path, positive to the left.
+    :param relief_m: (M,) how far the points stand out of the plane, forward.
     :return: (N, M, 3), left optical frame, m.
     """
     s_m = poses[:, 0]
     frame = path.frame(s_m)
     x, y = plane_xy_m.T
-    turned = np.stack([-math.sin(heading_rad) * x, math.cos(heading_rad) * x, y], axis=-1)
-    offset = turned[None] + np.concatenate([np.zeros((len(poses), 1)), poses[:, 1:]], 1)[:, None]
+    cos, sin = math.cos(heading_rad), math.sin(heading_rad)
+    on_vehicle = np.stack([cos * relief_m - sin * x, sin * relief_m + cos * x, y], axis=-1)
+    offset = on_vehicle[None] + np.concatenate([np.zeros((len(poses), 1)), poses[:, 1:]], 1)[:, None]
     return path.position(s_m)[:, None] + offset @ np.swapaxes(frame, 1, 2)
 
 

@@ -18,6 +18,7 @@ from scipy import ndimage
 
 from .front import Front, plane_points
 from .likelihood import crop_for
+from .relief import relief_basis
 from ..geometry.camera import Camera
 from ..geometry.rig import StereoRig
 from ..records import Array, StereoPair
@@ -36,8 +37,10 @@ class Look:
 
     :param pose: (3,) s, a, b where it was taken, m.
     :param heading_rad: heading of the vehicle against the path it was taken with.
+    :param relief: (M,) relief of the front it was taken with, m at the nodes.
     :param patches: (2, G) left and right patch, zero mean and unit variance.
     :param jacobian: (2, G, 3) derivatives of the patches by the pose, 1/m.
+    :param relief_jacobian: (2, G) derivatives of each sample by its own relief, 1/m.
     :param pixels: pixels the patch covers in the image, at most one a grid sample.
     :param shift_px: (2, 3) speed of the front's centre in each view by the pose, px/m.
     :param disparity_px: (3,) change of its disparity by the pose, px/m.
@@ -47,8 +50,10 @@ class Look:
 
     pose: Array
     heading_rad: float
+    relief: Array
     patches: Array
     jacobian: Array
+    relief_jacobian: Array
     pixels: float
     shift_px: Array
     disparity_px: Array
@@ -74,27 +79,30 @@ class LookSampler:
         inner = 0.5 + _INNER * (unit_xy - 0.5)
         self._plane_m = np.concatenate([front.grid_m(inner), front.corners_m])
         self._count = len(unit_xy)
+        self.relief_basis = relief_basis(unit_xy)
 
     def lag_s(self, pair: StereoPair) -> float:
         """Time from the left to the right exposure, s."""
         lag_s = (pair.right_stamp_ns - pair.stamp_ns) * 1e-9
         return lag_s if abs(lag_s) > self.trigger_tolerance_s else 0.0
 
-    def look(self, pair: StereoPair, pose: Array, velocity_mps: Array,
-             heading_rad: float = 0.0) -> Look | None:
+    def look(self, pair: StereoPair, pose: Array, velocity_mps: Array, heading_rad: float,
+             relief: Array) -> Look | None:
         """
         Take a look with its derivatives; None where the front is not wholly seen.
 
         :param pose: (3,) s, a, b at the left stamp, m.
         :param velocity_mps: (3,) their rates, for the right view where it was exposed later.
         :param heading_rad: heading of the vehicle against the path.
+        :param relief: (M,) relief of the front at its nodes, m.
         """
         n, lag_s = self._count, self.lag_s(pair)
         steps = _STEP_M * np.eye(3)
         poses = np.concatenate([pose[None], pose + steps, pose - steps])
-        points = plane_points(self.front.path, poses, self._plane_m, heading_rad)
+        depth = np.concatenate([self.relief_basis @ relief, np.zeros(4)])
+        points = plane_points(self.front.path, poses, self._plane_m, heading_rad, depth)
         later = points if lag_s == 0 else plane_points(
-            self.front.path, poses + lag_s * velocity_mps, self._plane_m, heading_rad)
+            self.front.path, poses + lag_s * velocity_mps, self._plane_m, heading_rad, depth)
         left, in_left = self.rig.left.project(points)
         right, in_right = self.rig.right.project(self.rig.to_right(later))
         if not (in_left[0].all() and in_right[0].all()):
@@ -105,20 +113,23 @@ class LookSampler:
         centre = [m[:, :n].mean(axis=1) for m in motion]  # (3, 2)
         area = 0.5 * (_area(left[0, n:]) + _area(right[0, n:]))
         unheeded_s = (pair.right_stamp_ns - pair.stamp_ns) * 1e-9 - lag_s
-        return Look(pose=pose, heading_rad=heading_rad,
-                    patches=np.stack([v[0] for v in views]),
-                    jacobian=np.stack([v[1] for v in views]), pixels=min(area, float(n)),
+        patches, jacobian, relief_jacobian = (np.stack(part) for part in zip(*views))
+        return Look(pose=pose, heading_rad=heading_rad, relief=relief, patches=patches,
+                    jacobian=jacobian, relief_jacobian=relief_jacobian,
+                    pixels=min(area, float(n)),
                     shift_px=np.stack([np.linalg.norm(c, axis=1) for c in centre]),
                     disparity_px=centre[0][:, 0] - centre[1][:, 0],
                     skew_px=float(np.linalg.norm(velocity_mps @ centre[1]) * abs(unheeded_s)))
 
-    def _patch(self, image: NDArray[Any], uv: Array, motion: Array) -> tuple[Array, Array]:
+    def _patch(self, image: NDArray[Any], uv: Array, motion: Array
+               ) -> tuple[Array, Array, Array]:
         """
         Sample one view, low-passed to the grid's spacing.
 
         :param uv: (G, 2) px.
         :param motion: (3, G, 2) their derivatives by the pose, px/m.
-        :return: (G,) patch of zero mean and unit variance and (G, 3) its derivatives.
+        :return: (G,) patch of zero mean and unit variance, (G, 3) its derivatives, and (G,) that
+            of each sample when it alone moves along the path.
         """
         grid = uv.reshape(*self.grid_shape, 2)
         sigma = [_BLUR_STEPS * float(np.linalg.norm(np.diff(grid, axis=k), axis=-1).mean())
@@ -132,9 +143,10 @@ class LookSampler:
         jacobian = (slopes[1] * motion[..., 0] + slopes[0] * motion[..., 1]).T
         scale = max(float(values.std()), 1e-6)
         patch = (values - values.mean()) / scale
+        alone = jacobian[:, 0] / scale
         # The patch is kept at zero mean and unit variance, so its derivatives have no part there.
         jacobian = (jacobian - jacobian.mean(axis=0)) / scale
-        return patch, jacobian - np.outer(patch, patch @ jacobian / len(patch))
+        return patch, jacobian - np.outer(patch, patch @ jacobian / len(patch)), alone
 
 
 def inside(camera: Camera, quad: Array) -> bool:

@@ -3,8 +3,9 @@
 """
 What is known of a pass without its images: where it begins, and how vehicles move.
 
-The unknowns of a pass of n looks are its poses (s, a, b of each look), then the n speeds along
-the path, the n accelerations and the two errors of the path's heading: 5 n + 2 numbers.
+The unknowns of a pass of n looks are its poses (s, a, b of each look), then the relief of the
+front at its m nodes, the n speeds along the path, the n accelerations and the two
+errors of the heading of the path: 5 n + m + 2 numbers.
 
 Every model of motion is a Gaussian prior over them.  *Cruising* and *steady*: the speed is a
 Wiener process, of a small rate and of the paper's (2012, eq. 24).  *Changing speed*: the
@@ -18,6 +19,7 @@ import math
 
 import numpy as np
 
+from .relief import STD_M as RELIEF_STD_M
 from ..config import TrackerConfig
 from ..filtering.gaussian import NormalEquations
 from ..records import Array
@@ -81,6 +83,49 @@ def motion_models(config: TrackerConfig) -> list[MotionModel]:
     return [m for m in models if m.share > 0]
 
 
+@dataclass(frozen=True)
+class Layout:
+    """
+    Where the unknowns of a pass are.
+
+    :param looks: their number n.
+    :param nodes: number m of the relief's nodes.
+    """
+
+    looks: int
+    nodes: int
+
+    @property
+    def poses(self) -> Array:
+        """Give the indices (n, 3) of s, a, b."""
+        return np.arange(3 * self.looks).reshape(-1, 3)
+
+    @property
+    def relief(self) -> Array:
+        """Give the indices (m,) of the relief."""
+        return 3 * self.looks + np.arange(self.nodes)
+
+    @property
+    def speeds(self) -> Array:
+        """Give the indices (n,) of the speeds."""
+        return 3 * self.looks + self.nodes + np.arange(self.looks)
+
+    @property
+    def accelerations(self) -> Array:
+        """Give the indices (n,) of the accelerations."""
+        return self.speeds + self.looks
+
+    @property
+    def tilt(self) -> Array:
+        """Give the indices (2,) of the error of the path's heading, across and up."""
+        return 5 * self.looks + self.nodes + np.arange(2)
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns."""
+        return 5 * self.looks + self.nodes + 2
+
+
 class PassMotion:
     """
     The priors of a pass at the stamps of its looks.
@@ -88,10 +133,13 @@ class PassMotion:
     :param prior: how it begins.
     :param config: rates of the random walks.
     :param stamp_std_s: 1-sigma of each stamp, s.
+    :param nodes: number of nodes of the front's relief.
     """
 
-    def __init__(self, prior: PassPrior, config: TrackerConfig, stamp_std_s: float) -> None:
+    def __init__(self, prior: PassPrior, config: TrackerConfig, stamp_std_s: float,
+                 nodes: int) -> None:
         self.prior, self.config, self.stamp_std_s = prior, config, stamp_std_s
+        self.nodes = nodes
 
     def equations(self, times_s: Array, state: Array, model: MotionModel) -> NormalEquations:
         """
@@ -101,22 +149,21 @@ class PassMotion:
         :param state: (n, 4) s, a, b and speed as known so far; for what is not linear.
         :param model: the way to drive.
         """
-        n, p = len(times_s), self.prior
-        normal = NormalEquations(5 * n + 2)
-        tilt = 5 * n
+        p, at = self.prior, Layout(len(times_s), self.nodes)
+        normal = NormalEquations(at.size)
         normal.row([0], [1.0], p.s_m, p.s_std_m)
         for axis in (0, 1):
             slope = float(p.offset_slope[axis])
             rest = float(p.offset_m[axis]) - slope * p.s_m
             normal.row([1 + axis, 0], [1.0, -slope], rest, _GAUGE_STD_M)
-            normal.row([tilt + axis], [1.0], 0.0, float(p.heading_std_rad[axis]))
-        normal.row([3 * n], [1.0], p.speed_mps, p.speed_std_mps)
+            normal.row([at.tilt[axis]], [1.0], 0.0, float(p.heading_std_rad[axis]))
+        normal.rows(at.relief[:, None], [1.0], np.full(self.nodes, RELIEF_STD_M))
+        normal.row([at.speeds[0]], [1.0], p.speed_mps, p.speed_std_mps)
         if model.speed_rate_std is None:
-            normal.row([4 * n], [1.0], 0.0, self.config.acceleration_std_mps2)
+            normal.row([at.accelerations[0]], [1.0], 0.0, self.config.acceleration_std_mps2)
         else:
-            each = np.arange(4 * n, 5 * n)[:, None]
-            normal.rows(each, [1.0], np.full(n, _UNUSED_STD))
-        if n > 1:
+            normal.rows(at.accelerations[:, None], [1.0], np.full(at.looks, _UNUSED_STD))
+        if at.looks > 1:
             along = _changing_speed if model.speed_rate_std is None else _steady
             along(self, normal, np.diff(times_s), np.abs(state[:, 3]), model)
             self._sideways(normal, times_s, state, model)
@@ -135,15 +182,16 @@ class PassMotion:
         A driver wanders across the lane, but the road carries the vehicle: above the path it
         drifts little, and bounces on its springs.
         """
-        n = len(times_s)
-        k, dt = np.arange(n - 1), np.diff(times_s)
+        n, dt = len(times_s), np.diff(times_s)
+        layout = Layout(n, self.nodes)
         ones, ds = np.ones(n - 1), np.diff(state[:, 0])
         step = np.diff(np.eye(n), axis=0)
         bounce = self.config.bounce_std_m ** 2 * step @ step.T
         for axis, drift, extra in ((0, model.across_std_m, 0.0),
                                    (1, self.config.climb_std_m, bounce)):
-            at = np.column_stack([3 * k + 4 + axis, 3 * k + 1 + axis,
-                                  np.full(n - 1, 5 * n + axis)])
+            offsets = layout.poses[:, 1 + axis]
+            at = np.column_stack([offsets[1:], offsets[:-1],
+                                  np.full(n - 1, layout.tilt[axis])])
             normal.correlated(at, np.column_stack([ones, -ones, -ds]),
                               np.diag(max(drift, _LEAST_RATE) ** 2 * dt) + extra)
 
@@ -156,10 +204,11 @@ def _steady(motion: PassMotion, normal: NormalEquations, dt: Array, speed_mps: A
     Given both ends, the way between them scatters by q dt^3 / 12 about their mean.
     """
     n = len(dt) + 1
-    k, v = np.arange(n - 1), 3 * n + np.arange(n)
+    at = Layout(n, motion.nodes)
+    s, v = at.poses[:, 0], at.speeds
     rate = max(model.speed_rate_std or 0.0, _LEAST_RATE)
     ways = np.column_stack([np.ones(n - 1), -np.ones(n - 1), -dt / 2, -dt / 2])
-    normal.correlated(np.column_stack([3 * k + 3, 3 * k, v[:-1], v[1:]]), ways,
+    normal.correlated(np.column_stack([s[1:], s[:-1], v[:-1], v[1:]]), ways,
                       np.diag(rate ** 2 * dt ** 3 / 12) + motion.stamp_covariance(speed_mps))
     normal.rows(np.column_stack([v[1:], v[:-1]]), [1.0, -1.0], rate * np.sqrt(dt))
 
@@ -169,7 +218,8 @@ def _changing_speed(motion: PassMotion, normal: NormalEquations, dt: Array, spee
     """Acceleration as a Wiener process; way, speed and acceleration scatter together."""
     n = len(dt) + 1
     k, rate = np.arange(n - 1), max(motion.config.jerk_rate_std, _LEAST_RATE)
-    s, v, a = 3 * np.arange(n), 3 * n + np.arange(n), 4 * n + np.arange(n)
+    at = Layout(n, motion.nodes)
+    s, v, a = at.poses[:, 0], at.speeds, at.accelerations
     zero, one = np.zeros(n - 1), np.ones(n - 1)
     columns = np.column_stack([s[1:], s[:-1], v[1:], v[:-1], a[1:], a[:-1]])
     ways = np.column_stack([one, -one, zero, -dt, zero, -dt ** 2 / 2])

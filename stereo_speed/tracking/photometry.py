@@ -30,37 +30,43 @@ _LEAST_VARIANCE = 1e-4
 @dataclass(frozen=True, eq=False)
 class Photometry:
     """
-    The looks of a pass as normal equations about their poses.
+    The looks of a pass as normal equations about their poses and the relief of the front.
 
-    :param H: (3 n, 3 n) information about s, a, b of each look.
-    :param g: (3 n,) minus the gradient at the poses of the looks.
+    :param H: (3 n + m, 3 n + m) information about s, a, b of each look and the relief's m nodes.
+    :param right: (3 n + m,) information times measurement.
     :param cross_ncc: (n,) left-right NCC of each look.
     :param texture_ncc: (n,) NCC of each look with the texture.
     """
 
     H: Array
-    g: Array
+    right: Array
     cross_ncc: Array
     texture_ncc: Array
 
 
-def photometry(looks: Sequence[Look]) -> Photometry:
-    """Write down the cross and the temporal terms of all looks."""
-    n = len(looks)
-    H, g = np.zeros((3 * n, 3 * n)), np.zeros(3 * n)
-    cross = np.zeros(n)
+def photometry(looks: Sequence[Look], basis: Array) -> Photometry:
+    """
+    Write down the cross and the temporal terms of all looks.
+
+    :param basis: (G, m) share of the relief's nodes in each sample.
+    """
+    n, m = len(looks), basis.shape[1]
+    H, g = np.zeros((3 * n + m, 3 * n + m)), np.zeros(3 * n + m)
+    cross = np.array([float(np.mean(look.patches[0] * look.patches[1])) for look in looks])
     for k, look in enumerate(looks):
-        cross[k] = float(np.mean(look.patches[0] * look.patches[1]))
-        block = slice(3 * k, 3 * k + 3)
-        dH, dg = _cross_term(look)
-        H[block, block] += dH
-        g[block] += dg
-    texture = _temporal_terms(looks, H, g)
-    return Photometry(H, g, cross, texture)
+        _add_cross_term(look, basis, H, g, np.r_[3 * k:3 * k + 3, 3 * n:3 * n + m])
+    texture = _add_temporal_terms(looks, basis, H, g)
+    at = np.concatenate([look.pose for look in looks] + [np.zeros(m)])
+    return Photometry(H, g + H @ at, cross, texture)
 
 
-def _cross_term(look: Look) -> tuple[Array, Array]:
-    """Agreement of the left and the right patch of one pair, with its systematic floor."""
+def _without_relief(look: Look, basis: Array) -> Array:
+    """Patches (2, G) as they would be on a plane, to first order: relief counts from 0."""
+    return look.patches - look.relief_jacobian * (basis @ look.relief)
+
+
+def _add_cross_term(look: Look, basis: Array, H: Array, g: Array, at: Array) -> None:
+    """Add the agreement of the left and the right patch of one pair."""
     J = look.jacobian[0] - look.jacobian[1]
     r = look.patches[0] - look.patches[1]
     variance = max(float(np.mean(np.square(r))), _LEAST_VARIANCE)
@@ -68,12 +74,16 @@ def _cross_term(look: Look) -> tuple[Array, Array]:
     info = weight * float(J[:, 0] @ J[:, 0])
     per_px = info / max(float(look.disparity_px[0] ** 2), 1e-12)
     weight /= 1 + (_MATCH_FLOOR_PX ** 2 + look.skew_px ** 2) * per_px
-    return weight * J.T @ J, -weight * J.T @ r
+    relief = (look.relief_jacobian[0] - look.relief_jacobian[1])[:, None] * basis
+    both = np.concatenate([J, relief], axis=1)
+    flat = _without_relief(look, basis)
+    H[np.ix_(at, at)] += weight * both.T @ both
+    g[at] -= weight * both.T @ (flat[0] - flat[1])
 
 
-def _temporal_terms(looks: Sequence[Look], H: Array, g: Array) -> Array:
+def _add_temporal_terms(looks: Sequence[Look], basis: Array, H: Array, g: Array) -> Array:
     """Add the agreement with the texture to H and g; the NCC of each look with it."""
-    n = len(looks)
+    n, m = len(looks), basis.shape[1]
     patches = np.stack([look.patches for look in looks])  # (n, 2, G)
     pixels = np.array([look.pixels for look in looks])
     mean = np.tensordot(pixels, patches.mean(axis=1), 1) / pixels.sum()
@@ -81,19 +91,29 @@ def _temporal_terms(looks: Sequence[Look], H: Array, g: Array) -> Array:
     if n < 2:
         return ncc
     J = np.stack([look.jacobian for look in looks])  # (n, 2, G, 3)
+    D = np.stack([look.relief_jacobian for look in looks])  # (n, 2, G)
     w = _temporal_weights(looks, patches - mean, J, ncc)
     total = 2 * w.sum()
     if total <= 0:
         return ncc
-    texture = np.einsum('k,kvg->g', w, patches) / total
-    residual = patches - texture
-    summed = np.einsum('k,kvgi->gki', w, J).reshape(patches.shape[2], 3 * n)
+    flat = np.stack([_without_relief(look, basis) for look in looks])
+    residual = flat - np.einsum('k,kvg->g', w, flat) / total
+    # The texture is eliminated: what all looks would have in common says nothing.
+    summed = np.concatenate([
+        np.einsum('k,kvgi->gki', w, J).reshape(len(basis), 3 * n),
+        np.einsum('k,kvg->g', w, D)[:, None] * basis], axis=1)
     H -= summed.T @ summed / total
+    nodes = slice(3 * n, 3 * n + m)
+    H[nodes, nodes] += basis.T @ (np.einsum('k,kvg->g', w, D ** 2)[:, None] * basis)
+    g[nodes] -= basis.T @ np.einsum('k,kvg->g', w, D * residual)
     for k in range(n):
         block = slice(3 * k, 3 * k + 3)
-        flat = J[k].reshape(-1, 3)
-        H[block, block] += w[k] * flat.T @ flat
-        g[block] -= w[k] * flat.T @ residual[k].ravel()
+        pose = J[k].reshape(-1, 3)
+        H[block, block] += w[k] * pose.T @ pose
+        g[block] -= w[k] * pose.T @ residual[k].ravel()
+        mixed = w[k] * np.einsum('vgi,vg->ig', J[k], D[k]) @ basis
+        H[block, nodes] += mixed
+        H[nodes, block] += mixed.T
     return ncc
 
 

@@ -21,7 +21,7 @@ import numpy as np
 
 from .looks import Look, LookSampler
 from .motion import (
-    headings, lateral_rates, motion_models, MotionModel, PassMotion, PassPrior)
+    headings, lateral_rates, Layout, motion_models, MotionModel, PassMotion, PassPrior)
 from .photometry import Photometry, photometry
 from ..config import TrackerConfig
 from ..filtering.gaussian import condition
@@ -95,7 +95,9 @@ class PassRefiner:
 
     def __init__(self, sampler: LookSampler, prior: PassPrior, config: TrackerConfig) -> None:
         self.sampler, self.config = sampler, config
-        self.motion = PassMotion(prior, config, config.stamp_std_s)
+        self.nodes = sampler.relief_basis.shape[1]
+        self.motion = PassMotion(prior, config, config.stamp_std_s, self.nodes)
+        self.relief = np.zeros(self.nodes)
         self.models = motion_models(config)
         self.pairs: list[StereoPair] = []
         self.looks: list[Look] = []
@@ -111,7 +113,8 @@ class PassRefiner:
         :return: None when the front is not wholly seen at the guess.
         """
         rate, heading = self._drift()
-        look = self.sampler.look(pair, guess[:3], np.array([guess[3], rate, 0.0]), heading)
+        look = self.sampler.look(pair, guess[:3], np.array([guess[3], rate, 0.0]), heading,
+                                 self.relief)
         if look is None:
             return None
         self.pairs.append(pair)
@@ -132,10 +135,13 @@ class PassRefiner:
 
         :return: (n, n), were the stamps exact, and (n, n), were the path's heading exact as well.
         """
-        n = len(self.looks)
-        exact = PassMotion(self.motion.prior, self.config, 0.0)
+        at = self._layout()
+        exact = PassMotion(self.motion.prior, self.config, 0.0, self.nodes)
         covariance = self._solve(self.models, exact).covariance
-        return covariance[3 * n:4 * n, 3 * n:4 * n], _given_tilt(covariance, n)
+        return covariance[np.ix_(at.speeds, at.speeds)], _given_tilt(covariance, at)
+
+    def _layout(self) -> Layout:
+        return Layout(len(self.looks), self.nodes)
 
     def drop_last(self) -> None:
         """Take the newest pair out again: it was not the vehicle."""
@@ -160,7 +166,8 @@ class PassRefiner:
         for pair in self.resting:
             at = (pair.stamp_ns - first) * 1e-9
             guess = np.array([np.interp(at, times, column) for column in between.T])
-            look = self.sampler.look(pair, guess[:3], np.array([guess[3], 0.0, 0.0]))
+            look = self.sampler.look(
+                pair, guess[:3], np.array([guess[3], 0.0, 0.0]), 0.0, self.relief)
             if look is not None:
                 k = bisect.bisect([p.stamp_ns for p in self.pairs], pair.stamp_ns)
                 self.pairs.insert(k, pair)
@@ -183,8 +190,8 @@ class PassRefiner:
 
     def _posterior(self, solution: _Solution) -> Posterior:
         """Put the solution in the order of the pairs."""
-        n = len(self.looks)
-        order = np.array([[3 * k, 3 * k + 1, 3 * k + 2, 3 * n + k] for k in range(n)]).ravel()
+        at = self._layout()
+        order = np.column_stack([at.poses, at.speeds]).ravel()
         rates, stretch, heading = self._directions()
         seen = solution.photometry
         return Posterior(
@@ -199,10 +206,8 @@ class PassRefiner:
         the moments of the mixture, so that a steady pass is not made noisy for the sake of a
         braking one, nor a braking one biased.
         """
-        poses = np.concatenate([look.pose for look in self.looks])
-        seen, times = photometry(self.looks), self._times()
-        right = seen.g + seen.H @ poses
-        answers = [condition(motion.equations(times, self.state, model), seen.H, right)
+        seen, times = photometry(self.looks, self.sampler.relief_basis), self._times()
+        answers = [condition(motion.equations(times, self.state, model), seen.H, seen.right)
                    for model in models]
         weights = normalise_log_weights(np.array(
             [math.log(model.share) + answer[2] for model, answer in zip(models, answers)]))
@@ -235,13 +240,15 @@ class PassRefiner:
 
     def _step(self, solution: Array, moved_px: float, retake: int) -> bool:
         """Move to the solution and retake the looks that moved most; whether any moved."""
-        n = len(self.looks)
-        self.state = np.column_stack([solution[:3 * n].reshape(n, 3), solution[3 * n:4 * n]])
+        at = self._layout()
+        self.state = np.column_stack([solution[at.poses], solution[at.speeds]])
+        self.relief = solution[at.relief]
         rates, _, heading = self._directions()
         changes = self.state[:, :3] - np.stack([look.pose for look in self.looks])
         px = np.array([
             max(np.abs(look.shift_px * change).max(),
-                _HALF_WIDTH_M * abs(psi - look.heading_rad) * look.shift_px[:, 0].max())
+                look.shift_px[:, 0].max() * (_HALF_WIDTH_M * abs(psi - look.heading_rad)
+                                             + np.abs(self.relief - look.relief).max()))
             for look, change, psi in zip(self.looks, changes, heading)])
         moved = False
         for k in np.argsort(-px, kind='stable')[:retake]:
@@ -249,7 +256,8 @@ class PassRefiner:
                 change = changes[k] * min(1.0, _MAX_MOVE_PX / px[k])
                 again = self.sampler.look(
                     self.pairs[k], self.looks[k].pose + change,
-                    np.array([self.state[k, 3], rates[k], 0.0]), float(heading[k]))
+                    np.array([self.state[k, 3], rates[k], 0.0]), float(heading[k]),
+                    self.relief)
                 if again is not None:
                     self.looks[k], moved = again, True
         return moved
@@ -261,8 +269,8 @@ def _crowded(pairs: list[StereoPair]) -> int:
     return 1 + int(np.argmin(times[2:] - times[:-2]))
 
 
-def _given_tilt(covariance: Array, n: int) -> Array:
-    """Covariance (n, n) of the speeds, were the path's heading (the last two) known."""
-    v, tilt = slice(3 * n, 4 * n), slice(5 * n, 5 * n + 2)
-    shared = covariance[v, tilt]
-    return covariance[v, v] - shared @ np.linalg.solve(covariance[tilt, tilt], shared.T)
+def _given_tilt(covariance: Array, at: Layout) -> Array:
+    """Covariance (n, n) of the speeds, were the path's heading known."""
+    shared = covariance[np.ix_(at.speeds, at.tilt)]
+    tilt = covariance[np.ix_(at.tilt, at.tilt)]
+    return covariance[np.ix_(at.speeds, at.speeds)] - shared @ np.linalg.solve(tilt, shared.T)

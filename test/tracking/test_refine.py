@@ -43,7 +43,7 @@ def kalman_smoother(measured):
 def pass_motion(stamp_std_s=0.0, **changes):
     prior = PassPrior(s_m=1.0, s_std_m=S_STD, offset_m=np.zeros(2), offset_slope=np.zeros(2),
                       speed_mps=20.0, speed_std_mps=V_STD, heading_std_rad=np.full(2, 1e-3))
-    return PassMotion(prior, TrackerConfig(**changes), stamp_std_s)
+    return PassMotion(prior, TrackerConfig(**changes), stamp_std_s, nodes=0)
 
 
 def measurements(n):
