@@ -7,7 +7,8 @@ What is read from the files lives in ``paths.site_file`` and is offered here as 
 """
 from __future__ import annotations
 
-from typing import Optional
+from dataclasses import replace
+from typing import Mapping, Optional
 
 import numpy as np
 
@@ -33,13 +34,17 @@ def lane_paths(site: Site, rig: StereoRig) -> dict[str, LanePath]:
     Reconstruct the path of every lane of a site.
 
     All picked lines are taken for parallel lines of one road and fitted together; where they
-    turn out not to be, each lane's lines are fitted by themselves.
+    turn out not to be, each lane's lines are fitted by themselves. Lines of lanes in the other
+    direction are turned round for the fit, and their lanes' paths back again.
 
     :raises SiteError: when the picks leave no usable road.
     """
     picked = {n: line for n, line in site.lines.items() if line.points_m is None}
     for line in picked.values():
         _refuse_outside(site, line, rig)
+    against = _against(picked)
+    site = replace(site, lines={n: _turned(line) if n in against else line
+                                for n, line in site.lines.items()})
     joint = _fit(site, rig, tuple(picked)) if picked else None
     alike = joint is not None and joint.residual_px.max() < ALIKE_PX
     out = {}
@@ -47,18 +52,35 @@ def lane_paths(site: Site, rig: StereoRig) -> dict[str, LanePath]:
         mine = tuple(n for n in lane.lines if n in picked)
         fit, order = (joint, tuple(picked)) if alike else (
             _fit(site, rig, mine) if mine else None, mine)
+        away = bool(against.intersection(mine))
+        if away and not against.issuperset(mine):
+            raise SiteError(site.where, f'lanes[{i}]', f'{mine[0]} against {mine[1]}',
+                            'picks in order along travel')
         if fit is not None and mine:
             _check_fit(site, fit, order, mine)
         if len(mine) == len(lane.lines):
-            _refuse_swapped(site, i, fit, tuple(order.index(n) for n in mine))
+            numbers = tuple(order.index(n) for n in mine)
+            _refuse_swapped(site, i, fit, numbers[::-1] if away else numbers)
             out[lane.name] = lane_of_road(
-                lane.name, fit, tuple(order.index(n) for n in mine), lane.speed_limit_mps)
+                lane.name, fit, numbers, lane.speed_limit_mps, away=away)
         else:
-            out[lane.name] = _mixed(site, lane, fit, order)
+            out[lane.name] = _mixed(site, lane, fit, order, away)
     return out
 
 
-def _mixed(site: Site, lane: LaneSpec, fit: Optional[RoadFit], order: tuple[str, ...]) -> LanePath:
+def _against(picked: Mapping[str, SiteLine]) -> set[str]:
+    """Name the lines that run against the first one in the left view."""
+    ways = {n: line.left_px[-1] - line.left_px[0] for n, line in picked.items()}
+    return {n for n, way in ways.items() if way @ next(iter(ways.values())) < 0}
+
+
+def _turned(line: SiteLine) -> SiteLine:
+    """Give a picked line in the other order."""
+    return replace(line, left_px=line.left_px[::-1], right_px=line.right_px[::-1])
+
+
+def _mixed(site: Site, lane: LaneSpec, fit: Optional[RoadFit], order: tuple[str, ...],
+           away: bool) -> LanePath:
     """Make a lane of which at least one line is surveyed."""
     paths: list[Path] = []
     residual = 0.0
@@ -67,7 +89,7 @@ def _mixed(site: Site, lane: LaneSpec, fit: Optional[RoadFit], order: tuple[str,
         if points is not None:
             paths.append(surveyed_path(points))
         else:
-            one = lane_of_road(name, fit, (order.index(name),), None)
+            one = lane_of_road(name, fit, (order.index(name),), None, away=away)
             paths.append(one.path)
             residual = one.residual_px
     return lane_of_paths(lane.name, tuple(paths), lane.speed_limit_mps, residual)

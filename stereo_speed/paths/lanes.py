@@ -41,18 +41,19 @@ class LanePath:
 
 
 def lane_of_road(name: str, fit: RoadFit, lines: tuple[int, ...],
-                 speed_limit_mps: Optional[float]) -> LanePath:
+                 speed_limit_mps: Optional[float], *, away: bool = False) -> LanePath:
     """
     Lay a lane's path midway between its lines, or along its one line.
 
-    It runs from the first pick of these lines to the last.
+    It runs from the first pick of these lines to the last, or back.
 
     :param fit: the road.
     :param lines: numbers of the lane's lines in the fit, one or two.
+    :param away: travel runs against the order of the picks in the fit.
     """
     ranges = np.array([fit.line_range_m(i) for i in lines])
     s = np.linspace(ranges[:, 0].min(), ranges[:, 1].max(), NODES)
-    points, frames = _lane(fit, fit.x, lines, s)
+    points, frames = _lane(fit, fit.x, lines, s[::-1] if away else s)
     if fit.problem.model.turns == 0 and fit.problem.model.bends == 0:
         path: Path = StraightPath(
             points[0], points[-1] - points[0], s[-1] - s[0], frames[0, :, 2])

@@ -151,6 +151,8 @@ def _refuse_crossings(where: object, lines: Mapping[str, SiteLine]) -> None:
                                 f'picks {at[0]} and {at[1]} where the line crosses itself',
                                 'points in order along travel')
         for a, b in combinations(picked, 2):
+            if np.array_equal(getattr(a, key), getattr(b, key)[::-1]):
+                continue  # one line, once for each direction of travel
             at = crossing(getattr(a, key), getattr(b, key))
             if at:
                 raise SiteError(where, f'lines.{a.name}.{view}',

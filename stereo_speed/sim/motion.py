@@ -60,7 +60,7 @@ def lateral_m(vehicle: VehicleConfig, t_s: float) -> float:
 
 
 def heading_rad(vehicle: VehicleConfig, t_s: float) -> float:
-    """Return the heading against the path, positive to the left: a vehicle goes where it points."""
+    """Return the heading against the path, positive to the left: it goes where it points."""
     if not vehicle.lateral_knots:
         return 0.0
     h = 1e-4

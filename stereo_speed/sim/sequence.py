@@ -192,7 +192,7 @@ def site_lines(scene: SimScene) -> tuple[dict[str, tuple[float, bool]], list[tup
     """
     Name the lines of a site, each in order along travel.
 
-    A line between lanes of both directions is there twice.
+    A line between lanes of both directions is there twice, once in each order.
 
     :return: offset of each line and whether it runs away from the camera, by name; and the names
         of the right and the left line of each lane.
@@ -229,14 +229,17 @@ def picked_site(scene: SimScene, rng: np.random.Generator) -> dict[str, Any]:
     :param rng: source of the scatter.
     """
     config, lines = scene.config, {}
+    picks: dict[float, tuple[list[list[float]], list[list[float]]]] = {}
     for name, (offset, away) in site_lines(scene)[0].items():
-        points = _line_points(scene, offset, 0.02)[::-1 if away else 1]
-        left, right, in_left, in_right = scene.seen_rig.project(points)
-        lines[name] = {
-            'left_image': _picks(
-                _visible_run(left, in_left), config.picks, config.pick_std_px, rng),
-            'right_image': _picks(
-                _visible_run(right, in_right), config.picks, config.pick_std_px, rng)}
+        if offset not in picks:
+            points = _line_points(scene, offset, 0.02)
+            left, right, in_left, in_right = scene.seen_rig.project(points)
+            picks[offset] = (
+                _picks(_visible_run(left, in_left), config.picks, config.pick_std_px, rng),
+                _picks(_visible_run(right, in_right), config.picks, config.pick_std_px, rng))
+        order = -1 if away else 1
+        lines[name] = {key: line[::order] for key, line in zip(
+            ('left_image', 'right_image'), picks[offset])}
     return _site(scene, lines)
 
 

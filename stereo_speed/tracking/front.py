@@ -40,7 +40,8 @@ def plane_points(path: Path, poses: Array, plane_xy_m: Array, heading_rad: float
     x, y = plane_xy_m.T
     cos, sin = math.cos(heading_rad), math.sin(heading_rad)
     on_vehicle = np.stack([cos * relief_m - sin * x, sin * relief_m + cos * x, y], axis=-1)
-    offset = on_vehicle[None] + np.concatenate([np.zeros((len(poses), 1)), poses[:, 1:]], 1)[:, None]
+    beside = np.concatenate([np.zeros((len(poses), 1)), poses[:, 1:]], axis=1)
+    offset = on_vehicle[None] + beside[:, None]
     return path.position(s_m)[:, None] + offset @ np.swapaxes(frame, 1, 2)
 
 

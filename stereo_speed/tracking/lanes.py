@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""In which lane a vehicle is: the lane of each reading, and from which lane to which a pass went."""
+"""In which lane a vehicle is: that of each reading, and from which to which a pass went."""
 from __future__ import annotations
 
 from dataclasses import replace

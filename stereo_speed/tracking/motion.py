@@ -122,7 +122,7 @@ class Layout:
 
     @property
     def size(self) -> int:
-        """Number of unknowns."""
+        """Give the number of unknowns."""
         return 5 * self.looks + self.nodes + 2
 
 

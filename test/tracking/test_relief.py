@@ -36,7 +36,7 @@ def test_relief_stands_out_forward_also_when_the_vehicle_turns():
 
 
 def fake_looks(rng, count, basis, relief, texture_noise=0.0):
-    """Looks whose patches change exactly linearly with the pose and the relief."""
+    """Make looks whose patches change exactly linearly with the pose and the relief."""
     samples, texture = len(basis), rng.normal(size=len(basis))
     looks, poses = [], rng.normal(0, 0.02, (count, 3))
     for pose in poses:
