@@ -4,21 +4,20 @@
 ``stereo_sync_node``: two image streams in, one message per pair out.
 
 The pair is one ``sensor_msgs/Image`` on ``stereo/image_pair``: the left grey image above the
-right one, so its height is twice the camera's.  Its header is that of the left image.  An
-``Image`` holds one stamp, so the right stamp serves for pairing only.
+right one; see ``pair``.
 """
 from __future__ import annotations
 
 from functools import partial
 from typing import Any, Optional, Sequence
 
-import numpy as np
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
-from .common import (Diagnostics, image_message, PAIR_TOPIC, Parameters, qos_options, RELIABLE,
-                     run, stamp_ns)
+from .common import (
+    Diagnostics, PAIR_TOPIC, Parameters, qos_options, RELIABLE, run, stamp_ns)
+from .pair import pair_message
 from ..errors import CalibrationError, InputError
 from ..io.images import grey_from_message
 from ..sync import PairMatcher
@@ -78,12 +77,10 @@ class StereoSyncNode(Node):
             raise CalibrationError(topic, 'image size', f'{grey.shape[1]}x{grey.shape[0]}',
                                    f'{info.width}x{info.height} as in {side}/camera_info')
         add = self.matcher.add_left if side == 'left' else self.matcher.add_right
-        for left_ns, (left, frame_id), _, (right, _) in add(ns, (grey, msg.header.frame_id)):
-            if left.shape != right.shape or left.dtype != right.dtype:
-                raise InputError(PAIR_TOPIC, 'right image', f'{right.shape} {right.dtype}',
-                                 f'{left.shape} {left.dtype} as the left one')
-            self.publisher.publish(
-                image_message(np.vstack([left, right]), ns=left_ns, frame_id=frame_id))
+        pairs = add(ns, (grey, msg.header.frame_id))
+        for left_ns, (left, frame_id), right_ns, (right, _) in pairs:
+            self.publisher.publish(pair_message(
+                left, right, left_ns=left_ns, right_ns=right_ns, frame_id=frame_id))
             self.pairs += 1
 
     def reset(self, side: str, ns: int) -> None:

@@ -22,9 +22,9 @@ from visualization_msgs.msg import MarkerArray
 from .common import (Diagnostics, image_message, PAIR_TOPIC, Parameters, qos_options, RELIABLE,
                      run, stamp_ns)
 from .messages import deletions, markers, odometry, path_markers
+from .pair import pair_from_message
 from ..errors import CalibrationError, InputError
 from ..io.camera_info import rig_from_info, same_calibration
-from ..io.images import grey_from_message
 from ..pipeline import SpeedPipeline, TRACKERS
 from ..records import PassResult, StereoPair, TrackUpdate
 from ..report.overlay import draw
@@ -116,9 +116,7 @@ class TrackerNode(Node):
         ns = stamp_ns(msg.header.stamp)
         if ns <= self.last_ns:
             self.start_anew(pipeline, ns)
-        both = grey_from_message(msg, PAIR_TOPIC)
-        half = both.shape[0] // 2
-        pair = StereoPair(self.index, ns, ns, both[:half], both[half:])
+        pair = pair_from_message(msg, self.index)
         self.index, self.last_ns = self.index + 1, ns
         updates = pipeline.process(pair)
         frame_id = pipeline.rig.frame_id
