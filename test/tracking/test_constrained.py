@@ -11,6 +11,7 @@ from stereo_speed.config import TrackerConfig
 from stereo_speed.errors import InputError
 from stereo_speed.pipeline import SpeedPipeline
 from stereo_speed.records import TrackState, Verdict
+from stereo_speed.sim import simulate, straight_config
 from stereo_speed.site import InitMark, lane_paths, load_init, load_site
 from stereo_speed.tracking import constrained, refine
 import yaml
@@ -132,3 +133,22 @@ def test_transport_reaches_the_wanted_moments_exactly():
     moved = constrained._transport(particles, moments, goal, rng)
     np.testing.assert_allclose(moved.mean(axis=0), goal[0], atol=1e-9)
     np.testing.assert_allclose(np.cov(moved.T, ddof=0), goal[1], atol=1e-8)
+
+
+def test_a_right_view_exposed_later_counts_at_its_own_time(tmp_path):
+    """Free-running cameras: each right image is that of 40 ms later, a metre further on."""
+    sequence = simulate(straight_config('55 mph', fps=25.0), np.random.default_rng(3))
+    pairs = sequence.pairs
+    late = [replace(pairs[k], index=k // 5, right=pairs[k + 1].right,
+                    right_stamp_ns=pairs[k + 1].stamp_ns) for k in range(0, len(pairs) - 1, 5)]
+    # The marks of the first pair are of one time; mark the right front where it is 40 ms later.
+    lanes, (mark,) = prepare(sequence, tmp_path)
+    step = sequence.scene.front(sequence.config.vehicles[0], 0.04).corners_m
+    moved = replace(mark, right_px=sequence.rig.project(step)[1])
+    pipeline = SpeedPipeline(sequence.rig, lanes, TrackerConfig(), [moved])
+    updates = [u for pair in late for u in pipeline.process(pair)]
+    result, = pipeline.ended() + pipeline.finish()
+    truth = float(sequence.truth[0]['speed'])
+    assert result.verdict is Verdict.MEASURED
+    assert abs(result.speed_mps - truth) < 0.05
+    assert np.abs([u.speed_mps - truth for u in updates[5:]]).max() < 0.15
