@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import argparse
+from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from multiprocessing import get_context
@@ -21,7 +22,7 @@ import yaml
 
 from ..config import TrackerConfig
 from ..errors import InputError
-from ..evaluation import traffic as evaluation
+from ..evaluation import lane_changes, traffic as evaluation
 from ..geometry.rig import StereoRig
 from ..io.results import prepare_folder, software_versions, stream_timings, write_run
 from ..pipeline import SpeedPipeline
@@ -87,6 +88,9 @@ def add_parser(subparsers: Any) -> None:
                        help='write tracks.csv, passes.csv, summary.json and truth.csv there')
     where.add_argument('--bag', type=Path, metavar='DIR',
                        help='measure nothing, write the stream as a bag with site and truth')
+    where.add_argument('--lane-changes', type=_number(int, 1, 1000), metavar='SEEDS',
+                       help='in place of a stream, so many of each of the lane changes of the '
+                            '2012 paper, marked, beside a tracker that holds to the path')
     parser.set_defaults(run=run)
 
 
@@ -96,6 +100,8 @@ def run(args: argparse.Namespace) -> int:
 
     :raises InputError: parameters that do not fit, or a folder that cannot be written.
     """
+    if args.lane_changes is not None:
+        return _tabulate_changes(args)
     if args.receding >= args.lanes and args.receding:
         raise InputError('traffic', '--receding', args.receding, f'fewer than {args.lanes}')
     config = traffic_config(
@@ -122,6 +128,28 @@ def run(args: argparse.Namespace) -> int:
     print(evaluation.HEADER)
     print(evaluation.row(name, score, 1e3 * result.wall_s / max(len(result.stamps_ns), 1)))
     return 0
+
+
+def _tabulate_changes(args: argparse.Namespace) -> int:
+    """Measure the paper's lane changes and print their table."""
+    TrackerConfig(particles=args.particles)  # refuse before the work begins
+    seeds = range(args.seed, args.seed + args.lane_changes)
+    tasks = [(case, seed, args.particles) for case in lane_changes.CASES for seed in seeds]
+    with ProcessPoolExecutor(args.jobs, mp_context=get_context('spawn')) as pool:
+        errors = list(tqdm(pool.map(_measure_changes, tasks), total=len(tasks), unit='pass',
+                           desc='lane changes', disable=None))
+    print(lane_changes.HEADER)
+    for case in lane_changes.CASES:
+        for i, tracker in enumerate(lane_changes.TRACKERS):
+            print(lane_changes.row(case, tracker, [
+                e[i] for e, task in zip(errors, tasks) if task[0] == case]))
+    return 0
+
+
+def _measure_changes(task: tuple[str, int, int]) -> list[lane_changes.ChangeError]:
+    """Measure one lane change in a worker: one thread each, the passes fill the cores."""
+    cv2.setNumThreads(1)
+    return lane_changes.measure_changes(*task)
 
 
 def stream_of(config: TrafficConfig, seed: int) -> TrafficStream:
