@@ -3,7 +3,7 @@
 """From a mark in both views to a front on the path with its depth."""
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,6 +23,7 @@ _MAX_GAP_PX = 5.0  # marks whose centres' rays pass further apart are of differe
 _SEARCH_SIGMAS = 4.0
 _SEARCH_STEP_PX = 0.2  # step of the depth search, in disparity
 _INDEPENDENT = 0.35  # share of independent samples in a patch
+_TIME_STEPS = 4  # to bring two marks of different times together
 _MIN_NCC = 0.5  # views of the same front agree better than this
 
 
@@ -61,17 +62,20 @@ def check_mark(rig: StereoRig, mark: InitMark, where: str) -> None:
                              f'corners inside the {camera.width_px}x{camera.height_px} image')
 
 
-def acquire(rig: StereoRig, path: Path, mark: InitMark, pair: StereoPair,
-            grid: PartGrid) -> Acquisition:
+def acquire(rig: StereoRig, path: Path, mark: InitMark, pair: StereoPair, grid: PartGrid,
+            later_m: float = 0.0) -> Acquisition:
     """
     Place the marked front on the path.
 
     The marks give the depth to a few per cent; along the ray of the left mark the left-right
     NCC then says where the right view really agrees.
 
+    :param later_m: how far it goes until the right view is exposed, by its expected speed, m.
     :raises InputError: the marks do not triangulate in front of the rig, or the views disagree.
     """
     where = f'pair {pair.index}: init mark'
+    if later_m:
+        mark = _at_one_time(rig, path, mark, later_m)
     corners = rig.triangulate(mark.left_px, mark.right_px)
     centre = corners.mean(axis=0)
     if not np.isfinite(centre).all() or centre[2] <= 0:
@@ -97,7 +101,7 @@ def acquire(rig: StereoRig, path: Path, mark: InitMark, pair: StereoPair,
     s_std = _MARK_STD_PX * np.sqrt(2 / len(corners)) / abs(slope)
     candidates = s_mark + np.arange(
         -_SEARCH_SIGMAS * s_std, _SEARCH_SIGMAS * s_std, _SEARCH_STEP_PX / abs(slope))
-    scores = _cross_scores(rig, path, mark, pair, grid, candidates)
+    scores = _cross_scores(rig, path, mark, pair, grid, candidates, later_m)
     spread = (candidates - s_mark) / s_std
     samples = _INDEPENDENT * grid.unit_xy.shape[0]
     log_post = -0.5 * samples * np.log(np.maximum(1 - scores, 1e-3)) - 0.5 * spread ** 2
@@ -114,13 +118,26 @@ def acquire(rig: StereoRig, path: Path, mark: InitMark, pair: StereoPair,
                        slope_ab, float(slope), float(scores[best]))
 
 
+def _at_one_time(rig: StereoRig, path: Path, mark: InitMark, later_m: float) -> InitMark:
+    """Move a right mark that is of a later time to where it was at that of the left one."""
+    right = mark.right_px
+    for _ in range(_TIME_STEPS):
+        centre = rig.triangulate(mark.left_px, right).mean(axis=0)
+        if not np.isfinite(centre).all():
+            break  # refused with its reason
+        s_m = path.arc_length(centre)
+        ahead = centre + path.position(s_m + later_m) - path.position(s_m)
+        right = mark.right_px - (rig.project(ahead)[1] - rig.project(centre)[1])
+    return replace(mark, right_px=right)
+
+
 def _cross_scores(rig: StereoRig, path: Path, mark: InitMark, pair: StereoPair,
-                  grid: PartGrid, candidates: Array) -> Array:
+                  grid: PartGrid, candidates: Array, later_m: float) -> Array:
     """Left-right NCC with the left quad fixed and the plane at each candidate s."""
     quads = np.stack([
-        rig.project(path.position(np.array(s))
+        rig.project(path.position(np.array(s + later_m))
                     + back_project(path, rig.left, s, mark.left_px)
-                    @ path.frame(np.array(s))[:, 1:].T)[1]
+                    @ path.frame(np.array(s + later_m))[:, 1:].T)[1]
         for s in candidates])
     left = sample_quads(pair.left, mark.left_px[None], grid)
     scores = np.zeros(len(candidates))

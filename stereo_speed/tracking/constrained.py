@@ -19,7 +19,7 @@ import numpy as np
 from .acquire import acquire
 from .front import Front, turned
 from .likelihood import Reference, score
-from .looks import inside, LookSampler
+from .looks import inside, lag_s, LookSampler
 from .motion import PassPrior
 from .outcome import calibration_share, conclude, live_std, Pass
 from .refine import PassRefiner, Posterior
@@ -59,7 +59,8 @@ class ConstrainedTracker:
         self.rig, self.lane, self.config, self.track, self.rng = rig, lane, config, track, rng
         self.grid = PartGrid(config.parts, config.samples_per_part)
         self.expected_mps = lane.speed_limit_mps or config.initial_speed_mps
-        start = acquire(rig, lane.path, mark, pair, self.grid)
+        later_m = self.expected_mps * lag_s(pair, config.trigger_tolerance_s)
+        start = acquire(rig, lane.path, mark, pair, self.grid, later_m)
         self.front: Front = start.front
         sampler = LookSampler(rig, start.front, self.grid.unit_xy, self.grid.shape,
                               config.trigger_tolerance_s)
@@ -150,7 +151,7 @@ class ConstrainedTracker:
 
     def _weigh(self, pair: StereoPair) -> bool:
         """Weigh by the images (eq. 2, 12) and resample; False when none is possible."""
-        quads = self._quads(self.particles, self.refiner.sampler.lag_s(pair))
+        quads = self._quads(self.particles, lag_s(pair, self.config.trigger_tolerance_s))
         scores = score(pair.left, pair.right, quads, self.reference, grid=self.grid,
                        config=self.config)
         try:
@@ -181,7 +182,7 @@ class ConstrainedTracker:
 
     def _update_reference(self, pair: StereoPair) -> None:
         """Blend the features at the estimated state into the reference (eq. 14)."""
-        quads = self._quads(self._mean()[None], self.refiner.sampler.lag_s(pair))
+        quads = self._quads(self._mean()[None], lag_s(pair, self.config.trigger_tolerance_s))
         at = score(pair.left, pair.right, quads, None, grid=self.grid, config=self.config)
         if self.reference is None:
             self.reference = Reference(at.left[0], at.right[0])

@@ -44,6 +44,7 @@ class Look:
     :param pixels: pixels the patch covers in the image, at most one a grid sample.
     :param shift_px: (2, 3) speed of the front's centre in each view by the pose, px/m.
     :param disparity_px: (3,) change of its disparity by the pose, px/m.
+    :param right_m: how far it had gone along the path when the right view was exposed, m.
     :param skew_px: how far the front moves in the right view between the two stamps where these
         are not taken at their word, px.
     """
@@ -57,7 +58,18 @@ class Look:
     pixels: float
     shift_px: Array
     disparity_px: Array
+    right_m: float
     skew_px: float
+
+
+def lag_s(pair: StereoPair, trigger_tolerance_s: float) -> float:
+    """
+    Time from the left to the right exposure, s.
+
+    :param trigger_tolerance_s: stamps that differ by less are of one exposure: 0.
+    """
+    difference_s = (pair.right_stamp_ns - pair.stamp_ns) * 1e-9
+    return difference_s if abs(difference_s) > trigger_tolerance_s else 0.0
 
 
 class LookSampler:
@@ -81,11 +93,6 @@ class LookSampler:
         self._count = len(unit_xy)
         self.relief_basis = relief_basis(unit_xy)
 
-    def lag_s(self, pair: StereoPair) -> float:
-        """Time from the left to the right exposure, s."""
-        lag_s = (pair.right_stamp_ns - pair.stamp_ns) * 1e-9
-        return lag_s if abs(lag_s) > self.trigger_tolerance_s else 0.0
-
     def look(self, pair: StereoPair, pose: Array, velocity_mps: Array, heading_rad: float,
              relief: Array) -> Look | None:
         """
@@ -96,13 +103,13 @@ class LookSampler:
         :param heading_rad: heading of the vehicle against the path.
         :param relief: (M,) relief of the front at its nodes, m.
         """
-        n, lag_s = self._count, self.lag_s(pair)
+        n, lag = self._count, lag_s(pair, self.trigger_tolerance_s)
         steps = _STEP_M * np.eye(3)
         poses = np.concatenate([pose[None], pose + steps, pose - steps])
         depth = np.concatenate([self.relief_basis @ relief, np.zeros(4)])
         points = plane_points(self.front.path, poses, self._plane_m, heading_rad, depth)
-        later = points if lag_s == 0 else plane_points(
-            self.front.path, poses + lag_s * velocity_mps, self._plane_m, heading_rad, depth)
+        later = points if lag == 0 else plane_points(
+            self.front.path, poses + lag * velocity_mps, self._plane_m, heading_rad, depth)
         left, in_left = self.rig.left.project(points)
         right, in_right = self.rig.right.project(self.rig.to_right(later))
         if not (in_left[0].all() and in_right[0].all()):
@@ -112,13 +119,14 @@ class LookSampler:
                  zip((pair.left, pair.right), (left, right), motion)]
         centre = [m[:, :n].mean(axis=1) for m in motion]  # (3, 2)
         area = 0.5 * (_area(left[0, n:]) + _area(right[0, n:]))
-        unheeded_s = (pair.right_stamp_ns - pair.stamp_ns) * 1e-9 - lag_s
+        unheeded_s = (pair.right_stamp_ns - pair.stamp_ns) * 1e-9 - lag
         patches, jacobian, relief_jacobian = (np.stack(part) for part in zip(*views))
         return Look(pose=pose, heading_rad=heading_rad, relief=relief, patches=patches,
                     jacobian=jacobian, relief_jacobian=relief_jacobian,
                     pixels=min(area, float(n)),
                     shift_px=np.stack([np.linalg.norm(c, axis=1) for c in centre]),
                     disparity_px=centre[0][:, 0] - centre[1][:, 0],
+                    right_m=lag * float(velocity_mps[0]),
                     skew_px=float(np.linalg.norm(velocity_mps @ centre[1]) * abs(unheeded_s)))
 
     def _patch(self, image: NDArray[Any], uv: Array, motion: Array

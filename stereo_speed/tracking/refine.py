@@ -19,7 +19,7 @@ import math
 
 import numpy as np
 
-from .looks import Look, LookSampler
+from .looks import lag_s, Look, LookSampler
 from .motion import (
     headings, lateral_rates, Layout, motion_models, MotionModel, PassMotion, PassPrior)
 from .photometry import Photometry, photometry
@@ -245,11 +245,14 @@ class PassRefiner:
         self.relief = solution[at.relief]
         rates, _, heading = self._directions()
         changes = self.state[:, :3] - np.stack([look.pose for look in self.looks])
+        right_m = self.state[:, 3] * [
+            lag_s(pair, self.config.trigger_tolerance_s) for pair in self.pairs]
         px = np.array([
             max(np.abs(look.shift_px * change).max(),
                 look.shift_px[:, 0].max() * (_HALF_WIDTH_M * abs(psi - look.heading_rad)
-                                             + np.abs(self.relief - look.relief).max()))
-            for look, change, psi in zip(self.looks, changes, heading)])
+                                             + np.abs(self.relief - look.relief).max()
+                                             + abs(later - look.right_m)))
+            for look, change, psi, later in zip(self.looks, changes, heading, right_m)])
         moved = False
         for k in np.argsort(-px, kind='stable')[:retake]:
             if px[k] > moved_px:

@@ -46,7 +46,7 @@ def fake_looks(rng, count, basis, relief, texture_noise=0.0):
         looks.append(SimpleNamespace(
             pose=np.zeros(3), relief=np.zeros(basis.shape[1]), patches=values, jacobian=-J,
             relief_jacobian=-D, pixels=float(samples), shift_px=np.ones((2, 3)),
-            disparity_px=np.ones(3), skew_px=0.0))
+            disparity_px=np.ones(3), skew_px=0.0, right_m=0.0))
     return looks, poses
 
 
