@@ -28,7 +28,11 @@ class LanePath:
     :param heading_std_rad: (2,) 1-sigma of the direction in the middle, across (P) and up (B).
     :param offset_std_m: (2,) 1-sigma of the position in the middle, across (P) and up (B).
     :param residual_px: root mean square distance of the picks from the lines; 0 for surveys.
-    :param scale_std: 1-sigma of the length along the path, as a share.
+    :param scale_std: 1-sigma of the length along the path, as a share: of the length that
+        counts for the mean of a pass, where near looks weigh most.
+    :param scale_profile: arc lengths (n,) in m and the 1-sigma (n,) of the length there, as a
+        share; errors are the same one along the path, only larger farther away. None: it is
+        ``scale_std`` everywhere.
     """
 
     name: str
@@ -38,6 +42,18 @@ class LanePath:
     offset_std_m: Array
     residual_px: float
     scale_std: float = 0.0
+    scale_profile: Optional[tuple[Array, Array]] = None
+
+    def scale_std_at(self, s_m: Array) -> Array:
+        """
+        Give the 1-sigma of the length along the path, as a share, at arc lengths (...,).
+
+        Its errors at different places are one and the same error: they do not average out.
+        """
+        s_m = np.asarray(s_m, dtype=np.float64)
+        if self.scale_profile is None:
+            return np.full(s_m.shape, self.scale_std)
+        return np.interp(s_m, *self.scale_profile)
 
 
 def lane_of_road(name: str, fit: RoadFit, lines: tuple[int, ...],
@@ -81,7 +97,7 @@ def _spread(fit: RoadFit, lines: tuple[int, ...], middle_m: float) -> tuple[Arra
     Sliding along the path is no error of it: a point that slides by ds takes its direction from
     ``T(s)`` to ``T(s + ds)``, which is subtracted.
     """
-    steps, h = fit.problem.model.steps, 0.5
+    steps, h = fit.problem.steps, 0.5
     both = fit.x + np.concatenate([np.diag(steps), -np.diag(steps)])
     points, frames = _lane(fit, both, lines, np.array([middle_m]))
     near, axes = _lane(fit, fit.x, lines, middle_m + np.array([-h, 0.0, h]))

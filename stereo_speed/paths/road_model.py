@@ -65,7 +65,7 @@ class RoadModel:
 
     def within(self, turns: int, bends: int, x: Array) -> tuple[RoadModel, Array]:
         """
-        Widen the family; the road of ``x`` (size,) stays the same in it.
+        Widen the family; the road of ``x`` (size,), or more, stays the same in it.
 
         :param turns: at least those of now.
         :param bends: at least those of now.
@@ -73,7 +73,8 @@ class RoadModel:
         wide = replace(self, turns=turns, bends=bends)
         cut = self.size - self.bends
         return wide, np.concatenate([
-            x[:cut], np.zeros(turns - self.turns), x[cut:], np.zeros(bends - self.bends)])
+            x[:cut], np.zeros(turns - self.turns), x[cut:self.size], np.zeros(bends - self.bends),
+            x[self.size:]])
 
     @cached_property
     def _turning(self) -> Array:
@@ -90,7 +91,7 @@ class RoadModel:
     def bend(self, x: Array) -> Array:
         """Take the bends (..., 3); those that are not free are 0."""
         out = np.zeros(x.shape[:-1] + (len(BENDS),))
-        out[..., :self.bends] = x[..., self.size - self.bends:]
+        out[..., :self.bends] = x[..., self.size - self.bends:self.size]
         return out
 
     def reference(self, x: Array) -> tuple[Array, Array]:
@@ -129,6 +130,16 @@ def _rotation(vectors: Array) -> Array:
     a = np.sinc(angle / np.pi)
     b = 0.5 * np.sinc(angle / (2 * np.pi))**2
     return np.eye(3) + a * skew + b * skew @ skew
+
+
+def turn_matrix(turn_rad: Array) -> Array:
+    """
+    Give the matrices (..., 3, 3) that take row vectors into the frame of a turned camera.
+
+    :param turn_rad: (..., 3) pan to the right, tilt upwards and roll clockwise, components of
+        one rotation vector about the camera's y, x and z axis.
+    """
+    return _rotation(turn_rad[..., [1, 0, 2]])
 
 
 @dataclass(frozen=True, eq=False)
