@@ -15,10 +15,12 @@ import numpy as np
 from .errors import SiteError
 from .geometry.rig import StereoRig
 from .paths.base import Path
+from .paths.curved import match_curves
 from .paths.lanes import lane_of_paths, lane_of_road, LanePath, surveyed_path
 from .paths.road import fit_road, RoadFit
 from .paths.site_file import (
     InitMark, LaneSpec, LEAST_ROAD_M, load_init, load_site, Site, SiteLine, VIEWS)
+from .records import Array
 
 __all__ = ['InitMark', 'LanePath', 'LaneSpec', 'Site', 'SiteLine', 'lane_paths', 'load_init',
            'load_site']
@@ -42,7 +44,7 @@ def lane_paths(site: Site, rig: StereoRig) -> dict[str, LanePath]:
     picked = {n: line for n, line in site.lines.items() if line.points_m is None}
     for line in picked.values():
         _refuse_outside(site, line, rig)
-    against = _against(picked)
+    against = _against(picked, rig)
     site = replace(site, lines={n: _turned(line) if n in against else line
                                 for n, line in site.lines.items()})
     joint = _fit(site, rig, tuple(picked)) if picked else None
@@ -68,10 +70,23 @@ def lane_paths(site: Site, rig: StereoRig) -> dict[str, LanePath]:
     return out
 
 
-def _against(picked: Mapping[str, SiteLine]) -> set[str]:
-    """Name the lines that run against the first one in the left view."""
-    ways = {n: line.left_px[-1] - line.left_px[0] for n, line in picked.items()}
+def _against(picked: Mapping[str, SiteLine], rig: StereoRig) -> set[str]:
+    """
+    Name the lines that run against the first one.
+
+    In an image lines of one road diverge towards the camera, by more than a right angle beside
+    a wide one; in space they do not.
+    """
+    ways = {n: _way(line, rig) for n, line in picked.items()}
     return {n for n, way in ways.items() if way @ next(iter(ways.values())) < 0}
+
+
+def _way(line: SiteLine, rig: StereoRig) -> Array:
+    """Return from where to where a line goes, (3,), as roughly as its picks match."""
+    points = match_curves(rig, line.left_px, line.right_px).points_m
+    if len(points) < 2:
+        return np.append(line.left_px[-1] - line.left_px[0], 0.0)
+    return points[-1] - points[0]
 
 
 def _turned(line: SiteLine) -> SiteLine:

@@ -1,132 +1,64 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""``accuracy``: measure simulated passes with exact truth, from picked sites, and tabulate."""
+"""``accuracy``: measure simulated passes of many kinds with exact truth, and tabulate."""
 from __future__ import annotations
 
 import argparse
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
-from multiprocessing import get_context
-from pathlib import Path
-import tempfile
-from typing import Any, Callable, Optional
+import sys
+from typing import Any
 
-import cv2
 import numpy as np
-from tqdm import tqdm
-import yaml
 
+from .options import add_job_options, number_in
 from ..config import TrackerConfig
-from ..errors import InputError
-from ..pipeline import SpeedPipeline
-from ..records import TrackState, Verdict
-from ..sim.config import circle_config, DISTORTED, SimConfig, straight_config
-from ..sim.sequence import simulate
-from ..site import lane_paths, load_init, load_site
-from ..units import MPH_MPS
-
-SCENES: dict[str, Callable[[], SimConfig]] = {
-    'straight 55 mph': lambda: straight_config('55 mph'),
-    'straight 55 mph, converging and distorted': lambda: straight_config(
-        '55 mph', rig=DISTORTED),
-    'circle of 41 m, 36 mph': lambda: circle_config('36 mph', 41.0),
-    'circle of 41 m, 36 mph, converging and distorted': lambda: circle_config(
-        '36 mph', 41.0, rig=DISTORTED),
-}
-
-
-@dataclass(frozen=True)
-class PassError:
-    """
-    Errors of one simulated pass.
-
-    :param kept: whether the vehicle was followed to its last pair.
-    :param mean_mps: mean error of the confirmed readings, m/s.
-    :param late_mps: greatest error of a reading of the second half, m/s.
-    :param pass_mps: error of the pass, m/s; None when it was rejected.
-    :param sigmas: the same in 1-sigmas of its own.
-    """
-
-    kept: bool
-    mean_mps: float
-    late_mps: float
-    pass_mps: Optional[float]
-    sigmas: float
+from ..evaluation.accuracy import (
+    accuracy_jobs, accuracy_table, gather, measure_job, passes_table, rejections,
+    silently_wrong)
+from ..evaluation.runner import failures, run_jobs
 
 
 def add_parser(subparsers: Any) -> None:
     """Add the ``accuracy`` command."""
-    parser = subparsers.add_parser('accuracy', help='tabulate errors on simulated passes')
-    parser.add_argument('--seeds', type=int, default=20, help='passes of each kind')
-    parser.add_argument('--particles', type=int, default=TrackerConfig().particles)
-    parser.add_argument('--jobs', type=int, default=2, help='processes')
+    parser = subparsers.add_parser('accuracy', help='tabulate errors on simulated passes',
+                                   description=__doc__)
+    add = parser.add_argument
+    add('--passes', type=number_in(int, 1, 100000), default=200,
+        help='passes, drawn over speeds, roads, rigs, heights and noise (default: 200)')
+    add('--seed', type=number_in(int, 0, 2 ** 31), default=0, help='another set of passes')
+    add('--particles', type=int, default=TrackerConfig().particles)
+    site = parser.add_mutually_exclusive_group()
+    site.add_argument('--site', choices=('picked', 'refined', 'exact'), default='picked',
+                      help='how the lines of the site are known (default: picked)')
+    site.add_argument('--picked', action='store_const', const='picked', dest='site',
+                      help='picks of 0.3 px scatter as they are')
+    site.add_argument('--refine', action='store_const', const='refined', dest='site',
+                      help='picks refined by the images of the pass')
+    add('--pan-deg', type=number_in(float, -1, 1), default=0.0, metavar='DEG',
+        help='the right camera has turned this far, to either side, since its calibration')
+    add('--tolerances', action='store_true',
+        help='calibration and stamps are off within the tolerances the tracker allows for')
+    add_job_options(parser)
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run all scenes and seeds and print a Markdown table."""
-    for name in ('seeds', 'jobs'):
-        if getattr(args, name) < 1:
-            raise InputError('accuracy', f'--{name}', getattr(args, name), '1 or more')
+    """Measure the passes that are not measured yet, print the table, write the files."""
     TrackerConfig(particles=args.particles)  # refuse before the work begins
-    tasks = [(scene, seed, args.particles) for scene in SCENES for seed in range(args.seeds)]
-    with ProcessPoolExecutor(args.jobs, mp_context=get_context('spawn')) as pool:
-        errors = list(tqdm(pool.map(_measure, tasks), total=len(tasks), unit='pass',
-                           desc='accuracy', disable=None))
-    print(f'| {args.seeds} passes each, {args.particles} particles | followed to the end '
-          '| readings: mean, mph | worst of second half, mph | pass: mean ± sd, mph '
-          '| worst, mph | r.m.s. of error/σ |')
-    print('|---|---|---|---|---|---|---|')
-    for scene in SCENES:
-        print(_row(scene, [e for e, task in zip(errors, tasks) if task[0] == scene]))
+    jobs = accuracy_jobs(args.passes, seed=args.seed, site=args.site, pan_deg=args.pan_deg,
+                         tolerances=args.tolerances, changes={'particles': args.particles})
+    results = run_jobs(jobs, measure_job, out_dir=args.out, workers=args.jobs,
+                       description='accuracy')
+    passes = gather(jobs, results)
+    table = accuracy_table(passes)
+    if args.out is not None:
+        (args.out / 'accuracy.md').write_text(table.markdown(), encoding='utf-8')
+        (args.out / 'accuracy.csv').write_text(table.csv(), encoding='utf-8')
+        (args.out / 'passes.csv').write_text(passes_table(passes).csv(), encoding='utf-8')
+    print(table.markdown())
+    reasons = ', '.join(f'{n} {reason}' for reason, n in rejections(passes).items())
+    print(f'site {args.site}, {args.particles} particles; not measured: {reasons or "none"}; '
+          f'measured, more than 0.1 mph and 2 σ off: {silently_wrong(passes)}; '
+          f'{np.nanmedian([p.cpu_ms for p in passes]):.1f} ms of one core per pair')
+    for line in failures(results):
+        print(line, file=sys.stderr)
     return 0
-
-
-def measure_pass(config: SimConfig, seed: int, particles: int) -> PassError:
-    """
-    Simulate one pass, write its site and marks as files, and measure it.
-
-    :param config: the scene.
-    :param seed: of the simulation and of the tracker.
-    """
-    sequence = simulate(config, np.random.default_rng(seed))
-    with tempfile.TemporaryDirectory() as folder:
-        site, init = Path(folder) / 'site.yaml', Path(folder) / 'init.yaml'
-        site.write_text(yaml.safe_dump(dict(sequence.site)))
-        init.write_text(yaml.safe_dump(dict(sequence.init)))
-        lanes, marks = lane_paths(load_site(site), sequence.rig), load_init(init)
-    pipeline = SpeedPipeline(sequence.rig, lanes, TrackerConfig(particles=particles), marks,
-                             seed=seed)
-    updates = [u for pair in sequence.pairs for u in pipeline.process(pair)]
-    result, = pipeline.ended() + pipeline.finish()
-    truth = np.array([float(row['speed']) for row in sequence.truth])[:len(updates)]
-    error = np.array([u.speed_mps for u in updates]) - truth
-    confirmed = np.array([u.state is TrackState.CONFIRMED for u in updates])
-    measured = result.verdict is Verdict.MEASURED and result.speed_mps is not None
-    off = result.speed_mps - truth[:result.pairs].mean() if measured else None
-    return PassError(
-        kept=result.pairs == len(sequence.pairs),
-        mean_mps=float(error[confirmed].mean()) if confirmed.any() else np.nan,
-        late_mps=float(np.abs(error[len(error) // 2:]).max()), pass_mps=off,
-        sigmas=np.nan if off is None else off / result.speed_std_mps)
-
-
-def _measure(task: tuple[str, int, int]) -> PassError:
-    """Measure one pass in a worker: one thread each, the passes fill the cores."""
-    cv2.setNumThreads(1)
-    scene, seed, particles = task
-    return measure_pass(SCENES[scene](), seed, particles)
-
-
-def _row(scene: str, errors: list[PassError]) -> str:
-    """One line of the table."""
-    passes = np.array([e.pass_mps for e in errors if e.pass_mps is not None]) / MPH_MPS
-    readings = np.mean([e.mean_mps for e in errors]) / MPH_MPS
-    late = np.max([e.late_mps for e in errors]) / MPH_MPS
-    kept = sum(e.kept for e in errors)
-    line = f'| {scene} | {kept} of {len(errors)} | {readings:+.3f} | {late:.2f} '
-    if not len(passes):
-        return line + '| - | - | - |'
-    z = np.sqrt(np.nanmean(np.square([e.sigmas for e in errors])))
-    return line + (f'| {passes.mean():+.3f} ± {passes.std():.3f} | {np.abs(passes).max():.3f} '
-                   f'| {z:.2f} |')

@@ -1,0 +1,28 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Options that several commands share."""
+from __future__ import annotations
+
+import argparse
+import os
+from pathlib import Path
+from typing import Any, Callable
+
+
+def number_in(kind: type, low: float, high: float) -> Callable[[str], Any]:
+    """Make a parser of numbers within bounds."""
+    def parse(text: str) -> Any:
+        value = kind(text)
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f'{text} is not in [{low:g}, {high:g}]')
+        return value
+    parse.__name__ = kind.__name__
+    return parse
+
+
+def add_job_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of a run of many jobs."""
+    parser.add_argument('--jobs', type=number_in(int, 0, 512), default=os.cpu_count() or 1,
+                        help='processes (default: one for each core; 0: only this one)')
+    parser.add_argument('--out', type=Path, metavar='DIR',
+                        help='folder for the results; a run that was interrupted goes on there')
