@@ -23,6 +23,10 @@ class InputError(StereoSpeedError):
         line = f'{self.where}: {what}: found {self.found}, wanted {wanted}'
         super().__init__(' '.join(line.split()))
 
+    def __reduce__(self) -> tuple[type, tuple[str, ...]]:
+        """Pickle by what it says, so that it comes out of worker processes whole."""
+        return type(self), (self.where, self.what, self.found, self.wanted)
+
 
 class CalibrationError(InputError):
     """A camera or rig calibration that cannot be used."""
