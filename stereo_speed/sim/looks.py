@@ -15,6 +15,7 @@ from .texture import Canvas, front_texture, Image, octaves
 from ..records import Array
 
 TEXEL_M = 0.01  # of all faces but the front and the rear
+DIRT = 4  # texels are the finest of the dirt
 GLASS = (24.0, 48.0)
 
 
@@ -80,7 +81,9 @@ def _finish(canvas: Canvas, rng: np.random.Generator, texel_m: float, shade: flo
                      for side in (canvas.height_m, canvas.width_m))
     image = cv2.resize(canvas.image, (columns, rows), interpolation=cv2.INTER_AREA)
     image = image * np.linspace(1 + shade, 1 - shade, rows, dtype=np.float32)[:, None]
-    image += np.float32(grain) * octaves(rng, rows, columns, 4)
+    coarse = octaves(rng, -(-rows // DIRT) + 1, -(-columns // DIRT) + 1, 1)
+    dirt = cv2.resize(coarse, None, fx=DIRT, fy=DIRT, interpolation=cv2.INTER_LINEAR)
+    image += np.float32(grain) * np.asarray(dirt, np.float32)[:rows, :columns]
     image = cv2.GaussianBlur(image, (0, 0), 1.0, borderType=cv2.BORDER_REPLICATE)
     return np.clip(image, 5, 250).astype(np.float32)
 

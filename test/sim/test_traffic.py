@@ -6,6 +6,7 @@ from __future__ import annotations
 import csv
 from dataclasses import replace
 import itertools
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from stereo_speed.errors import InputError
 from stereo_speed.sim import (
     DAY, DUSK, ParkedConfig, PersonConfig, PoleConfig, RigConfig, RoadConfig, simulate,
     straight_config, stream_traffic, traffic_config, TrafficStream, TreeConfig, VehicleConfig)
+from stereo_speed.sim.painter import Painter
 from stereo_speed.sim.write import write_traffic_bag
 from stereo_speed.site import lane_paths, load_site
 import yaml
@@ -33,7 +35,8 @@ def _take(config, seed, count):
 def stream():
     """Make 22 s of busy traffic in both directions, with lane changes and braking."""
     config = replace(_config(receding=1, vehicles=60), change_share=0.5, brake_share=0.5)
-    return config, _take(config, 3, 220)
+    with mock.patch.object(Painter, '_view', lambda *_: np.zeros((240, 320), np.uint8)):
+        return config, _take(config, 3, 220)  # what is true needs no images
 
 
 def test_same_seed_same_stream_and_another_one_not():
@@ -102,7 +105,7 @@ def test_vehicles_are_drawn_where_the_truth_says():
     """Where a face is seen whole the image differs from the empty road; beside it, it does not."""
     config = _config('overcast', vehicles=30, noise_grey=0.0, poles=(), trees=(), people=())
     config = replace(config, scene=replace(config.scene, light=None))
-    pairs = _take(config, 5, 120)
+    pairs = _take(config, 5, 70)
     empty = np.median([one.pair.left for one in pairs], axis=0)
     scene = TrafficStream(config, np.random.default_rng(5)).scene
     inside = []
@@ -116,7 +119,7 @@ def test_vehicles_are_drawn_where_the_truth_says():
                 inside.append(differs[v - 3:v + 4, u - half:u + half].mean())
         if not one.truth:
             assert differs.mean() < 0.02
-    assert len(inside) > 10 and np.median(inside) > 0.7
+    assert len(inside) > 6 and np.median(inside) > 0.7
 
 
 def test_gaps_drops_and_stamps():

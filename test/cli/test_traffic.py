@@ -1,0 +1,75 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""The ``traffic`` command: renders aside, scores, writes, refuses."""
+from __future__ import annotations
+
+import csv
+import itertools
+import json
+from unittest import mock
+
+import numpy as np
+import pytest
+
+from stereo_speed.cli import main as cli, traffic
+from stereo_speed.evaluation import traffic as evaluation
+from stereo_speed.pipeline import SpeedPipeline
+from stereo_speed.sim import RigConfig, traffic_config, TrafficStream
+
+SMALL = RigConfig(width_px=320, height_px=240, f_px=560.0)
+
+
+def test_pairs_from_another_process_are_the_same():
+    config = traffic_config('day', minutes=0.1, vehicles=6, rig=SMALL)
+    own = TrafficStream(config, np.random.default_rng(4))
+    aside = traffic.rendered(config, 4)
+    count = 0
+    for one, other in itertools.islice(zip(own, aside), 5):
+        assert np.array_equal(one.pair.right, other.pair.right)
+        assert one.truth == other.truth
+        count += 1
+    aside.close()
+    assert count == 5
+
+
+def test_what_goes_wrong_while_rendering_is_told():
+    config = traffic_config('day', minutes=0.1, vehicles=6, rig=SMALL)
+    with mock.patch.object(traffic, 'get_context') as context:
+        queue = context.return_value.Queue.return_value
+        queue.get.side_effect = [ValueError('no such road')]
+        with pytest.raises(ValueError, match='no such road'):
+            next(traffic.rendered(config, 0))
+    assert context.return_value.Process.return_value.terminate.called
+
+
+def test_files_and_table(tmp_path, capsys, monkeypatch):
+    """With a pipeline that is given no marks, every vehicle is missed and nothing is false."""
+    monkeypatch.setattr(traffic, 'make_pipeline', lambda rig, lanes, config, seed: SpeedPipeline(
+        rig, lanes, config, (), seed=seed))
+    monkeypatch.setattr(traffic, 'RIGS', {'parallel': SMALL})
+    monkeypatch.setattr(evaluation, 'SEEN_PX', 10.0)
+    out = tmp_path / 'out'
+    assert cli.main(['traffic', '--minutes', '0.06', '--vehicles', '12', '--fps', '5',
+                     '--jobs', '1', '--out', str(out)]) == 0
+    table = capsys.readouterr().out.splitlines()
+    cells = [cell.strip() for cell in table[-1].split('|')]
+    names = [cell.strip() for cell in table[0].split('|')]
+    row = dict(zip(names, cells))
+    assert int(row['vehicles']) > 0 and row['vehicles'] == row['missed']
+    assert row['false tracks'] == row['measured once'] == '0'
+    with (out / 'truth.csv').open() as file:
+        rows = list(csv.DictReader(file))
+    assert len({r['vehicle'] for r in rows}) >= int(row['vehicles'])
+    assert json.loads((out / 'summary.json').read_text())['score']['missed'] == int(row['missed'])
+    assert (out / 'tracks.csv').read_text().count('\n') == 1
+
+
+@pytest.mark.parametrize('words, said', [
+    (['--lanes', '2', '--receding', '2'], '--receding: found 2, wanted fewer than 2'),
+    (['--light', 'noon'], '--light'), (['--minutes', '0'], '--minutes'),
+    (['--particles', '1'], 'particles'), (['--lane-changes', '0'], '--lane-changes'),
+    (['--out', 'a', '--bag', 'b'], 'not allowed')])
+def test_bad_options_are_one_line(words, said, capsys):
+    assert cli.main(['traffic', *words]) == 2
+    err = capsys.readouterr().err
+    assert said in err and err.count('\n') == 1
