@@ -69,6 +69,11 @@ def add_parser(subparsers: Any) -> None:
     add('--noise', type=_bounded(float, 0, 50), default=2.0, help='sensor noise, grey levels')
     add('--exposure', type=_bounded(float, 0.05, 2), default=1.0, help='1 day, 0.35 dusk')
     add('--rig', choices=sorted(RIGS), default='parallel')
+    add('--rig-moved', type=_bounded(float, -10, 10), nargs=3, default=(0.0, 0.0, 0.0),
+        metavar=('PAN', 'TILT', 'ROLL'),
+        help='degrees by which the right camera has turned since its calibration')
+    add('--gap', type=_bounded(float, 0, 1000), nargs=2, metavar=('FROM', 'TO'),
+        help='time, s, in which no pair arrives')
     add('--camera-height', type=_bounded(float, 0.5, 30), default=4.0, help='m above the road')
     add('--front-height', type=_bounded(float, 0.3, 3), default=0.8, help='m')
     add('--speed-limit', type=_limit, default='45 mph', help='as in the site file')
@@ -116,7 +121,8 @@ def make_config(args: argparse.Namespace) -> SimConfig:
         start_m=args.start or config.start_m, near_m=args.near or config.near_m,
         pairs=args.pairs, fps=args.fps, stamp_jitter_s=args.jitter, drop=tuple(args.drop),
         noise_grey=args.noise, exposure=args.exposure, camera_height_m=args.camera_height,
-        speed_limit=args.speed_limit, name=args.out.name)
+        speed_limit=args.speed_limit, name=args.out.name, rig_moved_deg=tuple(args.rig_moved),
+        gaps_s=(tuple(args.gap),) if args.gap else ())
 
 
 def run(args: argparse.Namespace) -> int:
