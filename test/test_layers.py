@@ -20,7 +20,7 @@ LAYERS = (
     ('geometry', 'features', 'filtering'),
     ('paths',),
     ('site',),
-    ('tracking',),
+    ('tracking', 'detection'),
     ('pipeline',),
     ('io',),
     ('sim', 'report'),

@@ -1,0 +1,46 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Parameters of the detector: default, unit, bounds and meaning."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..config import _p, check_bounds
+
+
+@dataclass(frozen=True)
+class DetectorConfig:
+    """Parameters of the vehicle detector; see ``detector`` for how they are used."""
+
+    least_px_per_m: float = _p(
+        20.0, 5.0, 500.0, 'px/m', 'scale of the image below which a vehicle is too far to be '
+        'found; 20 is a front of 1.8 m seen 36 px wide')
+    interval_s: float = _p(
+        0.09, 0.0, 2.0, 's', 'vehicles are looked for at most this often')
+    reference_s: float = _p(
+        0.19, 0.01, 2.0, 's', 'a vehicle must have moved since the pair that is at least so old, '
+        'or since the oldest there is')
+    long_reference_s: float = _p(
+        0.75, 0.1, 5.0, 's', 'the same for slow vehicles')
+    least_speed_mps: float = _p(
+        1.5, 0.1, 20.0, 'm/s', 'what moves slower along its lane is not reported')
+    greatest_speed_mps: float = _p(
+        70.0, 5.0, 150.0, 'm/s', 'nor what moves faster')
+    reach_m: float = _p(
+        1.9, 0.3, 6.0, 'm', 'how far beside the path of a lane the middle of a vehicle may be')
+    face_low_m: float = _p(
+        0.30, 0.05, 1.0, 'm', 'height above the road of the lower edge of the quad')
+    face_high_m: float = _p(
+        0.74, 0.2, 2.5, 'm', 'height above the road of its upper edge')
+    face_width_m: float = _p(1.5, 0.5, 2.6, 'm', 'width of the quad')
+    least_cross_ncc: float = _p(
+        0.75, 0.0, 1.0, '', 'left-right correlation of a face at its depth')
+    least_motion_ncc: float = _p(
+        0.70, 0.0, 1.0, '', 'correlation of a face with itself in the earlier pair')
+    least_symmetry: float = _p(
+        0.55, 0.0, 1.0, '', 'correlation of a face with its mirror image')
+    spacing_m: float = _p(
+        4.5, 1.0, 30.0, 'm', 'least distance between two fronts in one lane')
+
+    def __post_init__(self) -> None:
+        check_bounds(self)

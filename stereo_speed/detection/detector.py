@@ -1,0 +1,181 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Finds vehicles by themselves: upright, symmetric faces that come along a lane.
+
+Three things must agree.  Both views: what stands upright on the road at one depth (``scan``,
+``faces``); what lies on the road, such as shadows, pools of light and paint, does not.  Its
+look: the lower part of a front or rear is symmetric.  And time: it was further back along the lane
+in an earlier pair (``motion``); what stands still is no vehicle in traffic.  So vehicles are
+found from the second pair on, whatever the light, without anything to be learned first.
+"""
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import Mapping, Optional, Sequence
+
+import numpy as np
+
+from .config import DetectorConfig
+from .faces import Face, FaceFinder
+from .lane_geometry import LaneGeometry
+from .motion import find_motion, Motion, moved
+from .records import Detection, Occupied
+from .scan import LaneScan
+from .views import PairViews
+from ..geometry.rig import StereoRig
+from ..records import Array, StereoPair
+from ..site import LanePath
+
+_MATCH_PX = 0.1  # 1-sigma of the disparity of a face
+_AXIS_M = 0.03  # 1-sigma of its middle
+_ACROSS_M = 1.2  # vehicles whose middles are nearer are in each other's way
+_MARGIN_PX = 2.0
+_SETTLED_M = 0.012  # shift of the right view that may be left
+_UPRIGHT_TIMES = 2.0  # upright, the views must differ so many times less than lying
+_LEAST_DOUBT = 0.005
+
+
+@dataclass(frozen=True)
+class _Found:
+    """A verified face of a lane."""
+
+    lane: int
+    face: Face
+    motion: Motion
+    centre_m: Array
+
+    @property
+    def confidence(self) -> float:
+        return min(self.face.cross_ncc, self.face.symmetry, self.motion.ncc)
+
+
+class VehicleDetector:
+    """
+    Finds vehicles pair after pair; see the module's docstring.
+
+    :param rig: the cameras.
+    :param lanes: lane name to lane path.
+    :param config: parameters.
+    """
+
+    def __init__(self, rig: StereoRig, lanes: Mapping[str, LanePath],
+                 config: DetectorConfig) -> None:
+        self.rig, self.lanes, self.config = rig, dict(lanes), config
+        self._names = list(self.lanes)
+        self._geometry = [LaneGeometry(rig, lane) for lane in self.lanes.values()]
+        self._scans = [LaneScan(g, config) for g in self._geometry]
+        self._finders = [FaceFinder(g, config) for g in self._geometry]
+        self._past: deque[PairViews] = deque()
+        self._noise = 2.0
+
+    def reset(self) -> None:
+        """Forget the earlier pairs, as after a jump back of time."""
+        self._past.clear()
+
+    def update(self, pair: StereoPair, occupied: Sequence[Occupied] = ()) -> list[Detection]:
+        """
+        Take in a pair and find the vehicles that no track holds.
+
+        :param pair: in order of stamps.
+        :param occupied: what the tracks hold, predicted for this pair.
+        """
+        if self._past and (pair.stamp_ns - self._past[-1].stamp_ns) * 1e-9 \
+                < self.config.interval_s:
+            return []
+        now = PairViews.of(pair)
+        found: list[_Found] = []
+        before = self._reference(now.stamp_ns, self.config.reference_s)
+        if before is not None:
+            taken = [self._place(o) for o in occupied if o.finite and o.lane in self.lanes]
+            for lane in range(len(self._names)):
+                found += self._search(lane, now, before, taken)
+        self._remember(now)
+        return [self._detection(f, now) for f in self._distinct(found)]
+
+    def _reference(self, stamp_ns: int, age_s: float) -> Optional[PairViews]:
+        """Give the youngest pair that is old enough, else the oldest."""
+        old = [v for v in self._past if (stamp_ns - v.stamp_ns) * 1e-9 >= age_s]
+        if old:
+            return old[-1]
+        return self._past[0] if self._past else None
+
+    def _remember(self, now: PairViews) -> None:
+        self._past.append(now)
+        keep_ns = self.config.long_reference_s * 1e9
+        while len(self._past) > 2 and now.stamp_ns - self._past[1].stamp_ns > keep_ns:
+            self._past.popleft()
+
+    def _search(self, lane: int, now: PairViews, before: PairViews, taken: Sequence[Array]
+                ) -> list[_Found]:
+        """Find and verify the faces of a lane."""
+        c, finder = self.config, self._finders[lane]
+        seeds = self._scans[lane].seeds(now, before, self._noise)
+        out: list[_Found] = []
+        faces = [face for face in finder.refine(seeds, now) if self._upright(face)]
+        for face in sorted(faces, key=lambda f: -min(f.cross_ncc, f.symmetry)):
+            centre = self._centre(lane, face)
+            if any(self._same(lane, centre, other) for other in taken) \
+                    or any(self._same(lane, centre, f.centre_m) for f in out):
+                continue
+            motion = find_motion(finder, face, now, before, c)
+            if moved(motion, c):
+                out.append(_Found(lane, face, motion, centre))
+        return out
+
+    def _upright(self, face: Face) -> bool:
+        """Say whether a face stands on its plane and looks like one."""
+        c = self.config
+        doubt = max(1 - face.cross_ncc, _LEAST_DOUBT)
+        return (face.cross_ncc >= c.least_cross_ncc and face.symmetry >= c.least_symmetry
+                and abs(face.unsettled_m) < _SETTLED_M and abs(face.x_m) < c.reach_m
+                and 1 - face.lying_ncc > _UPRIGHT_TIMES * doubt)
+
+    def _centre(self, lane: int, face: Face) -> Array:
+        height = np.array([(self.config.face_low_m + self.config.face_high_m) / 2])
+        return self._geometry[lane].points(
+            np.array([face.s_m]), np.array([face.x_m]), height)[0, 0, 0]
+
+    def _place(self, held: Occupied) -> Array:
+        path = self.lanes[held.lane].path
+        s = np.array(held.s_m)
+        return path.position(s) + held.lateral_m * path.frame(s)[:, 1]
+
+    def _same(self, lane: int, centre_m: Array, other_m: Array) -> bool:
+        """Say whether two faces are too near each other to be those of two vehicles."""
+        path = self.lanes[self._names[lane]].path
+        frame = path.frame(path.arc_length(other_m))
+        apart = frame.T @ (centre_m - other_m)
+        return bool(abs(apart[0]) < self.config.spacing_m and abs(apart[1]) < _ACROSS_M)
+
+    def _distinct(self, found: Sequence[_Found]) -> list[_Found]:
+        """Keep the best of those that are the same vehicle, seen from two lanes."""
+        out: list[_Found] = []
+        for one in sorted(found, key=lambda f: abs(f.face.x_m)):
+            if not any(self._same(one.lane, one.centre_m, f.centre_m) for f in out):
+                out.append(one)
+        return out
+
+    def _detection(self, found: _Found, now: PairViews) -> Detection:
+        c, face, geometry = self.config, found.face, self._geometry[found.lane]
+        s = np.array([face.s_m])
+        rates = geometry.rates(s)
+        heights = np.array([c.face_high_m, c.face_low_m])
+        half = np.array([-0.5, 0.5]) * c.face_width_m
+        left, right, _, _ = geometry.project(s, face.x_m + half, heights)
+        px_per_m = float(rates.px_per_m[0])
+        return Detection(
+            lane=self._names[found.lane],
+            left_px=_clockwise(left[0]), right_px=_clockwise(right[0]),
+            std_px=_AXIS_M * px_per_m, s_m=face.s_m,
+            s_std_m=_MATCH_PX / (px_per_m * abs(float(rates.shift[0]))), lateral_m=face.x_m,
+            width_m=c.face_width_m, height_m=c.face_high_m - c.face_low_m,
+            speed_mps=found.motion.speed_mps, confidence=found.confidence)
+
+
+def _clockwise(corners: Array) -> Array:
+    """Order corners (upper and lower, by x) clockwise from the image's top left."""
+    if corners[0, 0, 0] > corners[0, 1, 0]:
+        corners = corners[:, ::-1]
+    return np.stack([corners[0, 0], corners[0, 1], corners[1, 1], corners[1, 0]])

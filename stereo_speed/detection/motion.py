@@ -1,0 +1,97 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Whether a face came along its lane: where it was in an earlier pair."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from .config import DetectorConfig
+from .faces import correlation, Face, FaceFinder, GRID_M, sliding_correlation
+from .views import PairViews
+from ..records import Array
+
+_ASIDE_MPS = 3.5  # fastest change of lanes
+_ASIDE_M = 0.15  # and what the path may be wrong
+_MOST_STEPS = 240
+_FINE_STEPS = 7
+_STEP_PX = 1.0  # between the places tried
+_STRIDE = 2
+_LEAST_PX = 2.0  # what moved less in the image did not move
+
+
+@dataclass(frozen=True)
+class Motion:
+    """
+    Where a face was.
+
+    :param speed_mps: along the lane.
+    :param ncc: correlation with the face as it was there.
+    :param still_ncc: correlation with what was then where the face is now.
+    :param moved_px: how far it moved in the left view.
+    """
+
+    speed_mps: float
+    ncc: float
+    still_ncc: float
+    moved_px: float
+
+
+def find_motion(finder: FaceFinder, face: Face, now: PairViews, before: PairViews,
+                config: DetectorConfig) -> Motion:
+    """
+    Find where a face was in an earlier pair.
+
+    :param finder: of its lane.
+    :param face: in the pair.
+    :param now: the pair.
+    :param before: the earlier pair.
+    :param config: parameters.
+    """
+    dt = (now.stamp_ns - before.stamp_ns) * 1e-9
+    s, x = np.array([face.s_m]), np.array([face.x_m])
+    rates = finder.geometry.rates(s)
+    scale = max(1.0, float(rates.px_per_m[0]) * GRID_M)  # coarser pixels are used up close
+    step = scale * _STEP_PX / max(float(rates.px_per_m[0] * abs(rates.climb[0])), 1e-3)
+    far = config.greatest_speed_mps * dt
+    step = max(step, far / _MOST_STEPS)
+    reach = _STRIDE * math.ceil((_ASIDE_MPS * dt + _ASIDE_M) / GRID_M / _STRIDE)
+    gone, aside, _ = _best(finder, face, (now, before), np.arange(0.0, far + step, step),
+                           (0.0, reach), _STRIDE)
+    fine = gone + step * np.linspace(-1, 1, _FINE_STEPS)
+    gone, aside, ncc = _best(finder, face, (now, before), fine, (aside, 2 * _STRIDE), 1)
+    mine = finder.windows(s, x, 0, now.left, False)
+    still = correlation(mine, finder.windows(s, x, 0, before.left, False))
+    here, there = (finder.geometry.project(
+        np.array([face.s_m - d]), np.array([face.x_m + a]), finder.heights_m[:1])[0][0, 0, 0]
+        for d, a in ((0.0, 0.0), (gone, aside)))
+    return Motion(gone / dt, ncc, float(still[0]), float(np.linalg.norm(here - there)))
+
+
+def moved(motion: Motion, config: DetectorConfig) -> bool:
+    """Say whether a motion is that of a vehicle along its lane."""
+    return (motion.ncc >= config.least_motion_ncc and motion.moved_px >= _LEAST_PX
+            and config.least_speed_mps <= motion.speed_mps <= config.greatest_speed_mps
+            and motion.ncc > motion.still_ncc + 0.05)
+
+
+def _best(finder: FaceFinder, face: Face, views: tuple[PairViews, PairViews], gone_m: Array,
+          aside: tuple[float, int], stride: int) -> tuple[float, float, float]:
+    """
+    Find where the face fits best in the earlier pair.
+
+    :param gone_m: (n,) metres back along the lane to try.
+    :param aside: metres to the left of where it is now, and samples either way to try.
+    :param stride: of the samples.
+    :return: metres back, metres to the left, correlation.
+    """
+    s, x = np.array([face.s_m]), np.array([face.x_m])
+    mine = finder.windows(s, x, 0, views[0].left, False, stride)[0]
+    there = finder.windows(face.s_m - gone_m, np.full(len(gone_m), face.x_m + aside[0]),
+                           aside[1], views[1].left, False, stride)
+    scores = sliding_correlation(mine, there)
+    i, j = np.unravel_index(int(np.argmax(scores)), scores.shape)
+    return (float(gone_m[i]), aside[0] + (int(j) * stride - aside[1]) * GRID_M,
+            float(scores[i, j]))

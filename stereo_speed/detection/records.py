@@ -1,0 +1,71 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""What the detector gives, and what it must be told."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..records import Array
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Detection:
+    """
+    A vehicle's front (its rear, where it drives away) found in one pair.
+
+    The quad lies on the face's lower, nearly upright part: bumper, lamps, grille and plate.
+
+    :param lane: name of the lane whose path is nearest.
+    :param left_px: (4, 2) corners in the raw left image, clockwise from the top left.
+    :param right_px: (4, 2) the same in the raw right image.
+    :param std_px: 1-sigma of the quad's place against the vehicle, px.
+    :param s_m: arc length of the face along the lane's path, m.
+    :param s_std_m: its 1-sigma, m.
+    :param lateral_m: offset of the face's middle to the left of the path, m.
+    :param width_m: width of the quad, m.
+    :param height_m: height of the quad, m.
+    :param speed_mps: speed along the path between the two pairs it was verified in, m/s.
+    :param confidence: between 0 and 1: the least of the correlations that confirm it.
+    """
+
+    lane: str
+    left_px: Array
+    right_px: Array
+    std_px: float
+    s_m: float
+    s_std_m: float
+    lateral_m: float
+    width_m: float
+    height_m: float
+    speed_mps: float
+    confidence: float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Occupied:
+    """
+    A place that a track already holds, predicted for the pair.
+
+    :param lane: name of the lane.
+    :param s_m: arc length of the tracked face along the lane's path, m.
+    :param lateral_m: offset of its middle to the left of the path, m.
+    :param width_m: its width, m.
+    :param height_m: its height, m.
+    :param left_px: (4, 2) its corners in the raw left image, px.
+    :param right_px: (4, 2) the same in the raw right image, px.
+    """
+
+    lane: str
+    s_m: float
+    lateral_m: float
+    width_m: float
+    height_m: float
+    left_px: Array
+    right_px: Array
+
+    @property
+    def finite(self) -> bool:
+        """Whether the place is known at all."""
+        return bool(np.isfinite([self.s_m, self.lateral_m]).all())
