@@ -78,7 +78,6 @@ class ConstrainedTracker:
         self.first_ns = self.last_ns = self.seen_ns = pair.stamp_ns
         self.stamps_ns: list[int] = []  # of the pairs it was seen in
         self.width_px = 0.0
-        self.calibration = calibration_share(rig, lane, config)
         self._end = ''
 
     @property
@@ -223,7 +222,8 @@ class ConstrainedTracker:
             self.width_px = max(self.width_px, float(np.ptp(left[0, :, 0])))
         ground = self.front.ground_speed(mean[:3], float(mean[3]), self._lateral_mps())
         ratio = ground / mean[3] if mean[3] else 1.0
-        std = live_std(float(ratio * np.sqrt(cov[3, 3])), ground, self.calibration)
+        share = calibration_share(self.rig, self.lane, self.config, float(mean[0]))
+        std = live_std(float(ratio * np.sqrt(cov[3, 3])), ground, share)
         return TrackUpdate(
             stamp_ns=pair.stamp_ns, track=self.track, lane=self.lane.name, state=state,
             speed_mps=ground, speed_std_mps=std, s_m=float(mean[0]), lateral_m=float(mean[1]),

@@ -29,14 +29,18 @@ _MAX_SPEED_MPS = 90.0
 _MAX_ACCELERATION_MPS2 = 12.0  # beyond any tyre
 
 
-def calibration_share(rig: StereoRig, lane: LanePath, config: TrackerConfig) -> float:
+def calibration_share(rig: StereoRig, lane: LanePath, config: TrackerConfig,
+                      s_m: Optional[float] = None) -> float:
     """
     1-sigma of the scale of all speeds, as a share: focal length, baseline and the path's length.
 
     Ranges, and so speeds along the path, are proportional to both (Z = f b / d).
+
+    :param s_m: arc length of a live reading; None for the mean of a pass.
     """
     baseline = config.baseline_std_m / rig.baseline_m
-    return math.hypot(config.focal_std, baseline, lane.scale_std)
+    path = lane.scale_std if s_m is None else float(lane.scale_std_at(np.array(s_m)))
+    return math.hypot(config.focal_std, baseline, path)
 
 
 def live_std(posterior_std_mps: float, speed_mps: float, calibration: float) -> float:
