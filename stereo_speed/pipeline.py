@@ -8,53 +8,78 @@ same speeds everywhere.
 """
 from __future__ import annotations
 
-from typing import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Callable, Mapping, Optional, Protocol, Sequence
 
 import numpy as np
 
 from .config import TrackerConfig
+from .detection.config import DetectorConfig
+from .detection.detector import VehicleDetector
+from .detection.records import Detection, Occupied
 from .errors import InputError
 from .geometry.rig import StereoRig
-from .records import PassResult, StereoPair, TrackUpdate
+from .records import PassResult, StereoPair, TrackState, TrackUpdate
 from .site import InitMark, LanePath
 from .tracking.acquire import check_mark
 from .tracking.base import Tracker
 from .tracking.constrained import ConstrainedTracker
+from .tracking.lanes import LaneKeeper
 
 TRACKERS = {'constrained': ConstrainedTracker}
+FEWEST_PARTICLES = 100  # of a track, however many there are
+SAME_VEHICLE_M = 1.5  # fronts nearer than this are of one vehicle
+
+
+class FrontFinder(Protocol):
+    """Finds vehicles by itself; ``detection.VehicleDetector`` is one."""
+
+    def update(self, pair: StereoPair, occupied: Sequence[Occupied]) -> Sequence[Detection]:
+        """Give the fronts of vehicles that no track holds yet, and learn the background."""
+
+
+@dataclass
+class _Track:
+    """A tracker, the lanes its vehicle was in, and what was last told of it."""
+
+    tracker: Tracker
+    keeper: LaneKeeper
+    found: bool  # by itself: it is a vehicle only once confirmed
+    last: Optional[TrackUpdate] = None
+    confirmed: bool = False
 
 
 class SpeedPipeline:
     """
-    Start a track at each mark, feed it the pairs, collect its result.
+    Start a track at each mark or found front, feed it the pairs, collect its result.
 
     :param rig: the cameras.
     :param lanes: lane name to lane path.
     :param config: tracker parameters.
-    :param marks: fronts as marked by a person.
+    :param marks: fronts as marked by a person; None has them found automatically.
     :param seed: seed of all randomness; each track draws from its own stream, so that tracks do
         not disturb one another.
     :param tracker: name of the tracker.
     :param where: where the marks come from, for errors.
+    :param finder: makes the finder of vehicles where there are no marks.
     :raises InputError: a mark outside the images, an unknown tracker, no lane.
     """
 
     def __init__(self, rig: StereoRig, lanes: Mapping[str, LanePath], config: TrackerConfig,
-                 marks: Sequence[InitMark], *, seed: int = 0, tracker: str = 'constrained',
-                 where: str = 'init file') -> None:
+                 marks: Optional[Sequence[InitMark]], *, seed: int = 0,
+                 tracker: str = 'constrained', where: str = 'init file',
+                 finder: Callable[..., FrontFinder] = VehicleDetector) -> None:
         if tracker not in TRACKERS:
             raise InputError('configuration', 'tracker', tracker, ', '.join(TRACKERS))
         if not lanes:
             raise InputError('site', 'lanes', 'none', 'at least one lane')
-        for mark in marks:
+        for mark in marks or ():
             check_mark(rig, mark, where)
         self.rig, self.lanes, self.config = rig, dict(lanes), config
-        self.marks, self.seed, self.tracker = tuple(marks), seed, tracker
-        self._tracks: list[Tracker] = []
-        self._ended: list[PassResult] = []
+        self.marks, self.seed, self.tracker = tuple(marks or ()), seed, tracker
+        self._make_finder = None if marks is not None else finder
         self._next_track = 0
-        self._last_ns: int | None = None
-        self._started: set[int] = set()
+        self.reset()
 
     def process(self, pair: StereoPair) -> list[TrackUpdate]:
         """
@@ -70,10 +95,13 @@ class SpeedPipeline:
         for number, mark in enumerate(self.marks):
             if mark.frame == pair.index and number not in self._started:
                 self._started.add(number)
-                self._tracks.append(self._start(mark, pair))
-        updates = [track.update(pair) for track in self._tracks]
+                self._start(mark, pair, self._lane_of(mark), found=False)
+        updates = [self._update(track, pair) for track in self._tracks]
+        self._drop_doubles()
+        updates += self._find(pair)
         self._collect(everything=False)
-        return [update for update in updates if update is not None]
+        kept = {track.tracker.track for track in self._tracks}
+        return [u for u in updates if u is not None and u.track in kept]
 
     def ended(self) -> list[PassResult]:
         """Give the passes that ended since this was last asked."""
@@ -87,19 +115,82 @@ class SpeedPipeline:
 
     def reset(self) -> None:
         """Forget all tracks and the time, as after a jump back; numbers are not reused."""
-        self._tracks, self._ended, self._last_ns = [], [], None
-        self._started = set()
+        self._tracks: list[_Track] = []
+        self._ended: list[PassResult] = []
+        self._last_ns: Optional[int] = None
+        self._started: set[int] = set()
+        self._finder = self._make_finder and self._make_finder(
+            self.rig, self.lanes, DetectorConfig())
 
     def missing_marks(self) -> list[int]:
         """Pair indices of marks whose pair has not come."""
         return [m.frame for k, m in enumerate(self.marks) if k not in self._started]
 
-    def _start(self, mark: InitMark, pair: StereoPair) -> Tracker:
-        track = self._next_track
+    def _start(self, mark: InitMark, pair: StereoPair, lane: LanePath, *, found: bool) -> _Track:
+        """
+        Begin a track; tracks share the particles there are.
+
+        :raises InputError: no front is there, or not one that both views agree on.
+        """
+        share = min(self.config.particles,
+                    self.config.particle_budget // (len(self._tracks) + 1))
+        config = replace(self.config, particles=max(share, FEWEST_PARTICLES))
+        number = self._next_track
+        tracker: Tracker = TRACKERS[self.tracker](
+            rig=self.rig, lane=lane, config=config, mark=mark, pair=pair, track=number,
+            rng=np.random.default_rng([self.seed, number]))
         self._next_track += 1
-        return TRACKERS[self.tracker](
-            rig=self.rig, lane=self._lane_of(mark), config=self.config, mark=mark, pair=pair,
-            track=track, rng=np.random.default_rng([self.seed, track]))
+        self._tracks.append(_Track(tracker, LaneKeeper(self.lanes), found))
+        return self._tracks[-1]
+
+    def _update(self, track: _Track, pair: StereoPair) -> Optional[TrackUpdate]:
+        """Feed a track, and tell in which lane its vehicle is."""
+        update = track.tracker.update(pair)
+        if update is None:
+            return None
+        track.last = track.keeper.place(update)
+        track.confirmed |= update.state is TrackState.CONFIRMED
+        return track.last
+
+    def _find(self, pair: StereoPair) -> list[Optional[TrackUpdate]]:
+        """Start tracks at fronts that are found, and feed them their first pair."""
+        if self._finder is None:
+            return []
+        occupied = [self._occupied(t.last) for t in self._tracks
+                    if t.last is not None and not t.tracker.ended]
+        updates = []
+        for front in self._finder.update(pair, occupied):
+            mark = InitMark(pair.index, front.left_px, front.right_px, front.std_px)
+            try:
+                track = self._start(mark, pair, self.lanes[front.lane], found=True)
+            except InputError:  # what looked like a front is none: the views disagree
+                continue
+            updates.append(self._update(track, pair))
+        return updates
+
+    def _occupied(self, update: TrackUpdate) -> Occupied:
+        """Tell the finder what a track holds in this pair."""
+        across, up = np.ptp(update.quad_left_px, axis=0)
+        scale = float(update.position_m[2]) / self.rig.left.K[[0, 1], [0, 1]]
+        return Occupied(
+            lane=update.lane, s_m=update.s_m, lateral_m=update.lateral_m,
+            width_m=float(across * scale[0]), height_m=float(up * scale[1]),
+            left_px=update.quad_left_px, right_px=update.quad_right_px)
+
+    def _drop_doubles(self) -> None:
+        """End the younger of two tracks that hold the same vehicle."""
+        held: list[TrackUpdate] = []
+        for track in list(self._tracks):
+            if track.last is None or track.tracker.ended:
+                continue
+            at = track.last.position_m
+            if any(np.linalg.norm(at - other.position_m) < SAME_VEHICLE_M for other in held) \
+                    and track.found:
+                self._tracks.remove(track)
+                if track.confirmed:
+                    self._ended.append(self._result(track))
+            else:
+                held.append(track.last)
 
     def _lane_of(self, mark: InitMark) -> LanePath:
         """Find the lane whose path the marked front is nearest to, across the road."""
@@ -120,6 +211,11 @@ class SpeedPipeline:
                     f'{camera.width_px}x{camera.height_px} as calibrated')
 
     def _collect(self, *, everything: bool) -> None:
-        for track in [t for t in self._tracks if everything or t.ended]:
+        """Measure the passes that are over; what was never confirmed was no vehicle."""
+        for track in [t for t in self._tracks if everything or t.tracker.ended]:
             self._tracks.remove(track)
-            self._ended.append(track.result())
+            if track.confirmed or not track.found:
+                self._ended.append(self._result(track))
+
+    def _result(self, track: _Track) -> PassResult:
+        return track.keeper.conclude(track.tracker.result())

@@ -86,11 +86,13 @@ class InitMark:
     :param frame: index of the pair.
     :param left_px: (4, 2) raw pixels, clockwise from the image's top-left corner.
     :param right_px: (4, 2) the same in the right view.
+    :param std_px: 1-sigma of each corner.
     """
 
     frame: int
     left_px: Array
     right_px: Array
+    std_px: float = 0.7
 
 
 def load_site(path: Union[str, FilePath]) -> Site:

@@ -18,7 +18,6 @@ from ..paths.base import Path
 from ..records import Array, StereoPair
 from ..site import InitMark
 
-_MARK_STD_PX = 0.7  # how well a person marks a corner
 _MAX_GAP_PX = 5.0  # marks whose centres' rays pass further apart are of different things
 _SEARCH_SIGMAS = 4.0
 _SEARCH_STEP_PX = 0.2  # step of the depth search, in disparity
@@ -98,7 +97,7 @@ def acquire(rig: StereoRig, path: Path, mark: InitMark, pair: StereoPair, grid: 
         return float(left[0, 0] - right[0, 0])
 
     slope = disparity(s_mark + 0.5) - disparity(s_mark - 0.5)
-    s_std = _MARK_STD_PX * np.sqrt(2 / len(corners)) / abs(slope)
+    s_std = mark.std_px * np.sqrt(2 / len(corners)) / abs(slope)
     candidates = s_mark + np.arange(
         -_SEARCH_SIGMAS * s_std, _SEARCH_SIGMAS * s_std, _SEARCH_STEP_PX / abs(slope))
     scores = _cross_scores(rig, path, mark, pair, grid, candidates, later_m)
