@@ -59,7 +59,8 @@ def add_parser(subparsers: Any) -> None:
                         help='rosbag2 folder, .mcap or .db3 file, or ROS 1 .bag')
     parser.add_argument('--site', required=True, type=Path, help='site file (YAML)')
     parser.add_argument('--out', required=True, type=Path, metavar='DIR', help='folder to write')
-    parser.add_argument('--init', type=Path, help='init file (YAML) that marks the vehicles')
+    parser.add_argument('--init', type=Path, help='init file (YAML) that marks the vehicles; '
+                        'without it they are found automatically')
     parser.add_argument('--tracker', type=_tracker, default='constrained', metavar='NAME',
                         help='only constrained so far')
     parser.add_argument('--particles', type=int, metavar='N', help='number of particles')
@@ -100,16 +101,15 @@ def _tolerance(text: str) -> float:
 def run(args: argparse.Namespace) -> int:
     """Measure, then write everything, then print the table."""
     config = _config(args)
-    if args.init is None:
-        raise InputError('replay', '--init', 'nothing', 'an init file that marks the vehicles')
-    site, marks = load_site(args.site), load_init(args.init)
+    site, marks = load_site(args.site), None if args.init is None else load_init(args.init)
     prepare_folder(args.out)
     tolerance = None if args.tolerance_ms is None else round(args.tolerance_ms * 1e6)
     with StereoBag(args.bag, left=args.left, right=args.right, tolerance_ns=tolerance) as bag:
         lanes = lane_paths(site, bag.rig)
         pipeline = SpeedPipeline(bag.rig, lanes, config, marks, seed=args.seed,
                                  tracker=args.tracker, where=str(args.init))
-        _check_frames(marks, bag.pair_count, args.init)
+        if marks is not None:
+            _check_frames(marks, bag.pair_count, args.init)
         result = measure(bag, pipeline, lanes, keep_frames=not args.no_plots)
         summary = summarize(args, config, bag, result, lanes)
         pairing = dict(bag.pairing)
@@ -165,6 +165,9 @@ def measure(bag: StereoBag, pipeline: SpeedPipeline, lanes: Mapping[str, LanePat
     result.passes += pipeline.finish()
     result.wall_s += time.perf_counter() - start
     result.passes.sort(key=lambda p: p.track)
+    # Of what was found automatically, only what became a vehicle is told.
+    vehicles = {p.track for p in result.passes}
+    result.updates = [u for u in result.updates if u.track in vehicles]
     result.strip = frames.frames()
     return result
 
@@ -210,7 +213,8 @@ def summarize(args: argparse.Namespace, config: TrackerConfig, bag: StereoBag,
         'tracker': args.tracker,
         'seed': args.seed,
         'input': {'bag': args.bag.resolve().name, 'bag_sha256': bag.input_hash(),
-                  'site_sha256': _sha256(args.site), 'init_sha256': _sha256(args.init)},
+                  'site_sha256': _sha256(args.site),
+                  'init_sha256': None if args.init is None else _sha256(args.init)},
         'pairing': bag.pairing,
         'lanes': {lane.name: path_quality(lane) for lane in lanes.values()},
         'timings': stream_timings(result.stamps_ns),

@@ -41,17 +41,18 @@ class TrackerNode(Node):
         super().__init__('tracker_node')
         p = Parameters(self)
         site = p.get('site', '', 'path of the site file')
-        self.init_path = p.get('init', '', 'path of the init file that marks the vehicles')
+        self.init_path = p.get('init', '', 'path of an init file that marks the vehicles; '
+                               'without it they are found automatically')
         self.seed = p.get('seed', 0, 'seed of all randomness', 0, 2 ** 31 - 1)
         self.tracker = p.get('tracker', 'constrained', 'tracker: ' + ', '.join(TRACKERS))
         self.config = p.config()
         where = f'{self.get_name()}: parameter'
-        for name, value in (('site', site), ('init', self.init_path)):
-            if not value:
-                raise InputError(where, name, 'nothing', f'the path of the {name} file')
+        if not site:
+            raise InputError(where, 'site', 'nothing', 'the path of the site file')
         if self.tracker not in TRACKERS:
             raise InputError(where, 'tracker', self.tracker, ', '.join(TRACKERS))
-        self.site, self.marks = load_site(site), load_init(self.init_path)
+        self.site = load_site(site)
+        self.marks = load_init(self.init_path) if self.init_path else None
         self.infos: dict[str, CameraInfo] = {}
         self.pipeline: Optional[SpeedPipeline] = None
         self.waiting: deque[Image] = deque(maxlen=_WAITING_PAIRS)
