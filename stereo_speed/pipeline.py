@@ -13,6 +13,11 @@ from typing import Callable, Mapping, Optional, Protocol, Sequence
 
 import numpy as np
 
+from .baselines.flow import FlowTracker
+from .baselines.kalman import KalmanTracker
+from .baselines.multimodal import MultimodalTracker
+from .baselines.triangulation import TriangulationTracker
+from .baselines.unconstrained import UnconstrainedTracker
 from .config import TrackerConfig
 from .detection.config import DetectorConfig
 from .detection.detector import VehicleDetector
@@ -26,7 +31,10 @@ from .tracking.base import Tracker
 from .tracking.constrained import ConstrainedTracker
 from .tracking.lanes import LaneKeeper
 
-TRACKERS = {'constrained': ConstrainedTracker}
+TRACKERS: dict[str, Callable[..., Tracker]] = {
+    'constrained': ConstrainedTracker, 'unconstrained': UnconstrainedTracker,
+    'triangulation': TriangulationTracker, 'kalman': KalmanTracker,
+    'multimodal': MultimodalTracker, 'flow': FlowTracker}
 FEWEST_PARTICLES = 100  # of a track, however many there are
 SAME_VEHICLE_M = 1.5  # fronts nearer than this are of one vehicle
 
@@ -194,7 +202,7 @@ class SpeedPipeline:
 
     def _lane_of(self, mark: InitMark) -> LanePath:
         """Find the lane whose path the marked front is nearest to, across the road."""
-        centre = self.rig.triangulate(mark.left_px, mark.right_px).mean(axis=0)
+        centre = self.rig.triangulate(mark.left_px.mean(axis=0), mark.right_px.mean(axis=0))
 
         def across(lane: LanePath) -> float:
             s_m = lane.path.arc_length(centre)

@@ -75,8 +75,8 @@ def acquire(rig: StereoRig, path: Path, mark: InitMark, pair: StereoPair, grid: 
     where = f'pair {pair.index}: init mark'
     if later_m:
         mark = _at_one_time(rig, path, mark, later_m)
-    corners = rig.triangulate(mark.left_px, mark.right_px)
-    centre = corners.mean(axis=0)
+    # Far corners triangulate metres apart in depth; the mean of the pixels does not mind.
+    centre = rig.triangulate(mark.left_px.mean(axis=0), mark.right_px.mean(axis=0))
     if not np.isfinite(centre).all() or centre[2] <= 0:
         raise InputError(where, 'left and right quads', 'no point in front of the cameras',
                          'quads on the same vehicle front')
@@ -97,7 +97,7 @@ def acquire(rig: StereoRig, path: Path, mark: InitMark, pair: StereoPair, grid: 
         return float(left[0, 0] - right[0, 0])
 
     slope = disparity(s_mark + 0.5) - disparity(s_mark - 0.5)
-    s_std = mark.std_px * np.sqrt(2 / len(corners)) / abs(slope)
+    s_std = mark.std_px * np.sqrt(2 / len(mark.left_px)) / abs(slope)
     candidates = s_mark + np.arange(
         -_SEARCH_SIGMAS * s_std, _SEARCH_SIGMAS * s_std, _SEARCH_STEP_PX / abs(slope))
     scores = _cross_scores(rig, path, mark, pair, grid, candidates, later_m)
@@ -121,7 +121,7 @@ def _at_one_time(rig: StereoRig, path: Path, mark: InitMark, later_m: float) -> 
     """Move a right mark that is of a later time to where it was at that of the left one."""
     right = mark.right_px
     for _ in range(_TIME_STEPS):
-        centre = rig.triangulate(mark.left_px, right).mean(axis=0)
+        centre = rig.triangulate(mark.left_px.mean(axis=0), right.mean(axis=0))
         if not np.isfinite(centre).all():
             break  # refused with its reason
         s_m = path.arc_length(centre)
