@@ -127,7 +127,7 @@ class RoadProblem:
             return np.zeros(x.shape[:-1] + (3,))
         return x[..., -3:]
 
-    def _to_right(self, x: Array, points_m: Array) -> Array:
+    def to_right(self, x: Array, points_m: Array) -> Array:
         """Carry points (..., n, 3) into the frame of the right camera as it stands now."""
         right = self.rig.to_right(points_m)
         return right if self.turn_std_rad is None else right @ turn_matrix(self.turn_rad(x))
@@ -144,7 +144,7 @@ class RoadProblem:
         uv_px, right = np.empty(points.shape[:-1] + (2,)), self.picks.right
         uv_px[..., ~right, :] = _pixels(self.rig.left, points[..., ~right, :])
         uv_px[..., right, :] = _pixels(
-            self.rig.right, self._to_right(x, points[..., right, :]))
+            self.rig.right, self.to_right(x, points[..., right, :]))
         return uv_px
 
     def feet(self, x: Array) -> _Feet:
@@ -174,7 +174,7 @@ class RoadProblem:
     def _nearest_nodes(self, x: Array, reference: tuple[Array, Array]) -> Array:
         """Give the node (n,) whose projection is nearest to each pick."""
         lines = reference[0] + self.model.offsets(x)[:, None, None] * reference[1]
-        views = (_pixels(self.rig.left, lines), _pixels(self.rig.right, self._to_right(x, lines)))
+        views = (_pixels(self.rig.left, lines), _pixels(self.rig.right, self.to_right(x, lines)))
         nearest = np.zeros(len(self.picks.line), dtype=int)
         for i in range(self.model.lines):
             for right in (False, True):
@@ -266,6 +266,33 @@ class RoadFit:
         """Pan, tilt and roll (3,) of the right camera since the calibration."""
         return self.problem.turn_rad(self.x)
 
+    def points(self, line: int, s_m: Array, across_m: Array) -> Array:
+        """
+        Give points (..., 3) of the surface beside a line, left optical frame.
+
+        :param line: its number.
+        :param s_m: (n,) reference arc lengths.
+        :param across_m: (n, ...) distances from the line, m, positive to the left.
+        """
+        model = self.problem.model
+        points, frames = model.reference(self.x)
+        weights = Weights.at(model.s_m, s_m)
+        offset = np.asarray(across_m) + model.offsets(self.x)[line]
+        shape = (len(s_m),) + (1,) * (offset.ndim - 1) + (3,)
+        return (weights(points).reshape(shape)
+                + offset[..., None] * weights(frames[..., 1]).reshape(shape))
+
+    def seen(self, points_m: Array, right: bool) -> Array:
+        """
+        Project points (..., 3) into a raw view, the right one as turned; NaN behind the camera.
+
+        :param right: the right view.
+        """
+        rig = self.problem.rig
+        if not right:
+            return _pixels(rig.left, points_m)
+        return _pixels(rig.right, self.problem.to_right(self.x, points_m))
+
     def line_range_m(self, line: int) -> tuple[float, float]:
         """Give the reference arc lengths of a line's first and last pick, both views together."""
         s = self.feet.s_m[self.problem.picks.line == line]
@@ -274,7 +301,7 @@ class RoadFit:
 
 def _least_variance(picks: Picks) -> float:
     """Bound from below, in their own sigmas, how well picks can agree with a road."""
-    return float((MIN_STD_PX / np.median(picks.std_px))**2)
+    return min(float((MIN_STD_PX / np.median(picks.std_px))**2), 1.0)
 
 
 def _solve(problem: RoadProblem, start: Array) -> RoadFit:
