@@ -40,6 +40,7 @@ setup(
             'replay = stereo_speed.cli.main:replay',
             'simulate = stereo_speed.cli.main:simulate',
             'accuracy = stereo_speed.cli.main:accuracy',
+            'evaluate = stereo_speed.cli.main:evaluate',
             'traffic = stereo_speed.cli.main:traffic',
             'bench = stereo_speed.cli.main:bench',
             'demo = stereo_speed.cli.main:demo',

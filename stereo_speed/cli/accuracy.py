@@ -26,13 +26,13 @@ def add_parser(subparsers: Any) -> None:
         help='passes, drawn over speeds, roads, rigs, heights and noise (default: 200)')
     add('--seed', type=number_in(int, 0, 2 ** 31), default=0, help='another set of passes')
     add('--particles', type=int, default=TrackerConfig().particles)
-    site = parser.add_mutually_exclusive_group()
-    site.add_argument('--site', choices=('picked', 'refined', 'exact'), default='picked',
-                      help='how the lines of the site are known (default: picked)')
-    site.add_argument('--picked', action='store_const', const='picked', dest='site',
-                      help='picks of 0.3 px scatter as they are')
-    site.add_argument('--refine', action='store_const', const='refined', dest='site',
-                      help='picks refined by the images of the pass')
+    lines = parser.add_mutually_exclusive_group()
+    lines.add_argument('--lines', choices=('picked', 'refined', 'exact'), default='picked',
+                       help='how the lines of the site are known (default: picked)')
+    lines.add_argument('--picked', action='store_const', const='picked', dest='lines',
+                       help='picks of 0.3 px scatter as they are')
+    lines.add_argument('--refine', action='store_const', const='refined', dest='lines',
+                       help='picks refined by the images of the pass')
     add('--pan-deg', type=number_in(float, -1, 1), default=0.0, metavar='DEG',
         help='the right camera has turned this far, to either side, since its calibration')
     add('--tolerances', action='store_true',
@@ -44,7 +44,7 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Measure the passes that are not measured yet, print the table, write the files."""
     TrackerConfig(particles=args.particles)  # refuse before the work begins
-    jobs = accuracy_jobs(args.passes, seed=args.seed, site=args.site, pan_deg=args.pan_deg,
+    jobs = accuracy_jobs(args.passes, seed=args.seed, site=args.lines, pan_deg=args.pan_deg,
                          tolerances=args.tolerances, changes={'particles': args.particles})
     results = run_jobs(jobs, measure_job, out_dir=args.out, workers=args.jobs,
                        description='accuracy')
@@ -56,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
         (args.out / 'passes.csv').write_text(passes_table(passes).csv(), encoding='utf-8')
     print(table.markdown())
     reasons = ', '.join(f'{n} {reason}' for reason, n in rejections(passes).items())
-    print(f'site {args.site}, {args.particles} particles; not measured: {reasons or "none"}; '
+    print(f'lines {args.lines}, {args.particles} particles; not measured: {reasons or "none"}; '
           f'measured, more than 0.1 mph and 2 σ off: {silently_wrong(passes)}; '
           f'{np.nanmedian([p.cpu_ms for p in passes]):.1f} ms of one core per pair')
     for line in failures(results):

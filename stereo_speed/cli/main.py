@@ -22,6 +22,7 @@ COMMANDS = {
     'replay': 'measure the vehicles of a stereo bag, offline',
     'simulate': 'write a simulated pass: bag, site, init and truth',
     'accuracy': 'tabulate errors on simulated passes with exact truth',
+    'evaluate': 'compare trackers on sequences with truth; the tables of the papers',
     'traffic': 'measure simulated traffic with exact truth, and tabulate',
     'bench': 'time the tracker',
     'demo': 'play the sample bag through the live nodes and print the readings',
@@ -102,6 +103,11 @@ def simulate() -> int:
 def accuracy() -> int:
     """Run ``accuracy`` as an executable of its own."""
     return main(['accuracy', *sys.argv[1:]])
+
+
+def evaluate() -> int:
+    """Run ``evaluate`` as an executable of its own."""
+    return main(['evaluate', *sys.argv[1:]])
 
 
 def traffic() -> int:

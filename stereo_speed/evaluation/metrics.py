@@ -68,7 +68,7 @@ class PassFigures:
 
 
 def readings(run: VehicleRun) -> tuple[Array, Array]:
-    """Return the confirmed readings (n,) and the truth beside them (n,), m/s, in time order."""
+    """Give the confirmed speeds, (n,) in m/s and in time order, and the truth beside them."""
     rows = [(speed, truth) for speed, truth, sure in zip(
         run.speeds_mps, run.truth_mps, run.confirmed) if sure and truth is not None]
     values = np.array(rows, dtype=float).reshape(-1, 2)

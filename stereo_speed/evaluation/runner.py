@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections import deque
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 import hashlib
 import json
@@ -70,7 +70,7 @@ class Result:
     """
 
     key: str
-    fingerprint: str
+    fingerprint: str = ''
     value: Optional[Value] = None
     error: str = ''
     wall_s: float = 0.0
@@ -104,16 +104,17 @@ def run_jobs(jobs: Sequence[Job], worker: Worker, *, out_dir: Union[str, Path, N
     keys = [job.key for job in jobs]
     if len(set(keys)) < len(keys):
         raise InputError(description, 'jobs', 'two with the same key', 'a key for each job')
+    prints = {job.key: job.fingerprint for job in jobs}
     with Journal(out_dir) as journal:
-        rows = journal.rows()
-        done = {job.key: Result(**rows[job.key]) for job in jobs if job.key in rows
-                and rows[job.key].get('fingerprint') == job.fingerprint
-                and not rows[job.key].get('error')}
+        done = {key: Result(**row) for key, row in journal.rows().items()
+                if row.get('fingerprint') == prints.get(key, '') and not row.get('error')}
         missing = [job for job in jobs if job.key not in done]
         with tqdm(total=len(jobs), initial=len(done), desc=description, unit='run',
                   disable=None, smoothing=0.1) as bar:
             for result in _here(missing, worker) if workers < 1 else _spread(
                     missing, worker, workers):
+                # Told here: the sources may have changed since, and processes read them anew.
+                result = replace(result, fingerprint=prints[result.key])
                 done[result.key] = result
                 journal.append(asdict(result))
                 bar.update()
@@ -137,7 +138,7 @@ def _attempt(job: Job, worker: Worker) -> Result:
         place = traceback.extract_tb(fault.__traceback__)[-1]
         error = f'{type(fault).__name__}: {fault} ({Path(place.filename).name}:{place.lineno})'
         value, error = None, ' '.join(error.split())
-    return Result(key=job.key, fingerprint=job.fingerprint, value=value, error=error,
+    return Result(key=job.key, value=value, error=error,
                   wall_s=round(time.perf_counter() - start, 3))
 
 
@@ -187,7 +188,7 @@ class _Seat:
             return self.pipe.recv(), True
         except (EOFError, OSError):
             self.process.join(_JOIN_S)
-            return Result(key=job.key, fingerprint=job.fingerprint, error=(
+            return Result(key=job.key, error=(
                 f'its process ended with status {self.process.exitcode}')), False
 
     def stop(self) -> None:
@@ -222,9 +223,9 @@ def _spread(jobs: Sequence[Job], worker: Worker, workers: int) -> Iterator[Resul
     try:
         for seat in seats:
             _next(seat, queue, seats)
-        while busy := {seat.pipe: seat for seat in seats if seat.job is not None}:
-            for pipe in connection.wait(list(busy)):
-                seat = busy[pipe]
+        while busy := [seat for seat in seats if seat.job is not None]:
+            ready = connection.wait([seat.pipe for seat in busy])
+            for seat in (seat for seat in busy if seat.pipe in ready):
                 result, alive = seat.take()
                 if not alive:
                     fresh = _Seat(worker)

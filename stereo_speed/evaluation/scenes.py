@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
+from ..paths.site_file import VIEWS
 from ..sim.config import RIGS, RoadConfig, SimConfig, VehicleConfig
 from ..sim.scene import SimScene
 from ..sim.sequence import picked_site
-from ..paths.site_file import VIEWS
 from ..units import MPH_MPS
 
 PATHS = ('straight', 'circle', 'clothoid')
@@ -99,7 +99,7 @@ def _is_a_site(config: SimConfig, seed: int) -> bool:
 
 def _road(path: str, rng: np.random.Generator) -> tuple[RoadConfig, float, dict[str, Any]]:
     """Draw a road, a speed fit for it, m/s, and where the pass begins and ends."""
-    shape: dict[str, float] = {}
+    shape: dict[str, Any] = {}
     most_mps = MOST_MPH * MPH_MPS
     if path == 'straight':
         distances = {'start_m': float(rng.uniform(60.0, 80.0)),

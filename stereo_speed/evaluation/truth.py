@@ -70,8 +70,10 @@ def truth_of_rows(rows: Sequence[Mapping[str, Any]]) -> tuple[VehicleTruth, ...]
 
 def read_truth(path: Union[str, Path]) -> tuple[VehicleTruth, ...]:
     """
-    Read ``truth.csv``: columns ``stamp`` (s), ``speed`` (m/s), and where known ``vehicle``,
-    ``x``, ``y`` and ``z`` (m); others are passed over.
+    Read ``truth.csv``.
+
+    Columns ``stamp`` (s) and ``speed`` (m/s), and where known ``vehicle``, ``x``, ``y`` and
+    ``z`` (m); others are passed over.
 
     :raises InputError: names the line and column at fault.
     """

@@ -57,7 +57,7 @@ def colour_of(track: int) -> str:
 def speed_figure(updates: Sequence[TrackUpdate], passes: Sequence[PassResult],
                  lanes: Mapping[str, LanePath], truth: Optional[Truth] = None) -> Figure:
     """Draw speed over time: live, smoothed, limits, and the truth where it is given."""
-    figure, axes = _figure(10.0, 5.4)
+    figure, axes = new_figure(10.0, 5.4)
     stamps = [u.stamp_ns for u in updates]
     stamps += [stamp for rows in (truth or {}).values() for stamp, _ in rows]
     origin_ns = min(stamps, default=0)
@@ -75,13 +75,13 @@ def speed_figure(updates: Sequence[TrackUpdate], passes: Sequence[PassResult],
     ratio = MPH_MPS / KMH_MPS
     right = axes.secondary_yaxis('right', functions=(lambda v: v * ratio, lambda v: v / ratio))
     right.set_ylabel('speed, km/h')
-    _legend(figure, axes)
+    show_legend(figure, axes)
     return figure
 
 
 def road_figure(updates: Sequence[TrackUpdate], lanes: Mapping[str, LanePath]) -> Figure:
     """Draw the road from above, forward to the right: the lanes' paths, and each place."""
-    figure, axes = _figure(11.0, 4.2)
+    figure, axes = new_figure(11.0, 4.2)
     for name, lane in sorted(lanes.items()):
         _draw_lane(axes, name, lane)
     for track, rows in sorted(_by_track(updates).items()):
@@ -100,11 +100,12 @@ def road_figure(updates: Sequence[TrackUpdate], lanes: Mapping[str, LanePath]) -
     axes.set_aspect('equal', adjustable='datalim')
     axes.margins(0.04, 0.25)
     axes.invert_yaxis()  # seen from above with z to the right, x points down
-    _legend(figure, axes)
+    show_legend(figure, axes)
     return figure
 
 
-def _figure(width_in: float, height_in: float) -> tuple[Figure, Axes]:
+def new_figure(width_in: float, height_in: float) -> tuple[Figure, Axes]:
+    """Make a figure with one pair of axes in the style of all plots."""
     figure = Figure(figsize=(width_in, height_in), layout='constrained')
     axes = figure.add_subplot()
     axes.grid(color='#e3e6ea', lw=0.8)
@@ -113,12 +114,13 @@ def _figure(width_in: float, height_in: float) -> tuple[Figure, Axes]:
     return figure, axes
 
 
-def _legend(figure: Figure, axes: Axes) -> None:
+def show_legend(figure: Figure, axes: Axes, columns: int = 4) -> None:
+    """Put the legend below the axes."""
     handles, labels = axes.get_legend_handles_labels()
     if labels:
         # Below the axes, where it hides nothing; the layout leaves room for legends of axes.
-        axes.legend(handles, labels, loc='upper center', bbox_to_anchor=(0.5, -0.14), ncols=4,
-                    frameon=False, fontsize=9)
+        axes.legend(handles, labels, loc='upper center', bbox_to_anchor=(0.5, -0.14),
+                    ncols=columns, frameon=False, fontsize=9)
 
 
 def _by_track(updates: Sequence[TrackUpdate]) -> dict[int, list[TrackUpdate]]:

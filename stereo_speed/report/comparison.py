@@ -1,0 +1,111 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Plots that set trackers and settings side by side."""
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Mapping, Optional, Sequence
+
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+import numpy as np
+
+from .plots import COLOURS, new_figure, show_legend
+from ..records import Array
+from ..units import MPH_MPS
+
+_DPI = 110
+_MARKS = 'osD^vPX*'
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Readings:
+    """
+    Live readings of one vehicle by one tracker.
+
+    :param times_s: (n,) since the first pair.
+    :param speeds_mps: (n,).
+    """
+
+    times_s: Array
+    speeds_mps: Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class ErrorCurve:
+    """
+    Errors over what is varied.
+
+    :param name: of the curve.
+    :param values: what is varied.
+    :param errors_mph: the errors.
+    :param dashed: another's figures.
+    """
+
+    name: str
+    values: Sequence[float]
+    errors_mph: Sequence[float]
+    dashed: bool = field(default=False)
+
+
+def speeds_figure(title: str, trackers: Mapping[str, Sequence[Readings]],
+                  truth: Optional[Sequence[Readings]] = None) -> Figure:
+    """
+    Draw the speed over time by each tracker, and the truth.
+
+    :param trackers: name to the readings of each vehicle.
+    :param truth: of each vehicle.
+    """
+    figure, axes = new_figure(10.0, 5.4)
+    for i, (name, vehicles) in enumerate(trackers.items()):
+        for k, one in enumerate(vehicles):
+            axes.plot(one.times_s, one.speeds_mps / MPH_MPS, color=COLOURS[i % len(COLOURS)],
+                      marker=_MARKS[i % len(_MARKS)], ms=5, lw=1.4, zorder=4 if not i else 3,
+                      label=name if not k else None)
+    for k, one in enumerate(truth or ()):
+        axes.plot(one.times_s, one.speeds_mps / MPH_MPS, color='black', lw=1.3,
+                  ls=(0, (1, 1.5)), zorder=5, label='truth' if not k else None)
+    limits = _limits(truth or (), trackers)
+    if limits is not None:
+        axes.set_ylim(*limits)
+    axes.set(title=title, xlabel='time since the first pair, s', ylabel='speed, mph')
+    show_legend(figure, axes)
+    return figure
+
+
+def _limits(truth: Sequence[Readings],
+            trackers: Mapping[str, Sequence[Readings]]) -> Optional[tuple[float, float]]:
+    """Fit the axis to the truth and most of what is read; what is far off leaves the picture."""
+    told = [one.speeds_mps for one in truth]
+    read = [one.speeds_mps for vehicles in trackers.values() for one in vehicles]
+    told, read = [v for v in told if len(v)], [v for v in read if len(v)]
+    if not told or not read:
+        return None
+    every, true = np.concatenate(read) / MPH_MPS, np.concatenate(told) / MPH_MPS
+    low, high = np.nanquantile(every, [0.04, 0.96])
+    low, high = min(low, true.min()) - 1.0, max(high, true.max()) + 1.0
+    return max(float(low), 0.0), float(high)
+
+
+def errors_figure(title: str, what: str, curves: Sequence[ErrorCurve]) -> Figure:
+    """
+    Draw errors over what is varied, on a logarithmic axis.
+
+    :param what: label of what is varied.
+    """
+    figure, axes = new_figure(9.0, 5.0)
+    for i, curve in enumerate(curves):
+        axes.plot(curve.values, curve.errors_mph, color=COLOURS[i // 2 % len(COLOURS)],
+                  marker=_MARKS[i % len(_MARKS)], ms=6, lw=1.6,
+                  ls='--' if curve.dashed else '-', label=curve.name)
+    axes.set_yscale('log')
+    axes.set(title=title, xlabel=what, ylabel='error, mph')
+    show_legend(figure, axes, 2)
+    return figure
+
+
+def save_figure(figure: Figure, path: Path) -> None:
+    """Write a figure; the same figure gives the same bytes."""
+    FigureCanvasAgg(figure)
+    figure.savefig(path, dpi=_DPI, metadata={'Software': None})
