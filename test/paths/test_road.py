@@ -6,9 +6,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from stereo_speed.paths.lanes import lane_of_road
-from stereo_speed.paths.road import fit_road, Picks, RoadProblem
+from stereo_speed.paths.road import fit_road
 from stereo_speed.paths.road_guess import guess_road
 from stereo_speed.paths.road_model import RoadModel, Weights
+from stereo_speed.paths.road_problem import Picks, RoadProblem
 
 
 def lane_of(scene):
