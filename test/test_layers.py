@@ -21,6 +21,7 @@ LAYERS = (
     ('paths',),
     ('site',),
     ('tracking', 'detection'),
+    ('baselines',),
     ('pipeline',),
     ('io',),
     ('sim', 'report'),

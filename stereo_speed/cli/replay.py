@@ -22,12 +22,10 @@ from ..errors import InputError
 from ..io.bags import StereoBag
 from ..io.results import (PASSES, PLOTS, prepare_folder, remove_run, software_versions,
                           stream_timings, SUMMARY, TRACKS, write_run)
-from ..pipeline import SpeedPipeline
+from ..pipeline import SpeedPipeline, TRACKERS
 from ..records import PassResult, TrackUpdate, Verdict
 from ..site import InitMark, lane_paths, LanePath, load_init, load_site
 from ..units import KMH_MPS, MPH_MPS
-
-TRACKERS = ('constrained',)
 
 
 @dataclass
@@ -62,7 +60,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--init', type=Path, help='init file (YAML) that marks the vehicles; '
                         'without it they are found automatically')
     parser.add_argument('--tracker', type=_tracker, default='constrained', metavar='NAME',
-                        help='only constrained so far')
+                        help=', '.join(TRACKERS) + ' (default: constrained)')
     parser.add_argument('--particles', type=int, metavar='N', help='number of particles')
     parser.add_argument('--seed', type=_seed, default=0, metavar='S', help='seed (default: 0)')
     parser.add_argument('--config', type=Path, metavar='YAML', help='parameters of the tracker')
@@ -78,7 +76,7 @@ def add_parser(subparsers: Any) -> None:
 def _tracker(text: str) -> str:
     if text not in TRACKERS:
         raise argparse.ArgumentTypeError(
-            f'found {text!r}, wanted constrained, the only tracker there is so far')
+            f'found {text!r}, wanted one of {", ".join(TRACKERS)}')
     return text
 
 
