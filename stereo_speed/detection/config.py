@@ -32,7 +32,8 @@ class DetectorConfig:
         0.30, 0.05, 1.0, 'm', 'height above the road of the lower edge of the quad')
     face_high_m: float = _p(
         0.74, 0.2, 2.5, 'm', 'height above the road of its upper edge')
-    face_width_m: float = _p(1.5, 0.5, 2.6, 'm', 'width of the quad')
+    least_width_m: float = _p(
+        1.0, 0.5, 2.0, 'm', 'what is narrower is no vehicle')
     least_cross_ncc: float = _p(
         0.75, 0.0, 1.0, '', 'left-right correlation of a face at its depth')
     least_motion_ncc: float = _p(

@@ -22,8 +22,8 @@ from .faces import Face, FaceFinder
 from .lane_geometry import LaneGeometry
 from .motion import find_motion, Motion, moved
 from .records import Detection, Occupied
-from .scan import LaneScan
-from .views import PairViews
+from .scan import LaneScan, Seed
+from .views import PairViews, region_of
 from ..geometry.rig import StereoRig
 from ..records import Array, StereoPair
 from ..site import LanePath
@@ -32,7 +32,7 @@ _MATCH_PX = 0.1  # 1-sigma of the disparity of a face
 _AXIS_M = 0.03  # 1-sigma of its middle
 _ACROSS_M = 1.2  # vehicles whose middles are nearer are in each other's way
 _MARGIN_PX = 2.0
-_SETTLED_M = 0.012  # shift of the right view that may be left
+_INSIDE_M = 0.06  # the quad keeps this far from the face's edges
 _UPRIGHT_TIMES = 2.0  # upright, the views must differ so many times less than lying
 _LEAST_DOUBT = 0.005
 
@@ -67,6 +67,11 @@ class VehicleDetector:
         self._geometry = [LaneGeometry(rig, lane) for lane in self.lanes.values()]
         self._scans = [LaneScan(g, config) for g in self._geometry]
         self._finders = [FaceFinder(g, config) for g in self._geometry]
+        self._regions = (
+            region_of([scan.pixels[0] for scan in self._scans],
+                      (rig.left.width_px, rig.left.height_px)),
+            region_of([scan.pixels[1] for scan in self._scans],
+                      (rig.right.width_px, rig.right.height_px)))
         self._past: deque[PairViews] = deque()
         self._noise = 2.0
 
@@ -84,7 +89,7 @@ class VehicleDetector:
         if self._past and (pair.stamp_ns - self._past[-1].stamp_ns) * 1e-9 \
                 < self.config.interval_s:
             return []
-        now = PairViews.of(pair)
+        now = PairViews.of(pair, self._regions)
         found: list[_Found] = []
         before = self._reference(now.stamp_ns, self.config.reference_s)
         if before is not None:
@@ -92,7 +97,17 @@ class VehicleDetector:
             for lane in range(len(self._names)):
                 found += self._search(lane, now, before, taken)
         self._remember(now)
-        return [self._detection(f, now) for f in self._distinct(found)]
+        detections = (self._detection(f) for f in self._distinct(found))
+        return [d for d in detections if self._inside(d)]
+
+    def _inside(self, detection: Detection) -> bool:
+        """Say whether a quad lies well in both images."""
+        for camera, quad in ((self.rig.left, detection.left_px),
+                             (self.rig.right, detection.right_px)):
+            last = np.array([camera.width_px, camera.height_px]) - 1 - _MARGIN_PX
+            if not ((quad >= _MARGIN_PX) & (quad <= last)).all():
+                return False
+        return True
 
     def _reference(self, stamp_ns: int, age_s: float) -> Optional[PairViews]:
         """Give the youngest pair that is old enough, else the oldest."""
@@ -111,31 +126,36 @@ class VehicleDetector:
                 ) -> list[_Found]:
         """Find and verify the faces of a lane."""
         c, finder = self.config, self._finders[lane]
-        seeds = self._scans[lane].seeds(now, before, self._noise)
+        seeds = [seed for seed in self._scans[lane].seeds(now, before, self._noise)
+                 if not self._held(lane, seed, taken)]
         out: list[_Found] = []
-        faces = [face for face in finder.refine(seeds, now) if self._upright(face)]
-        for face in sorted(faces, key=lambda f: -min(f.cross_ncc, f.symmetry)):
-            centre = self._centre(lane, face)
+        for face in sorted(finder.refine(seeds, now), key=lambda f: -min(f.cross_ncc, f.symmetry)):
+            centre = self._centre(lane, face.s_m, face.x_m)
             if any(self._same(lane, centre, other) for other in taken) \
-                    or any(self._same(lane, centre, f.centre_m) for f in out):
+                    or any(self._same(lane, centre, f.centre_m) for f in out) \
+                    or not self._upright(face, finder, now):
                 continue
             motion = find_motion(finder, face, now, before, c)
             if moved(motion, c):
                 out.append(_Found(lane, face, motion, centre))
         return out
 
-    def _upright(self, face: Face) -> bool:
+    def _held(self, lane: int, seed: Seed, taken: Sequence[Array]) -> bool:
+        """Say whether a seed is on a vehicle that a track holds."""
+        centre = self._centre(lane, seed.s_m, seed.x_m)
+        return any(self._same(lane, centre, other) for other in taken)
+
+    def _upright(self, face: Face, finder: FaceFinder, now: PairViews) -> bool:
         """Say whether a face stands on its plane and looks like one."""
         c = self.config
         doubt = max(1 - face.cross_ncc, _LEAST_DOUBT)
         return (face.cross_ncc >= c.least_cross_ncc and face.symmetry >= c.least_symmetry
-                and abs(face.unsettled_m) < _SETTLED_M and abs(face.x_m) < c.reach_m
-                and 1 - face.lying_ncc > _UPRIGHT_TIMES * doubt)
+                and abs(face.x_m) < c.reach_m and 2 * face.half_m >= c.least_width_m
+                and 1 - finder.lying_ncc(face, now) > _UPRIGHT_TIMES * doubt)
 
-    def _centre(self, lane: int, face: Face) -> Array:
+    def _centre(self, lane: int, s_m: float, x_m: float) -> Array:
         height = np.array([(self.config.face_low_m + self.config.face_high_m) / 2])
-        return self._geometry[lane].points(
-            np.array([face.s_m]), np.array([face.x_m]), height)[0, 0, 0]
+        return self._geometry[lane].points(np.array([s_m]), np.array([x_m]), height)[0, 0, 0]
 
     def _place(self, held: Occupied) -> Array:
         path = self.lanes[held.lane].path
@@ -157,20 +177,21 @@ class VehicleDetector:
                 out.append(one)
         return out
 
-    def _detection(self, found: _Found, now: PairViews) -> Detection:
+    def _detection(self, found: _Found) -> Detection:
         c, face, geometry = self.config, found.face, self._geometry[found.lane]
         s = np.array([face.s_m])
         rates = geometry.rates(s)
         heights = np.array([c.face_high_m, c.face_low_m])
-        half = np.array([-0.5, 0.5]) * c.face_width_m
-        left, right, _, _ = geometry.project(s, face.x_m + half, heights)
+        width = 2 * (face.half_m - _INSIDE_M)
+        edges = face.x_m + np.array([-0.5, 0.5]) * width
+        left, right, _, _ = geometry.project(s, edges, heights)
         px_per_m = float(rates.px_per_m[0])
         return Detection(
             lane=self._names[found.lane],
             left_px=_clockwise(left[0]), right_px=_clockwise(right[0]),
             std_px=_AXIS_M * px_per_m, s_m=face.s_m,
             s_std_m=_MATCH_PX / (px_per_m * abs(float(rates.shift[0]))), lateral_m=face.x_m,
-            width_m=c.face_width_m, height_m=c.face_high_m - c.face_low_m,
+            width_m=width, height_m=c.face_high_m - c.face_low_m,
             speed_mps=found.motion.speed_mps, confidence=found.confidence)
 
 

@@ -1,11 +1,12 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-From a seed to a face: its depth by both views, its middle by its symmetry.
+From a seed to a face: its depth by both views, its middle and its width by its symmetry.
 
 Through a window at the height of bumpers one sees a front only from the plane it stands on, so
 moving to the depth at which both views agree, and looking through that plane again, ends there.
-Fronts and rears are symmetric; the axis tells their middle to a few centimetres.
+Fronts and rears are symmetric: the axis tells their middle to a few centimetres, and the outermost
+edges that are mirrored and stand at the same depth tell their width.
 """
 from __future__ import annotations
 
@@ -13,23 +14,29 @@ from dataclasses import dataclass
 from typing import Sequence
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from .config import DetectorConfig
 from .lane_geometry import LaneGeometry
+from .patches import correlate, cut, Floats, level_rows, mirrored_energy, peak
 from .scan import Seed
 from .views import level_of, PairViews, Patches, View
 
 GRID_M = 0.03
 ROWS = 9
+HALF = 42  # samples from the axis to the edge of the window: lorries are as wide
 _SHIFTS = 4
-_ASIDE_M = 0.75  # the axis is sought this far to either side of the seed
-_CLOSE_M = 0.15  # and so far when it is nearly found
-_ROUNDS = 4
+_FIRST_HALF_M = 0.9  # as much is looked at before the width is known
+_ASIDE_M, _CLOSE_M = 1.4, 0.15  # the axis is sought this far to either side: first, and later
+_STRIDE = 2
+_DARK = 16.0
+_ROUNDS = 5
+_SETTLED_M = 0.006  # of x in the right view: the depth is found
+_HOPELESS = 0.3  # correlations below this are no face nearby
+_MOST_M = 8.0  # a step of depth is no longer
+_SAME_S_M, _SAME_X_M = 1.5, 0.3  # faces nearer to each other are one
+_ALIKE = 0.5  # edges of a face are alike by more than this, mirrored and in the other view
 _LYING_SHIFTS = 1  # the road may be a little higher or lower than the path says
-_SETTLED_M = 0.012  # in x of the right view
-_LEAST_CONTRAST = 2.0
 
 
 @dataclass(frozen=True)
@@ -39,20 +46,18 @@ class Face:
 
     :param s_m: arc length, m.
     :param x_m: offset of its axis to the left of the path, m.
-    :param cross_ncc: left-right correlation where it stands upright.
-    :param lying_ncc: left-right correlation were it to lie on the road.
+    :param half_m: half of its width, m.
+    :param cross_ncc: left-right correlation of what varies across it.
     :param symmetry: correlation with its mirror image, mean of both views.
-    :param contrast: standard deviation of its grey values.
-    :param unsettled_m: what the right view's shift still is, m.
+    :param contrast: standard deviation of its grey values about the mean of their row.
     """
 
     s_m: float
     x_m: float
+    half_m: float
     cross_ncc: float
-    lying_ncc: float
     symmetry: float
     contrast: float
-    unsettled_m: float
 
 
 class FaceFinder:
@@ -66,48 +71,50 @@ class FaceFinder:
     def __init__(self, geometry: LaneGeometry, config: DetectorConfig) -> None:
         self.geometry = geometry
         self.heights_m = np.linspace(config.face_high_m, config.face_low_m, ROWS)
-        self.half = round(config.face_width_m / 2 / GRID_M)  # window of 2 half + 1 samples
 
     def refine(self, seeds: Sequence[Seed], now: PairViews) -> list[Face]:
         """Refine seeds in one batch."""
-        if not seeds:
-            return []
         s = np.array([seed.s_m for seed in seeds])
         x = np.array([seed.x_m for seed in seeds])
+        half = np.full(len(s), _FIRST_HALF_M)
+        out: list[Face] = []
         for turn in range(_ROUNDS):
-            aside = round((_ASIDE_M if turn == 0 else _CLOSE_M) / GRID_M)
-            found = self._look(s, x, aside, now)
-            step = found[0] / self.geometry.rates(s).shift
-            last = turn == _ROUNDS - 1
-            x = found[1]
-            if not last:
-                s = s + step
-        lying = self._lying(s, x, now)
-        return [Face(*(float(v) for v in values)) for values in zip(
-            s, x, found[2], lying, found[3], found[4], found[0])]
+            if not len(s):
+                break
+            x = self._axis(s, x, now, *((_ASIDE_M, _STRIDE) if turn == 0 else (_CLOSE_M, 1)))
+            shift, half, cross, symmetry, contrast = self._look(s, x, half, now)
+            done = (np.abs(shift) < _SETTLED_M) & (turn > 0)
+            out += [Face(*map(float, f)) for f in zip(
+                s[done], x[done], half[done], cross[done], symmetry[done], contrast[done])]
+            s = s + np.clip(shift / self.geometry.rates(s).shift, -_MOST_M, _MOST_M)
+            stay = np.flatnonzero(~done & (cross > _HOPELESS) & (symmetry > _HOPELESS))
+            stay = stay[_distinct(s[stay], x[stay], symmetry[stay])]
+            s, x, half = s[stay], x[stay], half[stay]
+        return out
 
-    def _lying(self, s_m: NDArray[np.float64], x_m: NDArray[np.float64], now: PairViews
-               ) -> NDArray[np.float64]:
-        """Correlate the views (n,) as if what is seen through the planes lay on the road."""
-        left = self.windows(s_m, x_m, 0, now.left, False)
-        right = self.windows(s_m, x_m, _LYING_SHIFTS, now.right, True, lying=True)
+    def lying_ncc(self, face: Face, now: PairViews) -> float:
+        """Correlate the views as if what is seen through a face's plane lay on the road."""
+        s, x = np.array([face.s_m]), np.array([face.x_m])
+        half = round(face.half_m / GRID_M)
+        left = level_rows(self.windows(s, x, half, now.left, False))
+        right = self.windows(s, x, half + _LYING_SHIFTS, now.right, True, lying=True)
         width = left.shape[2]
-        return np.stack([correlation(left, right[:, :, k:k + width])
-                         for k in range(2 * _LYING_SHIFTS + 1)]).max(axis=0)
+        return max(float(correlate(left, level_rows(right[:, :, k:k + width]))[0])
+                   for k in range(2 * _LYING_SHIFTS + 1))
 
-    def windows(self, s_m: NDArray[np.float64], x_m: NDArray[np.float64], more: int, view: View,
-                right: bool, stride: int = 1, lying: bool = False) -> Patches:
+    def windows(self, s_m: Floats, x_m: Floats, half: int, view: View, right: bool,
+                stride: int = 1, lying: bool = False) -> Patches:
         """
         Sample planes about x.
 
         :param s_m: (n,).
         :param x_m: (n,).
-        :param more: samples beyond the window on either side.
+        :param half: samples from the middle to the edge, a multiple of the stride.
         :param stride: 2 takes every other sample of both axes.
         :param lying: sample where the road is that is seen through the planes from the left.
-        :return: (n, rows, 2 (half + more) + 1), or as many as the stride leaves.
+        :return: (n, rows, 2 half + 1), or as many as the stride leaves.
         """
-        reach = np.arange(-self.half - more, self.half + more + 1, stride) * GRID_M
+        reach = np.arange(-half, half + 1, stride) * GRID_M
         uv = self.geometry.pixels(s_m, x_m, reach, self.heights_m[::stride], right, lying)
         levels = level_of(self.geometry.rates(s_m).px_per_m * GRID_M)
         out = np.empty(uv.shape[:3], np.float32)
@@ -115,89 +122,75 @@ class FaceFinder:
             out[levels == level] = view.sample(uv[levels == level], int(level))
         return out
 
-    def _look(self, s: NDArray[np.float64], x: NDArray[np.float64], aside: int, now: PairViews
-              ) -> tuple[NDArray[np.float64], ...]:
-        """Find shift, axis, correlation, symmetry and contrast (n,) at planes s about x."""
-        left = self.windows(s, x, aside + _SHIFTS, now.left, False)
-        right = self.windows(s, x, aside + _SHIFTS, now.right, True)
-        width = 2 * self.half + 1
-        mirrored = _symmetry(left, width) + _symmetry(right, width)  # (n, 2 (aside + shifts) + 1)
-        inner = mirrored[:, _SHIFTS:mirrored.shape[1] - _SHIFTS] / 2
-        best = np.argmax(inner, axis=1)
-        rows = np.arange(len(s))
-        start = best + _SHIFTS
-        mine = _cut(left, start, width)
-        scores = np.stack([correlation(mine, _cut(right, start + k, width))
-                           for k in range(-_SHIFTS, _SHIFTS + 1)])
+    def _axis(self, s: Floats, x: Floats, now: PairViews, aside_m: float, stride: int) -> Floats:
+        """
+        Find the axes (n,) about which most of what is seen, as wide as a lorry, is mirrored.
+
+        Not the share of it: each lamp is symmetric by itself.  Logarithms, lest lamps be all.
+        """
+        aside = round(aside_m / GRID_M / stride)
+        half = HALF // stride
+        both = np.concatenate([
+            self.windows(s, x, (half + aside) * stride, view, right, stride)
+            for view, right in ((now.left, False), (now.right, True))], axis=1)
+        energy = mirrored_energy(np.log(np.maximum(both, 0.0) + _DARK), 2 * half + 1)
+        return x + (np.argmax(energy, axis=1) - aside) * stride * GRID_M
+
+    def _look(self, s: Floats, x: Floats, half_m: Floats, now: PairViews
+              ) -> tuple[Floats, ...]:
+        """Find shift, half width, correlation, symmetry and contrast (n,) at planes s about x."""
+        left = self.windows(s, x, HALF, now.left, False)
+        right = self.windows(s, x, HALF + _SHIFTS, now.right, True)
+        mask = _mask(half_m)
+        mine = level_rows(left, mask)
+        middle = np.full(len(s), _SHIFTS)
+        scores = np.stack([
+            correlate(mine, level_rows(cut(right, middle + k, 2 * HALF + 1), mask))
+            for k in range(-_SHIFTS, _SHIFTS + 1)])
         shift, ncc = peak(scores)
-        return ((shift - _SHIFTS) * GRID_M, x + (best - aside) * GRID_M, ncc, inner[rows, best],
-                mine.std(axis=(1, 2)))
+        matched = cut(right, np.round(shift).astype(np.int64), 2 * HALF + 1)
+        half_m = _half_width(left, matched, mask)
+        mask = _mask(half_m)
+        symmetry = sum(correlate(v, v[:, :, ::-1]) for v in (
+            level_rows(left, mask), level_rows(matched, mask))) / 2
+        contrast = np.sqrt((mine ** 2).sum(axis=(1, 2)) / (ROWS * mask.sum(axis=1)))
+        return (shift - _SHIFTS) * GRID_M, half_m, ncc, np.asarray(symmetry), contrast
 
 
-def _cut(values: Patches, start: NDArray[np.int64], width: int) -> Patches:
-    """Cut columns ``start`` to ``start + width`` out of each of (n, rows, w)."""
-    columns = start[:, None] + np.arange(width)
-    return np.take_along_axis(values, columns[:, None, :], axis=2)
+def _mask(half_m: Floats) -> NDArray[np.bool_]:
+    """Mark the columns (n, 2 HALF + 1) within half a width (n,) of the axis."""
+    columns = np.abs(np.arange(-HALF, HALF + 1)) * GRID_M
+    return np.asarray(columns <= half_m[:, None] + 1e-9)
 
 
-def correlation(a: Patches, b: Patches) -> NDArray[np.float64]:
-    """Correlate patches (n, rows, w) one by one; those without contrast give 0."""
-    a, b = (v - v.mean(axis=(1, 2), keepdims=True) for v in (a, b))
-    floor = _LEAST_CONTRAST ** 2 / 4 * a[0].size
-    size = np.sqrt(np.maximum((a * a).sum(axis=(1, 2)), floor)
-                   * np.maximum((b * b).sum(axis=(1, 2)), floor))
-    return np.asarray((a * b).sum(axis=(1, 2)) / size, dtype=np.float64)
-
-
-def sliding_correlation(patch: Patches, wide: Patches) -> NDArray[np.float64]:
+def _half_width(left: Patches, right: Patches, mask: NDArray[np.bool_]) -> Floats:
     """
-    Correlate one patch with every window of its width in each of wider ones.
+    Find the outermost edges that are mirrored and that both views see at this depth.
 
-    :param patch: (rows, w).
-    :param wide: (n, rows, w + k).
-    :return: (n, k + 1).
+    Each column gains by its edges being alike and loses by their being there; flat columns do
+    neither, and the sum from the axis outwards is greatest at the last edges of the face.
+
+    :param left: (n, rows, 2 HALF + 1).
+    :param right: the same, already shifted to agree.
+    :param mask: (n, 2 HALF + 1) what is surely not far beyond the face.
+    :return: (n,) m.
     """
-    rows, width = patch.shape
-    count = patch.size
-    floor = _LEAST_CONTRAST ** 2 / 4 * count
-    centred = patch - patch.mean()
-    mixed = np.stack([np.einsum('nrw,rw->n', wide[:, :, k:k + width], centred)
-                      for k in range(wide.shape[2] - width + 1)], axis=1)
-    total, square = (_sums(v, width) for v in (wide, wide * wide))
-    spread = np.maximum(square - total ** 2 / count, floor)
-    return mixed / np.sqrt(spread * max(float((centred ** 2).sum()), floor))
+    edges = [np.gradient(v, axis=2) for v in (left, right)]
+    scale = np.sqrt(np.mean([(e ** 2).mean(axis=1) for e in edges], axis=0))  # (n, columns)
+    typical = np.sqrt((scale ** 2 * mask).sum(axis=1) / mask.sum(axis=1)) + 1e-6
+    gain = np.zeros(scale.shape)
+    e_left, e_right = (np.clip(e / typical[:, None, None], -2, 2) for e in edges)
+    for a, b in ((e_left, e_right), (e_left, -e_left[:, :, ::-1]), (e_right, -e_right[:, :, ::-1])):
+        gain += (2 * a * b - _ALIKE * (a * a + b * b)).sum(axis=1)
+    outwards = gain[:, HALF:].copy()
+    outwards[:, 1:] += gain[:, HALF - 1::-1]
+    return np.argmax(np.cumsum(outwards, axis=1), axis=1) * GRID_M
 
 
-def _sums(values: Patches, width: int) -> NDArray[np.float64]:
-    """Sum over all windows of a width: (n, rows, w + k) to (n, k + 1)."""
-    total = np.cumsum(values.sum(axis=1), axis=-1, dtype=np.float64)
-    total = np.concatenate([np.zeros((len(total), 1)), total], axis=1)
-    return total[:, width:] - total[:, :-width]
-
-
-def _symmetry(values: Patches, width: int) -> NDArray[np.float64]:
-    """Correlate each window of a width with its mirror image: (n, rows, w) to (n, windows)."""
-    every = sliding_window_view(values, width, axis=2)  # (n, rows, windows, width)
-    half = width // 2
-    total, square = every.sum(axis=(1, 3)), np.einsum('nrwk,nrwk->nw', every, every)
-    count = width * values.shape[1]
-    front, back = every[..., :half], every[..., :half:-1]
-    mixed = 2 * np.einsum('nrwk,nrwk->nw', front, back) + np.einsum(
-        'nrw,nrw->nw', every[..., half], every[..., half])
-    mean = total ** 2 / count
-    floor = _LEAST_CONTRAST ** 2 / 4 * count
-    return np.asarray((mixed - mean) / np.maximum(square - mean, floor), dtype=np.float64)
-
-
-def peak(scores: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """
-    Find the place of the greatest score along the first axis, to a fraction, and the score.
-
-    :param scores: (k, n).
-    """
-    top = np.argmax(scores, axis=0)
-    inner = np.clip(top, 1, len(scores) - 2)
-    low, mid, high = (np.take_along_axis(scores, inner[None] + k, axis=0)[0] for k in (-1, 0, 1))
-    bend = np.minimum(low - 2 * mid + high, -1e-9)
-    part = np.clip((low - high) / (2 * bend), -1.0, 1.0)
-    return np.where(top == inner, inner + part, top), scores.max(axis=0)
+def _distinct(s_m: Floats, x_m: Floats, worth: Floats) -> list[int]:
+    """Give the numbers of places that are not near a better one."""
+    out: list[int] = []
+    for k in np.argsort(-worth, kind='stable'):
+        if all(abs(s_m[k] - s_m[j]) > _SAME_S_M or abs(x_m[k] - x_m[j]) > _SAME_X_M for j in out):
+            out.append(int(k))
+    return out

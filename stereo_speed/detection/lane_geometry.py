@@ -11,6 +11,7 @@ in truth at another height, by ``climb`` per metre.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -80,13 +81,13 @@ class LaneGeometry:
 
         :param s_m: (n,).
         :param x_m: (n,) middles of the grids.
-        :param reach_m: (w,) columns about the middle, rising.
-        :param h_m: (m,) heights.
+        :param reach_m: (w,) columns about the middle, evenly rising.
+        :param h_m: (m,) heights, evenly spaced.
         :param lying: project what the left camera sees through the grid where that lies on the
             road, not on the plane.
         :return: (n, m, w, 2) pixels, float32; far outside the image where there are none.
         """
-        nodes_h = np.linspace(h_m.min(), h_m.max(), _NODES[0])
+        nodes_h = np.linspace(h_m[0], h_m[-1], _NODES[0])
         nodes_x = np.linspace(reach_m[0], reach_m[-1], _NODES[1])
         points = self.points(s_m, x_m[:, None] + nodes_x, nodes_h)
         if lying:
@@ -98,7 +99,7 @@ class LaneGeometry:
             points = self.rig.to_right(points)
         uv = (self.rig.right if right else self.rig.left).project(points)[0]
         uv = np.nan_to_num(uv, nan=-1e4)
-        by_height, across = _lagrange(nodes_h, h_m), _lagrange(nodes_x, reach_m)
+        by_height, across = _lagrange(_NODES[0], len(h_m)), _lagrange(_NODES[1], len(reach_m))
         mixed = np.einsum('mh,nhxc->nmcx', by_height, uv) @ across.T  # (n, m, 2, w)
         return np.ascontiguousarray(np.swapaxes(mixed, 2, 3), dtype=np.float32)
 
@@ -145,11 +146,13 @@ class LaneGeometry:
         return self._s_m[left.all(axis=(1, 2)) & right.all(axis=(1, 2)) & large]
 
 
-def _lagrange(nodes: Array, at: Array) -> Array:
-    """Weights (n, k) of the polynomial through values at k nodes, at n places."""
-    weights = np.ones((len(at), len(nodes)))
-    for i, node in enumerate(nodes):
-        for j, other in enumerate(nodes):
+@lru_cache(maxsize=256)
+def _lagrange(nodes: int, count: int) -> Array:
+    """Weights (count, nodes) of the polynomial through even nodes, at even places."""
+    at, places = np.linspace(0.0, 1.0, nodes), np.linspace(0.0, 1.0, count)
+    weights = np.ones((count, nodes))
+    for i in range(nodes):
+        for j in range(nodes):
             if i != j:
-                weights[:, i] *= (at - other) / (node - other)
+                weights[:, i] *= (places - at[j]) / (at[i] - at[j])
     return weights

@@ -9,7 +9,8 @@ import math
 import numpy as np
 
 from .config import DetectorConfig
-from .faces import correlation, Face, FaceFinder, GRID_M, sliding_correlation
+from .faces import Face, FaceFinder, GRID_M
+from .patches import correlate, slide
 from .views import PairViews
 from ..records import Array
 
@@ -62,8 +63,9 @@ def find_motion(finder: FaceFinder, face: Face, now: PairViews, before: PairView
                            (0.0, reach), _STRIDE)
     fine = gone + step * np.linspace(-1, 1, _FINE_STEPS)
     gone, aside, ncc = _best(finder, face, (now, before), fine, (aside, 2 * _STRIDE), 1)
-    mine = finder.windows(s, x, 0, now.left, False)
-    still = correlation(mine, finder.windows(s, x, 0, before.left, False))
+    half = round(face.half_m / GRID_M)
+    mine, then = (finder.windows(s, x, half, v.left, False) for v in (now, before))
+    still = correlate(mine - mine.mean(), then - then.mean())
     here, there = (finder.geometry.project(
         np.array([face.s_m - d]), np.array([face.x_m + a]), finder.heights_m[:1])[0][0, 0, 0]
         for d, a in ((0.0, 0.0), (gone, aside)))
@@ -88,10 +90,11 @@ def _best(finder: FaceFinder, face: Face, views: tuple[PairViews, PairViews], go
     :return: metres back, metres to the left, correlation.
     """
     s, x = np.array([face.s_m]), np.array([face.x_m])
-    mine = finder.windows(s, x, 0, views[0].left, False, stride)[0]
+    half = stride * round(face.half_m / GRID_M / stride)
+    mine = finder.windows(s, x, half, views[0].left, False, stride)[0]
     there = finder.windows(face.s_m - gone_m, np.full(len(gone_m), face.x_m + aside[0]),
-                           aside[1], views[1].left, False, stride)
-    scores = sliding_correlation(mine, there)
+                           half + aside[1], views[1].left, False, stride)
+    scores = slide(mine, there)
     i, j = np.unravel_index(int(np.argmax(scores)), scores.shape)
     return (float(gone_m[i]), aside[0] + (int(j) * stride - aside[1]) * GRID_M,
             float(scores[i, j]))

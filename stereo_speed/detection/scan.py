@@ -69,6 +69,7 @@ class LaneScan:
         wide = np.concatenate([self.x_m[0] - more[::-1], self.x_m, self.x_m[-1] + more])
         self.middle_height_m = float(heights.mean())
         self.low_m, self.high_m = -0.25, config.face_high_m + 0.25
+        self._left = self._right = np.zeros((0, 1, 1, 2), np.float32)
         if not len(self.s_m):
             return
         left = geometry.project(self.s_m, self.x_m, heights)[0]
@@ -82,6 +83,11 @@ class LaneScan:
         starts = np.arange(0, len(self.x_m) - self._window + 1, _EVERY)
         self._starts = starts
         self.middle_m = self.x_m[starts] + (self._window - 1) * _GRID_M / 2
+
+    @property
+    def pixels(self) -> tuple[Patches, Patches]:
+        """Pixels (..., 2) of the left and the right view that are looked at."""
+        return self._left, self._right
 
     def seeds(self, now: PairViews, before: PairViews, noise: float) -> list[Seed]:
         """

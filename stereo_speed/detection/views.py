@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Sequence
 
 import cv2
 import numpy as np
@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 from ..records import Array, StereoPair
 
 Patches = NDArray[np.float32]
+Region = tuple[int, int, int, int]  # first column and row, and those after the last
 
 LEVELS = 4
+_MARGIN_PX = 40
 _MAX_ROWS = 1 << 14  # cv2.remap takes maps of fewer than 32768 rows
 
 
@@ -24,17 +26,20 @@ class View:
     One image at full, half, quarter and eighth size.
 
     :param levels: float32 grey images, the first of full size.
+    :param origin_px: column and row of the image where they begin.
     """
 
     levels: tuple[Patches, ...]
+    origin_px: tuple[int, int]
 
     @classmethod
-    def of(cls, image: NDArray[Any]) -> View:
-        """Build the pyramid of an image."""
-        levels = [image.astype(np.float32)]
+    def of(cls, image: NDArray[Any], region: Region) -> View:
+        """Build the pyramid of a region of an image."""
+        u0, v0, u1, v1 = region
+        levels = [image[v0:v1, u0:u1].astype(np.float32)]
         for _ in range(LEVELS - 1):
             levels.append(cv2.pyrDown(levels[-1]))
-        return cls(tuple(levels))
+        return cls(tuple(levels), (u0, v0))
 
     def sample(self, uv_px: NDArray[np.float32], level: int) -> Patches:
         """
@@ -42,13 +47,13 @@ class View:
 
         :param uv_px: (..., W, 2) full-size pixels, finite.
         """
-        flat = uv_px.reshape(-1, *uv_px.shape[-2:])
-        if level:
-            flat = ((flat + 0.5) / 2 ** level - 0.5).astype(np.float32)
+        scale = np.float32(0.5 ** level)
+        shift = (0.5 - np.array(self.origin_px, np.float32)) * scale - np.float32(0.5)
+        flat = uv_px.reshape(-1, *uv_px.shape[-2:]) * scale + shift.astype(np.float32)
         out = np.empty(flat.shape[:2], np.float32)
         for k in range(0, len(flat), _MAX_ROWS):
             out[k:k + _MAX_ROWS] = cv2.remap(
-                self.levels[level], np.ascontiguousarray(flat[k:k + _MAX_ROWS]), None,
+                self.levels[level], flat[k:k + _MAX_ROWS], None,
                 cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         return out.reshape(uv_px.shape[:-1])
 
@@ -70,10 +75,30 @@ class PairViews:
     right: View
 
     @classmethod
-    def of(cls, pair: StereoPair) -> PairViews:
-        """Build both pyramids of a pair."""
+    def of(cls, pair: StereoPair, regions: tuple[Region, Region]) -> PairViews:
+        """Build the pyramids of a region of each image."""
         return cls(pair.stamp_ns, (pair.right_stamp_ns - pair.stamp_ns) * 1e-9,
-                   View.of(pair.left), View.of(pair.right))
+                   View.of(pair.left, regions[0]), View.of(pair.right, regions[1]))
+
+
+def region_of(pixels: Sequence[Array], size: tuple[int, int]) -> Region:
+    """
+    Bound pixels by a region of an image, with a margin for the coarsest level.
+
+    :param pixels: arrays (..., 2); what is far outside the image does not count.
+    :param size: width and height of the image.
+    """
+    last = np.array(size)
+    low, high = last.copy(), np.zeros(2, int)
+    for uv in pixels:
+        flat = uv.reshape(-1, 2)
+        flat = flat[((flat > -_MARGIN_PX) & (flat < last + _MARGIN_PX)).all(axis=1)]
+        if len(flat):
+            low = np.minimum(low, flat.min(axis=0).astype(int) - _MARGIN_PX)
+            high = np.maximum(high, flat.max(axis=0).astype(int) + _MARGIN_PX)
+    low, high = np.clip(low, 0, last - 1), np.clip(high, 1, last)
+    low = np.minimum(low, high - 1)
+    return int(low[0]), int(low[1]), int(high[0]), int(high[1])
 
 
 def level_of(step_px: Array) -> NDArray[np.int64]:
