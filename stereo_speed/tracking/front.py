@@ -141,11 +141,12 @@ class Front:
         :param speed_mps: speed along the path.
         :param lateral_mps: rate of the offset from the path.
         """
-        along = speed_mps * self.stretch(pose)
+        along = speed_mps * float(self.stretch(pose[None])[0])
         return math.copysign(math.hypot(along, lateral_mps), speed_mps)
 
-    def stretch(self, pose: Array) -> float:
-        """Metres that the centre travels per metre of the path: 1 - kappa a on a bend."""
+    def stretch(self, poses: Array) -> Array:
+        """Metres (N,) that the centre travels per metre of the path: 1 - kappa a on a bend."""
         step = np.array([0.05, 0.0, 0.0])
-        ahead, behind = self.centre(pose + step), self.centre(pose - step)
-        return float(np.linalg.norm(ahead - behind)) / (2 * step[0])
+        both = plane_points(self.path, np.concatenate([poses + step, poses - step]),
+                            np.zeros((1, 2)))[:, 0]
+        return np.linalg.norm(both[:len(poses)] - both[len(poses):], axis=1) / (2 * step[0])

@@ -246,16 +246,16 @@ def lateral_rates(times_s: Array, offset_m: Array) -> Array:
     :return: (n,) m/s; 0 for a single look.
     """
     n = len(times_s)
-    rates = np.zeros(n)
-    for k in range(n if n > 1 else 0):
-        near = np.argsort(np.abs(times_s - times_s[k]), kind='stable')
-        inside = int(np.sum(np.abs(times_s - times_s[k]) <= _RATE_WINDOW_S + 1e-9))
-        near = near[:max(inside, min(_RATE_LOOKS, n))]
-        t = times_s[near] - times_s[k]
-        scale = float(np.abs(t).max())
-        basis = np.vander(t / scale, min(3, len(near)), increasing=True)
-        rates[k] = np.linalg.lstsq(basis, offset_m[near], rcond=None)[0][1] / scale
-    return rates
+    if n < 3:
+        return np.full(n, 0.0 if n < 2 else np.diff(offset_m)[0] / np.diff(times_s)[0])
+    apart = times_s - times_s[:, None]  # row k: as seen from look k
+    nearest = np.sort(np.abs(apart), axis=1)
+    reach = np.maximum(nearest[:, _RATE_LOOKS - 1], _RATE_WINDOW_S) + 1e-9
+    t = np.where(np.abs(apart) <= reach[:, None], apart / reach[:, None], 0.0)
+    inside = (np.abs(apart) <= reach[:, None]).astype(float)
+    basis = np.stack([inside, t, t * t], axis=-1)  # (n, n, 3)
+    normal = np.einsum('kji,kjl->kil', basis, basis)
+    return np.linalg.solve(normal, (offset_m @ basis)[..., None])[:, 1, 0] / reach
 
 
 def headings(state: Array, rates_mps: Array, stretch: Array) -> Array:

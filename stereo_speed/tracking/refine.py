@@ -228,7 +228,7 @@ class PassRefiner:
         heading would foreshorten the front, feign another range and so feed on itself.
         """
         rates = lateral_rates(self._times(), self.state[:, 1])
-        stretch = np.array([self.sampler.front.stretch(x[:3]) for x in self.state])
+        stretch = self.sampler.front.stretch(self.state[:, :3])
         return rates, stretch, self.changing_lanes * headings(self.state, rates, stretch)
 
     def _drift(self) -> tuple[float, float]:
