@@ -18,6 +18,8 @@ from .paths.base import Path
 from .paths.curved import match_curves
 from .paths.lanes import lane_of_paths, lane_of_road, LanePath, surveyed_path
 from .paths.road import fit_road, RoadFit
+from .paths.road_problem import TurnPrior
+from .paths.scale import with_scale
 from .paths.site_file import (
     InitMark, LaneSpec, LEAST_ROAD_M, load_init, load_site, Site, SiteLine, VIEWS)
 from .records import Array
@@ -41,19 +43,18 @@ def lane_paths(site: Site, rig: StereoRig) -> dict[str, LanePath]:
 
     :raises SiteError: when the picks leave no usable road.
     """
-    picked = {n: line for n, line in site.lines.items() if line.points_m is None}
-    for line in picked.values():
-        _refuse_outside(site, line, rig)
-    against = _against(picked, rig)
-    site = replace(site, lines={n: _turned(line) if n in against else line
-                                for n, line in site.lines.items()})
-    joint = _fit(site, rig, tuple(picked)) if picked else None
+    if not site.fits(rig):
+        raise SiteError(site.where, 'rig_correction', 'a rig without it',
+                        'the rig that corrected_rig gives')
+    site, against = one_way(site, rig)
+    picked = picked_names(site)
+    joint = fit_lines(site, rig, picked) if picked else None
     alike = joint is not None and joint.residual_px.max() < ALIKE_PX
     out = {}
     for i, lane in enumerate(site.lanes):
         mine = tuple(n for n in lane.lines if n in picked)
-        fit, order = (joint, tuple(picked)) if alike else (
-            _fit(site, rig, mine) if mine else None, mine)
+        fit, order = (joint, picked) if alike else (
+            fit_lines(site, rig, mine) if mine else None, mine)
         away = bool(against.intersection(mine))
         if away and not against.issuperset(mine):
             raise SiteError(site.where, f'lanes[{i}]', f'{mine[0]} against {mine[1]}',
@@ -65,9 +66,31 @@ def lane_paths(site: Site, rig: StereoRig) -> dict[str, LanePath]:
             _refuse_swapped(site, i, fit, numbers[::-1] if away else numbers)
             out[lane.name] = lane_of_road(
                 lane.name, fit, numbers, lane.speed_limit_mps, away=away)
+            if site.correction is not None:
+                out[lane.name] = with_scale(
+                    out[lane.name], rig, site.correction.covariance_rad2)
         else:
             out[lane.name] = _mixed(site, lane, fit, order, away)
     return out
+
+
+def picked_names(site: Site) -> tuple[str, ...]:
+    """Name the lines that were picked, not surveyed."""
+    return tuple(n for n, line in site.lines.items() if line.points_m is None)
+
+
+def one_way(site: Site, rig: StereoRig) -> tuple[Site, set[str]]:
+    """
+    Turn picked lines round so that all run the way of the first one; name those turned.
+
+    :raises SiteError: for picks outside the images.
+    """
+    picked = {n: site.lines[n] for n in picked_names(site)}
+    for line in picked.values():
+        _refuse_outside(site, line, rig)
+    against = _against(picked, rig)
+    return replace(site, lines={n: turned_line(line) if n in against else line
+                                for n, line in site.lines.items()}), against
 
 
 def _against(picked: Mapping[str, SiteLine], rig: StereoRig) -> set[str]:
@@ -89,9 +112,11 @@ def _way(line: SiteLine, rig: StereoRig) -> Array:
     return points[-1] - points[0]
 
 
-def _turned(line: SiteLine) -> SiteLine:
+def turned_line(line: SiteLine) -> SiteLine:
     """Give a picked line in the other order."""
-    return replace(line, left_px=line.left_px[::-1], right_px=line.right_px[::-1])
+    values = {key: getattr(line, key) for key in (
+        'left_px', 'right_px', 'left_std_px', 'right_std_px')}
+    return replace(line, **{k: None if v is None else v[::-1] for k, v in values.items()})
 
 
 def _mixed(site: Site, lane: LaneSpec, fit: Optional[RoadFit], order: tuple[str, ...],
@@ -123,11 +148,21 @@ def _refuse_outside(site: Site, line: SiteLine, rig: StereoRig) -> None:
                             f'a pixel of the {camera.width_px}x{camera.height_px} image')
 
 
-def _fit(site: Site, rig: StereoRig, names: tuple[str, ...]) -> RoadFit:
-    """Fit a road to the named lines."""
+def fit_lines(site: Site, rig: StereoRig, names: tuple[str, ...],
+              turn: Optional[TurnPrior] = None) -> RoadFit:
+    """
+    Fit a road to the named lines.
+
+    :param site: whose lines all run the same way; see :func:`one_way`.
+    :param names: of picked lines.
+    :param turn: what is known of a turn of the right camera; None for as calibrated.
+    :raises SiteError: when the picks leave no usable road.
+    """
     lines = {n: (site.lines[n].left_px, site.lines[n].right_px) for n in names}
+    stds = {n: (site.lines[n].left_std_px, site.lines[n].right_std_px) for n in names
+            if site.lines[n].left_std_px is not None and site.lines[n].right_std_px is not None}
     try:
-        return fit_road(rig, lines)
+        return fit_road(rig, lines, stds, turn)
     except (ValueError, np.linalg.LinAlgError) as error:
         raise SiteError(site.where, 'lines', error, 'picks of one line in both views') from None
 

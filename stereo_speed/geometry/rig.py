@@ -3,10 +3,11 @@
 """Two cameras fixed to each other; need not be parallel."""
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from .camera import Camera
 from ..errors import CalibrationError
@@ -23,6 +24,8 @@ class StereoRig:
     :param R: (3, 3) rotation from the left to the right camera's frame.
     :param t: (3,) the left camera's centre in the right camera's frame, m.
     :param frame_id: name of the left optical frame.
+    :param turn_rad: pan, tilt and roll by which the right camera has turned since it was
+        calibrated; ``R`` and ``t`` have it in them already.
     """
 
     left: Camera
@@ -30,6 +33,7 @@ class StereoRig:
     R: Array
     t: Array
     frame_id: str = 'stereo_left_optical_frame'
+    turn_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         for key, shape in (('R', (3, 3)), ('t', (3,))):
@@ -42,6 +46,19 @@ class StereoRig:
             raise CalibrationError('rig', 'R', self.R.ravel().tolist(), 'a rotation')
         if not self.baseline_m > 0:
             raise CalibrationError('rig', 'baseline', f'{self.baseline_m} m', 'more than 0')
+
+    def turned(self, turn_rad: Array) -> StereoRig:
+        """
+        Give the rig after its right camera has turned about its own centre.
+
+        :param turn_rad: (3,) pan to the right, tilt upwards and roll clockwise: components of
+            one rotation vector about the right camera's y, x and z axis.
+        """
+        pan, tilt, roll = (float(angle) for angle in turn_rad)
+        turn = Rotation.from_rotvec((tilt, pan, roll)).as_matrix().T
+        before = self.turn_rad
+        return replace(self, R=turn @ self.R, t=turn @ self.t, turn_rad=(
+            before[0] + pan, before[1] + tilt, before[2] + roll))
 
     @property
     def baseline_m(self) -> float:

@@ -86,7 +86,7 @@ class RoadFit:
 
     def points(self, line: int, s_m: Array, across_m: Array) -> Array:
         """
-        Give points (..., 3) of the surface beside a line, left optical frame.
+        Place points (..., 3) of the surface beside a line, left optical frame.
 
         :param line: its number.
         :param s_m: (n,) reference arc lengths.

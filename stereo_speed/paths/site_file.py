@@ -11,12 +11,15 @@ from typing import Mapping, Optional, Union
 import numpy as np
 
 from .checks import crossing, turned_back
+from .site_extras import KnownLength, read_correction, read_length, RigCorrection
 from ..errors import SiteError
-from ..fields import Fields, load_yaml
+from ..fields import Fields, kind, load_yaml
+from ..geometry.rig import StereoRig
 from ..records import Array
 from ..units import parse_speed
 
 LEAST_ROAD_M = 5.0
+MOST_STD_PX = 100.0
 VIEWS = ('left_image', 'right_image')
 
 
@@ -29,12 +32,16 @@ class SiteLine:
     :param left_px: (n, 2) raw pixels in order along travel, or None.
     :param right_px: (m, 2) raw pixels in order along travel, picked independently, or None.
     :param points_m: (k, 3) surveyed points, left optical frame, or None.
+    :param left_std_px: (n,) 1-sigmas of the left points across the line; None for clicks.
+    :param right_std_px: (m,) the same of the right ones.
     """
 
     name: str
     left_px: Optional[Array] = None
     right_px: Optional[Array] = None
     points_m: Optional[Array] = None
+    left_std_px: Optional[Array] = None
+    right_std_px: Optional[Array] = None
 
 
 @dataclass(frozen=True)
@@ -70,12 +77,32 @@ class Site:
     :param name: of the site; the file's stem where it gives none.
     :param lines: by name.
     :param lanes: in the file's order.
+    :param correction: turn of the right camera since its calibration; None where nobody looked.
+    :param known_lengths: to be checked.
     """
 
     where: str
     name: str
     lines: Mapping[str, SiteLine]
     lanes: tuple[LaneSpec, ...]
+    correction: Optional[RigCorrection] = None
+    known_lengths: tuple[KnownLength, ...] = ()
+
+    def corrected_rig(self, rig: StereoRig) -> StereoRig:
+        """
+        Give the rig as it stands now; what measures at this site takes this one.
+
+        :param rig: as calibrated, or one that this function has corrected already.
+        """
+        if self.correction is None or not np.any(self.correction.turn_rad) \
+                or self.fits(rig):
+            return rig
+        return rig.turned(self.correction.turn_rad)
+
+    def fits(self, rig: StereoRig) -> bool:
+        """Say whether a rig is one that :meth:`corrected_rig` gives."""
+        turn = np.zeros(3) if self.correction is None else self.correction.turn_rad
+        return bool(np.allclose(rig.turn_rad, turn, rtol=0, atol=1e-12))
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +129,8 @@ def load_site(path: Union[str, FilePath]) -> Site:
     :raises SiteError: names the first fault.
     """
     data = load_yaml(path, 'stereo_speed_site')
-    top = Fields(path, '', data, ('stereo_speed_site', 'name', 'lines', 'lanes'))
+    top = Fields(path, '', data, ('stereo_speed_site', 'name', 'lines', 'lanes',
+                                  'rig_correction', 'known_lengths'))
     name = top.text('name') if 'name' in top else FilePath(path).stem
     raw = data.get('lines')
     if not isinstance(raw, Mapping) or not raw:
@@ -116,14 +144,19 @@ def load_site(path: Union[str, FilePath]) -> Site:
     for a, b in combinations(lanes, 2):
         if a.name == b.name:
             raise top.error('lanes', f'two lanes named {a.name}', 'a name for each')
-    return Site(str(path), name, lines, lanes)
+    correction = read_correction(path, data['rig_correction']) \
+        if 'rig_correction' in top else None
+    lengths = tuple(read_length(path, i, value, lines) for i, value in enumerate(
+        top.listed('known_lengths'))) if 'known_lengths' in top else ()
+    return Site(str(path), name, lines, lanes, correction, lengths)
 
 
 def _line(where: object, name: str, data: object) -> SiteLine:
     """Read one line and refuse points out of order."""
-    fields = Fields(where, f'lines.{name}', data, (*VIEWS, 'points_m'))
+    stds = tuple(f'{view[:-6]}_std_px' for view in VIEWS)
+    fields = Fields(where, f'lines.{name}', data, (*VIEWS, 'points_m', *stds))
     if 'points_m' in fields:
-        if any(view in fields for view in VIEWS):
+        if any(view in fields for view in VIEWS + stds):
             raise fields.error('points_m', 'image picks as well', 'either one')
         points = {'points_m': fields.points('points_m', 3, 2)}
     else:
@@ -138,7 +171,23 @@ def _line(where: object, name: str, data: object) -> SiteLine:
         if length < LEAST_ROAD_M:
             raise fields.error('points_m', f'{length:.1f} m', f'at least {LEAST_ROAD_M} m of road')
         return SiteLine(name, points_m=points['points_m'])
-    return SiteLine(name, points['left_image'], points['right_image'])
+    left, right = (_stds(fields, std, len(points[view])) for view, std in zip(VIEWS, stds))
+    return SiteLine(name, points['left_image'], points['right_image'],
+                    left_std_px=left, right_std_px=right)
+
+
+def _stds(fields: Fields, key: str, count: int) -> Optional[Array]:
+    """Read the 1-sigmas of a line's points, one for each."""
+    if key not in fields:
+        return None
+    values = fields.listed(key)
+    for i, value in enumerate(values):
+        if isinstance(value, bool) or not isinstance(value, (int, float)) \
+                or not 0 < value <= MOST_STD_PX:
+            raise fields.error(f'{key}[{i}]', kind(value), f'px in (0, {MOST_STD_PX}]')
+    if len(values) != count:
+        raise fields.error(key, f'{len(values)} numbers', f'{count}, one for each point')
+    return np.array(values, dtype=np.float64)
 
 
 def _refuse_crossings(where: object, lines: Mapping[str, SiteLine]) -> None:
