@@ -21,8 +21,8 @@ from .looks import Look
 from ..records import Array
 
 _INDEPENDENT = 0.35  # share of independent samples after the low-pass of a look
-_MATCH_FLOOR_PX = 0.02  # systematic matching error of one look between the views
-_TEXTURE_FLOOR_PX = 0.04  # systematic error of one look against the texture: relief, light
+_MATCH_FLOOR_PX = 0.015  # systematic matching error of one look between the views
+_TEXTURE_FLOOR_PX = 0.03  # systematic error of one look against the texture: relief, light
 _MIN_TEXTURE_NCC = 0.5  # looks that agree less with the texture are occluded: not used
 _LEAST_VARIANCE = 1e-4
 
@@ -44,20 +44,33 @@ class Photometry:
     texture_ncc: Array
 
 
-def photometry(looks: Sequence[Look], basis: Array) -> Photometry:
+class PassPhotometry:
     """
-    Write down the cross and the temporal terms of all looks.
+    Writes down the looks of a pass again and again as they are retaken.
 
     :param basis: (G, m) share of the relief's nodes in each sample.
     """
-    n, m = len(looks), basis.shape[1]
-    H, g = np.zeros((3 * n + m, 3 * n + m)), np.zeros(3 * n + m)
-    cross = np.array([float(np.mean(look.patches[0] * look.patches[1])) for look in looks])
-    for k, look in enumerate(looks):
-        _add_cross_term(look, basis, H, g, np.r_[3 * k:3 * k + 3, 3 * n:3 * n + m])
-    texture = _add_temporal_terms(looks, basis, H, g)
-    at = np.concatenate([look.pose for look in looks] + [np.zeros(m)])
-    return Photometry(H, g + H @ at, cross, texture)
+
+    def __init__(self, basis: Array) -> None:
+        self.basis = basis
+        self._cross: dict[int, tuple[Look, Array, Array]] = {}
+
+    def __call__(self, looks: Sequence[Look]) -> Photometry:
+        """Write down the cross and the temporal terms of all looks."""
+        n, m = len(looks), self.basis.shape[1]
+        H, g = np.zeros((3 * n + m, 3 * n + m)), np.zeros(3 * n + m)
+        # The cross term of a look is its own; it is made once and kept while the look is.
+        self._cross = {id(look): self._cross.get(id(look)) or (
+            look, *_cross_term(look, self.basis)) for look in looks}
+        for k, look in enumerate(looks):
+            _, dH, dg = self._cross[id(look)]
+            at = np.r_[3 * k:3 * k + 3, 3 * n:3 * n + m]
+            H[np.ix_(at, at)] += dH
+            g[at] += dg
+        texture = _add_temporal_terms(looks, self.basis, H, g)
+        cross = np.array([float(np.mean(look.patches[0] * look.patches[1])) for look in looks])
+        at = np.concatenate([look.pose for look in looks] + [np.zeros(m)])
+        return Photometry(H, g + H @ at, cross, texture)
 
 
 def _without_relief(look: Look, basis: Array) -> Array:
@@ -65,8 +78,8 @@ def _without_relief(look: Look, basis: Array) -> Array:
     return look.patches - look.relief_jacobian * (basis @ look.relief)
 
 
-def _add_cross_term(look: Look, basis: Array, H: Array, g: Array, at: Array) -> None:
-    """Add the agreement of the left and the right patch of one pair."""
+def _cross_term(look: Look, basis: Array) -> tuple[Array, Array]:
+    """Agreement of the left and the right patch of one pair: (3 + m, 3 + m) and (3 + m,)."""
     J = look.jacobian[0] - look.jacobian[1]
     r = look.patches[0] - look.patches[1]
     variance = max(float(np.mean(np.square(r))), _LEAST_VARIANCE)
@@ -77,8 +90,7 @@ def _add_cross_term(look: Look, basis: Array, H: Array, g: Array, at: Array) -> 
     relief = (look.relief_jacobian[0] - look.relief_jacobian[1])[:, None] * basis
     both = np.concatenate([J, relief], axis=1)
     flat = _without_relief(look, basis)
-    H[np.ix_(at, at)] += weight * both.T @ both
-    g[at] -= weight * both.T @ (flat[0] - flat[1])
+    return weight * both.T @ both, -weight * both.T @ (flat[0] - flat[1])
 
 
 def _add_temporal_terms(looks: Sequence[Look], basis: Array, H: Array, g: Array) -> Array:

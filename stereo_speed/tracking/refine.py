@@ -22,7 +22,7 @@ import numpy as np
 from .looks import lag_s, Look, LookSampler
 from .motion import (
     headings, lateral_rates, Layout, motion_models, MotionModel, PassMotion, PassPrior)
-from .photometry import Photometry, photometry
+from .photometry import PassPhotometry, Photometry
 from ..config import TrackerConfig
 from ..filtering.gaussian import condition
 from ..filtering.weights import normalise_log_weights
@@ -95,6 +95,7 @@ class PassRefiner:
 
     def __init__(self, sampler: LookSampler, prior: PassPrior, config: TrackerConfig) -> None:
         self.sampler, self.config = sampler, config
+        self.photometry = PassPhotometry(sampler.relief_basis)
         self.nodes = sampler.relief_basis.shape[1]
         self.motion = PassMotion(prior, config, config.stamp_std_s, self.nodes)
         self.relief = np.zeros(self.nodes)
@@ -206,7 +207,7 @@ class PassRefiner:
         the moments of the mixture, so that a steady pass is not made noisy for the sake of a
         braking one, nor a braking one biased.
         """
-        seen, times = photometry(self.looks, self.sampler.relief_basis), self._times()
+        seen, times = self.photometry(self.looks), self._times()
         answers = [condition(motion.equations(times, self.state, model), seen.H, seen.right)
                    for model in models]
         weights = normalise_log_weights(np.array(

@@ -15,7 +15,7 @@ from stereo_speed.pipeline import SpeedPipeline
 from stereo_speed.sim import simulate, straight_config, VehicleConfig
 from stereo_speed.site import lane_paths, load_init, load_site
 from stereo_speed.tracking.front import plane_points
-from stereo_speed.tracking.photometry import photometry
+from stereo_speed.tracking.photometry import PassPhotometry
 from stereo_speed.tracking.relief import NODES, relief_basis
 import yaml
 
@@ -55,7 +55,7 @@ def test_equations_find_poses_and_relief_of_a_linear_world():
     basis = relief_basis(PartGrid(10, 8).unit_xy)
     relief = rng.normal(0, 0.05, basis.shape[1])
     looks, poses = fake_looks(rng, 5, basis, relief)
-    seen = photometry(looks, basis)
+    seen = PassPhotometry(basis)(looks)
     # Only differences from the texture count: the looks' common part is free.
     solution = np.linalg.lstsq(seen.H, seen.right, rcond=1e-12)[0]
     np.testing.assert_allclose(solution[:15].reshape(5, 3), poses, atol=1e-8)
@@ -72,7 +72,7 @@ def test_equations_do_not_depend_on_the_relief_they_were_linearised_at():
                                 + look.relief_jacobian * (basis @ taken)}) for look in looks]
     answers = []
     for one in (looks, moved):
-        seen = photometry(one, basis)
+        seen = PassPhotometry(basis)(one)
         answers.append(np.linalg.solve(seen.H + 1e-9 * np.eye(len(seen.H)), seen.right))
     # Weights follow the residuals, which differ; the answer nearly does not.
     np.testing.assert_allclose(answers[0], answers[1], atol=0.02)
