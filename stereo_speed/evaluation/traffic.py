@@ -17,8 +17,10 @@ from scipy.optimize import linear_sum_assignment
 from ..records import Array, PassResult, TrackState, TrackUpdate, Verdict
 from ..units import MPH_MPS
 
-GATE_ACROSS_M = 1.2  # a track is on a vehicle when it is this near across the line of sight
-GATE_DEPTH_M, GATE_DEPTH_SHARE = 2.0, 0.06  # and along it: the greater of both
+# A track is on a vehicle when it is this near: to the side of the line of sight, along it (the
+# greater of both), and up or down, where a part of a tall face may be tracked.
+GATE_SIDE_M, GATE_UP_M = 1.2, 2.5
+GATE_DEPTH_M, GATE_DEPTH_SHARE = 2.0, 0.06
 SEEN_PX, SEEN_SHARE = 40.0, 0.7  # a vehicle is well seen when its face is so wide and so clear
 SEEN_S, SEEN_PAIRS = 0.8, 4  # and counts when it was for so long, in so many pairs
 WRONG_MPS = 1.0 * MPH_MPS
@@ -215,9 +217,10 @@ def nearness(track_m: Array, true_m: Array) -> float:
     ray = true_m / reach
     gap = np.asarray(track_m) - true_m
     along = float(gap @ ray)
-    across = float(np.linalg.norm(gap - along * ray))
-    share = np.hypot(along / max(GATE_DEPTH_M, GATE_DEPTH_SHARE * reach), across / GATE_ACROSS_M)
-    return max(0.0, 1.0 - float(share))
+    side, up, _ = gap - along * ray  # the camera's x and y: rigs stand about upright
+    shares = (along / max(GATE_DEPTH_M, GATE_DEPTH_SHARE * reach), side / GATE_SIDE_M,
+              up / GATE_UP_M)
+    return max(0.0, 1.0 - float(np.linalg.norm(shares)))
 
 
 def _match(tracks: list[Track], vehicles: list[int]) -> dict[int, int]:

@@ -97,6 +97,7 @@ def test_nearness_gates_by_hand():
     assert nearness(true, true) == 1.0
     assert nearness(true + [0.6, 0, 0], true) == pytest.approx(0.5)
     assert nearness(true + [0, 0, 1.5], true) == pytest.approx(0.5)  # 6 % of 50 m is 3 m
+    assert nearness(true + [0, 1.25, 0], true) == pytest.approx(0.5)  # a tall one's lower half
     assert nearness(true + [1.3, 0, 0], true) == 0.0
     assert nearness(true + [3.7, 0, 0], true) == 0.0
     assert nearness(true - [0, 0, 8.0], true) == 0.0
