@@ -27,7 +27,7 @@ from .geometry.rig import StereoRig
 from .records import PassResult, StereoPair, TrackState, TrackUpdate
 from .site import InitMark, LanePath
 from .tracking.acquire import check_mark
-from .tracking.base import Tracker
+from .tracking.base import SharesParticles, Tracker
 from .tracking.constrained import ConstrainedTracker
 from .tracking.lanes import LaneKeeper
 
@@ -104,6 +104,9 @@ class SpeedPipeline:
             if mark.frame == pair.index and number not in self._started:
                 self._started.add(number)
                 self._start(mark, pair, self._lane_of(mark), found=False)
+        for track in self._tracks:
+            if isinstance(track.tracker, SharesParticles):
+                track.tracker.share(self._share(len(self._tracks)))
         updates = [self._update(track, pair) for track in self._tracks]
         self._drop_doubles()
         updates += self._find(pair)
@@ -140,9 +143,7 @@ class SpeedPipeline:
 
         :raises InputError: no front is there, or not one that both views agree on.
         """
-        share = min(self.config.particles,
-                    self.config.particle_budget // (len(self._tracks) + 1))
-        config = replace(self.config, particles=max(share, FEWEST_PARTICLES))
+        config = replace(self.config, particles=self._share(len(self._tracks) + 1))
         number = self._next_track
         tracker: Tracker = TRACKERS[self.tracker](
             rig=self.rig, lane=lane, config=config, mark=mark, pair=pair, track=number,
@@ -150,6 +151,11 @@ class SpeedPipeline:
         self._next_track += 1
         self._tracks.append(_Track(tracker, LaneKeeper(self.lanes), found))
         return self._tracks[-1]
+
+    def _share(self, tracks: int) -> int:
+        """Particles of each of so many tracks."""
+        share = min(self.config.particles, self.config.particle_budget // tracks)
+        return max(share, FEWEST_PARTICLES)
 
     def _update(self, track: _Track, pair: StereoPair) -> Optional[TrackUpdate]:
         """Feed a track, and tell in which lane its vehicle is."""

@@ -3,7 +3,7 @@
 """What every tracker is: pairs in, updates out, one result at the end."""
 from __future__ import annotations
 
-from typing import Optional, Protocol
+from typing import Optional, Protocol, runtime_checkable
 
 from ..records import PassResult, StereoPair, TrackUpdate
 
@@ -26,3 +26,11 @@ class Tracker(Protocol):
 
     def result(self) -> PassResult:
         """Measure the pass from all pairs so far."""
+
+
+@runtime_checkable
+class SharesParticles(Protocol):
+    """A tracker whose number of particles can change under way."""
+
+    def share(self, particles: int) -> None:
+        """Go on with another number of particles, when tracks come and go."""

@@ -163,12 +163,8 @@ def test_mark_in_a_pair_that_never_comes(refused, edited):
     assert_names(refused(init=init), init, 'vehicles[0].frame', '99', '4')
 
 
-def test_without_marks(refused):
-    assert_names(refused(init=None), '--init')
-
-
 @pytest.mark.parametrize(('option', 'value'), [
-    ('--tracker', 'kalman'), ('--seed', '-1'), ('--seed', 'x'), ('--particles', '0'),
+    ('--tracker', 'kalmann'), ('--seed', '-1'), ('--seed', 'x'), ('--particles', '0'),
     ('--particles', 'many'), ('--tolerance-ms', 'nan'), ('--tolerance-ms', '-1'),
     ('--colour', 'blue'),
 ])

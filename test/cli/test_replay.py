@@ -123,3 +123,14 @@ def sampled(count: int, length: int) -> list[int]:
         if sampler.wants():
             sampler.add(item)
     return sampler.frames()
+
+
+def test_without_marks_the_vehicle_is_found_by_itself(tmp_path, sample):
+    assert main(['replay', str(sample / 'bag'), '--site', str(sample / 'site.yaml'),
+                 '--out', str(tmp_path), '--no-plots']) == 0
+    tracks, (only,) = rows(tmp_path / 'tracks.csv'), rows(tmp_path / 'passes.csv')
+    assert only['verdict'] == 'measured' and {row['track'] for row in tracks} == {only['track']}
+    assert float(only['speed_mps']) / MPH_MPS == pytest.approx(55.0, abs=0.5)
+    # Confirmed within its first 4 pairs of 60 px: it comes from 44 px, 12 pairs.
+    assert sum(row['state'] == 'confirmed' for row in tracks) >= 7
+    assert json.loads((tmp_path / 'summary.json').read_text())['input']['init_sha256'] is None
