@@ -29,9 +29,9 @@ class DetectorConfig:
     reach_m: float = _p(
         1.9, 0.3, 6.0, 'm', 'how far beside the path of a lane the middle of a vehicle may be')
     face_low_m: float = _p(
-        0.30, 0.05, 1.0, 'm', 'height above the road of the lower edge of the quad')
+        0.27, 0.05, 1.0, 'm', 'height above the road of the lower edge of the quad')
     face_high_m: float = _p(
-        0.74, 0.2, 2.5, 'm', 'height above the road of its upper edge')
+        0.78, 0.2, 2.5, 'm', 'height above the road of its upper edge')
     least_width_m: float = _p(
         1.0, 0.5, 2.0, 'm', 'what is narrower is no vehicle')
     least_cross_ncc: float = _p(

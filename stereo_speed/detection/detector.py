@@ -30,11 +30,22 @@ from ..site import LanePath
 
 _MATCH_PX = 0.1  # 1-sigma of the disparity of a face
 _AXIS_M = 0.03  # 1-sigma of its middle
-_ACROSS_M = 1.2  # vehicles whose middles are nearer are in each other's way
+_ACROSS_M = 1.2  # vehicles whose middles are nearer are in each other's way,
+_OVERLAP = 1.0  # and so are those that overlap
+_LEAST_HALF_M = 0.8  # half the width of a vehicle whose track sees less of it
+_NOISE_SHARE = 0.2  # of each pair in the running estimate of the noise
+_NOISE_STEP = 8  # pixels between those that tell it
 _MARGIN_PX = 2.0
-_INSIDE_M = 0.06  # the quad keeps this far from the face's edges
 _UPRIGHT_TIMES = 2.0  # upright, the views must differ so many times less than lying
 _LEAST_DOUBT = 0.005
+
+
+@dataclass(frozen=True)
+class _Place:
+    """Where a face is and how wide, m."""
+
+    centre_m: Array
+    half_m: float
 
 
 @dataclass(frozen=True)
@@ -44,7 +55,7 @@ class _Found:
     lane: int
     face: Face
     motion: Motion
-    centre_m: Array
+    place: _Place
 
     @property
     def confidence(self) -> float:
@@ -91,9 +102,10 @@ class VehicleDetector:
             return []
         now = PairViews.of(pair, self._regions)
         found: list[_Found] = []
+        self._learn_noise(now)
         before = self._reference(now.stamp_ns, self.config.reference_s)
         if before is not None:
-            taken = [self._place(o) for o in occupied if o.finite and o.lane in self.lanes]
+            taken = [self._held_place(o) for o in occupied if o.finite and o.lane in self.lanes]
             for lane in range(len(self._names)):
                 found += self._search(lane, now, before, taken)
         self._remember(now)
@@ -122,28 +134,38 @@ class VehicleDetector:
         while len(self._past) > 2 and now.stamp_ns - self._past[1].stamp_ns > keep_ns:
             self._past.popleft()
 
-    def _search(self, lane: int, now: PairViews, before: PairViews, taken: Sequence[Array]
+    def _learn_noise(self, now: PairViews) -> None:
+        """Estimate the noise of a grey value from how most pixels differ from a pair ago."""
+        if not self._past:
+            return
+        a, b = (v.left.levels[0][::_NOISE_STEP, ::_NOISE_STEP] for v in (now, self._past[-1]))
+        difference = a - b
+        spread = float(np.median(np.abs(difference - np.median(difference))))
+        noise = spread / 0.6745 / np.sqrt(2)
+        self._noise += _NOISE_SHARE * (noise - self._noise)
+
+    def _search(self, lane: int, now: PairViews, before: PairViews, taken: Sequence[_Place]
                 ) -> list[_Found]:
         """Find and verify the faces of a lane."""
         c, finder = self.config, self._finders[lane]
         seeds = [seed for seed in self._scans[lane].seeds(now, before, self._noise)
                  if not self._held(lane, seed, taken)]
         out: list[_Found] = []
-        for face in sorted(finder.refine(seeds, now), key=lambda f: -min(f.cross_ncc, f.symmetry)):
-            centre = self._centre(lane, face.s_m, face.x_m)
-            if any(self._same(lane, centre, other) for other in taken) \
-                    or any(self._same(lane, centre, f.centre_m) for f in out) \
+        for face in sorted(finder.refine(seeds, now, self._noise), key=lambda f: -min(f.cross_ncc, f.symmetry)):
+            place = self._place(lane, face.s_m, face.x_m, face.half_m)
+            if any(self._overlap(lane, place, other) for other in taken) \
+                    or any(self._overlap(lane, place, f.place) for f in out) \
                     or not self._upright(face, finder, now):
                 continue
             motion = find_motion(finder, face, now, before, c)
             if moved(motion, c):
-                out.append(_Found(lane, face, motion, centre))
+                out.append(_Found(lane, face, motion, place))
         return out
 
-    def _held(self, lane: int, seed: Seed, taken: Sequence[Array]) -> bool:
+    def _held(self, lane: int, seed: Seed, taken: Sequence[_Place]) -> bool:
         """Say whether a seed is on a vehicle that a track holds."""
-        centre = self._centre(lane, seed.s_m, seed.x_m)
-        return any(self._same(lane, centre, other) for other in taken)
+        place = self._place(lane, seed.s_m, seed.x_m, 0.0)
+        return any(self._overlap(lane, place, other) for other in taken)
 
     def _upright(self, face: Face, finder: FaceFinder, now: PairViews) -> bool:
         """Say whether a face stands on its plane and looks like one."""
@@ -153,27 +175,30 @@ class VehicleDetector:
                 and abs(face.x_m) < c.reach_m and 2 * face.half_m >= c.least_width_m
                 and 1 - finder.lying_ncc(face, now) > _UPRIGHT_TIMES * doubt)
 
-    def _centre(self, lane: int, s_m: float, x_m: float) -> Array:
+    def _place(self, lane: int, s_m: float, x_m: float, half_m: float) -> _Place:
         height = np.array([(self.config.face_low_m + self.config.face_high_m) / 2])
-        return self._geometry[lane].points(np.array([s_m]), np.array([x_m]), height)[0, 0, 0]
+        return _Place(self._geometry[lane].points(
+            np.array([s_m]), np.array([x_m]), height)[0, 0, 0], half_m)
 
-    def _place(self, held: Occupied) -> Array:
+    def _held_place(self, held: Occupied) -> _Place:
         path = self.lanes[held.lane].path
         s = np.array(held.s_m)
-        return path.position(s) + held.lateral_m * path.frame(s)[:, 1]
+        return _Place(path.position(s) + held.lateral_m * path.frame(s)[:, 1],
+                      max(held.width_m / 2, _LEAST_HALF_M))
 
-    def _same(self, lane: int, centre_m: Array, other_m: Array) -> bool:
-        """Say whether two faces are too near each other to be those of two vehicles."""
+    def _overlap(self, lane: int, one: _Place, other: _Place) -> bool:
+        """Say whether two faces are nearer to each other than two vehicles can be."""
         path = self.lanes[self._names[lane]].path
-        frame = path.frame(path.arc_length(other_m))
-        apart = frame.T @ (centre_m - other_m)
-        return bool(abs(apart[0]) < self.config.spacing_m and abs(apart[1]) < _ACROSS_M)
+        frame = path.frame(path.arc_length(other.centre_m))
+        apart = np.abs(frame.T @ (one.centre_m - other.centre_m))
+        across = max(_OVERLAP * (one.half_m + other.half_m), _ACROSS_M)
+        return bool(apart[0] < self.config.spacing_m and apart[1] < across)
 
     def _distinct(self, found: Sequence[_Found]) -> list[_Found]:
         """Keep the best of those that are the same vehicle, seen from two lanes."""
         out: list[_Found] = []
         for one in sorted(found, key=lambda f: abs(f.face.x_m)):
-            if not any(self._same(one.lane, one.centre_m, f.centre_m) for f in out):
+            if not any(self._overlap(one.lane, one.place, f.place) for f in out):
                 out.append(one)
         return out
 
@@ -182,7 +207,7 @@ class VehicleDetector:
         s = np.array([face.s_m])
         rates = geometry.rates(s)
         heights = np.array([c.face_high_m, c.face_low_m])
-        width = 2 * (face.half_m - _INSIDE_M)
+        width = 2 * face.half_m
         edges = face.x_m + np.array([-0.5, 0.5]) * width
         left, right, _, _ = geometry.project(s, edges, heights)
         px_per_m = float(rates.px_per_m[0])

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from .config import DetectorConfig
 from .lane_geometry import LaneGeometry
-from .patches import correlate, cut, Floats, level_rows, mirrored_energy, peak
+from .patches import correlate, cut, Floats, level_rows, mirrored, peak
 from .scan import Seed
 from .views import level_of, PairViews, Patches, View
 
@@ -27,7 +27,8 @@ ROWS = 9
 HALF = 42  # samples from the axis to the edge of the window: lorries are as wide
 _SHIFTS = 4
 _FIRST_HALF_M = 0.9  # as much is looked at before the width is known
-_ASIDE_M, _CLOSE_M = 1.4, 0.15  # the axis is sought this far to either side: first, and later
+_ASIDE_M, _CLOSE_M = 1.4, 0.3  # the axis is sought this far to either side: first, and later
+_MIDDLE_HALF_M = 0.75
 _STRIDE = 2
 _DARK = 16.0
 _ROUNDS = 5
@@ -36,6 +37,11 @@ _HOPELESS = 0.3  # correlations below this are no face nearby
 _MOST_M = 8.0  # a step of depth is no longer
 _SAME_S_M, _SAME_X_M = 1.5, 0.3  # faces nearer to each other are one
 _ALIKE = 0.5  # edges of a face are alike by more than this, mirrored and in the other view
+_OFF_AXIS = 2  # samples by which an edge may be nearer to the axis than its mirror image
+_BAND = 3  # columns an edge takes
+_WEAK_SHARE = 0.5  # weaker edges, as a share of the strongest, do not count
+_LEAST_HALF_M = 0.45
+_BEYOND_M = 0.06  # a face ends a little beyond its outermost strong edges, often those of lamps
 _LYING_SHIFTS = 1  # the road may be a little higher or lower than the path says
 
 
@@ -72,8 +78,12 @@ class FaceFinder:
         self.geometry = geometry
         self.heights_m = np.linspace(config.face_high_m, config.face_low_m, ROWS)
 
-    def refine(self, seeds: Sequence[Seed], now: PairViews) -> list[Face]:
-        """Refine seeds in one batch."""
+    def refine(self, seeds: Sequence[Seed], now: PairViews, noise: float) -> list[Face]:
+        """
+        Refine seeds in one batch.
+
+        :param noise: 1-sigma of a grey value.
+        """
         s = np.array([seed.s_m for seed in seeds])
         x = np.array([seed.x_m for seed in seeds])
         half = np.full(len(s), _FIRST_HALF_M)
@@ -81,8 +91,10 @@ class FaceFinder:
         for turn in range(_ROUNDS):
             if not len(s):
                 break
-            x = self._axis(s, x, now, *((_ASIDE_M, _STRIDE) if turn == 0 else (_CLOSE_M, 1)))
-            shift, half, cross, symmetry, contrast = self._look(s, x, half, now)
+            if turn == 0:
+                x = self._axis(s, x, now)
+            x = self._fine_axis(s, x, now)
+            shift, half, cross, symmetry, contrast = self._look(s, x, half, now, noise)
             done = (np.abs(shift) < _SETTLED_M) & (turn > 0)
             out += [Face(*map(float, f)) for f in zip(
                 s[done], x[done], half[done], cross[done], symmetry[done], contrast[done])]
@@ -122,38 +134,47 @@ class FaceFinder:
             out[levels == level] = view.sample(uv[levels == level], int(level))
         return out
 
-    def _axis(self, s: Floats, x: Floats, now: PairViews, aside_m: float, stride: int) -> Floats:
+    def _axis(self, s: Floats, x: Floats, now: PairViews) -> Floats:
         """
         Find the axes (n,) about which most of what is seen, as wide as a lorry, is mirrored.
 
         Not the share of it: each lamp is symmetric by itself.  Logarithms, lest lamps be all.
         """
-        aside = round(aside_m / GRID_M / stride)
-        half = HALF // stride
-        both = np.concatenate([
-            self.windows(s, x, (half + aside) * stride, view, right, stride)
-            for view, right in ((now.left, False), (now.right, True))], axis=1)
-        energy = mirrored_energy(np.log(np.maximum(both, 0.0) + _DARK), 2 * half + 1)
-        return x + (np.argmax(energy, axis=1) - aside) * stride * GRID_M
+        aside, half = round(_ASIDE_M / GRID_M / _STRIDE), HALF // _STRIDE
+        both = np.log(np.maximum(self._both(s, x, (half + aside) * _STRIDE, now, _STRIDE), 0.0)
+                      + _DARK)
+        energy, _ = mirrored(both, 2 * half + 1)
+        return x + (np.argmax(energy, axis=1) - aside) * _STRIDE * GRID_M
 
-    def _look(self, s: Floats, x: Floats, half_m: Floats, now: PairViews
+    def _fine_axis(self, s: Floats, x: Floats, now: PairViews) -> Floats:
+        """Find the axes (n,) near by about which the middle of a face is most symmetric."""
+        aside, half = round(_CLOSE_M / GRID_M), round(_MIDDLE_HALF_M / GRID_M)
+        found, most = mirrored(self._both(s, x, half + aside, now, 1), 2 * half + 1)
+        return x + (np.argmax(found / most, axis=1) - aside) * GRID_M
+
+    def _both(self, s: Floats, x: Floats, half: int, now: PairViews, stride: int) -> Patches:
+        """Sample both views, the rows of the right one below those of the left."""
+        return np.concatenate([self.windows(s, x, half, view, right, stride)
+                               for view, right in ((now.left, False), (now.right, True))], axis=1)
+
+    def _look(self, s: Floats, x: Floats, half_m: Floats, now: PairViews, noise: float
               ) -> tuple[Floats, ...]:
         """Find shift, half width, correlation, symmetry and contrast (n,) at planes s about x."""
         left = self.windows(s, x, HALF, now.left, False)
         right = self.windows(s, x, HALF + _SHIFTS, now.right, True)
         mask = _mask(half_m)
         mine = level_rows(left, mask)
+        contrast = np.sqrt((mine ** 2).sum(axis=(1, 2)) / (ROWS * mask.sum(axis=1)))
         middle = np.full(len(s), _SHIFTS)
         scores = np.stack([
             correlate(mine, level_rows(cut(right, middle + k, 2 * HALF + 1), mask))
             for k in range(-_SHIFTS, _SHIFTS + 1)])
         shift, ncc = peak(scores)
         matched = cut(right, np.round(shift).astype(np.int64), 2 * HALF + 1)
-        half_m = _half_width(left, matched, mask)
+        half_m = np.minimum(_half_width(left, matched, noise) + _BEYOND_M, HALF * GRID_M)
         mask = _mask(half_m)
         symmetry = sum(correlate(v, v[:, :, ::-1]) for v in (
             level_rows(left, mask), level_rows(matched, mask))) / 2
-        contrast = np.sqrt((mine ** 2).sum(axis=(1, 2)) / (ROWS * mask.sum(axis=1)))
         return (shift - _SHIFTS) * GRID_M, half_m, ncc, np.asarray(symmetry), contrast
 
 
@@ -163,28 +184,42 @@ def _mask(half_m: Floats) -> NDArray[np.bool_]:
     return np.asarray(columns <= half_m[:, None] + 1e-9)
 
 
-def _half_width(left: Patches, right: Patches, mask: NDArray[np.bool_]) -> Floats:
+def _half_width(left: Patches, right: Patches, noise: float) -> Floats:
     """
     Find the outermost edges that are mirrored and that both views see at this depth.
 
-    Each column gains by its edges being alike and loses by their being there; flat columns do
-    neither, and the sum from the axis outwards is greatest at the last edges of the face.
-
     :param left: (n, rows, 2 HALF + 1).
     :param right: the same, already shifted to agree.
-    :param mask: (n, 2 HALF + 1) what is surely not far beyond the face.
-    :return: (n,) m.
+    :param noise: 1-sigma of a grey value; edges that may be noise do not count.
+    :return: (n,) m; 0 where there are none.
     """
-    edges = [np.gradient(v, axis=2) for v in (left, right)]
-    scale = np.sqrt(np.mean([(e ** 2).mean(axis=1) for e in edges], axis=0))  # (n, columns)
-    typical = np.sqrt((scale ** 2 * mask).sum(axis=1) / mask.sum(axis=1)) + 1e-6
-    gain = np.zeros(scale.shape)
-    e_left, e_right = (np.clip(e / typical[:, None, None], -2, 2) for e in edges)
-    for a, b in ((e_left, e_right), (e_left, -e_left[:, :, ::-1]), (e_right, -e_right[:, :, ::-1])):
-        gain += (2 * a * b - _ALIKE * (a * a + b * b)).sum(axis=1)
-    outwards = gain[:, HALF:].copy()
-    outwards[:, 1:] += gain[:, HALF - 1::-1]
-    return np.argmax(np.cumsum(outwards, axis=1), axis=1) * GRID_M
+    views = [np.gradient(v, axis=2) for v in (left, right)]
+    plus = [v[:, :, HALF:] for v in views]  # outwards from the axis
+    minus = [-v[:, :, HALF::-1] for v in views]
+    of_plus, of_minus = (sum(_band(v, v) for v in side) / 2 for side in (plus, minus))
+    same = sum(_band(*side) for side in (plus, minus)) / ((of_plus + of_minus) + 1e-6)
+    alike = np.full(same.shape, -1.0)
+    for k in range(-_OFF_AXIS, _OFF_AXIS + 1):
+        mixed = sum(_band(a, np.roll(b, k, axis=2)) for a, b in zip(plus, minus)) / 2
+        alike = np.maximum(alike, mixed / np.sqrt(of_plus * np.roll(of_minus, k, axis=1) + 1e-6))
+    weaker = np.sqrt(np.minimum(of_plus, of_minus) / (ROWS * _BAND))
+    weaker[:, :round(_LEAST_HALF_M / GRID_M)] = 0  # there is more on a face than its edges
+    weaker[:, HALF - 1:] = 0
+    alike = np.where((alike > _ALIKE) & (same > _ALIKE) & (weaker > noise), weaker, 0.0)
+    good = alike > _WEAK_SHARE * alike.max(axis=1, keepdims=True)
+    last = HALF - np.argmax(good[:, ::-1], axis=1)
+    near = last[:, None] - np.arange(_BAND + 1)  # the band begins to see an edge before it
+    edge = last - np.argmax(np.take_along_axis(weaker, np.maximum(near, 0), axis=1), axis=1)
+    return np.where(good.any(axis=1), edge, 0) * GRID_M
+
+
+def _band(a: Patches, b: Patches) -> Floats:
+    """Sum up products over the rows and a few columns: (n, rows, k) to (n, k)."""
+    products = np.einsum('nrk,nrk->nk', a, b).astype(np.float64)
+    out = products.copy()
+    out[:, 1:] += products[:, :-1]
+    out[:, :-1] += products[:, 1:]
+    return out
 
 
 def _distinct(s_m: Floats, x_m: Floats, worth: Floats) -> list[int]:

@@ -61,20 +61,23 @@ def slide(patch: Patches, wide: Patches) -> Floats:
     return np.asarray(mixed / np.sqrt(spread * max(float((centred ** 2).sum()), floor)))
 
 
-def mirrored_energy(values: Patches, width: int) -> Floats:
+def mirrored(values: Patches, width: int) -> tuple[Floats, Floats]:
     """
     Multiply each window with its mirror image, both about the means of their rows, and sum up.
 
     :param values: (n, rows, w + k).
     :param width: w of the windows, odd.
-    :return: (n, k + 1).
+    :return: (n, k + 1) the sums, and what they would be were the windows symmetric.
     """
     every = sliding_window_view(values, width, axis=2)  # (n, rows, windows, width)
     half = width // 2
     front, back = every[..., :half], every[..., :half:-1]
     mixed = 2 * np.einsum('nrwk,nrwk->nw', front, back) + np.einsum(
         'nrw,nrw->nw', every[..., half], every[..., half])
-    return np.asarray(mixed - (window_sums(values, width) ** 2).sum(axis=1) / width)
+    mean = (window_sums(values, width) ** 2).sum(axis=1) / width
+    square = window_sums((values * values).sum(axis=1, keepdims=True), width)[:, 0]
+    floor = _LEAST_VARIANCE * width * values.shape[1]
+    return np.asarray(mixed - mean), np.maximum(square - mean, floor)
 
 
 def window_sums(values: Patches, width: int) -> Floats:
