@@ -15,7 +15,7 @@ MODULES = sorted(ROOT.rglob('*.py'))
 # Rooms from the bottom up; a room imports itself and those below. Rooms on one line are
 # strangers to each other.
 LAYERS = (
-    ('errors', 'records', 'units', '__init__'),
+    ('errors', 'records', 'threads', 'units', '__init__'),
     ('config', 'fields', 'sync'),
     ('geometry', 'features', 'filtering'),
     ('paths',),
