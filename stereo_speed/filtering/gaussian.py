@@ -16,6 +16,12 @@ class NormalEquations:
     def __init__(self, size: int) -> None:
         self.H, self.g = np.zeros((size, size)), np.zeros(size)
 
+    def __add__(self, other: NormalEquations) -> NormalEquations:
+        """Put together what both say."""
+        both = NormalEquations(len(self.g))
+        both.H, both.g = self.H + other.H, self.g + other.g
+        return both
+
     def row(self, columns: list[int], values: list[float], rest: float, std: float) -> None:
         """Add ``values . x[columns] = rest`` with a 1-sigma."""
         self.rows([columns], [values], np.array([std]), rest)
@@ -29,11 +35,11 @@ class NormalEquations:
         :param std: (r,) 1-sigma of each row.
         """
         at = np.asarray(columns)
-        j = np.zeros((len(at), len(self.g)))
-        np.put_along_axis(j, at, np.broadcast_to(np.asarray(values, float), at.shape), axis=1)
-        j /= std[:, None]
-        self.H += j.T @ j
-        self.g += j.T @ (rest / std)
+        scaled = np.broadcast_to(np.asarray(values, float), at.shape) / std[:, None]
+        np.add.at(self.H, (at[:, :, None], at[:, None, :]),
+                  scaled[:, :, None] * scaled[:, None, :])
+        if rest:
+            np.add.at(self.g, at, scaled * (rest / std)[:, None])
 
     def correlated(self, columns: Any, values: Any, covariance: Array) -> None:
         """

@@ -59,8 +59,17 @@ def frame_of(tangent: Array, up: Array) -> Array:
     :param tangent: (..., 3) unit.
     :param up: (..., 3) or (3,), not parallel to the tangent; made orthogonal to it.
     """
-    left = unit(np.cross(np.broadcast_to(up, np.shape(tangent)), tangent))
-    return np.stack([tangent, left, np.cross(tangent, left)], axis=-1)
+    tangent = np.asarray(tangent, dtype=np.float64)
+    left = unit(_cross(np.broadcast_to(up, tangent.shape), tangent))
+    return np.stack([tangent, left, _cross(tangent, left)], axis=-1)
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """Cross product (..., 3); frames are asked for so often that np.cross is too slow."""
+    out = np.empty(a.shape)
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        out[..., i] = a[..., j] * b[..., k] - a[..., k] * b[..., j]
+    return out
 
 
 def rotation_minimising_up(points_m: Array, tangents: Array, up: Array) -> Array:

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 import math
+from typing import Optional, Sequence
 
 import numpy as np
 
@@ -67,7 +68,7 @@ class MotionModel:
     """
 
     share: float
-    speed_rate_std: float | None
+    speed_rate_std: Optional[float]
     across_std_m: float
 
 
@@ -141,15 +142,29 @@ class PassMotion:
         self.prior, self.config, self.stamp_std_s = prior, config, stamp_std_s
         self.nodes = nodes
 
-    def equations(self, times_s: Array, state: Array, model: MotionModel) -> NormalEquations:
+    def equations(self, times_s: Array, state: Array,
+                  models: Sequence[MotionModel]) -> list[NormalEquations]:
         """
-        Write down all that is known without the images.
+        Write down all that is known without the images, for each way to drive.
 
         :param times_s: (n,) stamps, s.
         :param state: (n, 4) s, a, b and speed as known so far; for what is not linear.
-        :param model: the way to drive.
+        :param models: ways to drive; what they share is written down once.
         """
-        p, at = self.prior, Layout(len(times_s), self.nodes)
+        common = self._beginning(len(times_s))
+        if len(times_s) < 2:
+            return [common + self._along(times_s, state, m.speed_rate_std) for m in models]
+        common = common + self._beside(times_s, state, 1, self.config.climb_std_m,
+                                       self.config.bounce_std_m)
+        across = {drift: self._beside(times_s, state, 0, drift, 0.0)
+                  for drift in {m.across_std_m for m in models}}
+        along = {rate: self._along(times_s, state, rate)
+                 for rate in {m.speed_rate_std for m in models}}
+        return [common + across[m.across_std_m] + along[m.speed_rate_std] for m in models]
+
+    def _beginning(self, looks: int) -> NormalEquations:
+        """Write down how the pass begins, and what is static in it."""
+        p, at = self.prior, Layout(looks, self.nodes)
         normal = NormalEquations(at.size)
         normal.row([0], [1.0], p.s_m, p.s_std_m)
         for axis in (0, 1):
@@ -159,14 +174,22 @@ class PassMotion:
             normal.row([at.tilt[axis]], [1.0], 0.0, float(p.heading_std_rad[axis]))
         normal.rows(at.relief[:, None], [1.0], np.full(self.nodes, RELIEF_STD_M))
         normal.row([at.speeds[0]], [1.0], p.speed_mps, p.speed_std_mps)
-        if model.speed_rate_std is None:
+        return normal
+
+    def _along(self, times_s: Array, state: Array, rate: Optional[float]) -> NormalEquations:
+        """Write down the motion along the path; a rate of None is a changing speed."""
+        at = Layout(len(times_s), self.nodes)
+        normal = NormalEquations(at.size)
+        if rate is None:
             normal.row([at.accelerations[0]], [1.0], 0.0, self.config.acceleration_std_mps2)
         else:
             normal.rows(at.accelerations[:, None], [1.0], np.full(at.looks, _UNUSED_STD))
         if at.looks > 1:
-            along = _changing_speed if model.speed_rate_std is None else _steady
-            along(self, normal, np.diff(times_s), np.abs(state[:, 3]), model)
-            self._sideways(normal, times_s, state, model)
+            dt, speed = np.diff(times_s), np.abs(state[:, 3])
+            if rate is None:
+                _changing_speed(self, normal, dt, speed)
+            else:
+                _steady(self, normal, dt, speed, rate)
         return normal
 
     def stamp_covariance(self, speed_mps: Array) -> Array:
@@ -174,30 +197,31 @@ class PassMotion:
         step = np.diff(np.eye(len(speed_mps)), axis=0)
         return step @ np.diag(np.square(self.stamp_std_s * speed_mps)) @ step.T
 
-    def _sideways(self, normal: NormalEquations, times_s: Array, state: Array,
-                  model: MotionModel) -> None:
+    def _beside(self, times_s: Array, state: Array, axis: int, drift: float,
+                bounce_m: float) -> NormalEquations:
         """
-        Drift across and above the path (eq. 27), which may itself be turned.
+        Drift across (axis 0) or above (1) the path (eq. 27), which may itself be turned.
 
         A driver wanders across the lane, but the road carries the vehicle: above the path it
         drifts little, and bounces on its springs.
         """
         n, dt = len(times_s), np.diff(times_s)
-        layout = Layout(n, self.nodes)
+        at = Layout(n, self.nodes)
+        normal, offsets = NormalEquations(at.size), at.poses[:, 1 + axis]
         ones, ds = np.ones(n - 1), np.diff(state[:, 0])
+        columns = np.column_stack([offsets[1:], offsets[:-1], np.full(n - 1, at.tilt[axis])])
+        factors = np.column_stack([ones, -ones, -ds])
+        variance = max(drift, _LEAST_RATE) ** 2 * dt
+        if not bounce_m:
+            normal.rows(columns, factors, np.sqrt(variance))
+            return normal
         step = np.diff(np.eye(n), axis=0)
-        bounce = self.config.bounce_std_m ** 2 * step @ step.T
-        for axis, drift, extra in ((0, model.across_std_m, 0.0),
-                                   (1, self.config.climb_std_m, bounce)):
-            offsets = layout.poses[:, 1 + axis]
-            at = np.column_stack([offsets[1:], offsets[:-1],
-                                  np.full(n - 1, layout.tilt[axis])])
-            normal.correlated(at, np.column_stack([ones, -ones, -ds]),
-                              np.diag(max(drift, _LEAST_RATE) ** 2 * dt) + extra)
+        normal.correlated(columns, factors, np.diag(variance) + bounce_m ** 2 * step @ step.T)
+        return normal
 
 
 def _steady(motion: PassMotion, normal: NormalEquations, dt: Array, speed_mps: Array,
-            model: MotionModel) -> None:
+            rate: float) -> None:
     """
     Speed as a Wiener process.
 
@@ -206,15 +230,15 @@ def _steady(motion: PassMotion, normal: NormalEquations, dt: Array, speed_mps: A
     n = len(dt) + 1
     at = Layout(n, motion.nodes)
     s, v = at.poses[:, 0], at.speeds
-    rate = max(model.speed_rate_std or 0.0, _LEAST_RATE)
+    rate = max(rate, _LEAST_RATE)
     ways = np.column_stack([np.ones(n - 1), -np.ones(n - 1), -dt / 2, -dt / 2])
     normal.correlated(np.column_stack([s[1:], s[:-1], v[:-1], v[1:]]), ways,
                       np.diag(rate ** 2 * dt ** 3 / 12) + motion.stamp_covariance(speed_mps))
     normal.rows(np.column_stack([v[1:], v[:-1]]), [1.0, -1.0], rate * np.sqrt(dt))
 
 
-def _changing_speed(motion: PassMotion, normal: NormalEquations, dt: Array, speed_mps: Array,
-                    model: MotionModel) -> None:
+def _changing_speed(motion: PassMotion, normal: NormalEquations, dt: Array,
+                    speed_mps: Array) -> None:
     """Acceleration as a Wiener process; way, speed and acceleration scatter together."""
     n = len(dt) + 1
     k, rate = np.arange(n - 1), max(motion.config.jerk_rate_std, _LEAST_RATE)

@@ -208,8 +208,8 @@ class PassRefiner:
         braking one, nor a braking one biased.
         """
         seen, times = self.photometry(self.looks), self._times()
-        answers = [condition(motion.equations(times, self.state, model), seen.H, seen.right)
-                   for model in models]
+        answers = [condition(prior, seen.H, seen.right)
+                   for prior in motion.equations(times, self.state, models)]
         weights = normalise_log_weights(np.array(
             [math.log(model.share) + answer[2] for model, answer in zip(models, answers)]))
         mean = sum(w * a[0] for w, a in zip(weights, answers))
