@@ -69,16 +69,16 @@ class Cuts:
                     self.px_per_m[where])
 
 
-def cuts_along(fit: RoadFit, line: int, right: bool) -> Cuts:
+def cuts_along(fit: RoadFit, line: int, right: bool, ends_px: Array) -> Cuts:
     """
-    Lay cuts evenly along what was picked of a line in a view.
+    Lay cuts evenly along a line in a view.
 
     :param fit: the road as it is known.
     :param line: number of the line.
     :param right: the right view.
+    :param ends_px: (2, 2) where the line begins and ends.
     """
-    picks = fit.problem.picks
-    feet = fit.feet.s_m[(picks.line == line) & (picks.right == right)]
+    feet = fit.foot(line, right, ends_px)
     s = np.linspace(feet.min(), feet.max(), _DENSE)
     uv = fit.seen(fit.points(line, s, np.zeros_like(s)), right)
     seen = np.isfinite(uv).all(axis=-1)

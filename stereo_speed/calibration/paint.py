@@ -58,8 +58,8 @@ class LocatedLine:
     used: int
 
 
-def locate(fit: RoadFit, image: SplineImage, line: int, right: bool, noise_grey: float,
-           shape: Optional[Shape] = None) -> Optional[LocatedLine]:
+def locate(fit: RoadFit, image: SplineImage, line: int, right: bool, ends_px: Array,
+           noise_grey: float, shape: Optional[Shape] = None) -> Optional[LocatedLine]:
     """
     Find a line in a view.
 
@@ -67,12 +67,13 @@ def locate(fit: RoadFit, image: SplineImage, line: int, right: bool, noise_grey:
     :param image: the clean view.
     :param line: number of the line in the fit.
     :param right: the right view.
+    :param ends_px: (2, 2) where the line begins and ends, roughly.
     :param noise_grey: 1-sigma of the grey levels.
     :param shape: the profiles' shape, where an earlier search found it: then the line is known
         to about a pixel.
     :return: None where nothing runs along the rough line.
     """
-    cuts = cuts_along(fit, line, right)
+    cuts = cuts_along(fit, line, right, ends_px)
     if len(cuts.s_m) < 2 * LEAST_CUTS:
         return None
     start = np.zeros(len(cuts.s_m))

@@ -89,8 +89,8 @@ def fit_profiles(shape: Shape, across_m: Array, grey: Array, px_per_m: Array, st
             a = basis
         ridge = _ridge(shape, a.shape[-1], level, noise_grey)
         normal = np.einsum('nki,nk,nkj->nij', a, weight, a) + ridge
-        solution = np.linalg.solve(normal, np.einsum('nki,nk,nk->ni', a, weight, values)[..., None])
-        solution = solution[..., 0]
+        right = np.einsum('nki,nk,nk->ni', a, weight, values)
+        solution = np.linalg.solve(normal, right[..., None])[..., 0]
         level = solution[:, basis.shape[-1] - 1]
         if step:
             move = np.clip(solution[:, -1], -0.5 * reach, 0.5 * reach)

@@ -32,6 +32,7 @@ MIN_STD_PX = 0.02  # no picks are better than this
 PENALTY = 2.0  # times that of BIC; at 1 one straight road in fifteen was taken for a curve
 MAX_TURNS = 8
 MAX_STEPS = 40
+FOOT_PLACES = 8001  # along the road, where one is looked up
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,6 +101,19 @@ class RoadFit:
         return (weights(points).reshape(shape)
                 + offset[..., None] * weights(frames[..., 1]).reshape(shape))
 
+    def foot(self, line: int, right: bool, uv_px: Array) -> Array:
+        """
+        Give the reference arc lengths (n,) where pixels (n, 2) of a view are nearest a line.
+
+        :param line: its number.
+        :param right: the right view.
+        """
+        nodes = self.problem.model.s_m
+        s = np.linspace(1.3 * nodes[0], 1.3 * nodes[-1], FOOT_PLACES)
+        seen = self.seen(self.points(line, s, np.zeros_like(s)), right)
+        gap = np.linalg.norm(seen - np.asarray(uv_px)[:, None], axis=-1)
+        return s[np.argmin(np.where(np.isnan(gap), np.inf, gap), axis=-1)]
+
     def seen(self, points_m: Array, right: bool) -> Array:
         """
         Project points (..., 3) into a raw view, the right one as turned; NaN behind the camera.
@@ -137,19 +151,15 @@ def _widened(fit: RoadFit, turns: int, bends: int) -> RoadFit:
     return _solve(RoadProblem(problem.rig, problem.picks, model, problem.turn), start)
 
 
-def refit(fit: RoadFit, picks: Picks, turn: Optional[TurnPrior] = None) -> RoadFit:
+def stand_still(fit: RoadFit, rig: StereoRig) -> RoadFit:
     """
-    Fit the same family of roads to other picks, or with the right camera free to turn.
+    Fit the same family of roads to the same picks with a rig that no longer turns.
 
     :param fit: where to start.
-    :param picks: of the same lines.
-    :param turn: see :class:`RoadProblem`.
+    :param rig: as it stands.
     """
     problem = fit.problem
-    start = fit.x[:problem.model.size]
-    if turn is not None:
-        start = np.append(start, fit.turn_rad)
-    return _solve(RoadProblem(problem.rig, picks, problem.model, turn), start)
+    return _solve(RoadProblem(rig, problem.picks, problem.model), fit.x[:problem.model.size])
 
 
 def fit_road(rig: StereoRig, lines: Mapping[str, tuple[Array, Array]],
@@ -171,12 +181,15 @@ def fit_road(rig: StereoRig, lines: Mapping[str, tuple[Array, Array]],
     for turns in range(max(min(most, 2), 0) + 1):  # each from its own guess
         model, start = guess_road(rig, list(lines.values()), turns)
         flat.append(_solve(RoadProblem(rig, picks, model, turn), np.append(start, turned)))
-    while len(flat) <= most and not _settled(flat):
+    while len(flat) <= most and not _settled(flat) and not _past(flat):
         flat.append(_widened(flat[-1], len(flat), 0))
-    fits = flat + [_widened(fit, fit.problem.model.turns, 1) for fit in flat[1:]]
     if most < 1:
         return flat[0]
-    fits.append(_widened(flat[0], 0, 3))  # a straight road over a crest or through a dip
+    bent = [_widened(flat[1], 1, 1)]
+    while len(bent) < len(flat) - 1 and not _past(bent):
+        bent.append(_widened(flat[len(bent) + 1], len(bent) + 1, 1))
+    # and a straight road over a crest or through a dip
+    fits = flat + bent + [_widened(flat[0], 0, 3)]
     for fit in _best(fits, 2):
         fits += [_widened(fit, fit.problem.model.turns, bends) for bends in (2, 3)
                  if bends > fit.problem.model.bends]
@@ -188,6 +201,11 @@ def _settled(flat: list[RoadFit]) -> bool:
     picks = flat[-1].problem.picks
     variance = max(flat[-1].cost / len(picks.line), _least_variance(picks))
     return flat[0].cost - flat[-1].cost < 10 * variance
+
+
+def _past(fits: list[RoadFit]) -> bool:
+    """Say whether the last two turns more were both of no use."""
+    return len(fits) > 3 and all(fit is not _best(fits, 1)[0] for fit in fits[-2:])
 
 
 def _best(fits: list[RoadFit], count: int) -> list[RoadFit]:

@@ -147,12 +147,10 @@ class Weights:
     """
     Cubic interpolation between nodes at fixed places.
 
-    :param index: (n, 4) of the nodes.
-    :param value: (n, 4) weights.
+    :param matrix: (n, NODES) weights, 4 of each row not zero.
     """
 
-    index: Array
-    value: Array
+    matrix: Array
 
     @classmethod
     def at(cls, nodes_m: Array, s_m: Array) -> Weights:
@@ -167,8 +165,10 @@ class Weights:
         value = np.stack([
             -(t - 1) * (t - 2) * (t - 3) / 6, t * (t - 2) * (t - 3) / 2,
             -t * (t - 1) * (t - 3) / 2, t * (t - 1) * (t - 2) / 6], axis=-1)
-        return cls(i[:, None] + np.arange(4), value)
+        matrix = np.zeros((len(s_m), len(nodes_m)))
+        np.put_along_axis(matrix, i[:, None] + np.arange(4), value, axis=1)
+        return cls(matrix)
 
     def __call__(self, values: Array) -> Array:
         """Interpolate values (..., NODES, 3): (..., n, 3)."""
-        return np.einsum('...nkc,nk->...nc', values[..., self.index, :], self.value)
+        return np.asarray(self.matrix @ values)
