@@ -38,6 +38,7 @@ setup(
             'speed_node = stereo_speed.nodes.speed_node:main',
             'replay_node = stereo_speed.nodes.replay_node:main',
             'replay = stereo_speed.cli.main:replay',
+            'site = stereo_speed.cli.main:site',
             'simulate = stereo_speed.cli.main:simulate',
             'accuracy = stereo_speed.cli.main:accuracy',
             'evaluate = stereo_speed.cli.main:evaluate',

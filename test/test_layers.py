@@ -20,6 +20,7 @@ LAYERS = (
     ('geometry', 'features', 'filtering'),
     ('paths',),
     ('site',),
+    ('calibration',),
     ('tracking', 'detection'),
     ('baselines',),
     ('pipeline',),

@@ -12,9 +12,10 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
 
 from ..geometry.rig import StereoRig
-from ..paths.base import Path
+from ..paths.base import Path, SplinePath
 from ..records import Array
 
 _PLACES = 13
@@ -56,6 +57,23 @@ def speed_error(true: tuple[Path, StereoRig], used: tuple[Path, StereoRig]) -> f
     along, middle = found.x[:-2].reshape(-1, 3)[:, 0], np.average(s, weights=weight)
     slope = np.sum(weight * (s - middle) * along) / np.sum(weight * (s - middle)**2)
     return float(slope - 1)
+
+
+def heading_effect(path: Path, rig: StereoRig, heading_std_rad: Array) -> float:
+    """
+    Give the 1-sigma of the mean speed of a pass, as a share, for an uncertain direction.
+
+    :param heading_std_rad: (2,) of the path in its middle, across and up.
+    """
+    s = np.linspace(0, path.length_m, max(int(path.length_m), 8))
+    points, frames = path.position(s), path.frame(s)
+    middle, axes = points[len(s) // 2], frames[len(s) // 2]
+    out = []
+    for axis, std in ((2, heading_std_rad[0]), (1, heading_std_rad[1])):
+        turn = Rotation.from_rotvec(float(std) * axes[:, axis]).as_matrix()
+        turned = SplinePath((points - middle) @ turn.T + middle, frames[..., 2] @ turn.T)
+        out.append(speed_error((path, rig), (turned, rig)))
+    return float(np.hypot(*out))
 
 
 def _seen(path: Path, rig: StereoRig) -> Array:

@@ -26,6 +26,7 @@ SEARCH_PX = 8.0  # how far from the rough line the paint may lie
 WIDTHS_M = (0.08, 0.1, 0.12, 0.15, 0.2, 0.25, 0.3)
 FLOOR_PX = 0.012  # 1-sigma of a stretch that more cuts do not improve: texture, wear, the lens
 MOST_STRETCHES, LEAST_STRETCH_PX, LEAST_CUTS = 40, 9.0, 4
+TUNED_CUTS = 60  # from which width and blur are found
 _PAINTED = 0.5  # of the usual contrast; cuts with less are gaps, or covered
 _BAND_SHARE = 0.35  # of an edge's contrast that a band must show to be one
 _LEAST_CONTRAST = 3.0  # times the noise, and
@@ -82,9 +83,14 @@ def locate(fit: RoadFit, image: SplineImage, line: int, right: bool, ends_px: Ar
         if found is None:
             return None
         shape, start, contrast = found
-        best = _spread_best(contrast, 80)
-        x, grey = _read(fit, image, line, right, cuts.take(best), start[best], shape)
-        shape = tuned(shape, x, grey, cuts.px_per_m[best], start[best], noise_grey)
+    else:
+        x, grey = _read(fit, image, line, right, cuts, start, shape)
+        contrast = fit_profiles(shape, x, grey, cuts.px_per_m, start, noise_grey).contrast
+    if not (contrast > 0).any():
+        return None
+    best = _spread_best(contrast, TUNED_CUTS)
+    x, grey = _read(fit, image, line, right, cuts.take(best), start[best], shape)
+    shape = tuned(shape, x, grey, cuts.px_per_m[best], start[best], noise_grey)
     x, grey = _read(fit, image, line, right, cuts, start, shape)
     places = fit_profiles(shape, x, grey, cuts.px_per_m, start, noise_grey)
     return _gathered(fit, line, right, cuts, places, shape, noise_grey)

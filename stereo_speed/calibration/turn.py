@@ -1,7 +1,7 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Has the right camera turned since its calibration?
+Whether the right camera has turned since its calibration.
 
 Each of its three angles either stands as calibrated, within a small tolerance, or has moved by
 anything up to some hundredths of a degree. The eight combinations are weighed by how well they

@@ -20,6 +20,7 @@ from ..errors import StereoSpeedError
 
 COMMANDS = {
     'replay': 'measure the vehicles of a stereo bag, offline',
+    'site': 'refine or check a site from the images of a bag',
     'simulate': 'write a simulated pass: bag, site, init and truth',
     'accuracy': 'tabulate errors on simulated passes with exact truth',
     'evaluate': 'compare trackers on sequences with truth; the tables of the papers',
@@ -93,6 +94,11 @@ def _refuse(line: str) -> int:
 def replay() -> int:
     """Run ``replay`` as an executable of its own."""
     return main(['replay', *sys.argv[1:]])
+
+
+def site() -> int:
+    """Run ``site`` as an executable of its own."""
+    return main(['site', *sys.argv[1:]])
 
 
 def simulate() -> int:

@@ -17,6 +17,8 @@ import cv2
 import numpy as np
 from tqdm import tqdm
 
+from ..calibration.refine import refine_site
+from ..calibration.report import report, told
 from ..config import load_config, TrackerConfig
 from ..errors import InputError
 from ..io.bags import StereoBag
@@ -57,6 +59,8 @@ def add_parser(subparsers: Any) -> None:
                         help='rosbag2 folder, .mcap or .db3 file, or ROS 1 .bag')
     parser.add_argument('--site', required=True, type=Path, help='site file (YAML)')
     parser.add_argument('--out', required=True, type=Path, metavar='DIR', help='folder to write')
+    parser.add_argument('--refine-site', action='store_true',
+                        help='find the lines of the site in the images first')
     parser.add_argument('--init', type=Path, help='init file (YAML) that marks the vehicles; '
                         'without it they are found automatically')
     parser.add_argument('--tracker', type=_tracker, default='constrained', metavar='NAME',
@@ -103,6 +107,11 @@ def run(args: argparse.Namespace) -> int:
     prepare_folder(args.out)
     tolerance = None if args.tolerance_ms is None else round(args.tolerance_ms * 1e6)
     with StereoBag(args.bag, left=args.left, right=args.right, tolerance_ns=tolerance) as bag:
+        if args.refine_site:
+            refined = refine_site(site, bag.rig, bag.pairs())
+            print('\n'.join(told(refined, report(refined))))
+            site = refined.site
+        bag.rig = site.corrected_rig(bag.rig)
         lanes = lane_paths(site, bag.rig)
         pipeline = SpeedPipeline(bag.rig, lanes, config, marks, seed=args.seed,
                                  tracker=args.tracker, where=str(args.init))
@@ -210,6 +219,7 @@ def summarize(args: argparse.Namespace, config: TrackerConfig, bag: StereoBag,
         'parameters': asdict(config),
         'tracker': args.tracker,
         'seed': args.seed,
+        'refine_site': args.refine_site,
         'input': {'bag': args.bag.resolve().name, 'bag_sha256': bag.input_hash(),
                   'site_sha256': _sha256(args.site),
                   'init_sha256': None if args.init is None else _sha256(args.init)},

@@ -87,7 +87,7 @@ class RoadFit:
 
     def points(self, line: int, s_m: Array, across_m: Array) -> Array:
         """
-        Place points (..., 3) of the surface beside a line, left optical frame.
+        Find points of the surface beside a line: (..., 3), left optical frame.
 
         :param line: its number.
         :param s_m: (n,) reference arc lengths.

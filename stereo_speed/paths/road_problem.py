@@ -117,7 +117,7 @@ class RoadProblem:
 
     @property
     def size(self) -> int:
-        """Number of unknowns."""
+        """Count the unknowns."""
         return len(self.steps)
 
     def turn_rad(self, x: Array) -> Array:

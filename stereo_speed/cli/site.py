@@ -1,0 +1,118 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""``site``: refine a site from rough clicks and a bag's own images, or check one."""
+from __future__ import annotations
+
+import argparse
+import os
+from pathlib import Path
+import tempfile
+from typing import Any, Optional
+
+import cv2
+
+from ..calibration.picture import picture
+from ..calibration.refine import refine_site, RefinedSite
+from ..calibration.report import report, told
+from ..errors import InputError
+from ..io.bags import StereoBag
+from ..paths.site_write import site_text
+from ..site import load_site, Site
+
+PICTURES = ('site_left.png', 'site_right.png')
+
+
+def add_parser(subparsers: Any) -> None:
+    """Add the command, its two actions and their options."""
+    parser = subparsers.add_parser(
+        'site', help='refine or check a site from the images of a bag',
+        description='Find the lines of a site in the images of a bag to a few hundredths of a '
+                    'pixel, and see whether the rig still stands as it was calibrated.')
+    actions = parser.add_subparsers(metavar='ACTION', required=True)
+    for name, text, run in (('refine', 'write a refined site file', _refine),
+                            ('check', 'print the same and change nothing', _check)):
+        action = actions.add_parser(name, help=text, description=text)
+        action.add_argument('bag', metavar='BAG', type=Path,
+                            help='rosbag2 folder, .mcap or .db3 file, or ROS 1 .bag')
+        action.add_argument('--site', required=True, type=Path, help='site file (YAML)')
+        if name == 'refine':
+            action.add_argument('--out', required=True, type=Path, metavar='SITE',
+                                help='site file to write')
+        action.add_argument('--pictures', type=Path, metavar='DIR',
+                            help='folder for a picture of each view')
+        action.add_argument('--left', metavar='TOPIC', help='topic of the left images')
+        action.add_argument('--right', metavar='TOPIC', help='topic of the right images')
+        action.set_defaults(run=run)
+
+
+def _refine(args: argparse.Namespace) -> int:
+    """Refine, write the site file, then tell."""
+    if args.out.is_dir():
+        raise InputError(args.out, 'file', 'a folder', 'the name of a site file')
+    refined = _refined(args)
+    write_site(args.out, refined.site)
+    print(f'refined site in {args.out}')
+    return 0
+
+
+def _check(args: argparse.Namespace) -> int:
+    """Refine and tell, and leave it at that."""
+    _refined(args)
+    return 0
+
+
+def _refined(args: argparse.Namespace) -> RefinedSite:
+    """Refine the site, print the report and draw the pictures."""
+    refined = refined_from_bag(load_site(args.site), args.bag, args.left, args.right)
+    for line in told(refined, report(refined)):
+        print(line)
+    if args.pictures is not None:
+        write_pictures(args.pictures, refined)
+        print(f'pictures in {args.pictures}')
+    return refined
+
+
+def refined_from_bag(site: Site, bag_path: Path, left: Optional[str] = None,
+                     right: Optional[str] = None) -> RefinedSite:
+    """
+    Refine a site with the images of a whole bag.
+
+    :param site: rough, or refined before.
+    :param bag_path: the bag.
+    :param left: topic of the left images; None finds it.
+    :param right: topic of the right images; None finds it.
+    """
+    with StereoBag(bag_path, left=left, right=right) as bag:
+        return refine_site(site, bag.rig, bag.pairs())
+
+
+def write_site(path: Path, site: Site) -> None:
+    """
+    Write a site file, whole or not at all.
+
+    :param path: of the file.
+    :param site: what to write.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, name = tempfile.mkstemp(prefix='.site-', suffix='.yaml', dir=path.parent)
+    try:
+        with os.fdopen(handle, 'w', encoding='utf-8') as file:
+            file.write(site_text(site))
+        os.chmod(name, 0o644)
+        os.replace(name, path)
+    except BaseException:
+        Path(name).unlink(missing_ok=True)
+        raise
+
+
+def write_pictures(folder: Path, refined: RefinedSite) -> None:
+    """
+    Write a picture of each view.
+
+    :param folder: made where it is missing.
+    :param refined: the site.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    for right, name in enumerate(PICTURES):
+        if not cv2.imwrite(str(folder / name), picture(refined, bool(right))):
+            raise InputError(folder / name, 'file', 'a place that cannot be written', 'a folder')
