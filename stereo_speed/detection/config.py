@@ -32,6 +32,10 @@ class DetectorConfig:
         0.27, 0.05, 1.0, 'm', 'height above the road of the lower edge of the quad')
     face_high_m: float = _p(
         0.78, 0.2, 2.5, 'm', 'height above the road of its upper edge')
+    tall_low_m: float = _p(
+        0.40, 0.05, 2.0, 'm', 'height of the lower edge of the quad on lorries')
+    tall_high_m: float = _p(1.25, 0.3, 3.0, 'm', 'height of its upper edge there')
+    tall_width_m: float = _p(2.14, 1.5, 3.0, 'm', 'what is narrower is no lorry')
     least_width_m: float = _p(
         1.0, 0.5, 2.0, 'm', 'what is narrower is no vehicle')
     least_cross_ncc: float = _p(
@@ -39,7 +43,7 @@ class DetectorConfig:
     least_motion_ncc: float = _p(
         0.70, 0.0, 1.0, '', 'correlation of a face with itself in the earlier pair')
     least_symmetry: float = _p(
-        0.55, 0.0, 1.0, '', 'correlation of a face with its mirror image')
+        0.60, 0.0, 1.0, '', 'correlation of a face with its mirror image')
     spacing_m: float = _p(
         4.5, 1.0, 30.0, 'm', 'least distance between two fronts in one lane')
 

@@ -38,6 +38,7 @@ _NOISE_STEP = 8  # pixels between those that tell it
 _MARGIN_PX = 2.0
 _UPRIGHT_TIMES = 2.0  # upright, the views must differ so many times less than lying
 _LEAST_DOUBT = 0.005
+_LONG_EVERY = 3  # at every so manieth time slow vehicles are looked for
 
 
 @dataclass(frozen=True)
@@ -50,12 +51,13 @@ class _Place:
 
 @dataclass(frozen=True)
 class _Found:
-    """A verified face of a lane."""
+    """A verified face of a lane, its upper and its lower edge."""
 
     lane: int
     face: Face
     motion: Motion
     place: _Place
+    heights_m: Array
 
     @property
     def confidence(self) -> float:
@@ -77,14 +79,17 @@ class VehicleDetector:
         self._names = list(self.lanes)
         self._geometry = [LaneGeometry(rig, lane) for lane in self.lanes.values()]
         self._scans = [LaneScan(g, config) for g in self._geometry]
-        self._finders = [FaceFinder(g, config) for g in self._geometry]
+        self._finders = [
+            (FaceFinder(g, config.face_low_m, config.face_high_m, config.least_width_m),
+             FaceFinder(g, config.tall_low_m, config.tall_high_m, config.tall_width_m))
+            for g in self._geometry]
         self._regions = (
             region_of([scan.pixels[0] for scan in self._scans],
                       (rig.left.width_px, rig.left.height_px)),
             region_of([scan.pixels[1] for scan in self._scans],
                       (rig.right.width_px, rig.right.height_px)))
         self._past: deque[PairViews] = deque()
-        self._noise = 2.0
+        self._noise, self._turn = 2.0, 0
 
     def reset(self) -> None:
         """Forget the earlier pairs, as after a jump back of time."""
@@ -103,7 +108,7 @@ class VehicleDetector:
         now = PairViews.of(pair, self._regions)
         found: list[_Found] = []
         self._learn_noise(now)
-        before = self._reference(now.stamp_ns, self.config.reference_s)
+        before = self._reference(now.stamp_ns)
         if before is not None:
             taken = [self._held_place(o) for o in occupied if o.finite and o.lane in self.lanes]
             for lane in range(len(self._names)):
@@ -121,8 +126,13 @@ class VehicleDetector:
                 return False
         return True
 
-    def _reference(self, stamp_ns: int, age_s: float) -> Optional[PairViews]:
-        """Give the youngest pair that is old enough, else the oldest."""
+    def _reference(self, stamp_ns: int) -> Optional[PairViews]:
+        """Give the youngest pair that is old enough, at times for slow vehicles, else the oldest."""
+        self._turn += 1
+        if self._turn % _LONG_EVERY == 0:
+            age_s = self.config.long_reference_s
+        else:
+            age_s = self.config.reference_s
         old = [v for v in self._past if (stamp_ns - v.stamp_ns) * 1e-9 >= age_s]
         if old:
             return old[-1]
@@ -147,19 +157,21 @@ class VehicleDetector:
     def _search(self, lane: int, now: PairViews, before: PairViews, taken: Sequence[_Place]
                 ) -> list[_Found]:
         """Find and verify the faces of a lane."""
-        c, finder = self.config, self._finders[lane]
-        seeds = [seed for seed in self._scans[lane].seeds(now, before, self._noise)
-                 if not self._held(lane, seed, taken)]
+        seeds = self._scans[lane].seeds(now, before, self._noise)
         out: list[_Found] = []
-        for face in sorted(finder.refine(seeds, now, self._noise), key=lambda f: -min(f.cross_ncc, f.symmetry)):
-            place = self._place(lane, face.s_m, face.x_m, face.half_m)
-            if any(self._overlap(lane, place, other) for other in taken) \
-                    or any(self._overlap(lane, place, f.place) for f in out) \
-                    or not self._upright(face, finder, now):
-                continue
-            motion = find_motion(finder, face, now, before, c)
-            if moved(motion, c):
-                out.append(_Found(lane, face, motion, place))
+        for finder in self._finders[lane]:
+            free = [seed for seed in seeds if not self._held(
+                lane, seed, [*taken, *(f.place for f in out)])]
+            faces = finder.refine(free, now, self._noise)
+            for face in sorted(faces, key=lambda f: -min(f.cross_ncc, f.symmetry)):
+                place = self._place(lane, face.s_m, face.x_m, face.half_m)
+                others = [*taken, *(f.place for f in out)]
+                if any(self._overlap(lane, place, other) for other in others) \
+                        or not self._upright(face, finder, now):
+                    continue
+                motion = find_motion(finder, face, now, before, self.config)
+                if moved(motion, self.config):
+                    out.append(_Found(lane, face, motion, place, finder.heights_m[[0, -1]]))
         return out
 
     def _held(self, lane: int, seed: Seed, taken: Sequence[_Place]) -> bool:
@@ -172,7 +184,7 @@ class VehicleDetector:
         c = self.config
         doubt = max(1 - face.cross_ncc, _LEAST_DOUBT)
         return (face.cross_ncc >= c.least_cross_ncc and face.symmetry >= c.least_symmetry
-                and abs(face.x_m) < c.reach_m and 2 * face.half_m >= c.least_width_m
+                and abs(face.x_m) < c.reach_m
                 and 1 - finder.lying_ncc(face, now) > _UPRIGHT_TIMES * doubt)
 
     def _place(self, lane: int, s_m: float, x_m: float, half_m: float) -> _Place:
@@ -203,20 +215,19 @@ class VehicleDetector:
         return out
 
     def _detection(self, found: _Found) -> Detection:
-        c, face, geometry = self.config, found.face, self._geometry[found.lane]
+        face, geometry = found.face, self._geometry[found.lane]
         s = np.array([face.s_m])
         rates = geometry.rates(s)
-        heights = np.array([c.face_high_m, c.face_low_m])
         width = 2 * face.half_m
         edges = face.x_m + np.array([-0.5, 0.5]) * width
-        left, right, _, _ = geometry.project(s, edges, heights)
+        left, right, _, _ = geometry.project(s, edges, found.heights_m)
         px_per_m = float(rates.px_per_m[0])
         return Detection(
             lane=self._names[found.lane],
             left_px=_clockwise(left[0]), right_px=_clockwise(right[0]),
             std_px=_AXIS_M * px_per_m, s_m=face.s_m,
             s_std_m=_MATCH_PX / (px_per_m * abs(float(rates.shift[0]))), lateral_m=face.x_m,
-            width_m=width, height_m=c.face_high_m - c.face_low_m,
+            width_m=width, height_m=float(np.ptp(found.heights_m)),
             speed_mps=found.motion.speed_mps, confidence=found.confidence)
 
 

@@ -16,7 +16,6 @@ from typing import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from .config import DetectorConfig
 from .lane_geometry import LaneGeometry
 from .patches import correlate, cut, Floats, level_rows, mirrored, peak
 from .scan import Seed
@@ -71,12 +70,15 @@ class FaceFinder:
     Refines seeds of one lane.
 
     :param geometry: the lane.
-    :param config: parameters.
+    :param low_m: height above the road of the lower edge of what is looked at.
+    :param high_m: height of its upper edge.
+    :param least_width_m: what is narrower is none.
     """
 
-    def __init__(self, geometry: LaneGeometry, config: DetectorConfig) -> None:
-        self.geometry = geometry
-        self.heights_m = np.linspace(config.face_high_m, config.face_low_m, ROWS)
+    def __init__(self, geometry: LaneGeometry, low_m: float, high_m: float,
+                 least_width_m: float) -> None:
+        self.geometry, self.least_width_m = geometry, least_width_m
+        self.heights_m = np.linspace(high_m, low_m, ROWS)
 
     def refine(self, seeds: Sequence[Seed], now: PairViews, noise: float) -> list[Face]:
         """
@@ -95,11 +97,14 @@ class FaceFinder:
                 x = self._axis(s, x, now)
             x = self._fine_axis(s, x, now)
             shift, half, cross, symmetry, contrast = self._look(s, x, half, now, noise)
-            done = (np.abs(shift) < _SETTLED_M) & (turn > 0)
+            settled = (np.abs(shift) < _SETTLED_M) & (turn > 0)
+            done = settled & (2 * half >= self.least_width_m)
+            if done.any():
+                done[done] = np.abs(self._axis(s[done], x[done], now) - x[done]) < _CLOSE_M
             out += [Face(*map(float, f)) for f in zip(
                 s[done], x[done], half[done], cross[done], symmetry[done], contrast[done])]
             s = s + np.clip(shift / self.geometry.rates(s).shift, -_MOST_M, _MOST_M)
-            stay = np.flatnonzero(~done & (cross > _HOPELESS) & (symmetry > _HOPELESS))
+            stay = np.flatnonzero(~settled & (cross > _HOPELESS) & (symmetry > _HOPELESS))
             stay = stay[_distinct(s[stay], x[stay], symmetry[stay])]
             s, x, half = s[stay], x[stay], half[stay]
         return out
