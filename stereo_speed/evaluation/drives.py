@@ -171,7 +171,10 @@ def _write(content: Mapping[str, Any], path: Path) -> Path:
 
 def _refined(site: Site, sequence: SimSequence) -> tuple[StereoRig, dict[str, LanePath]]:
     """Refine the picks by the pass's own images, as one would before measuring."""
-    raise InputError('evaluation', 'site', 'refined', 'picked or exact: nothing refines sites yet')
+    from ..calibration.refine import refine_site
+
+    refined = refine_site(site, sequence.rig, sequence.pairs)
+    return refined.rig, refined.lanes
 
 
 def bag_drive(bag: Path, site: Path, init: Optional[Path], truth: Path, *,
