@@ -8,7 +8,7 @@ What is read from the files lives in ``paths.site_file`` and is offered here as 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Mapping, Optional
+from typing import Mapping, Optional, Sequence
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from .paths.base import Path
 from .paths.curved import match_curves
 from .paths.lanes import lane_of_paths, lane_of_road, LanePath, surveyed_path
 from .paths.road import fit_road, RoadFit
-from .paths.road_problem import TurnPrior
+from .paths.road_problem import Picks, TurnPrior
 from .paths.scale import with_scale
 from .paths.site_file import (
     InitMark, LaneSpec, LEAST_ROAD_M, load_init, load_site, Site, SiteLine, VIEWS)
@@ -148,6 +148,21 @@ def _refuse_outside(site: Site, line: SiteLine, rig: StereoRig) -> None:
                             f'a pixel of the {camera.width_px}x{camera.height_px} image')
 
 
+def _stds(lines: Sequence[SiteLine]) -> dict[str, tuple[Array, Array]]:
+    """Give the 1-sigmas of the lines that have them."""
+    return {line.name: (line.left_std_px, line.right_std_px) for line in lines
+            if line.left_std_px is not None and line.right_std_px is not None}
+
+
+def picks_of(lines: Sequence[SiteLine]) -> Picks:
+    """
+    Gather the picks of lines.
+
+    :param lines: picked ones.
+    """
+    return Picks.of({line.name: (line.left_px, line.right_px) for line in lines}, _stds(lines))
+
+
 def fit_lines(site: Site, rig: StereoRig, names: tuple[str, ...],
               turn: Optional[TurnPrior] = None) -> RoadFit:
     """
@@ -159,8 +174,7 @@ def fit_lines(site: Site, rig: StereoRig, names: tuple[str, ...],
     :raises SiteError: when the picks leave no usable road.
     """
     lines = {n: (site.lines[n].left_px, site.lines[n].right_px) for n in names}
-    stds = {n: (site.lines[n].left_std_px, site.lines[n].right_std_px) for n in names
-            if site.lines[n].left_std_px is not None and site.lines[n].right_std_px is not None}
+    stds = _stds([site.lines[n] for n in names])
     try:
         return fit_road(rig, lines, stds, turn)
     except (ValueError, np.linalg.LinAlgError) as error:

@@ -10,14 +10,14 @@ of the line are taken together, each with the 1-sigma that its own scatter shows
 """
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Optional
 
 import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
-from .cuts import Cuts, cuts_along, read_cuts, SplineImage, STEP_PX
+from .cuts import Cuts, cuts_along, read_cuts, SplineImage
 from .profiles import BAND, detect, EDGE, fit_profiles, Places, Shape, tuned
 from ..paths.road import RoadFit
 from ..records import Array
@@ -57,6 +57,11 @@ class LocatedLine:
     scatter_px: float
     cuts: int
     used: int
+
+    def take(self, where: NDArray[np.bool_]) -> LocatedLine:
+        """Keep some of the points."""
+        return replace(self, uv_px=self.uv_px[where], std_px=self.std_px[where],
+                       s_m=self.s_m[where])
 
 
 def locate(fit: RoadFit, image: SplineImage, line: int, right: bool, ends_px: Array,
@@ -251,6 +256,3 @@ def _stretch(arc: Array, off: Array) -> Optional[tuple[float, float, float, int]
     left = np.sqrt(np.sum(weight * (off - fitted)**2) / max(count - 2, 1))
     std = float(np.hypot(left * np.sqrt(_CORRELATED / count), FLOOR_PX))
     return float(middle), float(solution[0]), std, int(round(count))
-
-
-__all__ = ['locate', 'LocatedLine', 'STEP_PX']

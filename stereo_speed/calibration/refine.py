@@ -22,18 +22,20 @@ from .turn import judged, MOST_TURN_DEG, Turn
 from ..errors import SiteError
 from ..geometry.rig import StereoRig
 from ..paths.lanes import LanePath
-from ..paths.road import RoadFit, stand_still
-from ..paths.road_problem import TurnPrior
+from ..paths.road import RoadFit, same_family
+from ..paths.road_problem import RoadProblem, TurnPrior
 from ..paths.site_extras import RigCorrection
 from ..records import Array, StereoPair
 from ..site import (
-    ALIKE_PX, fit_lines, lane_paths, one_way, picked_names, Site, SiteLine, turned_line)
+    ALIKE_PX, fit_lines, lane_paths, one_way, picked_names, picks_of, Site, SiteLine,
+    turned_line)
 
 ROUNDS = 2
 _LOOSE_RAD = np.radians(0.2)  # how far the camera may have turned while the paint is looked for
 _UNBOUND_RAD = np.radians(1.0)
 _END_STD_PX = 1.0  # of the ends of lines, which carry on what lies before them
 _END_PX = 4.0
+_FAR_SIGMAS, _MOST_DROPPED = 5.0, 0.3
 
 Found = dict[str, tuple[LocatedLine, LocatedLine]]
 
@@ -90,13 +92,12 @@ def refine_site(site: Site, rig: StereoRig, pairs: Iterable[StereoPair]) -> Refi
     for names, rough in _groups(one, rig):
         fits[names] = _find(one, (rig, names, rough), images, views, found)
     names = max(fits, key=len, default=())
-    better = _with_found(one, found)
-    turn, epipolar, road = _turn(better, rig, fits.get(names), views, names)
+    turn, epipolar, road = _turn(one, (rig, names, fits.get(names)), views, found)
     correction = RigCorrection(turn.turn_rad, turn.covariance_rad2)
-    better = replace(better, correction=correction if names else None)
+    better = replace(_with_found(one, found), correction=correction if names else None)
     now = better.corrected_rig(rig)
     if road is not None:
-        road = stand_still(road, now)
+        road = same_family(road, RoadProblem(now, road.problem.picks, road.problem.model))
     ended = replace(better, lines={n: _with_ends(line, one.lines[n], found.get(n), road, names)
                                    for n, line in better.lines.items()})
     result = replace(ended, lines={n: turned_line(line) if n in against else line
@@ -155,10 +156,15 @@ def _refined(line: SiteLine, found: Optional[tuple[LocatedLine, LocatedLine]]) -
                    right_std_px=right.std_px)
 
 
-def _turn(site: Site, rig: StereoRig, first: Optional[RoadFit],
-          views: tuple[Background, Background], names: tuple[str, ...]
+def _turn(site: Site, road: tuple[StereoRig, tuple[str, ...], Optional[RoadFit]],
+          views: tuple[Background, Background], found: Found
           ) -> tuple[Turn, Optional[Epipolar], Optional[RoadFit]]:
-    """Ask the lines and the background whether the right camera has turned."""
+    """
+    Ask the lines and the background whether the right camera has turned.
+
+    Stretches of ``found`` that lie off the road that the others make are dropped.
+    """
+    rig, names, first = road
     if first is None:
         return judged(np.zeros(3), np.eye(3) * _UNBOUND_RAD**2), None, None
     epipolar = epipolar_check(rig, (views[0].image, views[1].image), _plane(first))
@@ -168,7 +174,11 @@ def _turn(site: Site, rig: StereoRig, first: Optional[RoadFit],
         information = information + epipolar.information
         mean = np.linalg.solve(information, epipolar.information @ epipolar.turn_rad)
     prior = TurnPrior(mean, np.linalg.cholesky(information).T)
-    fit = fit_lines(site, rig, names, prior)
+    fit = fit_lines(_with_found(site, found), rig, names, prior)
+    if _dropped(fit, names, found):
+        lines = _with_found(site, found).lines
+        fit = same_family(fit, RoadProblem(rig, picks_of([lines[n] for n in names]),
+                                           fit.problem.model, prior))
     turn = judged(fit.turn_rad, fit.covariance[-3:, -3:])
     worst = int(np.argmax(np.abs(turn.turn_rad)))
     if np.degrees(abs(turn.turn_rad[worst])) > MOST_TURN_DEG:
@@ -176,6 +186,24 @@ def _turn(site: Site, rig: StereoRig, first: Optional[RoadFit],
                         'its calibration', f'{np.degrees(turn.turn_rad[worst]):+.3f} degrees',
                         f'at most {MOST_TURN_DEG}; calibrate again')
     return turn, epipolar, fit
+
+
+def _dropped(fit: RoadFit, names: tuple[str, ...], found: Found) -> bool:
+    """Drop what is far off the road: a rail's edge, a shadow's. Never much of a line."""
+    picks, any_dropped = fit.problem.picks, False
+    off = np.abs(fit.feet.residual_px) / (picks.std_px * fit.scale)
+    for number, name in enumerate(names):
+        if name not in found:
+            continue
+        kept = []
+        for right, line in enumerate(found[name]):
+            mine = off[(picks.line == number) & (picks.right == bool(right))]
+            good = mine < _FAR_SIGMAS
+            few = good.sum() < max((1 - _MOST_DROPPED) * len(good), 3)
+            kept.append(line if few else line.take(good))
+            any_dropped |= not few and not good.all()
+        found[name] = kept[0], kept[1]
+    return any_dropped
 
 
 def _plane(fit: RoadFit) -> tuple[Array, float]:

@@ -151,15 +151,15 @@ def _widened(fit: RoadFit, turns: int, bends: int) -> RoadFit:
     return _solve(RoadProblem(problem.rig, problem.picks, model, problem.turn), start)
 
 
-def stand_still(fit: RoadFit, rig: StereoRig) -> RoadFit:
+def same_family(fit: RoadFit, problem: RoadProblem) -> RoadFit:
     """
-    Fit the same family of roads to the same picks with a rig that no longer turns.
+    Fit the same family of roads again.
 
     :param fit: where to start.
-    :param rig: as it stands.
+    :param problem: with the model of ``fit``; its rig, picks or prior of a turn may be others.
     """
-    problem = fit.problem
-    return _solve(RoadProblem(rig, problem.picks, problem.model), fit.x[:problem.model.size])
+    start = fit.x[:problem.model.size]
+    return _solve(problem, start if problem.turn is None else np.append(start, fit.turn_rad))
 
 
 def fit_road(rig: StereoRig, lines: Mapping[str, tuple[Array, Array]],
