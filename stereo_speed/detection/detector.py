@@ -38,6 +38,7 @@ _NOISE_STEP = 8  # pixels between those that tell it
 _MARGIN_PX = 2.0
 _UPRIGHT_TIMES = 2.0  # upright, the views must differ so many times less than lying
 _LEAST_DOUBT = 0.005
+_MOST_SEEDS = 4  # of a lane, the best first, are looked into
 _LONG_EVERY = 3  # at every so manieth time slow vehicles are looked for
 
 
@@ -127,7 +128,7 @@ class VehicleDetector:
         return True
 
     def _reference(self, stamp_ns: int) -> Optional[PairViews]:
-        """Give the youngest pair that is old enough, at times for slow vehicles, else the oldest."""
+        """Give the youngest pair that is old enough (now and then: for the slow) or the oldest."""
         self._turn += 1
         if self._turn % _LONG_EVERY == 0:
             age_s = self.config.long_reference_s
@@ -161,7 +162,7 @@ class VehicleDetector:
         out: list[_Found] = []
         for finder in self._finders[lane]:
             free = [seed for seed in seeds if not self._held(
-                lane, seed, [*taken, *(f.place for f in out)])]
+                lane, seed, [*taken, *(f.place for f in out)])][:_MOST_SEEDS]
             faces = finder.refine(free, now, self._noise)
             for face in sorted(faces, key=lambda f: -min(f.cross_ncc, f.symmetry)):
                 place = self._place(lane, face.s_m, face.x_m, face.half_m)

@@ -27,7 +27,7 @@ HALF = 42  # samples from the axis to the edge of the window: lorries are as wid
 _SHIFTS = 4
 _FIRST_HALF_M = 0.9  # as much is looked at before the width is known
 _ASIDE_M, _CLOSE_M = 1.4, 0.3  # the axis is sought this far to either side: first, and later
-_MIDDLE_HALF_M = 0.75
+_MIDDLE = 25  # samples from the axis to the edge of what tells the axis then
 _STRIDE = 2
 _DARK = 16.0
 _ROUNDS = 5
@@ -95,8 +95,7 @@ class FaceFinder:
                 break
             if turn == 0:
                 x = self._axis(s, x, now)
-            x = self._fine_axis(s, x, now)
-            shift, half, cross, symmetry, contrast = self._look(s, x, half, now, noise)
+            x, shift, half, cross, symmetry, contrast = self._look(s, x, half, now, noise)
             settled = (np.abs(shift) < _SETTLED_M) & (turn > 0)
             done = settled & (2 * half >= self.least_width_m)
             if done.any():
@@ -151,12 +150,6 @@ class FaceFinder:
         energy, _ = mirrored(both, 2 * half + 1)
         return x + (np.argmax(energy, axis=1) - aside) * _STRIDE * GRID_M
 
-    def _fine_axis(self, s: Floats, x: Floats, now: PairViews) -> Floats:
-        """Find the axes (n,) near by about which the middle of a face is most symmetric."""
-        aside, half = round(_CLOSE_M / GRID_M), round(_MIDDLE_HALF_M / GRID_M)
-        found, most = mirrored(self._both(s, x, half + aside, now, 1), 2 * half + 1)
-        return x + (np.argmax(found / most, axis=1) - aside) * GRID_M
-
     def _both(self, s: Floats, x: Floats, half: int, now: PairViews, stride: int) -> Patches:
         """Sample both views, the rows of the right one below those of the left."""
         return np.concatenate([self.windows(s, x, half, view, right, stride)
@@ -164,23 +157,31 @@ class FaceFinder:
 
     def _look(self, s: Floats, x: Floats, half_m: Floats, now: PairViews, noise: float
               ) -> tuple[Floats, ...]:
-        """Find shift, half width, correlation, symmetry and contrast (n,) at planes s about x."""
-        left = self.windows(s, x, HALF, now.left, False)
-        right = self.windows(s, x, HALF + _SHIFTS, now.right, True)
+        """Find axis, shift, half width, correlation, symmetry and contrast (n,) of planes s."""
+        aside = round(_CLOSE_M / GRID_M)
+        both = self._both(s, x, HALF + aside + _SHIFTS, now, 1)
+        moved = _middle_axis(both[:, :, HALF + _SHIFTS - _MIDDLE:_MIDDLE - HALF - _SHIFTS])
+        x = x + (moved - aside) * GRID_M
+        width, start = 2 * HALF + 1, moved + _SHIFTS
+        left, right = cut(both[:, :ROWS], start, width), both[:, ROWS:]
         mask = _mask(half_m)
         mine = level_rows(left, mask)
         contrast = np.sqrt((mine ** 2).sum(axis=(1, 2)) / (ROWS * mask.sum(axis=1)))
-        middle = np.full(len(s), _SHIFTS)
-        scores = np.stack([
-            correlate(mine, level_rows(cut(right, middle + k, 2 * HALF + 1), mask))
-            for k in range(-_SHIFTS, _SHIFTS + 1)])
-        shift, ncc = peak(scores)
-        matched = cut(right, np.round(shift).astype(np.int64), 2 * HALF + 1)
+        scores = np.stack([correlate(mine, level_rows(cut(right, start + k, width), mask))
+                           for k in range(-_SHIFTS, _SHIFTS + 1)])
+        place, ncc = peak(scores)
+        matched = cut(right, start - _SHIFTS + np.round(place).astype(np.int64), width)
         half_m = np.minimum(_half_width(left, matched, noise) + _BEYOND_M, HALF * GRID_M)
         mask = _mask(half_m)
         symmetry = sum(correlate(v, v[:, :, ::-1]) for v in (
             level_rows(left, mask), level_rows(matched, mask))) / 2
-        return (shift - _SHIFTS) * GRID_M, half_m, ncc, np.asarray(symmetry), contrast
+        return x, (place - _SHIFTS) * GRID_M, half_m, ncc, np.asarray(symmetry), contrast
+
+
+def _middle_axis(both: Patches) -> NDArray[np.int64]:
+    """Find the windows (n,) in which the middle of a face is most symmetric."""
+    found, most = mirrored(both, 2 * _MIDDLE + 1)
+    return np.argmax(found / most, axis=1)
 
 
 def _mask(half_m: Floats) -> NDArray[np.bool_]:
