@@ -58,10 +58,13 @@ class TrackerConfig:
     drift_up_std_m: float = _p(
         0.0671, 0.0, 2.0, 'm/sqrt(s)',
         'drift above the path, sigma_B of eq. 27; 0.03 m a frame at 5 frames/s')
-    climb_std_m: float = _p(
-        0.03, 0.0, 2.0, 'm/sqrt(s)', 'drift of the front above the path over the whole pass')
-    bounce_std_m: float = _p(
-        0.03, 0.0, 0.5, 'm', 'bouncing of the front on its springs')
+    smooth_ride_std_m: float = _p(
+        0.003, 0.0005, 0.5, 'm', 'bouncing of the front on a smooth ride, and its climbing above '
+        'the path in a second')
+    rough_ride_std_m: float = _p(
+        0.03, 0.0005, 0.5, 'm', 'the same on a rough ride')
+    smooth_share: float = _p(
+        0.5, 0.0, 1.0, '', 'share of passes that ride smoothly')
     parts: int = _p(10, 4, 16, '', 'parts N_p of the front: 4, 6, 8, 10, 12 or 16')
     samples_per_part: int = _p(
         8, 4, 16, '', 'samples across and down each part; a multiple of 4')

@@ -36,6 +36,8 @@ from ..site import InitMark, LanePath
 _CONFIRM_PAIRS = 3  # pairs before a reading is worth publishing
 _MIN_NCC = 0.5  # left-right and texture agreement below this is not the vehicle
 _LOST_AFTER_S = 1.5  # long enough for a pole, and for a camera that is gone for a second
+_LEAST_WIDTH_PX = 12.0  # a rear that has become this small has left
+_BEYOND_PATH_M = 20.0  # so has what is this far beyond the end of the path
 _JITTER = 1e-12
 _DISTINCT_PER_DIM = 3
 _START_STD_PX = 0.15  # spread of the first particles in depth, in disparity
@@ -211,7 +213,11 @@ class ConstrainedTracker:
         return normalise_log_weights(self.log_weights) @ self.particles
 
     def _out_of_view(self) -> bool:
-        left, right = self._quads(self._mean()[None])
+        mean = self._mean()
+        left, right = self._quads(mean[None])
+        if np.ptp(left[0, :, 0]) < _LEAST_WIDTH_PX or \
+                mean[0] > self.lane.path.length_m + _BEYOND_PATH_M:
+            return True
         return not (inside(self.rig.left, left[0]) and inside(self.rig.right, right[0]))
 
     def _report(self, pair: StereoPair, state: TrackState) -> TrackUpdate:

@@ -9,8 +9,9 @@ errors of the heading of the path: 5 n + m + 2 numbers.
 
 Every model of motion is a Gaussian prior over them.  *Cruising* and *steady*: the speed is a
 Wiener process, of a small rate and of the paper's (2012, eq. 24).  *Changing speed*: the
-acceleration is one.  *Changing lanes*: the drift across the path (eq. 27) is large.  The images
-then say which it was, by their evidence.
+acceleration is one.  *Changing lanes*: the drift across the path (eq. 27) is large.  Each on a
+smooth ride, where the height above the path is known to millimetres and so the rows of the images
+tell the range, or on a rough one.  The images then say which it was, by their evidence.
 """
 from __future__ import annotations
 
@@ -65,22 +66,27 @@ class MotionModel:
     :param speed_rate_std: random walk of the speed, m/s/sqrt(s); None where the acceleration
         is one.
     :param across_std_m: drift across the path, m/sqrt(s).
+    :param ride_std_m: bouncing above the path, m, and climbing, m/sqrt(s).
     """
 
     share: float
     speed_rate_std: Optional[float]
     across_std_m: float
+    ride_std_m: float
 
 
 def motion_models(config: TrackerConfig) -> list[MotionModel]:
     """Give the models that a configuration allows for, the steady one first."""
     p, c = config.manoeuvre_probability, config
     steady, changing, cruise = c.drift_across_std_m, c.manoeuvre_across_std_m, c.cruise_share
-    models = [MotionModel((1 - p) ** 2 * cruise, c.cruise_rate_std, steady),
-              MotionModel((1 - p) ** 2 * (1 - cruise), c.speed_rate_std, steady),
-              MotionModel(p * (1 - p), None, steady),
-              MotionModel(p * (1 - p), c.speed_rate_std, changing),
-              MotionModel(p * p, None, changing)]
+    drives = (((1 - p) ** 2 * cruise, c.cruise_rate_std, steady),
+              ((1 - p) ** 2 * (1 - cruise), c.speed_rate_std, steady),
+              (p * (1 - p), None, steady),
+              (p * (1 - p), c.speed_rate_std, changing),
+              (p * p, None, changing))
+    rides = ((c.smooth_share, c.smooth_ride_std_m), (1 - c.smooth_share, c.rough_ride_std_m))
+    models = [MotionModel(share * ride_share, rate, across, ride_std)
+              for share, rate, across in drives for ride_share, ride_std in rides]
     return [m for m in models if m.share > 0]
 
 
@@ -154,13 +160,14 @@ class PassMotion:
         common = self._beginning(len(times_s))
         if len(times_s) < 2:
             return [common + self._along(times_s, state, m.speed_rate_std) for m in models]
-        common = common + self._beside(times_s, state, 1, self.config.climb_std_m,
-                                       self.config.bounce_std_m)
+        up = {ride: common + self._beside(times_s, state, 1, ride, ride)
+              for ride in {m.ride_std_m for m in models}}
         across = {drift: self._beside(times_s, state, 0, drift, 0.0)
                   for drift in {m.across_std_m for m in models}}
         along = {rate: self._along(times_s, state, rate)
                  for rate in {m.speed_rate_std for m in models}}
-        return [common + across[m.across_std_m] + along[m.speed_rate_std] for m in models]
+        return [up[m.ride_std_m] + across[m.across_std_m] + along[m.speed_rate_std]
+                for m in models]
 
     def _beginning(self, looks: int) -> NormalEquations:
         """Write down how the pass begins, and what is static in it."""

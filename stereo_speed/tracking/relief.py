@@ -14,7 +14,7 @@ import numpy as np
 from ..records import Array
 
 NODES = (8, 4)  # across and down the front
-STD_M = 0.06  # of the relief at a node
+STD_M = 0.04  # of the relief at a node
 
 
 def relief_basis(unit_xy: Array) -> Array:

@@ -58,7 +58,7 @@ def test_motion_model_is_the_kalman_smoother_of_the_same_process():
     n = len(TIMES_S)
     measured, info, right = measurements(n)
     standing = np.zeros((n, 4))  # no heading error to share
-    prior, = pass_motion().equations(TIMES_S, standing, [MotionModel(1.0, RATE, 0.2)])
+    prior, = pass_motion().equations(TIMES_S, standing, [MotionModel(1.0, RATE, 0.2, 0.03)])
     mean, covariance, _ = condition(prior, info, right)
     for k, (x, P) in enumerate(kalman_smoother(measured)):
         at = [3 * k, 3 * n + k]
@@ -70,7 +70,7 @@ def test_changing_speed_is_the_integrated_wiener_process_of_its_acceleration():
     """Covariances of (s, v, a) at any two times in closed form, s(0), v(0), a(0) independent."""
     n, jerk, a_std = len(TIMES_S), 3.0, 1.5
     motion = pass_motion(jerk_rate_std=jerk, acceleration_std_mps2=a_std)
-    prior, = motion.equations(TIMES_S, np.zeros((n, 4)), [MotionModel(1.0, None, 0.2)])
+    prior, = motion.equations(TIMES_S, np.zeros((n, 4)), [MotionModel(1.0, None, 0.2, 0.03)])
     covariance = np.linalg.inv(prior.H)
     for k, t in enumerate(TIMES_S):
         F = np.array([[1, t, t * t / 2], [0, 1, t], [0, 0, 1]])
@@ -88,7 +88,7 @@ def test_stamps_off_by_a_millisecond_cost_what_brute_force_says():
     _, info, right = measurements(n)
     info[info > 0], state = 1e12, np.tile([0.0, 0, 0, v], (n, 1))
     state[:, 0] = 0.0
-    prior, = pass_motion(jitter).equations(TIMES_S, state, [MotionModel(1.0, 1e-3, 0.2)])
+    prior, = pass_motion(jitter).equations(TIMES_S, state, [MotionModel(1.0, 1e-3, 0.2, 0.03)])
     covariance = condition(prior, info, right * 0)[1]
     rng = np.random.default_rng(3)
     slopes = [np.polyfit(TIMES_S, v * rng.normal(0, jitter, n), 1)[0] for _ in range(4000)]
