@@ -23,7 +23,10 @@ from .common import (Diagnostics, image_message, PAIR_TOPIC, Parameters, qos_opt
                      run, stamp_ns)
 from .messages import deletions, markers, odometry, path_markers
 from .pair import pair_from_message
+from ..calibration.refine import refine_site
+from ..calibration.report import report, told
 from ..errors import CalibrationError, InputError
+from ..geometry.rig import StereoRig
 from ..io.camera_info import rig_from_info, same_calibration
 from ..pipeline import SpeedPipeline, TRACKERS
 from ..records import PassResult, StereoPair, TrackUpdate
@@ -32,6 +35,7 @@ from ..site import lane_paths, load_init, load_site
 from ..units import KMH_MPS, MPH_MPS
 
 _WAITING_PAIRS = 50  # pairs kept until both calibrations have come
+MOST_REFINE_PAIRS = 200
 
 
 class TrackerNode(Node):
@@ -45,6 +49,9 @@ class TrackerNode(Node):
                                'without it they are found automatically')
         self.seed = p.get('seed', 0, 'seed of all randomness', 0, 2 ** 31 - 1)
         self.tracker = p.get('tracker', 'constrained', 'tracker: ' + ', '.join(TRACKERS))
+        self.refine_pairs = p.get('refine_site_pairs', 0, 'refine the site by the images of the '
+                                  'first so many pairs, which takes seconds; 0 takes it as it is',
+                                  0, MOST_REFINE_PAIRS)
         self.config = p.config()
         where = f'{self.get_name()}: parameter'
         if not site:
@@ -55,7 +62,8 @@ class TrackerNode(Node):
         self.marks = load_init(self.init_path) if self.init_path else None
         self.infos: dict[str, CameraInfo] = {}
         self.pipeline: Optional[SpeedPipeline] = None
-        self.waiting: deque[Image] = deque(maxlen=_WAITING_PAIRS)
+        self.waiting: deque[Image] = deque()
+        self.rig: Optional[StereoRig] = None
         self.index, self.last_ns, self.resets, self.passes = 0, -1, 0, 0
         self._publish_and_subscribe()
         self.diagnostics = Diagnostics(self, self.state)
@@ -82,7 +90,7 @@ class TrackerNode(Node):
 
     def on_info(self, side: str, msg: CameraInfo) -> None:
         """
-        Take a calibration; with both, build the pipeline.
+        Take a calibration; with both, the rig is known.
 
         :raises InputError: a calibration, site or mark that cannot be used, or another
             calibration than before.
@@ -91,24 +99,39 @@ class TrackerNode(Node):
         if not same_calibration(known, msg):
             raise CalibrationError(f'{side}/camera_info', 'calibration', 'another one',
                                    'the one measuring began with; start the node anew')
-        if self.pipeline is None and len(self.infos) == 2:
-            rig = rig_from_info(self.infos['left'], self.infos['right'], 'camera_info')
-            self.pipeline = SpeedPipeline(
-                rig, lane_paths(self.site, rig), self.config, self.marks, seed=self.seed,
-                tracker=self.tracker, where=self.init_path)
-            while self.waiting:
-                self.process(self.pipeline, self.waiting.popleft())
+        if self.rig is None and len(self.infos) == 2:
+            self.rig = rig_from_info(self.infos['left'], self.infos['right'], 'camera_info')
+            self.begin()
 
     def on_pair(self, msg: Image) -> None:
-        """Take a pair, or keep it until both calibrations have come."""
-        if self.pipeline is None:
-            if len(self.waiting) == _WAITING_PAIRS:
-                raise InputError(self.get_name(), 'left/camera_info and right/camera_info',
-                                 f'{sorted(self.infos) or "neither"} after {_WAITING_PAIRS} '
-                                 'pairs', 'both calibrations')
-            self.waiting.append(msg)
-        else:
+        """Take a pair, or keep it until there is all it takes to measure."""
+        if self.pipeline is not None:
             self.process(self.pipeline, msg)
+            return
+        if self.rig is None and len(self.waiting) == _WAITING_PAIRS:
+            raise InputError(self.get_name(), 'left/camera_info and right/camera_info',
+                             f'{sorted(self.infos) or "neither"} after {_WAITING_PAIRS} '
+                             'pairs', 'both calibrations')
+        self.waiting.append(msg)
+        self.begin()
+
+    def begin(self) -> None:
+        """Build the pipeline once the rig is known, and the pairs to refine the site have come."""
+        if self.rig is None or len(self.waiting) < self.refine_pairs:
+            return
+        site, rig = self.site, self.rig
+        if self.refine_pairs:
+            pairs = [pair_from_message(msg, k) for k, msg in enumerate(self.waiting)]
+            refined = refine_site(site, rig, pairs)
+            for line in told(refined, report(refined)):
+                self.get_logger().info(line)
+            site = refined.site
+        rig = site.corrected_rig(rig)
+        self.pipeline = SpeedPipeline(
+            rig, lane_paths(site, rig), self.config, self.marks, seed=self.seed,
+            tracker=self.tracker, where=self.init_path)
+        while self.waiting:
+            self.process(self.pipeline, self.waiting.popleft())
 
     # -- measuring ------------------------------------------------------------------------
 
@@ -166,7 +189,8 @@ class TrackerNode(Node):
     def state(self) -> tuple[bytes, str, dict[str, Any]]:
         """Level, message and counts for ``/diagnostics``."""
         ready = self.pipeline is not None
-        message = 'measuring' if ready else 'waiting for camera_info'
+        message = 'measuring' if ready else (
+            'waiting for camera_info' if self.rig is None else 'waiting to refine the site')
         return (b'\x00' if ready else b'\x01'), message, {
             'pairs': self.index, 'passes': self.passes, 'resets': self.resets,
             'waiting': len(self.waiting)}

@@ -80,6 +80,34 @@ def test_a_replay_that_starts_over_gives_a_new_vehicle_and_the_same_speeds(sampl
         assert a[2] == pytest.approx(b[2], abs=0.1)
 
 
+def test_vehicles_found_on_a_site_refined_at_start_read_as_replay_does(sample, tmp_path):
+    """Nobody has marked anything: the node refines the site by its first pairs and finds."""
+    from stereo_speed.nodes.demo_listener import Listener
+    assert main(['replay', str(sample / 'bag'), '--site', str(sample / 'site.yaml'),
+                 '--refine-site', '--out', str(tmp_path), '--no-plots']) == 0
+    rows = list(csv.DictReader((tmp_path / 'tracks.csv').open()))
+    wanted = {int(r['stamp_ns']): r for r in rows if r['state'] == 'confirmed'}
+    readings = []
+    listener = Listener(lambda *reading: readings.append(reading), lambda *frame: None)
+    reliable = [f'qos_overrides./{side}/image_raw.subscription.reliability:=reliable'
+                for side in ('left', 'right')]
+    try:
+        with Process('stereo_sync_node', *reliable), Process('speed_node'), \
+                Process('tracker_node', f'site:={sample / "site.yaml"}',
+                        'refine_site_pairs:=12'):
+            assert listener.spin(STARTUP_S, lambda: not listener.missing_wires())
+            listener.spin(0.5, lambda: False)
+            with Process('replay_node', f'bag:={sample / "bag"}', 'rate:=5'):
+                assert listener.spin(STARTUP_S, lambda: len(readings) >= len(wanted))
+    finally:
+        listener.close()
+    assert [r[0] for r in readings] == sorted(wanted)
+    for ns, vehicle, speed, std in readings:
+        assert vehicle == 'vehicle_' + wanted[ns]['track']
+        assert speed == pytest.approx(float(wanted[ns]['speed_mps']), abs=1e-5)
+        assert std == pytest.approx(float(wanted[ns]['speed_std_mps']), abs=1e-5)
+
+
 @pytest.fixture()
 def rig_node():
     """Stand in for the cameras and listen to the pairs."""
