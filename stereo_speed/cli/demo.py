@@ -3,9 +3,10 @@
 """
 ``demo``: the main job on the sample, live and offline, side by side.
 
-The nodes run as separate processes over real DDS, on a domain of their own and on this machine
-only; the sample bag is played in real time; a listener reads ``/vehicle_speed`` as any other
-user's node would.
+First the site is refined by the sample's own images.  Then the nodes find and measure the vehicle
+by themselves: they run as separate processes over real DDS, on a domain of their own and on this
+machine only; the sample bag is played in real time; a listener reads ``/vehicle_speed`` as any
+other user's node would.
 """
 from __future__ import annotations
 
@@ -16,12 +17,14 @@ import os
 from pathlib import Path
 import subprocess
 import sys
-from typing import Any, Sequence
+from typing import Any, Optional, Sequence
 
 import cv2
 import numpy as np
 
 from .replay import measure, print_table, Run
+from .site import refined_from_bag, write_pictures, write_site
+from ..calibration.report import report, told
 from ..config import TrackerConfig
 from ..errors import StereoSpeedError
 from ..io.bags import StereoBag
@@ -29,7 +32,7 @@ from ..pipeline import SpeedPipeline
 from ..records import TrackState
 from ..report.overlay import strip
 from ..report.plots import write_plots
-from ..site import lane_paths, load_init, load_site
+from ..site import lane_paths, load_site
 from ..units import MPH_MPS
 
 _ROOT = Path(__file__).resolve().parents[2]
@@ -56,14 +59,15 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measure offline, then live; compare both with the truth and with each other."""
+    """Refine the site, measure offline, then live; compare with the truth and each other."""
     sample: Path = args.sample
     args.out.mkdir(parents=True, exist_ok=True)
     truth = read_truth(sample / 'truth.csv')
-    offline, lanes = _offline(sample)
+    site = _refined_site(sample, args.out)
+    offline, lanes = _offline(sample, site)
     expected = {u.stamp_ns: u.speed_mps for u in offline.updates
                 if u.state is TrackState.CONFIRMED}
-    readings, frames = live(sample, len(expected), args.rate, truth)
+    readings, frames = live(sample, site, len(expected), args.rate, truth)
     write_plots(args.out, offline.updates, offline.passes, lanes, truth={'truth': truth})
     write_frames(args.out, frames)
     print('\nthe whole pass, offline:')
@@ -85,20 +89,34 @@ def read_truth(path: Path) -> list[tuple[int, float]]:
                 for row in csv.DictReader(file) if row['vehicle'] == '0']
 
 
-def _offline(sample: Path) -> tuple[Run, Any]:
+def _refined_site(sample: Path, out: Path) -> Path:
+    """Refine the clicked site by the images; give the file it is in."""
+    refined = refined_from_bag(load_site(sample / 'site.yaml'), sample / 'bag')
+    print('the site, refined by the images of the bag:')
+    for line in told(refined, report(refined)):
+        print(line)
+    write_site(out / 'site.yaml', refined.site)
+    write_pictures(out, refined)
+    return out / 'site.yaml'
+
+
+def _offline(sample: Path, site: Path) -> tuple[Run, Any]:
     """Run the same bag through the pipeline in this process."""
     with StereoBag(sample / 'bag') as bag:
-        lanes = lane_paths(load_site(sample / 'site.yaml'), bag.rig)
-        pipeline = SpeedPipeline(bag.rig, lanes, TrackerConfig(),
-                                 load_init(sample / 'init.yaml'))
+        read = load_site(site)
+        bag.rig = read.corrected_rig(bag.rig)
+        lanes = lane_paths(read, bag.rig)
+        pipeline = SpeedPipeline(bag.rig, lanes, TrackerConfig(), None)
         return measure(bag, pipeline, lanes, keep_frames=False), lanes
 
 
-def live(sample: Path, wanted: int, rate: float, truth: Sequence[tuple[int, float]]
-         ) -> tuple[list[Reading], dict[int, Any]]:
+def live(sample: Path, site: Path, wanted: int, rate: float, truth: Sequence[tuple[int, float]],
+         *, init: Optional[Path] = None) -> tuple[list[Reading], dict[int, Any]]:
     """
     Play the sample through the nodes.
 
+    :param site: site file.
+    :param init: init file; None has the vehicles found.
     :param wanted: readings to wait for.
     :param rate: pace of the replay.
     :param truth: stamps and speeds to print beside the readings.
@@ -121,7 +139,7 @@ def live(sample: Path, wanted: int, rate: float, truth: Sequence[tuple[int, floa
     with ExitStack() as stack:
         nodes = [stack.enter_context(Process(*command)) for command in (
             ('stereo_sync_node', *_RELIABLE),
-            ('tracker_node', f'site:={sample / "site.yaml"}', f'init:={sample / "init.yaml"}'),
+            ('tracker_node', f'site:={site}', *([] if init is None else [f'init:={init}'])),
             ('speed_node',))]
         listener = Listener(on_reading, lambda ns, image: frames.setdefault(ns, image))
         stack.callback(listener.close)
@@ -129,7 +147,7 @@ def live(sample: Path, wanted: int, rate: float, truth: Sequence[tuple[int, floa
             raise DemoError(f'demo: graph: found nothing on {", ".join(listener.missing_wires())}'
                             f' after {_START_S:.0f} s, wanted all nodes connected')
         listener.spin(_SETTLE_S, lambda: False)
-        print('nodes connected; readings on /vehicle_speed:')
+        print('\nnodes connected; readings on /vehicle_speed:')
         replay = stack.enter_context(Process('replay_node', f'bag:={sample / "bag"}',
                                              f'rate:={rate}'))
         # The replay waits for its subscribers, plays for the bag's length, and ends.

@@ -244,8 +244,8 @@ def print_lanes(lanes: Mapping[str, LanePath]) -> None:
     for lane in lanes.values():
         q = path_quality(lane)
         print(f'{lane.name}: path of {q["length_m"]:.1f} m, picks {q["residual_px"]:.2f} px '
-              f'r.m.s. off it, heading ± {q["heading_std_across_deg"]:.3f}° across '
-              f'and ± {q["heading_std_up_deg"]:.3f}° up')
+              f'r.m.s. off it, heading ± {q["heading_std_across_deg"]:.4f}° across '
+              f'and ± {q["heading_std_up_deg"]:.4f}° up')
 
 
 def _sha256(path: Path) -> str:
@@ -286,5 +286,11 @@ def print_table(passes: Sequence[PassResult]) -> None:
                 return '-'
             return f'{p.speed_mps / unit:.2f} ± {p.speed_std_mps / unit:.2f}'
         reason = f' ({p.reason})' if p.reason else ''
-        print(f'{p.track:>5}  {p.lane:<12} {shown(MPH_MPS):>14} {shown(KMH_MPS):>14}  '
+        lane = p.lane if p.lane_to == p.lane else f'{p.lane} > {p.lane_to}'
+        print(f'{p.track:>5}  {lane:<12} {shown(MPH_MPS):>14} {shown(KMH_MPS):>14}  '
               f'{p.verdict.value}{reason}')
+        if p.budget is not None:
+            print(f'       1-sigma in mph: {p.budget.matching_mps / MPH_MPS:.3f} matching, '
+                  f'{p.budget.path_mps / MPH_MPS:.3f} path, '
+                  f'{p.budget.stamps_mps / MPH_MPS:.3f} stamps, '
+                  f'{p.budget.calibration_mps / MPH_MPS:.3f} calibration')
