@@ -21,8 +21,8 @@ from .looks import Look
 from ..records import Array
 
 _INDEPENDENT = 0.35  # share of independent samples after the low-pass of a look
-_MATCH_FLOOR_PX = 0.015  # systematic matching error of one look between the views
-_TEXTURE_FLOOR_PX = 0.03  # systematic error of one look against the texture: relief, light
+_MATCH_FLOOR_PX = 0.0125  # systematic matching error of one look between the views
+_TEXTURE_FLOOR_PX = 0.025  # systematic error of one look against the texture: relief, light
 _MIN_TEXTURE_NCC = 0.5  # looks that agree less with the texture are occluded: not used
 _LEAST_VARIANCE = 1e-4
 
