@@ -118,12 +118,26 @@ class CloudTracker(Baseline):
         """Keep the cloud's moments for the whole pass."""
         mean, cov = self._moments()
         if self.filtered:
+            tries = self.config.manoeuvre_probability
+            along = np.sqrt((1 - tries) * self.config.speed_rate_std ** 2
+                            + tries * self.settings.along_rate_std ** 2)
             rate = directional_rate(
-                mean[3:] + 1e-6, self._mean_axes()[:, 2], self.config.speed_rate_std,
+                mean[3:] + 1e-6, self._mean_axes()[:, 2], float(along),
                 self.settings.turn_rate_std, self.settings.climb_rate_std)
             self.steps.append(transition(self._dt_s, rate))
         self.filtered.append(Gaussian(mean, cov + _LEAST_SPREAD * np.eye(6)))
         self.seen.append(seen)
+
+    def _manoeuvres(self, usual_std: float, unusual_std: float) -> Array:
+        """
+        Draw the deviation of each particle's noise: a few of them try a manoeuvre.
+
+        Without them a cloud has no particle where a braking vehicle goes, and never recovers.
+
+        :return: (N,).
+        """
+        tries = self.rng.random(len(self.states)) < self.config.manoeuvre_probability
+        return np.where(tries, max(usual_std, unusual_std), usual_std)
 
     # -- what is told -----------------------------------------------------------------------
 

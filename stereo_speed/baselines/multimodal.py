@@ -7,10 +7,11 @@ R. Munoz-Salinas, M. Garcia-Silvente, R. Medina Carnicer, "Adaptive multi-modal 
 tracking without background modelling", J. Visual Communication and Image Representation 19(2),
 2008, with the two changes that the 2012 paper makes to compare it (Section V-A): the front is a
 quadrangle, and the depth map is taken against the front's plane, which stands across the path.
-The dynamics are those of our tracker (2012, eq. 24, 27), as the paper has it.
+The dynamics are those of our tracker (2012, eq. 24, 27), as the paper has it; its models of
+manoeuvres become the share of particles that try one.
 
-- Disparity: semi-global matching around the front; the mean difference to the particle's plane.
-  Its weight in the likelihood is the share of the front that has a disparity at all, the
+- Disparity: semi-global matching around the front; the median difference to the particle's
+  plane (the mean in their paper: background at the front's edges would bias it).  Its weight in the likelihood is the share of the front that has a disparity at all, the
   confidence that gives the method its name of adaptive.
 - Colour: histograms in both views against references that adapt.  The images carry grey levels
   only, and so do the histograms.
@@ -27,16 +28,17 @@ from .cloud import CloudTracker
 from .cues import histograms, likeness, outline_gradient
 from .rectify import Rectifier
 from ..features.haar import PartGrid
-from ..filtering.weights import normalise_log_weights
 from ..records import Array, StereoPair
 from ..tracking.front import plane_points
 
 _LEAST_LIKENESS = 0.7
+_LEARN = 0.1  # share of a pair in the references: histograms do not change with the scale
 _SPAN_PX = 6.0  # disparities looked for beyond those of the particles
-_CLIP_PX = 2.0  # a sample further off than this is another thing
 _MARGIN_PX = 8
+_LEAST_SHARE = 0.1  # of the front that must have a disparity
 _GRID = np.stack(np.meshgrid((np.arange(8) + 0.5) / 8 - 0.5, (np.arange(5) + 0.5) / 5 - 0.5),
                  axis=-1).reshape(-1, 2)  # samples of the front, as shares of its size
+_STEP_M = np.array([0.05, 0.0, 0.0])  # of the central differences along the path
 _TAIL = 0.01  # share of far-off particles that do not widen the region looked at
 
 
@@ -71,9 +73,10 @@ class MultimodalTracker(CloudTracker):
         c, root = self.config, np.sqrt(dt_s)
         s, a, b, v = self.states.T
         noise = self.rng.standard_normal((3, len(s))) * root
-        v_next = v + c.speed_rate_std * noise[2]
+        v_next = v + self._manoeuvres(c.speed_rate_std, self.settings.along_rate_std) * noise[2]
+        across = self._manoeuvres(c.drift_across_std_m, c.manoeuvre_across_std_m)
         self.states = np.column_stack([
-            s + 0.5 * (v + v_next) * dt_s, a + c.drift_across_std_m * noise[0],
+            s + 0.5 * (v + v_next) * dt_s, a + across * noise[0],
             b + c.drift_up_std_m * noise[1], v_next])
 
     def _score(self, pair: StereoPair, lag_s: float) -> Array:
@@ -109,15 +112,17 @@ class MultimodalTracker(CloudTracker):
         found = self.rectifier.disparity(pair.left, pair.right, low, high,
                                          (span[0] - _SPAN_PX, span[1] + _SPAN_PX))
         off = _nearest(found, uv - low) - expected
-        some = np.isfinite(off)
-        count = some.sum(axis=1)
-        mean = np.where(some, np.clip(off, -_CLIP_PX, _CLIP_PX), 0).sum(axis=1) / np.maximum(
-            count, 1)
-        confidence = count / off.shape[1]
-        return np.asarray(-0.5 * confidence * np.square(mean / self.settings.disparity_std_px))
+        share = np.isfinite(off).mean(axis=1)
+        enough = share > _LEAST_SHARE
+        if not enough.any():
+            return np.zeros(len(enough))
+        square = np.square(np.nanmedian(off[enough], axis=1) / self.settings.disparity_std_px)
+        score = np.full(len(off), -0.5 * float(square.max()))  # no depth is no merit
+        score[enough] = -0.5 * square
+        return score * float(share.mean())
 
     def _accept(self, pair: StereoPair, lag_s: float) -> bool:
-        """Look at the mean state: blend it into the references (eq. 14), or disown it."""
+        """Look at the mean state: blend it into the references, or disown it."""
         found = [self._histograms(image, q)[0] for image, q in
                  zip((pair.left, pair.right), self._mean_quads(lag_s))]
         if self.references is None:
@@ -125,8 +130,7 @@ class MultimodalTracker(CloudTracker):
             return True
         if min(float(likeness(f, g)) for f, g in zip(found, self.references)) < _LEAST_LIKENESS:
             return False
-        keep = self.config.reference_epsilon
-        left, right = (keep * g + (1 - keep) * f for f, g in zip(found, self.references))
+        left, right = (_LEARN * f + (1 - _LEARN) * g for f, g in zip(found, self.references))
         self.references = left, right
         return True
 
@@ -150,9 +154,9 @@ class MultimodalTracker(CloudTracker):
         return plane_points(self.lane.path, states[:, :3], np.zeros((1, 2)))[:, 0]
 
     def _velocities(self, states: Array) -> Array:
-        weights = normalise_log_weights(self.log_weights)
-        stretch = self.start.front.stretch(weights @ self.states[:, :3])
-        return stretch * states[:, 3:4] * self.lane.path.tangent(states[:, 0])
+        ahead, behind = (plane_points(self.lane.path, states[:, :3] + step, np.zeros((1, 2)))
+                         for step in (_STEP_M, -_STEP_M))
+        return states[:, 3:4] * (ahead - behind)[:, 0] / (2 * _STEP_M[0])
 
 
 def _nearest(image: NDArray[np.float32], uv: Array) -> Array:

@@ -21,17 +21,19 @@ from .constant_velocity import (
     correct, directional_rate, distance2, Gaussian, predict, Transition, transition)
 from .hartley_sturm import triangulate
 from .places import Place, place_of_front
-from .points import Aim, Points, PointSource
+from .points import Aim, near_quad, Points, PointSource
 from .profile import Profile, smoothed_profile
 from ..paths.base import frame_of
 from ..records import Array, StereoPair
 
-_GATE = 30.0  # squared Mahalanobis distance beyond which it is not the vehicle
+_GATE = 16.3  # squared Mahalanobis distance: one in a thousand is beyond
+_LEEWAY_M = 0.2  # jolts of the vehicle or the cameras, which no model of motion foresees
 _SLOW_MPS = 2.0  # what hardly moves keeps its heading
 _SIDE_SHARE = 0.1  # 1-sigma of the first velocity across the lane, as a share
 _UP_SHARE = 0.02
 _INLIER_PX = 1.5
 _LEAST_LINKS = 3
+_SLACK_SIGMAS = 2.5
 
 
 class PointTracker(Baseline):
@@ -81,7 +83,7 @@ class PointTracker(Baseline):
         if np.linalg.norm(velocity) > _SLOW_MPS:
             self.axes = frame_of(velocity / np.linalg.norm(velocity), self.up)
         rate = directional_rate(
-            self.axes[:, 0], self.up, self.config.speed_rate_std, self.settings.turn_rate_std,
+            self.axes[:, 0], self.up, self.settings.along_rate_std, self.settings.turn_rate_std,
             self.settings.climb_rate_std)
         self._step = transition(dt_s, rate)
         self.belief = predict(self.belief, self._step)
@@ -100,21 +102,33 @@ class PointTracker(Baseline):
         shift = self._late_px(lag_s)
         aim = Aim(left, right + shift, self.before, self._slack_px(float(np.ptp(left[:, 0]))))
         found = self.source.observe(pair, aim)
-        points, centre_px = self._linked(found)
+        predicted = self.rig.project(self.belief.mean[None, :3])[0][0]
+        points, centre_px = self._linked(found, predicted)
+        # What lies around the front is background, which must not be taken along.
+        points = points.only(near_quad(points.left, left + (centre_px - predicted), 1.0))
         both = points.only(points.matched)
         xyz = triangulate(self.rig, both.left, both.right - shift)
         good = np.isfinite(xyz).all(axis=1)
         both, xyz = both.only(good), xyz[good]
         place = place_of_front(self.rig, xyz, centre_px, self.axes[:, 0], self.std_px)
-        if place is None or distance2(self.belief, place.mean, place.cov) > _GATE:
-            self.centre_px = self.rig.project(self.belief.mean[None, :3])[0][0]
-            self.before = left
+        self.before = left  # the source looked there; overwritten when the vehicle is there
+        if place is None or self._unlikely(place):
             return False
+        place = self._on_springs(place)
         self.belief = correct(self.belief, place.mean, place.cov)
         self._take_in(both.ids[place.used], xyz[place.used], place, pair)
         self.points, self.place, self.centre_px = points, place, centre_px
         self.before = self._quads(self.belief.mean[:3])[0]
         return True
+
+    def _unlikely(self, place: Place) -> bool:
+        """Whether a place is too far from the expected one to be the same vehicle's."""
+        return distance2(self.belief, place.mean, place.cov + _LEEWAY_M ** 2 * np.eye(3)) > _GATE
+
+    def _on_springs(self, place: Place) -> Place:
+        """Allow for a front that bounces: its height is not that of the vehicle's way."""
+        bounce = self.settings.bounce_std_m ** 2 * np.outer(self.up, self.up)
+        return Place(place.mean, place.cov + bounce, place.used)
 
     def _take_in(self, ids: NDArray[np.int64], xyz: Array, place: Place,
                  pair: StereoPair) -> None:
@@ -127,13 +141,13 @@ class PointTracker(Baseline):
         :param pair: the pair.
         """
 
-    def _linked(self, found: Points) -> tuple[Points, Array]:
+    def _linked(self, found: Points, predicted: Array) -> tuple[Points, Array]:
         """
         Carry the front's centre on by the points seen before; drop those that moved otherwise.
 
+        :param predicted: (2,) where the centre is expected in the raw left view, px.
         :return: the points that are left and the centre (2,) in the raw left view, px.
         """
-        predicted = self.rig.project(self.belief.mean[None, :3])[0][0]
         if self.points is None:
             return found, self.centre_px
         _, a, b = np.intersect1d(self.points.ids, found.ids, return_indices=True)
@@ -165,13 +179,13 @@ class PointTracker(Baseline):
         return np.asarray(at[1] - at[0])
 
     def _slack_px(self, width_px: float) -> float:
-        """Two sigmas of the predicted place, as seen in the left view."""
+        """How far the front may be from where it is expected in the left view."""
         values, vectors = np.linalg.eigh(self.belief.cov[:3, :3])
-        step = 2 * np.sqrt(max(float(values[-1]), 0.0)) * vectors[:, -1]
-        uv = self.rig.project(self.belief.mean[:3] + np.stack([step, -step]))[0]
-        off = np.linalg.norm(uv - self.rig.project(self.belief.mean[None, :3])[0], axis=1)
+        steps = _SLACK_SIGMAS * np.sqrt(np.maximum(values, 0.0)) * vectors
+        uv = self.rig.project(self.belief.mean[:3] + np.concatenate([[0 * values], steps.T]))[0]
+        off = np.linalg.norm(uv[1:] - uv[0], axis=1)
         far = float(off.max()) if np.isfinite(off).all() else width_px
-        return 1.0 + min(far, 0.5 * width_px)
+        return 2.0 + min(far, 0.5 * width_px)
 
     # -- what is told -----------------------------------------------------------------------
 

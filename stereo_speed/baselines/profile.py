@@ -4,9 +4,9 @@
 The speed profile of a whole pass.
 
 Trackers that filter are smoothed backwards in time.  What only triangulates has positions and
-nothing else: a polynomial of the time goes through them by generalised least squares, of the
-degree that the Bayesian information criterion chooses (G. Schwarz, Annals of Statistics 6(2),
-1978), so that bends and braking fit and noise does not.
+nothing else: the speeds between them are fitted by a polynomial of the time, by generalised least
+squares, of the degree that the Bayesian information criterion chooses (G. Schwarz, Annals of
+Statistics 6(2), 1978), so that braking fits and noise does not.
 """
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ import numpy as np
 from .constant_velocity import Gaussian, smooth, Transition
 from ..records import Array
 
-_DEGREES = (1, 2, 3)
+_DEGREES = (0, 1, 2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,35 +52,47 @@ def smoothed_profile(filtered: Sequence[Gaussian], steps: Sequence[Transition],
 
 def fitted_profile(times_s: Array, places_m: Array, covs: Array) -> Profile:
     """
-    Fit a polynomial through positions.
+    Fit a polynomial of the time to the speeds between positions.
+
+    Neighbouring speeds share a position, so their errors hang together: the covariance of all is
+    D V D^T, with V the variances of the positions along the motion and D their differences.
 
     :param times_s: (n,), n >= 2.
     :param places_m: (n, 3).
     :param covs: (n, 3, 3) of the positions.
     """
+    dt, steps = np.diff(times_s), np.diff(places_m, axis=0)
+    way = np.linalg.norm(steps, axis=1)
+    along = steps / np.maximum(way, 1e-9)[:, None]
+    along = np.concatenate([along[:1], along])
+    differences = np.diff(np.eye(len(times_s)), axis=0) / dt[:, None]
+    variance = np.einsum('ni,nij,nj->n', along, covs, along)
+    noise = differences @ np.diag(variance) @ differences.T
     span = max(float(np.ptp(times_s)), 1e-9)
     t = (times_s - times_s.mean()) / span
-    white = np.linalg.inv(np.linalg.cholesky(covs))
-    n, best = len(t), (np.inf, np.zeros(0), np.zeros((0, 0)), 1)
-    for degree in (d for d in _DEGREES if d < n):
-        rows = np.einsum('nij,nk->nikj', white, np.vander(t, degree + 1, increasing=True))
-        design = rows.reshape(3 * n, 3 * (degree + 1))  # unknowns: (power, axis)
-        wanted = np.einsum('nij,nj->ni', white, places_m).reshape(-1)
-        cov = np.linalg.inv(design.T @ design)
-        x = cov @ (design.T @ wanted)
-        left = wanted - design @ x
-        score = float(left @ left) + len(x) * np.log(3 * n)
-        # Errors larger than told show in the residuals.
-        inflation = max(float(left @ left) / max(3 * n - len(x), 1), 1.0)
-        if score < best[0]:
-            best = score, x, cov * inflation, degree
-    _, x, cov, degree = best
-    powers = np.arange(1, degree + 1)
-    slope = np.column_stack([0 * t, powers * t[:, None] ** (powers - 1)]) / span
-    rate = np.einsum('nk,ij->nikj', slope, np.eye(3)).reshape(n, 3, -1)
-    velocity = rate @ x
-    joint = np.einsum('aip,pq,bjq->abij', rate, cov, rate)
-    return _profile(velocity, joint)
+    middle = 0.5 * (t[1:] + t[:-1])
+    fits = [_fit(middle, way / dt, noise, degree) for degree in _DEGREES if degree < len(way)]
+    x, cov, _ = min(fits, key=lambda fit: fit[2])
+    design = np.vander(t, len(x), increasing=True)
+    joint = design @ cov @ design.T
+    return Profile(design @ x, np.sqrt(np.diag(joint)), float(np.sqrt(joint.mean())))
+
+
+def _fit(t: Array, values: Array, noise: Array, degree: int) -> tuple[Array, Array, float]:
+    """
+    Fit one polynomial by generalised least squares.
+
+    :param noise: (n, n) covariance of the values.
+    :return: coefficients, their covariance and the information criterion.
+    """
+    white = np.linalg.inv(np.linalg.cholesky(noise))
+    design, wanted = white @ np.vander(t, degree + 1, increasing=True), white @ values
+    cov = np.linalg.inv(design.T @ design)
+    x = cov @ (design.T @ wanted)
+    rest = float(np.sum(np.square(wanted - design @ x)))
+    # Errors larger than told show in what is left.
+    inflation = max(rest / max(len(t) - len(x), 1), 1.0)
+    return x, cov * inflation, rest + len(x) * float(np.log(len(t)))
 
 
 def _profile(velocity: Array, joint: Array) -> Profile:

@@ -29,21 +29,25 @@ class BaselineSettings:
     feature_std_px: float = _p(
         0.5, 0.01, 10.0, 'px', 'matching error of a local feature in each view (2012, Section V-A)')
     flow_std_px: float = _p(
-        0.2, 0.01, 10.0, 'px', 'matching error of a point followed by optical flow in each view')
+        0.1, 0.01, 10.0, 'px', 'matching error of a point followed by optical flow in each view')
+    along_rate_std: float = _p(
+        1.0, 0.0, 20.0, 'm/s/sqrt(s)', 'random walk of the velocity along itself: braking')
     turn_rate_std: float = _p(
         3.0, 0.0, 20.0, 'm/s/sqrt(s)', 'random walk of the velocity across itself, level: bends')
     climb_rate_std: float = _p(
         0.3, 0.0, 20.0, 'm/s/sqrt(s)', 'random walk of the velocity across itself, up and down')
+    bounce_std_m: float = _p(
+        0.03, 0.0, 0.5, 'm', 'bouncing of the front on its springs')
     rotation_rate_std: float = _p(
         0.2, 0.0, 10.0, 'rad/s/sqrt(s)', 'random walk of the yaw rate of the free particle filter')
     tilt_share: float = _p(
         0.1, 0.0, 1.0, '', 'the same of its pitch and roll rates, as a share of that of the yaw')
     disparity_std_px: float = _p(
-        0.25, 0.01, 10.0, 'px', 'error of the mean disparity of a front in a disparity map')
+        0.2, 0.01, 10.0, 'px', 'error of the mean disparity of a front in a disparity map')
     lambda_colour: float = _p(
         20.0, 0.0, 1e4, '', 'weight of the squared Bhattacharyya distance of the histograms')
     lambda_gradient: float = _p(
-        20.0, 0.0, 1e4, '', 'weight of the lacking gradient along the outline')
+        2.0, 0.0, 1e4, '', 'weight of the lacking gradient along the outline')
 
     def __post_init__(self) -> None:
         check_bounds(self)

@@ -21,6 +21,7 @@ Whole passes are smoothed backwards from the cloud's means and covariances.
 """
 from __future__ import annotations
 
+import math
 from typing import Any, Optional
 
 import numpy as np
@@ -52,6 +53,10 @@ class UnconstrainedTracker(CloudTracker):
         self.first_axes = self.lane.path.frame(np.array(self.start.pose[0]))
         self.states = self._first_states()
         self.reference: Optional[Reference] = None
+        # The homographies (eq. 5) depend on the motion over the distance alone: without a path
+        # the scale of everything is that of the first depth, whatever the spread of the cloud.
+        depth = self.start.s_std_m / float(np.linalg.norm(self.states[:, :3].mean(axis=0)))
+        self.calibration = math.hypot(self.calibration, depth)
 
     def _first_states(self) -> Array:
         """Depths on the ray of the mark as its scatter allows, and any likely velocity."""
@@ -85,7 +90,8 @@ class UnconstrainedTracker(CloudTracker):
     def _move(self, dt_s: float) -> None:
         """Carry on with constant velocities and their noise (eq. 6, 9, 10)."""
         n, root, states = len(self.states), np.sqrt(dt_s), self.states
-        states[:, 6:9] += self.config.speed_rate_std * root * self.rng.standard_normal((n, 3))
+        rate = self._manoeuvres(self.config.speed_rate_std, self.settings.along_rate_std)
+        states[:, 6:9] += (rate * root)[:, None] * self.rng.standard_normal((n, 3))
         states[:, 9:12] += self._spin_std() * root * self.rng.standard_normal((n, 3))
         turn = Rotation.from_rotvec(states[:, 3:6])
         half = Rotation.from_rotvec(0.5 * dt_s * states[:, 9:12])
