@@ -12,7 +12,7 @@ found from the second pair on, whatever the light, without anything to be learne
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Mapping, Optional, Sequence
 
 import numpy as np
@@ -20,7 +20,7 @@ import numpy as np
 from .config import DetectorConfig
 from .faces import Face, FaceFinder
 from .lane_geometry import LaneGeometry
-from .motion import find_motion, Motion, moved
+from .motion import find_motion, Motion, moved, moving_half
 from .records import Detection, Occupied
 from .scan import LaneScan, Seed
 from .views import PairViews, region_of
@@ -172,6 +172,8 @@ class VehicleDetector:
                     continue
                 motion = find_motion(finder, face, now, before, self.config)
                 if moved(motion, self.config):
+                    face = replace(face, half_m=moving_half(
+                        finder, face, motion, now, before, self._noise))
                     out.append(_Found(lane, face, motion, place, finder.heights_m[[0, -1]]))
         return out
 

@@ -20,6 +20,9 @@ _MOST_STEPS = 240
 _FINE_STEPS = 7
 _STEP_PX = 1.0  # between the places tried
 _STRIDE = 2
+_SURE_HALF_M = 0.6
+_OFF_SAMPLES = 0.5  # by which two samplings of a face may be displaced
+_TIMES_ALLOWED = 3.0
 _LEAST_PX = 2.0  # what moved less in the image did not move
 
 
@@ -29,12 +32,16 @@ class Motion:
     Where a face was.
 
     :param speed_mps: along the lane.
+    :param gone_m: how far back along the lane it was.
+    :param aside_m: and how far to the left of where it is now.
     :param ncc: correlation with the face as it was there.
     :param still_ncc: correlation with what was then where the face is now.
     :param moved_px: how far it moved in the left view.
     """
 
     speed_mps: float
+    gone_m: float
+    aside_m: float
     ncc: float
     still_ncc: float
     moved_px: float
@@ -69,7 +76,7 @@ def find_motion(finder: FaceFinder, face: Face, now: PairViews, before: PairView
     here, there = (finder.geometry.project(
         np.array([face.s_m - d]), np.array([face.x_m + a]), finder.heights_m[:1])[0][0, 0, 0]
         for d, a in ((0.0, 0.0), (gone, aside)))
-    return Motion(gone / dt, ncc, float(still[0]), float(np.linalg.norm(here - there)))
+    return Motion(gone / dt, gone, aside, ncc, float(still[0]), float(np.linalg.norm(here - there)))
 
 
 def moved(motion: Motion, config: DetectorConfig) -> bool:
@@ -77,6 +84,40 @@ def moved(motion: Motion, config: DetectorConfig) -> bool:
     return (motion.ncc >= config.least_motion_ncc and motion.moved_px >= _LEAST_PX
             and config.least_speed_mps <= motion.speed_mps <= config.greatest_speed_mps
             and motion.ncc > motion.still_ncc + 0.05)
+
+
+def moving_half(finder: FaceFinder, face: Face, motion: Motion, now: PairViews,
+                before: PairViews, noise: float) -> float:
+    """
+    Find how much of a face, from its axis outwards, looks as it did where it came from.
+
+    What is beyond its edges lies deeper and changes.
+
+    :param finder: of its lane.
+    :param face: in the pair.
+    :param motion: from the earlier pair.
+    :param now: the pair.
+    :param before: the earlier pair.
+    :param noise: 1-sigma of a grey value.
+    :return: m, at most the half width of the face.
+    """
+    half = round(face.half_m / GRID_M)
+    sure = min(round(_SURE_HALF_M / GRID_M), half)
+    change, allowed = np.zeros(2 * half + 1), np.zeros(2 * half + 1)
+    here = np.array([face.s_m]), np.array([face.x_m])
+    there = here[0] - motion.gone_m, here[1] + motion.aside_m
+    for view, earlier, right in ((now.left, before.left, False), (now.right, before.right, True)):
+        a = finder.windows(*here, half, view, right)[0]
+        b = finder.windows(*there, half, earlier, right)[0]
+        middle = slice(half - sure, half + sure + 1)
+        gain = a[:, middle].std() / max(float(b[:, middle].std()), 1.0)
+        b = (b - b[:, middle].mean()) * gain + a[:, middle].mean()
+        steep = np.square(np.gradient(a)).sum(axis=0)
+        change += np.square(a - b).sum(axis=0)
+        allowed += (2 * noise ** 2 + _OFF_SAMPLES ** 2 * steep).sum(axis=0)
+    bad = change > _TIMES_ALLOWED * allowed
+    bad = (bad | bad[::-1])[half + sure:]
+    return (sure + int(np.argmax(bad)) - 1 if bad.any() else half) * GRID_M
 
 
 def _best(finder: FaceFinder, face: Face, views: tuple[PairViews, PairViews], gone_m: Array,

@@ -1,0 +1,148 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""The detector on simulated passes and traffic with exact truth."""
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from stereo_speed.detection.config import DetectorConfig
+from stereo_speed.detection.detector import VehicleDetector
+from stereo_speed.detection.draw import draw_detections
+from stereo_speed.detection.records import Occupied
+from stereo_speed.errors import InputError
+
+
+def offset_m(found, row, drive):
+    """How far a detection is from the true middle of a face, m along the lane and across."""
+    path = drive.lanes[found.lane].path
+    centre = drive.rig.triangulate(found.left_px, found.right_px).mean(axis=0)
+    frame = path.frame(path.arc_length(centre))
+    return frame.T @ (centre - np.array([row[k] for k in 'xyz'], float))
+
+
+def held(found):
+    """Give the place of a detection as a track that holds it would."""
+    return Occupied(lane=found.lane, s_m=found.s_m, lateral_m=found.lateral_m,
+                    width_m=found.width_m, height_m=found.height_m, left_px=found.left_px,
+                    right_px=found.right_px)
+
+
+def first_pair_found(drive, config=DetectorConfig()):
+    detector = VehicleDetector(drive.rig, drive.lanes, config)
+    for pair in drive.pairs:
+        found = detector.update(pair, ())
+        if found:
+            return pair, found
+    return None, []
+
+
+@pytest.mark.parametrize('name', ['straight', 'distorted'])
+def test_a_vehicle_is_found_in_its_second_pair_and_well_placed(name, request):
+    drive = request.getfixturevalue(name)
+    pair, found = first_pair_found(drive)
+    assert pair is not None and pair.index == 1
+    (one,), (row,) = found, drive.truth[pair.stamp_ns]
+    along, across, _ = offset_m(one, row, drive)
+    assert abs(along) < 4 * one.s_std_m
+    assert abs(across) < 0.12
+    assert one.lane == 'lane_0'
+    assert one.speed_mps == pytest.approx(row['path_speed'], rel=0.08)
+    assert 1.0 < one.width_m < 1.9  # the front is 1.8 m wide
+    left = one.left_px
+    assert left[0, 0] < left[1, 0] and left[0, 1] < left[3, 1] and left[3, 0] < left[2, 0]
+
+
+def test_a_held_vehicle_is_not_found_again(straight):
+    detector = VehicleDetector(straight.rig, straight.lanes, DetectorConfig())
+    tracked = ()
+    for pair in straight.pairs:
+        found = detector.update(pair, tracked)
+        if tracked:
+            assert found == []
+        speed = straight.truth[pair.stamp_ns][0]['path_speed']
+        places = found or [replace_s(tracked[0], 0.0)] if tracked or found else []
+        tracked = tuple(replace_s(held(p) if not isinstance(p, Occupied) else p, 0.2 * speed)
+                        for p in places)
+    assert tracked
+
+
+def replace_s(place, ahead_m):
+    return replace(place, s_m=place.s_m + ahead_m)
+
+
+def test_what_stands_still_is_no_vehicle(straight):
+    detector = VehicleDetector(straight.rig, straight.lanes, DetectorConfig())
+    rng = np.random.default_rng(0)
+    base = straight.pairs[2]
+    for k in range(6):
+        noisy = [np.clip(view + rng.normal(0, 2, view.shape), 0, 255).astype(np.uint8)
+                 for view in (base.left, base.right)]
+        stamp_ns = base.stamp_ns + k * 200_000_000
+        assert detector.update(replace(
+            base, index=k, stamp_ns=stamp_ns, right_stamp_ns=stamp_ns, left=noisy[0],
+            right=noisy[1]), ()) == []
+
+
+def test_one_view_alone_finds_nothing(straight):
+    """What moves but is at no depth, such as what both cameras see alike, is none."""
+    drive = straight._replace(pairs=[replace(p, right=p.left) for p in straight.pairs])
+    assert first_pair_found(drive)[1] == []
+
+
+def test_pairs_that_come_too_fast_are_left_out(straight):
+    _, found = first_pair_found(straight, DetectorConfig(interval_s=0.3))
+    pair, _ = first_pair_found(straight, DetectorConfig(interval_s=0.3))
+    assert pair is not None and pair.index == 2 and len(found) == 1
+
+
+def test_reset_forgets(straight):
+    detector = VehicleDetector(straight.rig, straight.lanes, DetectorConfig())
+    detector.update(straight.pairs[0], ())
+    detector.reset()
+    assert detector.update(straight.pairs[1], ()) == []
+    assert len(detector.update(straight.pairs[2], ())) == 1
+
+
+def test_brighter_and_darker_pairs_do_not_matter(straight):
+    pairs = [replace(p, left=(p.left * g + 6).astype(np.uint8),
+                     right=(p.right * g).astype(np.uint8))
+             for p, g in zip(straight.pairs, (0.8, 0.72, 0.65, 0.6, 0.5))]
+    pair, found = first_pair_found(straight._replace(pairs=pairs))
+    assert pair is not None and pair.index == 1 and len(found) == 1
+
+
+def test_only_vehicles_are_found_in_traffic(traffic):
+    detector = VehicleDetector(traffic.rig, traffic.lanes, DetectorConfig())
+    found = {}
+    for pair in traffic.pairs:
+        rows = traffic.truth[pair.stamp_ns]
+        for one in detector.update(pair, ()):
+            gaps = {row['vehicle']: offset_m(one, row, traffic) for row in rows}
+            vehicle = min(gaps, key=lambda v: np.abs(gaps[v][:2]).sum())
+            along, across, _ = gaps[vehicle]
+            assert abs(across) < 0.5 and abs(along) < 4 * one.s_std_m + 0.5
+            found.setdefault(vehicle, set()).add(one.lane)
+    assert all(len(lanes) == 1 for lanes in found.values())
+    counted = {row['vehicle']: row['lane'] for rows in traffic.truth.values() for row in rows
+               if row['in_view'] and row['visible'] > 0.95 and row['width_px'] > 50}
+    assert len(counted) >= 3 and set(counted.values()) == {0, 1}
+    missed = set(counted) - set(found)
+    assert len(missed) <= len(counted) // 4
+
+
+def test_drawing_marks_the_quads_only(straight):
+    pair, found = first_pair_found(straight)
+    for right, view in ((False, pair.left), (True, pair.right)):
+        picture = draw_detections(view, found, right)
+        changed = np.argwhere((picture != view[..., None]).any(axis=2))
+        quad = found[0].right_px if right else found[0].left_px
+        for u, v in quad:
+            assert np.abs(changed - [v, u]).max(axis=1).min() <= 1.5
+        assert len(changed) < 0.02 * view.size
+
+
+def test_config_refuses_what_cannot_be():
+    with pytest.raises(InputError, match='least_symmetry'):
+        DetectorConfig(least_symmetry=1.5)

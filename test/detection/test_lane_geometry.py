@@ -1,0 +1,67 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Planes across a lane: few exact points against exact ones, and rates against construction."""
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from stereo_speed.detection.lane_geometry import LaneGeometry
+
+REACH_M = np.linspace(-1.8, 1.8, 121)
+HEIGHTS_M = np.linspace(1.25, 0.27, 9)
+
+
+@pytest.fixture(params=['straight', 'distorted'])
+def geometry(request):
+    drive = request.getfixturevalue(request.param)
+    return LaneGeometry(drive.rig, drive.lanes['lane_0'])
+
+
+@pytest.fixture
+def seen_m(geometry):
+    seen = geometry.seen(20.0, 4.0, HEIGHTS_M)
+    return seen[::max(len(seen) // 5, 1)]
+
+
+@pytest.mark.parametrize('right', [False, True])
+def test_interpolated_pixels_are_exact_ones(geometry, seen_m, right):
+    x = np.full(len(seen_m), 0.2)
+    uv = geometry.pixels(seen_m, x, REACH_M, HEIGHTS_M, right)
+    exact = geometry.project(seen_m, 0.2 + REACH_M, HEIGHTS_M)[int(right)]
+    assert uv.shape == exact.shape
+    assert np.abs(uv - exact).max() < 0.05
+
+
+def test_what_lies_on_the_road_is_seen_where_it_lies(geometry, seen_m):
+    rig, path = geometry.rig, geometry.lane.path
+    s, x = seen_m[1:2], np.array([0.2])
+    reach, heights = np.array([-0.3, 0.0, 0.3]), np.array([0.6, 0.4, 0.2])
+    left = geometry.pixels(s, x, reach, heights, False)[0, 1, 1]
+    right = geometry.pixels(s, x, reach, heights, True, lying=True)[0, 1, 1]
+    point = rig.triangulate(left.astype(float), right.astype(float))
+    up = path.frame(s)[0, :, 2]
+    assert abs((point - path.position(s)[0]) @ up) < 0.02
+
+
+@pytest.mark.parametrize('ds_m', [-1.0, 1.0])
+def test_rates_tell_what_a_wrong_depth_does(geometry, seen_m, ds_m):
+    rig, path = geometry.rig, geometry.lane.path
+    s = float(seen_m[2])
+    rates = geometry.rates(np.array([s]))
+    point = geometry.points(np.array([s]), np.array([0.0]), np.array([0.5]))[0, 0, 0]
+    frame = path.frame(np.array(s))
+    # the true point lies on the same left ray, ds further along
+    true = point * ((point + ds_m * frame[:, 0]) @ frame[:, 0]) / (point @ frame[:, 0])
+    assert (true - point) @ frame[:, 2] == pytest.approx(rates.climb[0] * ds_m, rel=0.05)
+    pixel = rig.right.project(rig.to_right(true))[0]
+    x_m = np.linspace(-1.0, 1.0, 2001)
+    row = geometry.project(np.array([s]), x_m, np.array([0.5]))[1][0, 0]
+    seen_at = x_m[np.argmin(np.abs(row[:, 0] - pixel[0]))]
+    assert seen_at == pytest.approx(rates.shift[0] * ds_m, rel=0.1, abs=2e-3)
+
+
+def test_only_what_is_large_enough_is_seen(geometry):
+    near = geometry.seen(60.0, 1.4, HEIGHTS_M)
+    far = geometry.seen(20.0, 1.4, HEIGHTS_M)
+    assert len(near) < len(far) and set(near) <= set(far)
+    assert (geometry.exact_rates(near).px_per_m >= 59.9).all()
