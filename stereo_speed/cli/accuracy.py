@@ -27,8 +27,8 @@ def add_parser(subparsers: Any) -> None:
     add('--seed', type=number_in(int, 0, 2 ** 31), default=0, help='another set of passes')
     add('--particles', type=int, default=TrackerConfig().particles)
     lines = parser.add_mutually_exclusive_group()
-    lines.add_argument('--lines', choices=('picked', 'refined', 'exact'), default='picked',
-                       help='how the lines of the site are known (default: picked)')
+    lines.add_argument('--lines', choices=('picked', 'refined', 'exact'), default='refined',
+                       help='how the lines of the site are known (default: refined)')
     lines.add_argument('--picked', action='store_const', const='picked', dest='lines',
                        help='picks of 0.3 px scatter as they are')
     lines.add_argument('--refine', action='store_const', const='refined', dest='lines',

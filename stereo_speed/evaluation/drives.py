@@ -14,6 +14,8 @@ import yaml
 
 from .associate import match
 from .truth import read_truth, truth_of_rows, VehicleTruth
+from ..calibration.refine import refine_site
+from ..calibration.turn import CALIBRATED_STD_DEG
 from ..config import TrackerConfig
 from ..errors import InputError
 from ..geometry.rig import StereoRig
@@ -35,7 +37,7 @@ class Drive:
     :param name: of the sequence.
     :param rig: the cameras.
     :param lanes: lane name to lane path.
-    :param marks: the fronts as marked.
+    :param marks: the fronts as marked; None has them found.
     :param pairs: the pairs.
     :param truths: one for each vehicle.
     """
@@ -43,7 +45,7 @@ class Drive:
     name: str
     rig: StereoRig
     lanes: Mapping[str, LanePath]
-    marks: tuple[InitMark, ...]
+    marks: Optional[tuple[InitMark, ...]]
     pairs: Sequence[StereoPair]
     truths: tuple[VehicleTruth, ...]
 
@@ -146,9 +148,11 @@ def disturbed(sequence: SimSequence, tolerances: TrackerConfig,
     Both focal lengths are off by one share, as of one calibration; the stamps of both views by
     one time, as of one trigger.
 
-    :param tolerances: gives the 1-sigmas: ``focal_std``, ``baseline_std_m``, ``stamp_std_s``.
+    :param tolerances: gives the 1-sigmas: ``focal_std``, ``baseline_std_m``, ``stamp_std_s``;
+        the angles between the cameras are off by what a site allows a calibrated rig.
     """
-    rig = sequence.rig
+    angles = np.radians(CALIBRATED_STD_DEG) * rng.standard_normal(3)
+    rig = sequence.rig.turned(angles)
     focal = 1 + tolerances.focal_std * rng.standard_normal()
     baseline = 1 + tolerances.baseline_std_m / rig.baseline_m * rng.standard_normal()
     cameras = [replace(camera, K=camera.K * [[focal, focal, 1], [focal, focal, 1], [1, 1, 1]])
@@ -171,8 +175,6 @@ def _write(content: Mapping[str, Any], path: Path) -> Path:
 
 def _refined(site: Site, sequence: SimSequence) -> tuple[StereoRig, dict[str, LanePath]]:
     """Refine the picks by the pass's own images, as one would before measuring."""
-    from ..calibration.refine import refine_site
-
     refined = refine_site(site, sequence.rig, sequence.pairs)
     return refined.rig, refined.lanes
 
@@ -185,10 +187,10 @@ def bag_drive(bag: Path, site: Path, init: Optional[Path], truth: Path, *,
     :raises InputError: a file that cannot be used.
     """
     truths, read = read_truth(truth), load_site(site)
-    marks = load_init(init) if init is not None else ()
+    marks = load_init(init) if init is not None else None
     with StereoBag(bag, left=left, right=right) as opened:
-        lanes = lane_paths(read, opened.rig)
-        return Drive(bag.name, opened.rig, lanes, marks, tuple(opened.pairs()), truths)
+        rig = read.corrected_rig(opened.rig)
+        return Drive(bag.name, rig, lane_paths(read, rig), marks, tuple(opened.pairs()), truths)
 
 
 def track_drive(drive: Drive, tracker: str, config: TrackerConfig, seed: int) -> DriveRun:

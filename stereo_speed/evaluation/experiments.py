@@ -23,7 +23,7 @@ from ..errors import InputError
 from ..pipeline import TRACKERS
 
 # How well the lines of a simulated site are known unless one says otherwise.
-LINES = 'picked'
+LINES = 'refined'
 
 
 @dataclass(frozen=True, kw_only=True)

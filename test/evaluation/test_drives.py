@@ -18,12 +18,12 @@ from stereo_speed.evaluation.metrics import pass_error, readings
 from stereo_speed.evaluation.runner import Result
 from stereo_speed.evaluation.truth import truth_of_rows
 from stereo_speed.records import PassResult, StereoPair, TrackState, Verdict
-from stereo_speed.sim.config import straight_config
+from stereo_speed.sim.config import RoadConfig, straight_config
 from stereo_speed.sim.scene import make_rig
 from stereo_speed.sim.sequence import SimSequence
 from stereo_speed.units import MPH_MPS
 
-CONFIG = straight_config('55 mph', pairs=6, start_m=50.0)
+CONFIG = straight_config('55 mph', pairs=6, start_m=50.0, road=RoadConfig(lanes=1))
 
 
 @pytest.fixture(scope='module')
@@ -41,6 +41,16 @@ def test_a_drive_is_tracked_as_replay_would_and_the_same_again(drive):
     assert np.abs(speed - truth).max() < 0.5
     assert abs(pass_error(run)) < 0.2
     assert DriveRun.from_json(one.to_json()) == one
+
+
+def test_refined_lines_give_a_better_road(drive):
+    moved = replace(CONFIG, pairs=3, rig_moved_deg=(0.02, 0.0, 0.0))
+    refined = simulated_drive(moved, (0,), 'refined')
+    assert np.degrees(refined.rig.turn_rad[0]) == pytest.approx(0.02, abs=0.004)
+    truth = drive.lanes['lane_0'].path.frame(np.array(10.0))[:, 0]  # of the exact lines
+    path = refined.lanes['lane_0'].path
+    ahead = path.frame(np.array(path.length_m / 2))[:, 0]
+    assert np.degrees(np.arccos(min(float(ahead @ truth), 1.0))) < 0.05
 
 
 def test_another_kind_of_lines_is_refused():
