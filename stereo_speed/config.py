@@ -89,9 +89,12 @@ class TrackerConfig:
     baseline_std_m: float = _p(
         2e-4, 0.0, 0.1, 'm', '1-sigma of the baseline')
     max_speed_std_share: float = _p(
-        0.03, 0.0, 1.0, '', 'a pass with a greater 1-sigma, as a share of its speed, is rejected')
+        0.01, 0.0, 1.0, '', 'a pass with a greater 1-sigma, as a share of its speed, is rejected')
     max_speed_std_mps: float = _p(
-        0.2, 0.0, 10.0, 'm/s', 'unless its 1-sigma is smaller than this')
+        0.15, 0.0, 10.0, 'm/s', 'unless its 1-sigma is smaller than this')
+    max_scale_std_share: float = _p(
+        0.0016, 0.0, 1.0, '', 'a pass is rejected when focal length, baseline, path and the turn of '
+        'the cameras leave its scale this uncertain')
     particle_budget: int = _p(
         2000, 100, 100000, '', 'particles of all tracks together; many tracks share them')
 

@@ -24,7 +24,7 @@ from .detection.detector import VehicleDetector
 from .detection.records import Detection, Occupied
 from .errors import InputError
 from .geometry.rig import StereoRig
-from .records import PassResult, StereoPair, TrackState, TrackUpdate
+from .records import PassResult, StereoPair, TrackState, TrackUpdate, Verdict
 from .site import InitMark, LanePath
 from .tracking.acquire import check_mark
 from .tracking.base import SharesParticles, Tracker
@@ -202,7 +202,8 @@ class SpeedPipeline:
                     and track.found:
                 self._tracks.remove(track)
                 if track.confirmed:
-                    self._ended.append(self._result(track))
+                    self._ended.append(replace(
+                        self._result(track), verdict=Verdict.REJECTED, reason='duplicate'))
             else:
                 held.append(track.last)
 

@@ -39,16 +39,18 @@ def add_parser(subparsers: Any) -> None:
             action.add_argument('--out', required=True, type=Path, metavar='SITE',
                                 help='site file to write')
         action.add_argument('--pictures', type=Path, metavar='DIR',
-                            help='folder for a picture of each view')
+                            help='folder for a picture of each view'
+                            + (' (default: that of SITE)' if name == 'refine' else ''))
         action.add_argument('--left', metavar='TOPIC', help='topic of the left images')
         action.add_argument('--right', metavar='TOPIC', help='topic of the right images')
         action.set_defaults(run=run)
 
 
 def _refine(args: argparse.Namespace) -> int:
-    """Refine, write the site file, then tell."""
+    """Refine, tell, and write the site file and the pictures."""
     if args.out.is_dir():
         raise InputError(args.out, 'file', 'a folder', 'the name of a site file')
+    args.pictures = args.pictures or args.out.parent
     refined = _refined(args)
     write_site(args.out, refined.site)
     print(f'refined site in {args.out}')

@@ -215,7 +215,7 @@ class ConstrainedTracker:
     def _out_of_view(self) -> bool:
         mean = self._mean()
         left, right = self._quads(mean[None])
-        if np.ptp(left[0, :, 0]) < _LEAST_WIDTH_PX or \
+        if self.stamps_ns and np.ptp(left[0, :, 0]) < _LEAST_WIDTH_PX or \
                 mean[0] > self.lane.path.length_m + _BEYOND_PATH_M:
             return True
         return not (inside(self.rig.left, left[0]) and inside(self.rig.right, right[0]))

@@ -78,12 +78,15 @@ def conclude(found: Pass, rig: StereoRig, config: TrackerConfig) -> PassResult:
     if posterior is None or found.exact_speeds is None:
         return _result(found, pairs=0, reason='never_seen')
     speeds, share = posterior.ground_speeds(), calibration_share(rig, found.lane, config)
-    speed = float(speeds.mean())
-    budget = _budget(posterior, found.exact_speeds, abs(speed) * share)
-    reason = _reason(found, posterior, speeds, budget.total_mps, config)
     at = (np.array(found.stamps_ns) - found.stamps_ns[0]) * 1e-9
+    between = _interpolation(at, posterior.stamps_s)
+    profile = between @ speeds
+    speed = float(profile.mean())
+    budget = _budget(posterior, found.exact_speeds, between.mean(axis=0), abs(speed) * share)
+    reason = _reason(found, posterior, speeds, budget.total_mps, (rig, config))
+    if reason:
+        return _result(found, pairs=len(found.stamps_ns), reason=reason)
     variance = posterior.ground_ratio() ** 2 * np.diag(posterior.covariance)[3::4]
-    profile = np.interp(at, posterior.stamps_s, speeds)
     stds = np.interp(at, posterior.stamps_s, np.sqrt(variance + (share * speeds) ** 2))
     return _result(
         found, pairs=len(found.stamps_ns), reason=reason, speed_mps=speed,
@@ -92,11 +95,19 @@ def conclude(found: Pass, rig: StereoRig, config: TrackerConfig) -> PassResult:
         smoothed_std=dict(zip(found.stamps_ns, stds.tolist())))
 
 
-def _budget(posterior: Posterior, exact_speeds: tuple[Array, Array],
+def _interpolation(at_s: Array, known_s: Array) -> Array:
+    """Shares (m, n) of known times in others, by linear interpolation between neighbours."""
+    return np.stack([np.interp(at_s, known_s, row) for row in np.eye(len(known_s))], axis=1)
+
+
+def _budget(posterior: Posterior, exact_speeds: tuple[Array, Array], mean: Array,
             calibration_mps: float) -> SpeedBudget:
-    """Split the variance of the mean ground speed by where it comes from."""
-    n = len(posterior.mean)
-    share = posterior.ground_ratio() / n
+    """
+    Split the variance of the mean ground speed by where it comes from.
+
+    :param mean: (n,) shares of the looks' speeds in the mean over all pairs.
+    """
+    share = posterior.ground_ratio() * mean
 
     def std(covariance: Array) -> float:
         return math.sqrt(max(float(share @ covariance @ share), 0.0))
@@ -113,8 +124,9 @@ def _rest(whole: float, part: float) -> float:
 
 
 def _reason(found: Pass, posterior: Posterior, speeds: Array, std_mps: float,
-            config: TrackerConfig) -> str:
+            instrument: tuple[StereoRig, TrackerConfig]) -> str:
     """Why a pass is rejected, snake_case; empty when it is measured."""
+    rig, config = instrument
     if len(found.stamps_ns) < _MIN_PAIRS:
         return 'too_few_pairs'
     if found.width_px < _MIN_WIDTH_PX:
@@ -127,6 +139,8 @@ def _reason(found: Pass, posterior: Posterior, speeds: Array, std_mps: float,
     if not 0 < speeds.min() <= speeds.max() < _MAX_SPEED_MPS \
             or np.abs(gains).max() > _MAX_ACCELERATION_MPS2:
         return 'implausible'
+    if not calibration_share(rig, found.lane, config) < config.max_scale_std_share:
+        return 'rig_uncertain'
     if not std_mps < max(config.max_speed_std_share * speeds.mean(), config.max_speed_std_mps):
         return 'too_far' if found.width_px < _FAR_WIDTH_PX else 'uncertain'
     return ''

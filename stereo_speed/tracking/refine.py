@@ -105,6 +105,7 @@ class PassRefiner:
         self.state = np.zeros((0, 4))
         self.resting: list[StereoPair] = []
         self.changing_lanes = 0.0  # probability that it does
+        self._before = ([], [], self.state, self.relief, [], 0.0)
 
     def add(self, pair: StereoPair, guess: Array) -> Posterior | None:
         """
@@ -113,6 +114,8 @@ class PassRefiner:
         :param guess: (4,) s, a, b, v where the particles say the front is.
         :return: None when the front is not wholly seen at the guess.
         """
+        self._before = (self.pairs.copy(), self.looks.copy(), self.state, self.relief,
+                        self.resting.copy(), self.changing_lanes)
         rate, heading = self._drift()
         look = self.sampler.look(pair, guess[:3], np.array([guess[3], rate, 0.0]), heading,
                                  self.relief)
@@ -145,10 +148,9 @@ class PassRefiner:
         return Layout(len(self.looks), self.nodes)
 
     def drop_last(self) -> None:
-        """Take the newest pair out again: it was not the vehicle."""
-        self.pairs.pop()
-        self.looks.pop()
-        self.state = self.state[:-1]
+        """Take the newest pair out again, and all it has moved: it was not the vehicle."""
+        (self.pairs, self.looks, self.state, self.relief, self.resting,
+         self.changing_lanes) = self._before
 
     def _rest(self) -> None:
         """Put the pair to rest, not the first or the newest two, that leaves the least gap."""
