@@ -137,3 +137,18 @@ def load_config(path: Union[str, Path]) -> TrackerConfig:
         return TrackerConfig(**data)
     except InputError as error:
         raise InputError(path, error.what, error.found, error.wanted) from None
+
+
+TOLERANCES = ('focal_std', 'baseline_std_m', 'stamp_std_s')  # those that a site file may give
+
+
+def check_tolerance(name: str, value: Any, where: object) -> float:
+    """
+    Check a tolerance of a site file against the bounds of its parameter.
+
+    :raises InputError: names the file and the field.
+    """
+    try:
+        return float(getattr(TrackerConfig(**{name: value}), name))
+    except InputError as error:
+        raise InputError(where, f'tolerances.{name}', error.found, error.wanted) from None

@@ -4,13 +4,16 @@
 from __future__ import annotations
 
 import copy
+from pathlib import Path
 
 import numpy as np
 import pytest
-from stereo_speed.errors import SiteError
+from stereo_speed.errors import InputError, SiteError
+from stereo_speed.paths.site_write import site_text
 from stereo_speed.site import load_init, load_site
 import yaml
 
+SAMPLE_SITE = Path(__file__).resolve().parents[1] / 'sample' / 'straight55' / 'site.yaml'
 PICKS = {'left_image': [[100, 300], [150, 400], [200.5, 500]],
          'right_image': [[90, 300], [135, 400], [180, 500]]}
 OTHER = {'left_image': [[300, 300], [450, 400], [600, 500]],
@@ -156,3 +159,19 @@ def test_init_faults(write, place, value, match):
     """Each fault names its place."""
     with pytest.raises(SiteError, match=match):
         load_init(write(put(INIT, place, value)))
+
+
+def test_tolerances_of_the_rig_come_with_the_site(tmp_path):
+    path = tmp_path / 'site.yaml'
+    text = Path(SAMPLE_SITE).read_text()
+    path.write_text(text + 'tolerances: {focal_std: 0.001, stamp_std_s: 0.0005}\n')
+    site = load_site(path)
+    assert dict(site.tolerances) == {'focal_std': 0.001, 'stamp_std_s': 0.0005}
+    path.write_text(site_text(site))
+    assert dict(load_site(path).tolerances) == dict(site.tolerances)
+    path.write_text(text + 'tolerances: {focal_std: -1}\n')
+    with pytest.raises(InputError, match=r'site.yaml: tolerances.focal_std: found -1'):
+        load_site(path)
+    path.write_text(text + 'tolerances: {focus: 1}\n')
+    with pytest.raises(InputError, match='unknown key focus'):
+        load_site(path)

@@ -24,10 +24,13 @@ from ..errors import InputError
 from ..io.bags import StereoBag
 from ..io.results import (PASSES, PLOTS, prepare_folder, remove_run, software_versions,
                           stream_timings, SUMMARY, TRACKS, write_run)
+from ..paths.site_write import site_text
 from ..pipeline import SpeedPipeline, TRACKERS
 from ..records import PassResult, TrackUpdate, Verdict
-from ..site import InitMark, lane_paths, LanePath, load_init, load_site
+from ..site import InitMark, lane_paths, LanePath, load_init, load_site, Site
 from ..units import KMH_MPS, MPH_MPS
+
+REFINED_SITE = 'site.yaml'
 
 
 @dataclass
@@ -108,9 +111,8 @@ def run(args: argparse.Namespace) -> int:
     tolerance = None if args.tolerance_ms is None else round(args.tolerance_ms * 1e6)
     with StereoBag(args.bag, left=args.left, right=args.right, tolerance_ns=tolerance) as bag:
         if args.refine_site:
-            refined = refine_site(site, bag.rig, bag.pairs())
-            print('\n'.join(told(refined, report(refined))))
-            site = refined.site
+            site = _refined(args, site, bag)
+        config = replace(config, **site.tolerances)
         bag.rig = site.corrected_rig(bag.rig)
         lanes = lane_paths(site, bag.rig)
         pipeline = SpeedPipeline(bag.rig, lanes, config, marks, seed=args.seed,
@@ -127,6 +129,14 @@ def run(args: argparse.Namespace) -> int:
           f'{pairing["unpaired_left"]} left, {pairing["unpaired_right"]} right), '
           f'{1e3 * result.wall_s / len(result.stamps_ns):.1f} ms per pair; in {args.out}')
     return 0
+
+
+def _refined(args: argparse.Namespace, site: Site, bag: StereoBag) -> Site:
+    """Refine the site by the bag's own images, tell of it, and keep it beside the results."""
+    refined = refine_site(site, bag.rig, bag.pairs())
+    print('\n'.join(told(refined, report(refined))))
+    (args.out / REFINED_SITE).write_text(site_text(refined.site), encoding='utf-8')
+    return refined.site
 
 
 def _config(args: argparse.Namespace) -> TrackerConfig:

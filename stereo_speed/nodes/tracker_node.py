@@ -10,6 +10,7 @@ nothing else: ``/clock`` runs ahead of pairs that are still queued, and would cu
 from __future__ import annotations
 
 from collections import deque
+from dataclasses import replace
 from typing import Any, Optional, Sequence
 
 from nav_msgs.msg import Odometry
@@ -112,6 +113,9 @@ class TrackerNode(Node):
             raise InputError(self.get_name(), 'left/camera_info and right/camera_info',
                              f'{sorted(self.infos) or "neither"} after {_WAITING_PAIRS} '
                              'pairs', 'both calibrations')
+        if self.waiting and stamp_ns(msg.header.stamp) <= stamp_ns(self.waiting[-1].header.stamp):
+            self.get_logger().warning('stamps jumped back: waiting anew')
+            self.waiting.clear()
         self.waiting.append(msg)
         self.begin()
 
@@ -128,8 +132,8 @@ class TrackerNode(Node):
             site = refined.site
         rig = site.corrected_rig(rig)
         self.pipeline = SpeedPipeline(
-            rig, lane_paths(site, rig), self.config, self.marks, seed=self.seed,
-            tracker=self.tracker, where=self.init_path)
+            rig, lane_paths(site, rig), replace(self.config, **site.tolerances), self.marks,
+            seed=self.seed, tracker=self.tracker, where=self.init_path)
         while self.waiting:
             self.process(self.pipeline, self.waiting.popleft())
 
@@ -182,6 +186,9 @@ class TrackerNode(Node):
 
     def close(self) -> None:
         """End the passes that are still open: the node stops."""
+        if self.waiting and rclpy.ok():
+            self.get_logger().warning(
+                f'{len(self.waiting)} pairs were never measured: {self.state()[1]}')
         if self.pipeline is not None and rclpy.ok():
             for result in self.pipeline.finish():
                 self.tell(result)

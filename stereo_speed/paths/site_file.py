@@ -3,7 +3,7 @@
 """Reading of site files (lines and lanes) and init files (marked vehicles)."""
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import combinations
 from pathlib import Path as FilePath
 from typing import Mapping, Optional, Union
@@ -12,6 +12,7 @@ import numpy as np
 
 from .checks import crossing, turned_back
 from .site_extras import KnownLength, read_correction, read_length, RigCorrection
+from ..config import check_tolerance, TOLERANCES
 from ..errors import SiteError
 from ..fields import Fields, kind, load_yaml
 from ..geometry.rig import StereoRig
@@ -79,6 +80,8 @@ class Site:
     :param lanes: in the file's order.
     :param correction: turn of the right camera since its calibration; None where nobody looked.
     :param known_lengths: to be checked.
+    :param tolerances: parameters of the tracker that are the rig's: 1-sigmas of focal length,
+        baseline and stamps, where the file gives them.
     """
 
     where: str
@@ -87,6 +90,7 @@ class Site:
     lanes: tuple[LaneSpec, ...]
     correction: Optional[RigCorrection] = None
     known_lengths: tuple[KnownLength, ...] = ()
+    tolerances: Mapping[str, float] = field(default_factory=dict)
 
     def corrected_rig(self, rig: StereoRig) -> StereoRig:
         """
@@ -130,7 +134,7 @@ def load_site(path: Union[str, FilePath]) -> Site:
     """
     data = load_yaml(path, 'stereo_speed_site')
     top = Fields(path, '', data, ('stereo_speed_site', 'name', 'lines', 'lanes',
-                                  'rig_correction', 'known_lengths'))
+                                  'rig_correction', 'known_lengths', 'tolerances'))
     name = top.text('name') if 'name' in top else FilePath(path).stem
     raw = data.get('lines')
     if not isinstance(raw, Mapping) or not raw:
@@ -148,7 +152,9 @@ def load_site(path: Union[str, FilePath]) -> Site:
         if 'rig_correction' in top else None
     lengths = tuple(read_length(path, i, value, lines) for i, value in enumerate(
         top.listed('known_lengths'))) if 'known_lengths' in top else ()
-    return Site(str(path), name, lines, lanes, correction, lengths)
+    given = Fields(path, 'tolerances', data.get('tolerances', {}), TOLERANCES).data
+    tolerances = {key: check_tolerance(key, value, path) for key, value in given.items()}
+    return Site(str(path), name, lines, lanes, correction, lengths, tolerances)
 
 
 def _line(where: object, name: str, data: object) -> SiteLine:

@@ -27,6 +27,8 @@ def site_text(site: Site) -> str:
         data['rig_correction'] = _correction(site.correction)
     if site.known_lengths:
         data['known_lengths'] = [_length(known) for known in site.known_lengths]
+    if site.tolerances:
+        data['tolerances'] = dict(site.tolerances)
     return str(yaml.safe_dump(data, sort_keys=False, default_flow_style=None, width=99))
 
 
