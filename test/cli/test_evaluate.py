@@ -20,8 +20,8 @@ def rows_of(path):
 
 
 def test_the_papers_tables_in_small(tmp_path, capsys):
-    args = ['evaluate', '--paper', '--quick', '--trackers', 'constrained', '--lines', 'picked', '--jobs', '2',
-            '--out', str(tmp_path)]
+    args = ['evaluate', '--paper', '--quick', '--trackers', 'constrained', '--lines', 'picked',
+            '--jobs', '2', '--out', str(tmp_path)]
     assert main(args) == 0
     first = capsys.readouterr()
     assert 'failed' not in first.err
@@ -57,8 +57,8 @@ def test_a_bag_with_truth_and_several_numbers_of_particles(tmp_path, capsys):
 
 
 def test_accuracy_writes_its_tables(tmp_path, capsys):
-    assert main(['accuracy', '--passes', '3', '--picked', '--particles', '100', '--jobs', '1', '--out',
-                 str(tmp_path)]) == 0
+    assert main(['accuracy', '--passes', '3', '--picked', '--particles', '100', '--jobs', '1',
+                 '--out', str(tmp_path)]) == 0
     assert 'measured, more than 0.1 mph and 2 σ off: ' in capsys.readouterr().out
     passes = rows_of(tmp_path / 'passes.csv')
     assert [row['path'] for row in passes] == ['straight', 'circle', 'clothoid']
