@@ -29,7 +29,8 @@ class LineFigures:
     :param name: of the line.
     :param kind: ``band``, ``edge``, ``as clicked`` or ``surveyed``.
     :param width_m: of the paint.
-    :param residual_px: r.m.s. distance of the points from the fitted road, left and right.
+    :param residual_px: r.m.s. distance of the points from the fitted road, each counting as its
+        1-sigma says, left and right.
     :param scatter_px: of single cuts about the line, left and right.
     :param points: number of points, left and right.
     :param painted: share of the line with paint in sight, left and right.
@@ -107,7 +108,9 @@ def _line(refined: RefinedSite, name: str) -> LineFigures:
         picks = refined.road.problem.picks
         for right in (0, 1):
             mine = (picks.line == refined.road_lines.index(name)) & (picks.right == bool(right))
-            residual[right] = float(np.sqrt(np.mean(refined.road.feet.residual_px[mine]**2)))
+            weight = picks.std_px[mine]**-2
+            residual[right] = float(np.sqrt(np.average(
+                refined.road.feet.residual_px[mine]**2, weights=weight)))
     return LineFigures(
         name, found[0].shape.kind, found[0].shape.width_m, (residual[0], residual[1]),
         (found[0].scatter_px, found[1].scatter_px), (len(found[0].s_m), len(found[1].s_m)),

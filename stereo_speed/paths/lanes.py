@@ -28,8 +28,8 @@ class LanePath:
     :param heading_std_rad: (2,) 1-sigma of the direction in the middle, across (P) and up (B).
     :param offset_std_m: (2,) 1-sigma of the position in the middle, across (P) and up (B).
     :param residual_px: root mean square distance of the picks from the lines; 0 for surveys.
-    :param scale_std: 1-sigma of the length along the path, as a share: of the length that
-        counts for the mean of a pass, where near looks weigh most.
+    :param scale_std: 1-sigma of the length along the path, as a share: what it does to the speed
+        of a pass over the whole path, where near looks weigh most.
     :param scale_profile: arc lengths (n,) in m and the 1-sigma (n,) of the length there, as a
         share; errors are the same one along the path, only larger farther away. None: it is
         ``scale_std`` everywhere.

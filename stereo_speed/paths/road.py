@@ -23,13 +23,14 @@ from scipy.optimize import least_squares
 
 from .road_guess import guess_road
 from .road_model import Weights
-from .road_problem import Feet, Picks, pixels, RoadProblem, TurnPrior
+from .road_problem import Feet, PICK_STD_PX, Picks, pixels, RoadProblem, TurnPrior
 from ..geometry.rig import StereoRig
 from ..records import Array
 
 ROBUST = 3.3  # residuals beyond as many sigmas count less and less (soft L1)
 MIN_STD_PX = 0.02  # no picks are better than this
 PENALTY = 2.0  # times that of BIC; at 1 one straight road in fifteen was taken for a curve
+AIC = 2.0  # for a curved road's further turns and bends, where picks are precise
 MAX_TURNS = 8
 MAX_STEPS = 40
 FOOT_PLACES = 8001  # along the road, where one is looked up
@@ -209,10 +210,21 @@ def _past(fits: list[RoadFit]) -> bool:
 
 
 def _best(fits: list[RoadFit], count: int) -> list[RoadFit]:
-    """Sort by BIC, with the scatter of the picks from the closest fit."""
+    """Sort by BIC, or AIC for details, with the scatter of the picks from the closest fit."""
     picks = fits[0].problem.picks
     number = len(picks.line)
     variance = max(min(f.cost / max(number - f.problem.size, 1) for f in fits),
                    _least_variance(picks))
-    return sorted(fits, key=lambda f: f.cost / variance
-                  + PENALTY * f.problem.size * np.log(number))[:count]
+    dear, cheap = PENALTY * np.log(number), AIC if _precise(picks) else PENALTY * np.log(number)
+
+    def score(fit: RoadFit) -> float:
+        model = fit.problem.model
+        more = max(model.turns - 1, 0) + (model.bends if model.turns else 0)
+        return fit.cost / variance + dear * (fit.problem.size - more) + cheap * more
+
+    return sorted(fits, key=score)[:count]
+
+
+def _precise(picks: Picks) -> bool:
+    """Say whether picks are so good that a road too simple does more harm than one too rich."""
+    return bool(np.median(picks.std_px) < PICK_STD_PX / 3)

@@ -50,7 +50,8 @@ def with_scale(lane: LanePath, rig: StereoRig, covariance_rad2: Array) -> LanePa
     """
     Add to a lane what the uncertain turn of the right camera does to its lengths.
 
-    For the mean of a pass, places count by the information of their looks, about ``1 / Z^4``.
+    The speed of a pass is the slope of its places over time, each weighted by what disparity
+    tells of it, ``1 / Z^4``.
 
     :param covariance_rad2: (3, 3) of pan, tilt and roll.
     """
@@ -61,7 +62,11 @@ def with_scale(lane: LanePath, rig: StereoRig, covariance_rad2: Array) -> LanePa
         return lane
     s, slope = s[known], slope[known]
     weight = lane.path.position(s)[:, 2]**-4.0
-    mean = np.average(slope, axis=0, weights=weight)
+    lever = weight * (s - np.average(s, weights=weight))
+    # by how much each place is off, m per rad
+    off = np.concatenate([np.zeros((1, 3)), np.cumsum(
+        (slope[1:] + slope[:-1]) / 2 * np.diff(s)[:, None], axis=0)])
+    mean = lever @ off / (lever @ s)
     profile = np.sqrt(np.einsum('ni,ij,nj->n', slope, covariance_rad2, slope))
     return replace(lane, scale_std=float(np.sqrt(mean @ covariance_rad2 @ mean)),
                    scale_profile=(s, profile))

@@ -1,0 +1,53 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""``site`` from end to end on the sample, and what it refuses."""
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from stereo_speed.cli.main import main
+from stereo_speed.site import load_site
+import yaml
+
+
+def test_refine_writes_a_site_that_can_be_used(sample, short_bag, tmp_path, capsys):
+    out, pictures = tmp_path / 'new' / 'site.yaml', tmp_path / 'pictures'
+    assert main(['site', 'refine', str(short_bag), '--site', str(sample / 'site.yaml'),
+                 '--out', str(out), '--pictures', str(pictures)]) == 0
+    told = capsys.readouterr().out
+    for word in ('edge_right', 'residual px', 'mph at the limit', 'epipolar', 'only 4 pairs'):
+        assert word in told
+    site, rough = load_site(out), load_site(sample / 'site.yaml')
+    assert site.lanes == rough.lanes and list(site.lines) == list(rough.lines)
+    assert all(line.left_std_px is not None and np.median(line.left_std_px) < 0.06
+               for line in site.lines.values())
+    assert not np.any(site.correction.turn_rad)
+    # what any program that knows picked lines needs is there
+    plain = yaml.safe_load(out.read_text())
+    assert plain['stereo_speed_site'] == 1
+    assert all(len(p) == 2 for p in plain['lines']['line_0']['right_image'])
+    assert sorted(p.name for p in pictures.iterdir()) == ['site_left.png', 'site_right.png']
+    assert [p.name for p in out.parent.iterdir()] == ['site.yaml']
+
+
+def test_check_changes_nothing(sample, short_bag, tmp_path, capsys):
+    site = tmp_path / 'site.yaml'
+    site.write_text((sample / 'site.yaml').read_text())
+    before = site.read_bytes()
+    assert main(['site', 'check', str(short_bag), '--site', str(site)]) == 0
+    assert 'lane_0' in capsys.readouterr().out
+    assert site.read_bytes() == before and list(tmp_path.iterdir()) == [site]
+
+
+@pytest.mark.parametrize('arguments, message', [
+    (['site'], 'ACTION'),
+    (['site', 'refine', 'BAG', '--site', 'SITE'], '--out'),
+    (['site', 'refine', 'BAG', '--site', 'SITE', '--out', '.'], 'found a folder'),
+    (['site', 'check', 'BAG', '--site', 'nowhere.yaml'], 'nowhere.yaml'),
+    (['site', 'check', 'nowhere', '--site', 'SITE'], 'nowhere'),
+])
+def test_refusals(sample, short_bag, capsys, arguments, message):
+    named = {'BAG': str(short_bag), 'SITE': str(sample / 'site.yaml')}
+    assert main([named.get(a, a) for a in arguments]) == 2
+    error = capsys.readouterr().err
+    assert message in error and error.count('\n') == 1
