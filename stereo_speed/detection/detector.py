@@ -21,7 +21,7 @@ from .config import DetectorConfig
 from .faces import Face, FaceFinder
 from .lane_geometry import LaneGeometry
 from .motion import find_motion, Motion, moved, moving_half
-from .records import Detection, Occupied
+from .records import Detection, Earlier, Occupied
 from .scan import LaneScan, Seed
 from .views import PairViews, region_of
 from ..geometry.rig import StereoRig
@@ -59,6 +59,7 @@ class _Found:
     motion: Motion
     place: _Place
     heights_m: Array
+    before: PairViews
 
     @property
     def confidence(self) -> float:
@@ -116,12 +117,11 @@ class VehicleDetector:
                 found += self._search(lane, now, before, taken)
         self._remember(now)
         detections = (self._detection(f) for f in self._distinct(found))
-        return [d for d in detections if self._inside(d)]
+        return [d for d in detections if self._inside(d.left_px, d.right_px)]
 
-    def _inside(self, detection: Detection) -> bool:
+    def _inside(self, left_px: Array, right_px: Array) -> bool:
         """Say whether a quad lies well in both images."""
-        for camera, quad in ((self.rig.left, detection.left_px),
-                             (self.rig.right, detection.right_px)):
+        for camera, quad in ((self.rig.left, left_px), (self.rig.right, right_px)):
             last = np.array([camera.width_px, camera.height_px]) - 1 - _MARGIN_PX
             if not ((quad >= _MARGIN_PX) & (quad <= last)).all():
                 return False
@@ -174,7 +174,8 @@ class VehicleDetector:
                 if moved(motion, self.config):
                     face = replace(face, half_m=moving_half(
                         finder, face, motion, now, before, self._noise))
-                    out.append(_Found(lane, face, motion, place, finder.heights_m[[0, -1]]))
+                    out.append(_Found(lane, face, motion, place, finder.heights_m[[0, -1]],
+                                      before))
         return out
 
     def _held(self, lane: int, seed: Seed, taken: Sequence[_Place]) -> bool:
@@ -218,20 +219,26 @@ class VehicleDetector:
         return out
 
     def _detection(self, found: _Found) -> Detection:
-        face, geometry = found.face, self._geometry[found.lane]
-        s = np.array([face.s_m])
-        rates = geometry.rates(s)
-        width = 2 * face.half_m
-        edges = face.x_m + np.array([-0.5, 0.5]) * width
-        left, right, _, _ = geometry.project(s, edges, found.heights_m)
+        face, motion = found.face, found.motion
+        rates = self._geometry[found.lane].rates(np.array([face.s_m]))
+        left, right = self._quads(found, face.s_m, face.x_m)
+        then = self._quads(found, face.s_m - motion.gone_m, face.x_m + motion.aside_m)
         px_per_m = float(rates.px_per_m[0])
         return Detection(
-            lane=self._names[found.lane],
-            left_px=_clockwise(left[0]), right_px=_clockwise(right[0]),
+            lane=self._names[found.lane], left_px=left, right_px=right,
             std_px=_AXIS_M * px_per_m, s_m=face.s_m,
             s_std_m=_MATCH_PX / (px_per_m * abs(float(rates.shift[0]))), lateral_m=face.x_m,
-            width_m=width, height_m=float(np.ptp(found.heights_m)),
-            speed_mps=found.motion.speed_mps, confidence=found.confidence)
+            width_m=2 * face.half_m, height_m=float(np.ptp(found.heights_m)),
+            speed_mps=motion.speed_mps, confidence=found.confidence,
+            earlier=Earlier(pair_index=found.before.index, stamp_ns=found.before.stamp_ns,
+                            left_px=then[0], right_px=then[1]) if self._inside(*then) else None)
+
+    def _quads(self, found: _Found, s_m: float, x_m: float) -> tuple[Array, Array]:
+        """Project the corners of a face at a place, clockwise, into both views."""
+        edges = x_m + np.array([-1.0, 1.0]) * found.face.half_m
+        left, right, _, _ = self._geometry[found.lane].project(
+            np.array([s_m]), edges, found.heights_m)
+        return _clockwise(left[0]), _clockwise(right[0])
 
 
 def _clockwise(corners: Array) -> Array:

@@ -130,7 +130,7 @@ class FaceFinder:
         :param lying: sample where the road is that is seen through the planes from the left.
         :return: (n, rows, 2 half + 1), or as many as the stride leaves.
         """
-        reach = np.arange(-half, half + 1, stride) * GRID_M
+        reach = np.arange(-half, half + 1, stride, dtype=np.float64) * GRID_M
         uv = self.geometry.pixels(s_m, x_m, reach, self.heights_m[::stride], right, lying)
         levels = level_of(self.geometry.rates(s_m).px_per_m * GRID_M)
         out = np.empty(uv.shape[:3], np.float32)
@@ -148,7 +148,7 @@ class FaceFinder:
         both = np.log(np.maximum(self._both(s, x, (half + aside) * _STRIDE, now, _STRIDE), 0.0)
                       + _DARK)
         energy, _ = mirrored(both, 2 * half + 1)
-        return x + (np.argmax(energy, axis=1) - aside) * _STRIDE * GRID_M
+        return np.asarray(x + (np.argmax(energy, axis=1) - aside) * _STRIDE * GRID_M)
 
     def _both(self, s: Floats, x: Floats, half: int, now: PairViews, stride: int) -> Patches:
         """Sample both views, the rows of the right one below those of the left."""
@@ -181,7 +181,7 @@ class FaceFinder:
 def _middle_axis(both: Patches) -> NDArray[np.int64]:
     """Find the windows (n,) in which the middle of a face is most symmetric."""
     found, most = mirrored(both, 2 * _MIDDLE + 1)
-    return np.argmax(found / most, axis=1)
+    return np.asarray(np.argmax(found / most, axis=1))
 
 
 def _mask(half_m: Floats) -> NDArray[np.bool_]:
@@ -202,11 +202,11 @@ def _half_width(left: Patches, right: Patches, noise: float) -> Floats:
     views = [np.gradient(v, axis=2) for v in (left, right)]
     plus = [v[:, :, HALF:] for v in views]  # outwards from the axis
     minus = [-v[:, :, HALF::-1] for v in views]
-    of_plus, of_minus = (sum(_band(v, v) for v in side) / 2 for side in (plus, minus))
-    same = sum(_band(*side) for side in (plus, minus)) / ((of_plus + of_minus) + 1e-6)
+    of_plus, of_minus = (_band(a, a) / 2 + _band(b, b) / 2 for a, b in (plus, minus))
+    same = (_band(*plus) + _band(*minus)) / (of_plus + of_minus + 1e-6)
     alike = np.full(same.shape, -1.0)
     for k in range(-_OFF_AXIS, _OFF_AXIS + 1):
-        mixed = sum(_band(a, np.roll(b, k, axis=2)) for a, b in zip(plus, minus)) / 2
+        mixed = np.mean([_band(a, np.roll(b, k, axis=2)) for a, b in zip(plus, minus)], axis=0)
         alike = np.maximum(alike, mixed / np.sqrt(of_plus * np.roll(of_minus, k, axis=1) + 1e-6))
     weaker = np.sqrt(np.minimum(of_plus, of_minus) / (ROWS * _BAND))
     weaker[:, :round(_LEAST_HALF_M / GRID_M)] = 0  # there is more on a face than its edges
@@ -216,7 +216,7 @@ def _half_width(left: Patches, right: Patches, noise: float) -> Floats:
     last = HALF - np.argmax(good[:, ::-1], axis=1)
     near = last[:, None] - np.arange(_BAND + 1)  # the band begins to see an edge before it
     edge = last - np.argmax(np.take_along_axis(weaker, np.maximum(near, 0), axis=1), axis=1)
-    return np.where(good.any(axis=1), edge, 0) * GRID_M
+    return np.asarray(np.where(good.any(axis=1), edge, 0) * GRID_M)
 
 
 def _band(a: Patches, b: Patches) -> Floats:
@@ -225,7 +225,7 @@ def _band(a: Patches, b: Patches) -> Floats:
     out = products.copy()
     out[:, 1:] += products[:, :-1]
     out[:, :-1] += products[:, 1:]
-    return out
+    return np.asarray(out)
 
 
 def _distinct(s_m: Floats, x_m: Floats, worth: Floats) -> list[int]:

@@ -76,7 +76,8 @@ def find_motion(finder: FaceFinder, face: Face, now: PairViews, before: PairView
     here, there = (finder.geometry.project(
         np.array([face.s_m - d]), np.array([face.x_m + a]), finder.heights_m[:1])[0][0, 0, 0]
         for d, a in ((0.0, 0.0), (gone, aside)))
-    return Motion(gone / dt, gone, aside, ncc, float(still[0]), float(np.linalg.norm(here - there)))
+    return Motion(gone / dt, gone, aside, ncc, float(still[0]),
+                  float(np.linalg.norm(here - there)))
 
 
 def moved(motion: Motion, config: DetectorConfig) -> bool:
@@ -115,6 +116,7 @@ def moving_half(finder: FaceFinder, face: Face, motion: Motion, now: PairViews,
         steep = np.square(np.gradient(a)).sum(axis=0)
         change += np.square(a - b).sum(axis=0)
         allowed += (2 * noise ** 2 + _OFF_SAMPLES ** 2 * steep).sum(axis=0)
+    change, allowed = (np.convolve(v, np.ones(3), 'same') for v in (change, allowed))
     bad = change > _TIMES_ALLOWED * allowed
     bad = (bad | bad[::-1])[half + sure:]
     return (sure + int(np.argmax(bad)) - 1 if bad.any() else half) * GRID_M

@@ -4,10 +4,28 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Optional
 
 import numpy as np
 
 from ..records import Array
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Earlier:
+    """
+    Where the face of a detection was in an earlier pair.
+
+    :param pair_index: number of that pair in its stream.
+    :param stamp_ns: its stamp.
+    :param left_px: (4, 2) corners in its raw left image, as in the detection.
+    :param right_px: (4, 2) the same in its raw right image.
+    """
+
+    pair_index: int
+    stamp_ns: int
+    left_px: Array
+    right_px: Array
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -27,6 +45,7 @@ class Detection:
     :param width_m: width of the quad, m.
     :param height_m: height of the quad, m.
     :param speed_mps: speed along the path between the two pairs it was verified in, m/s.
+    :param earlier: where it was in the earlier one of them; None where a corner was out of view.
     :param confidence: between 0 and 1: the least of the correlations that confirm it.
     """
 
@@ -40,6 +59,7 @@ class Detection:
     width_m: float
     height_m: float
     speed_mps: float
+    earlier: Optional[Earlier]
     confidence: float
 
 

@@ -38,7 +38,7 @@ class View:
         u0, v0, u1, v1 = region
         levels = [image[v0:v1, u0:u1].astype(np.float32)]
         for _ in range(LEVELS - 1):
-            levels.append(cv2.pyrDown(levels[-1]))
+            levels.append(np.asarray(cv2.pyrDown(levels[-1]), dtype=np.float32))
         return cls(tuple(levels), (u0, v0))
 
     def sample(self, uv_px: NDArray[np.float32], level: int) -> Patches:
@@ -49,11 +49,12 @@ class View:
         """
         scale = np.float32(0.5 ** level)
         shift = (0.5 - np.array(self.origin_px, np.float32)) * scale - np.float32(0.5)
-        flat = uv_px.reshape(-1, *uv_px.shape[-2:]) * scale + shift.astype(np.float32)
+        shift = shift.astype(np.float32)
+        flat: Any = uv_px.reshape(-1, *uv_px.shape[-2:]) * scale + shift
         out = np.empty(flat.shape[:2], np.float32)
         for k in range(0, len(flat), _MAX_ROWS):
             out[k:k + _MAX_ROWS] = cv2.remap(
-                self.levels[level], flat[k:k + _MAX_ROWS], None,
+                self.levels[level], flat[k:k + _MAX_ROWS], None,  # type: ignore[call-overload]
                 cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         return out.reshape(uv_px.shape[:-1])
 
@@ -63,12 +64,14 @@ class PairViews:
     """
     Both views of a pair.
 
+    :param index: number of the pair in its stream.
     :param stamp_ns: of the left image.
     :param right_lag_s: from the left to the right stamp.
     :param left: left view.
     :param right: right view.
     """
 
+    index: int
     stamp_ns: int
     right_lag_s: float
     left: View
@@ -77,11 +80,11 @@ class PairViews:
     @classmethod
     def of(cls, pair: StereoPair, regions: tuple[Region, Region]) -> PairViews:
         """Build the pyramids of a region of each image."""
-        return cls(pair.stamp_ns, (pair.right_stamp_ns - pair.stamp_ns) * 1e-9,
+        return cls(pair.index, pair.stamp_ns, (pair.right_stamp_ns - pair.stamp_ns) * 1e-9,
                    View.of(pair.left, regions[0]), View.of(pair.right, regions[1]))
 
 
-def region_of(pixels: Sequence[Array], size: tuple[int, int]) -> Region:
+def region_of(pixels: Sequence[Patches], size: tuple[int, int]) -> Region:
     """
     Bound pixels by a region of an image, with a margin for the coarsest level.
 

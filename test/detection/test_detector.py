@@ -54,6 +54,15 @@ def test_a_vehicle_is_found_in_its_second_pair_and_well_placed(name, request):
     assert left[0, 0] < left[1, 0] and left[0, 1] < left[3, 1] and left[3, 0] < left[2, 0]
 
 
+def test_where_it_was_is_told_too(straight):
+    pair, (one,) = first_pair_found(straight)
+    assert one.earlier.pair_index == 0 and one.earlier.stamp_ns == straight.pairs[0].stamp_ns
+    row = straight.truth[one.earlier.stamp_ns][0]
+    then = replace(one, left_px=one.earlier.left_px, right_px=one.earlier.right_px)
+    along, across, _ = offset_m(then, row, straight)
+    assert abs(along) < 4 * one.s_std_m and abs(across) < 0.12
+
+
 def test_a_held_vehicle_is_not_found_again(straight):
     detector = VehicleDetector(straight.rig, straight.lanes, DetectorConfig())
     tracked = ()
