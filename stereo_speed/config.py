@@ -93,8 +93,8 @@ class TrackerConfig:
     max_speed_std_mps: float = _p(
         0.15, 0.0, 10.0, 'm/s', 'unless its 1-sigma is smaller than this')
     max_scale_std_share: float = _p(
-        0.0025, 0.0, 1.0, '', 'a pass is rejected when focal length, baseline, path and the turn of '
-        'the cameras leave its scale this uncertain')
+        0.0025, 0.0, 1.0, '', 'a pass is rejected when focal length, baseline, path and the turn '
+        'of the cameras leave its scale this uncertain')
     particle_budget: int = _p(
         2000, 100, 100000, '', 'particles of all tracks together; many tracks share them')
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 from stereo_speed.sim.config import SimConfig
-from stereo_speed.sim.sequence import simulate, SimSequence
+from stereo_speed.sim.sequence import SimSequence, simulate
 from stereo_speed.site import lane_paths, LanePath, load_site, Site
 import yaml
 
