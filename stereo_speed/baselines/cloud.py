@@ -12,6 +12,7 @@ from abc import abstractmethod
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .common import Baseline, Reading
 from .constant_velocity import directional_rate, Gaussian, Transition, transition
@@ -100,7 +101,7 @@ class CloudTracker(Baseline):
         self.log_weights = found.log_weights
         return True
 
-    def _spread(self, weights: Array, ancestors: Array) -> None:
+    def _spread(self, weights: Array, ancestors: NDArray[np.intp]) -> None:
         """
         Resample with a Gaussian kernel, shrunk so that the cloud's moments stay.
 

@@ -74,7 +74,7 @@ def directional_rate(direction: Array, up: Array, along: float, across: float,
     p = np.cross(up, t)
     p = p / np.linalg.norm(p)
     basis = np.column_stack([t, p, np.cross(t, p)])
-    return basis @ np.diag(np.square([along, across, climb])) @ basis.T
+    return np.asarray(basis @ np.diag(np.square([along, across, climb])) @ basis.T)
 
 
 def predict(belief: Gaussian, step: Transition) -> Gaussian:

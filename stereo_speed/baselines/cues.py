@@ -70,8 +70,7 @@ def outline_gradient(image: NDArray[Any], quads: Array) -> Array:
     share = (np.arange(_EDGE_SAMPLES) + 0.5) / _EDGE_SAMPLES
     along = ends - quads
     at = quads[:, :, None] + share[:, None] * along[:, :, None]  # (N, 4, K, 2)
-    at = (at - origin).astype(np.float32).reshape(len(quads), -1, 2)
-    u, v = np.ascontiguousarray(at[..., 0]), np.ascontiguousarray(at[..., 1])
+    u, v = ((at[..., k] - origin[k]).reshape(len(quads), -1).astype(np.float32) for k in (0, 1))
     du, dv = (_sampled(np.ascontiguousarray(s), u, v) for s in (slope_u, slope_v))
     length = np.maximum(np.linalg.norm(along, axis=2, keepdims=True), 1e-6)
     normal = np.stack([-along[..., 1], along[..., 0]], axis=-1) / length

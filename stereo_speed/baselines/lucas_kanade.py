@@ -96,8 +96,9 @@ def flow(first: NDArray[np.uint8], second: NDArray[np.uint8], uv: Array, guess: 
     """
     if not len(uv):
         return np.zeros((0, 2)), np.zeros(0, bool)
-    how = {'winSize': (window, window), 'maxLevel': _LEVELS, 'criteria': _STOP,
-           'flags': cv2.OPTFLOW_USE_INITIAL_FLOW}
+    how: dict[str, Any] = {
+        'winSize': (window, window), 'maxLevel': _LEVELS, 'criteria': _STOP,
+        'flags': cv2.OPTFLOW_USE_INITIAL_FLOW}
     start, toward = (np.ascontiguousarray(x, dtype=np.float32)[:, None].copy()
                      for x in (uv, guess))
     there, found, _ = cv2.calcOpticalFlowPyrLK(
@@ -127,6 +128,5 @@ def _warped(image: NDArray[Any], source: Array, target: Array, shape: tuple[int,
     """Warp an image so that a quad of it lies on another, and cut out a region of that."""
     part, first = cut(image, source, max(shape))
     h = homography(source - first, target - origin)
-    out: NDArray[np.uint8] = cv2.warpPerspective(
-        part, h, shape[1::-1], flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-    return out
+    return np.asarray(cv2.warpPerspective(
+        part, h, shape[1::-1], flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE), np.uint8)

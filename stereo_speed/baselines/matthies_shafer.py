@@ -1,8 +1,10 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Covariance of triangulated points: L. Matthies and S. A. Shafer, "Error modeling in stereo
-navigation", IEEE J. Robotics and Automation 3(3), 1987 (the 2012 paper's reference [36]).
+Covariance of triangulated points.
+
+L. Matthies and S. A. Shafer, "Error modeling in stereo navigation", IEEE J. Robotics and
+Automation 3(3), 1987 (the 2012 paper's reference [36]).
 
 Gaussian errors of the matched image points are carried through the image Jacobian: with A the
 (4, 3) derivative of both projections by the point, least-squares triangulation has the covariance
@@ -35,4 +37,4 @@ def covariances(rig: StereoRig, points_m: Array, std_px: float) -> Array:
                          for s in (1.0, -1.0))
         columns.append((ahead - behind) / (2 * step[:, None]))
     a = np.stack(columns, axis=-1)
-    return std_px ** 2 * np.linalg.inv(np.swapaxes(a, 1, 2) @ a)
+    return np.asarray(std_px ** 2 * np.linalg.inv(np.swapaxes(a, 1, 2) @ a), np.float64)

@@ -11,8 +11,9 @@ The dynamics are those of our tracker (2012, eq. 24, 27), as the paper has it; i
 manoeuvres become the share of particles that try one.
 
 - Disparity: semi-global matching around the front; the median difference to the particle's
-  plane (the mean in their paper: background at the front's edges would bias it).  Its weight in the likelihood is the share of the front that has a disparity at all, the
-  confidence that gives the method its name of adaptive.
+  plane (the mean in their paper: background at the front's edges would bias it).  Its weight in
+  the likelihood is the share of the particles' fronts that has a disparity at all, the confidence
+  that gives the method its name of adaptive.
 - Colour: histograms in both views against references that adapt.  The images carry grey levels
   only, and so do the histograms.
 - Gradient: across the outline of the front in both views, against the best of the particles.
@@ -82,7 +83,7 @@ class MultimodalTracker(CloudTracker):
     def _score(self, pair: StereoPair, lag_s: float) -> Array:
         """Fuse the cues: the product of their likelihoods."""
         quads = self._quads(self.states, lag_s)
-        shown = np.isfinite(quads[0]).all(axis=(1, 2)) & np.isfinite(quads[1]).all(axis=(1, 2))
+        shown = np.asarray(np.isfinite(np.concatenate(quads, axis=1)).all(axis=(1, 2)))
         if not shown.any():
             return np.full(len(shown), -np.inf)
         fill = int(np.argmax(shown))
@@ -103,7 +104,7 @@ class MultimodalTracker(CloudTracker):
         points = plane_points(self.lane.path, self.states[:, :3], self.samples_m)
         late = points + lag_s * self._velocities(self.states)[:, None]
         uv, expected = self.rectifier.project(points, late)
-        ahead = np.isfinite(expected).all(axis=1)
+        ahead = np.asarray(np.isfinite(expected).all(axis=1))
         if not ahead.any():
             return np.zeros(len(ahead))
         low = np.floor(np.quantile(uv[ahead].min(axis=1), _TAIL, axis=0)) - _MARGIN_PX
@@ -156,7 +157,7 @@ class MultimodalTracker(CloudTracker):
     def _velocities(self, states: Array) -> Array:
         ahead, behind = (plane_points(self.lane.path, states[:, :3] + step, np.zeros((1, 2)))
                          for step in (_STEP_M, -_STEP_M))
-        return states[:, 3:4] * (ahead - behind)[:, 0] / (2 * _STEP_M[0])
+        return np.asarray(states[:, 3:4] * (ahead - behind)[:, 0] / (2 * _STEP_M[0]))
 
 
 def _nearest(image: NDArray[np.float32], uv: Array) -> Array:

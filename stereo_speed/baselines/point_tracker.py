@@ -64,7 +64,7 @@ class PointTracker(Baseline):
         """Give the source of points, and their matching error in px."""
 
     def _first_belief(self, place: Array) -> Gaussian:
-        """What the mark tells of the place, and the speed limit of the velocity."""
+        """Take the place from the mark, and the velocity from the speed limit."""
         velocity, std = self._first_velocity()
         toward = np.array([1.0, *self.start.offset_slope]) @ self.axes.T
         depth = self.start.s_std_m ** 2 * np.outer(toward, toward)
@@ -108,7 +108,7 @@ class PointTracker(Baseline):
         points = points.only(near_quad(points.left, left + (centre_px - predicted), 1.0))
         both = points.only(points.matched)
         xyz = triangulate(self.rig, both.left, both.right - shift)
-        good = np.isfinite(xyz).all(axis=1)
+        good = np.asarray(np.isfinite(xyz).all(axis=1))
         both, xyz = both.only(good), xyz[good]
         place = place_of_front(self.rig, xyz, centre_px, self.axes[:, 0], self.std_px)
         self.before = left  # the source looked there; overwritten when the vehicle is there
@@ -196,4 +196,3 @@ class PointTracker(Baseline):
 
     def _profile(self) -> Profile:
         return smoothed_profile(self.filtered, self.steps, self.seen)
-

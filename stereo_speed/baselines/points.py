@@ -60,7 +60,7 @@ class Points:
     @property
     def matched(self) -> NDArray[np.bool_]:
         """(n,) which are matched in both views."""
-        return np.isfinite(self.right).all(axis=1)
+        return np.asarray(np.isfinite(self.right).all(axis=1))
 
     def only(self, keep: NDArray[np.bool_]) -> Points:
         """Give some of the points."""
@@ -105,7 +105,7 @@ def off_epipolar_px(rig: StereoRig, left: Array, right: Array) -> Array:
         return np.zeros(0)
     lines = rig.epipolar_lines_right(left)
     off = np.abs(np.sum(lines * rig.right.rays(right), axis=1))
-    return off / np.hypot(lines[:, 0], lines[:, 1]) * float(rig.right.K[1, 1])
+    return np.asarray(off / np.hypot(lines[:, 0], lines[:, 1]) * float(rig.right.K[1, 1]))
 
 
 def carry(uv: Array, source: Array, target: Array) -> Array:
@@ -114,13 +114,11 @@ def carry(uv: Array, source: Array, target: Array) -> Array:
         return np.zeros((0, 2))
     h = homography(source, target)
     out = np.column_stack([uv, np.ones(len(uv))]) @ h.T
-    mapped: Array = out[:, :2] / out[:, 2:]
-    return mapped
+    return np.asarray(out[:, :2] / out[:, 2:], np.float64)
 
 
 def homography(source: Array, target: Array) -> Array:
     """(3, 3) that takes one quad (4, 2) to another."""
-    out: Array = np.asarray(cv2.getPerspectiveTransform(
+    return np.asarray(cv2.getPerspectiveTransform(
         np.ascontiguousarray(source, dtype=np.float32),
         np.ascontiguousarray(target, dtype=np.float32)), dtype=np.float64)
-    return out

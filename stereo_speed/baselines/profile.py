@@ -5,7 +5,7 @@ The speed profile of a whole pass.
 
 Trackers that filter are smoothed backwards in time.  What only triangulates has positions and
 nothing else: the speeds between them are fitted by a polynomial of the time, by generalised least
-squares, of the degree that the Bayesian information criterion chooses (G. Schwarz, Annals of
+squares.  Degrees are averaged by the Bayesian information criterion (G. Schwarz, Annals of
 Statistics 6(2), 1978), so that braking fits and noise does not.
 """
 from __future__ import annotations
@@ -16,6 +16,7 @@ from typing import Sequence
 import numpy as np
 
 from .constant_velocity import Gaussian, smooth, Transition
+from ..filtering.weights import normalise_log_weights
 from ..records import Array
 
 _DEGREES = (0, 1, 2)
@@ -72,10 +73,14 @@ def fitted_profile(times_s: Array, places_m: Array, covs: Array) -> Profile:
     t = (times_s - times_s.mean()) / span
     middle = 0.5 * (t[1:] + t[:-1])
     fits = [_fit(middle, way / dt, noise, degree) for degree in _DEGREES if degree < len(way)]
-    x, cov, _ = min(fits, key=lambda fit: fit[2])
-    design = np.vander(t, len(x), increasing=True)
-    joint = design @ cov @ design.T
-    return Profile(design @ x, np.sqrt(np.diag(joint)), float(np.sqrt(joint.mean())))
+    criteria = np.array([fit[2] for fit in fits])
+    share = normalise_log_weights(-0.5 * criteria)
+    designs = [np.vander(t, len(x), increasing=True) for x, _, _ in fits]
+    speeds = np.array([design @ x for design, (x, _, _) in zip(designs, fits)])
+    mean = share @ speeds
+    joint = sum(w * (design @ cov @ design.T + np.outer(speed - mean, speed - mean))
+                for w, design, speed, (_, cov, _) in zip(share, designs, speeds, fits))
+    return Profile(mean, np.sqrt(np.diag(joint)), float(np.sqrt(joint.mean())))
 
 
 def _fit(t: Array, values: Array, noise: Array, degree: int) -> tuple[Array, Array, float]:
@@ -92,7 +97,7 @@ def _fit(t: Array, values: Array, noise: Array, degree: int) -> tuple[Array, Arr
     rest = float(np.sum(np.square(wanted - design @ x)))
     # Errors larger than told show in what is left.
     inflation = max(rest / max(len(t) - len(x), 1), 1.0)
-    return x, cov * inflation, rest + len(x) * float(np.log(len(t)))
+    return x, np.asarray(cov * inflation, np.float64), rest + len(x) * float(np.log(len(t)))
 
 
 def _profile(velocity: Array, joint: Array) -> Profile:

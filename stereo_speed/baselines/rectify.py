@@ -91,7 +91,7 @@ class Rectifier:
         margin = max(least + count, 0) + _BLOCK
         start = low - [margin, 0]
         size = (int(high[0] - start[0]) + max(-least, 0) + _BLOCK, int(high[1] - low[1]))
-        matcher = cv2.StereoSGBM_create(
+        matcher = cv2.StereoSGBM.create(
             minDisparity=least, numDisparities=count, blockSize=_BLOCK, P1=8 * _BLOCK ** 2,
             P2=32 * _BLOCK ** 2, disp12MaxDiff=1, uniquenessRatio=5,
             mode=cv2.STEREO_SGBM_MODE_SGBM)

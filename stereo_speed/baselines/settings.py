@@ -27,7 +27,7 @@ class BaselineSettings:
     """
 
     feature_std_px: float = _p(
-        0.5, 0.01, 10.0, 'px', 'matching error of a local feature in each view (2012, Section V-A)')
+        0.5, 0.01, 10.0, 'px', 'matching error of a feature in each view (2012, Section V-A)')
     flow_std_px: float = _p(
         0.1, 0.01, 10.0, 'px', 'matching error of a point followed by optical flow in each view')
     along_rate_std: float = _p(

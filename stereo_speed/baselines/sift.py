@@ -37,7 +37,7 @@ class SiftPoints:
 
     def __init__(self, rig: StereoRig) -> None:
         self.rig = rig
-        self._sift = cv2.SIFT_create(contrastThreshold=_CONTRAST)
+        self._sift = cv2.SIFT.create(contrastThreshold=_CONTRAST)
         self._known: tuple[NDArray[np.int64], Array, Descriptors] | None = None
         self._next_id = 0
 
@@ -64,7 +64,8 @@ class SiftPoints:
         crop, origin = cut(image, quad, aim.slack_px)
         scale = float(np.clip(_WIDTH_PX / max(aim.width_px, 1.0), 1.0, _MOST_SCALE))
         if scale > 1:
-            crop = cv2.resize(crop, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC)
+            crop = np.asarray(cv2.resize(crop, None, fx=scale, fy=scale,
+                                         interpolation=cv2.INTER_CUBIC), np.uint8)
         keypoints, descriptors = self._sift.detectAndCompute(crop, None)
         if not keypoints:
             return np.zeros((0, 2)), np.zeros((0, 128), np.float32)
