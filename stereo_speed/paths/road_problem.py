@@ -114,11 +114,18 @@ class RoadProblem:
         self.steps = model.steps if turn is None else np.append(
             model.steps, np.full(3, TURN_STEP_RAD))
         self._last: Optional[tuple[Array, Feet]] = None
+        self._known: Optional[tuple[Array, tuple[Array, Array]]] = None
 
     @property
     def size(self) -> int:
         """Count the unknowns."""
         return len(self.steps)
+
+    def _reference(self, x: Array) -> tuple[Array, Array]:
+        """Give the reference line of the model; the last one is kept."""
+        if self._known is None or not np.array_equal(self._known[0], x):
+            self._known = x.copy(), self.model.reference(x)
+        return self._known[1]
 
     def turn_rad(self, x: Array) -> Array:
         """Take pan, tilt and roll (..., 3) of the right camera; zeros where they are fixed."""
@@ -133,7 +140,7 @@ class RoadProblem:
 
     def at(self, x: Array, weights: Weights) -> Array:
         """Give the pixels (..., n, 2) of the lines at fixed arc lengths, one for each pick."""
-        points, frames = self.model.reference(x)
+        points, frames = self._reference(x)
         return self._seen(x, (points, frames[..., 1]), weights)
 
     def _seen(self, x: Array, reference: tuple[Array, Array], weights: Weights) -> Array:
@@ -150,7 +157,7 @@ class RoadProblem:
         """Find where each pick meets its projected line."""
         if self._last is not None and np.array_equal(self._last[0], x):
             return self._last[1]
-        points, frames = self.model.reference(x)
+        points, frames = self._reference(x)
         reference = points, frames[..., 1]
         nodes, h = self.model.s_m, 0.01
         s, reach = nodes[self._nearest_nodes(x, reference)], 3 * (nodes[1] - nodes[0])
@@ -189,7 +196,7 @@ class RoadProblem:
 
         They are roll, grade, crossfall and crest, and the turn of the right camera.
         """
-        up = (self.model.reference(x)[1])[..., len(self.model.s_m) // 2, :, :]
+        up = (self._reference(x)[1])[..., len(self.model.s_m) // 2, :, :]
         bend = self.model.bend(x)
         roll = up[..., 1, 1]  # how far the left axis dips below the camera's horizontal
         crest = bend[..., 2] / (self.model.half_length_m * CREST_STD_PER_M)
