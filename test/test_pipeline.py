@@ -31,7 +31,7 @@ class ScriptedFinder:
             return []
         return [Detection(lane=self.lane, left_px=m.left_px, right_px=m.right_px, std_px=0.7,
                           s_m=0.0, s_std_m=1.0, lateral_m=0.0, width_m=1.8, height_m=0.8,
-                          speed_mps=20.0, confidence=0.9) for m in self.marks]
+                          speed_mps=20.0, earlier=None, confidence=0.9) for m in self.marks]
 
 
 @pytest.fixture(scope='module')

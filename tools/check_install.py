@@ -8,7 +8,7 @@ from pathlib import Path
 import sys
 
 EXECUTABLES = ('stereo_sync_node', 'tracker_node', 'speed_node', 'replay_node',
-               'replay', 'simulate', 'accuracy', 'traffic', 'bench', 'demo')
+               'replay', 'site', 'simulate', 'accuracy', 'evaluate', 'traffic', 'bench', 'demo')
 
 
 def missing(prefix: Path, source: Path) -> list[str]:

@@ -1,4 +1,3 @@
-#!/usr/bin/env python3
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """Write the tracker's parameters into ``config/`` anew, after a default or a text has changed."""
