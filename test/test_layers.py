@@ -21,7 +21,7 @@ LAYERS = (
     ('paths',),
     ('site',),
     ('calibration',),
-    ('tracking', 'detection'),
+    ('tracking', 'detection', 'environment'),
     ('baselines',),
     ('pipeline',),
     ('io',),

@@ -1,0 +1,68 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Turn image messages into colour arrays, for what tells objects apart by their colours."""
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from .images import grey_from_message
+from ..errors import BagError
+
+Colour = NDArray[np.uint8]
+_CHANNELS = {'bgr8': 3, 'rgb8': 3, 'bgra8': 4, 'rgba8': 4}
+# OpenCV names a mosaic by its second row, second column; ROS by its first row.
+_BAYER = {'bayer_rggb8': cv2.COLOR_BayerBG2BGR, 'bayer_bggr8': cv2.COLOR_BayerRG2BGR,
+          'bayer_gbrg8': cv2.COLOR_BayerGR2BGR, 'bayer_grbg8': cv2.COLOR_BayerGB2BGR}
+_TO_BGR = {'bgr8': None, 'rgb8': cv2.COLOR_RGB2BGR, 'bgra8': cv2.COLOR_BGRA2BGR,
+           'rgba8': cv2.COLOR_RGBA2BGR, **_BAYER}
+
+
+def bgr_from_message(msg: Any, where: object) -> Colour:
+    """
+    Turn an ``Image`` or ``CompressedImage`` message into a colour image.
+
+    :param msg: the message, of ROS 1 or 2.
+    :param where: file and topic, for the error.
+    :return: (H, W, 3) uint8, BGR; grey images have three equal channels.
+    :raises BagError: an encoding that is not supported, or data that do not make an image.
+    """
+    grey = grey_from_message(msg, where)  # the checks are the same, whatever comes of it
+    if hasattr(msg, 'encoding'):
+        encoding = str(msg.encoding).lower()
+        if encoding in _TO_BGR:
+            return _raw(msg, encoding)
+    else:
+        encoding = str(msg.format).partition(';')[0].strip().lower()
+        image = cv2.imdecode(np.frombuffer(msg.data, np.uint8),
+                             cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+        if image is None:
+            raise BagError(where, 'compressed image', 'data that cannot be decoded in colour',
+                           'a whole JPEG or PNG image')
+        if encoding not in _BAYER:
+            return np.asarray(image, dtype=np.uint8)
+        return np.asarray(cv2.cvtColor(np.ascontiguousarray(image[..., 0]), _BAYER[encoding]),
+                          dtype=np.uint8)
+    return bgr_of_grey(grey)
+
+
+def bgr_of_grey(grey: NDArray[Any]) -> Colour:
+    """Give a grey image (H, W), of 8 or 16 bits, three equal channels of 8."""
+    eight = grey if grey.dtype == np.uint8 else (grey >> 8).astype(np.uint8)
+    return np.asarray(cv2.cvtColor(eight, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
+
+
+def _raw(msg: Any, encoding: str) -> Colour:
+    """Take the pixels of a raw message whose size has been checked."""
+    channels, code = _CHANNELS.get(encoding, 1), _TO_BGR[encoding]
+    width, height, step = int(msg.width), int(msg.height), int(msg.step)
+    data = np.frombuffer(msg.data, dtype=np.uint8)
+    rows = np.lib.stride_tricks.as_strided(
+        data, (height, width * channels), (step, 1), writeable=False)
+    pixels = np.ascontiguousarray(rows)
+    if channels > 1:
+        pixels = pixels.reshape(height, width, channels)
+    return np.asarray(pixels if code is None else cv2.cvtColor(pixels, code), dtype=np.uint8)
