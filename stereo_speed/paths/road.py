@@ -30,7 +30,7 @@ from ..records import Array
 ROBUST = 3.3  # residuals beyond as many sigmas count less and less (soft L1)
 MIN_STD_PX = 0.02  # no picks are better than this
 PENALTY = 2.0  # times that of BIC; at 1 one straight road in fifteen was taken for a curve
-AIC = 2.0  # for a curved road's further turns and bends, where picks are precise
+AIC = 2.0  # for each number that describes a curved road, where picks are precise
 MAX_TURNS = 8
 MAX_STEPS = 40
 FOOT_PLACES = 8001  # along the road, where one is looked up
@@ -210,19 +210,23 @@ def _past(fits: list[RoadFit]) -> bool:
 
 
 def _best(fits: list[RoadFit], count: int) -> list[RoadFit]:
-    """Sort by BIC, or AIC for details, with the scatter of the picks from the closest fit."""
+    """
+    Sort by BIC, with the scatter of the picks from the closest fit.
+
+    Where picks are precise and BIC says that the road is curved, AIC says how.
+    """
     picks = fits[0].problem.picks
     number = len(picks.line)
     variance = max(min(f.cost / max(number - f.problem.size, 1) for f in fits),
                    _least_variance(picks))
-    dear, cheap = PENALTY * np.log(number), AIC if _precise(picks) else PENALTY * np.log(number)
 
-    def score(fit: RoadFit) -> float:
-        model = fit.problem.model
-        more = max(model.turns - 1, 0) + (model.bends if model.turns else 0)
-        return fit.cost / variance + dear * (fit.problem.size - more) + cheap * more
+    def score(fit: RoadFit, penalty: float) -> float:
+        return fit.cost / variance + penalty * fit.problem.size
 
-    return sorted(fits, key=score)[:count]
+    strict = sorted(fits, key=lambda f: score(f, PENALTY * float(np.log(number))))
+    if not strict[0].problem.model.turns or not _precise(picks):
+        return strict[:count]
+    return sorted(fits, key=lambda f: (not f.problem.model.turns, score(f, AIC)))[:count]
 
 
 def _precise(picks: Picks) -> bool:
