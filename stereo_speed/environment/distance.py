@@ -20,6 +20,8 @@ PATHWAY, ACCESSIBLE, INACCESSIBLE = 255, 128, 0  # grey levels of a map
 KINDS = (PATHWAY, ACCESSIBLE, INACCESSIBLE)
 _SMOOTHING_PX = 2.0  # of the masks; takes the pixel steps out of a boundary
 _NEAR_PX = 8.0  # to the boundary, where it is taken as a line between its points
+_NEIGHBOURS = 5  # of a pixel among the boundary's points
+_JOINED_PX2 = 2.5  # neighbours on one curve, not two curves, are no farther apart
 _GRADIENT_PX = 1.5  # of the field before its gradient is taken
 
 
@@ -145,7 +147,7 @@ def _unsigned(shape: tuple[int, ...], boundary_px: Array) -> Array:
     """
     Give each pixel's distance to the boundary (eq. 9), px.
 
-    The boundary is taken as straight between its two points nearest to the pixel.
+    Near it, the boundary is taken as straight between neighbouring points.
     """
     height, width = shape
     if len(boundary_px) < 2:
@@ -168,12 +170,17 @@ def _pixels(mask: NDArray[np.bool_]) -> Array:
 
 
 def _near_distance(tree: cKDTree, pixels: Array, boundary_px: Array) -> Array:
-    """Give the distance (n,) of pixels to the line through their two nearest points."""
-    distance, near = tree.query(pixels, k=2)
-    a, b = boundary_px[near[:, 0]], boundary_px[near[:, 1]]
-    along = b - a
+    """
+    Give the distance (n,) of pixels to the lines from their nearest point to those next to it.
+
+    Where three kinds of region are, most points are there twice, once from each side.
+    """
+    distance, near = tree.query(pixels, k=min(_NEIGHBOURS, len(boundary_px)))
+    a = boundary_px[near[:, :1]]
+    along = boundary_px[near[:, 1:]] - a
     length2 = np.maximum(np.sum(along ** 2, axis=-1), 1e-12)
-    share = np.clip(np.sum((pixels - a) * along, axis=-1) / length2, 0.0, 1.0)
-    gap = np.linalg.norm(pixels - a - share[:, None] * along, axis=-1)
-    joined = length2 < 2.5  # neighbours on one curve, not two curves
-    return np.asarray(np.where(joined, gap, distance[:, 0]))
+    offset = pixels[:, None] - a
+    share = np.clip(np.sum(offset * along, axis=-1) / length2, 0.0, 1.0)
+    gap = np.linalg.norm(offset - share[..., None] * along, axis=-1)
+    gap[length2 > _JOINED_PX2] = np.inf
+    return np.asarray(np.minimum(distance[:, 0], gap.min(axis=-1)))
