@@ -32,8 +32,9 @@ def accept_reject(propose: Callable[[Index], Array], log_chance: Callable[[Index
     """
     Draw one sample per index by accept-reject (Algorithm 1), all indices at once.
 
-    Rounds are bounded, as an index may have no acceptable candidate at all. Its last candidate is
-    kept then, and carries its chance as a weight: the same distribution, by importance.
+    Rounds are bounded, as an index may have no acceptable candidate at all. In the last round the
+    candidate is kept untested, and carries its chance as a weight: the same distribution, by
+    importance.
 
     :param propose: draws candidates (n, D) for indices (n,) from the instrumental distribution.
     :param log_chance: logarithm of the chance of acceptance of candidates, (n,).
@@ -45,14 +46,12 @@ def accept_reject(propose: Callable[[Index], Array], log_chance: Callable[[Index
     waiting = np.arange(count)
     samples = propose(waiting)
     log_weights = np.zeros(count)
-    for left in range(rounds - 1, -1, -1):
+    for _ in range(rounds - 1):
         log_p = log_chance(waiting, samples[waiting])
-        refused = np.log(rng.random(len(waiting)) + 1e-300) > log_p
-        waiting, log_p = waiting[refused], log_p[refused]
+        waiting = waiting[np.log(rng.random(len(waiting)) + 1e-300) > log_p]
         if not len(waiting):
-            break
-        if left:
-            samples[waiting] = propose(waiting)
-        else:
-            log_weights[waiting] = np.maximum(log_p, _LOWEST)
+            return samples, log_weights
+        samples[waiting] = propose(waiting)
+    # to test these too would count the likely ones double
+    log_weights[waiting] = np.maximum(log_chance(waiting, samples[waiting]), _LOWEST)
     return samples, log_weights
