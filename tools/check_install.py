@@ -8,7 +8,8 @@ from pathlib import Path
 import sys
 
 EXECUTABLES = ('stereo_sync_node', 'tracker_node', 'speed_node', 'replay_node',
-               'replay', 'site', 'simulate', 'accuracy', 'evaluate', 'traffic', 'bench', 'demo')
+               'environment_node', 'track-environment', 'map', 'replay', 'site', 'simulate',
+               'accuracy', 'evaluate', 'traffic', 'bench', 'demo')
 
 
 def missing(prefix: Path, source: Path) -> list[str]:

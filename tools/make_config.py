@@ -13,14 +13,30 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from stereo_speed.config import TrackerConfig  # noqa: E402
+from stereo_speed.environment.config import EnvironmentConfig  # noqa: E402
 
 HEAD = '# Parameters of the tracker for `replay --config`; these are the defaults.\n'
+ENVIRONMENT_HEAD = ('# Parameters of the monocular tracker for `track-environment --config`; these'
+                    ' are the\n# defaults.\n')
+NODE_HEAD = """# Parameters of environment_node; these are the defaults.
+# `map` and `targets` are given at launch.
+/**/environment_node:
+  ros__parameters:
+    # seed of all randomness
+    seed: 0
+    # 'environment' or 'plain'
+    tracker: environment
+    # use every stride-th frame, counted from that of each mark
+    stride: 1
+    # 'raw' or 'compressed' images
+    image_transport: raw
+"""
 
 
-def parameters(indent: str) -> str:
+def parameters(indent: str, kind: type = TrackerConfig) -> str:
     """Give every parameter with its meaning above it, as YAML."""
     lines = []
-    for f in dataclasses.fields(TrackerConfig):
+    for f in dataclasses.fields(kind):
         m = f.metadata
         unit = f' [{m["unit"]}]' if m['unit'] else ''
         lines += textwrap.wrap(f'{m["doc"]}{unit}; {m["low"]} to {m["high"]}', 97,
@@ -37,7 +53,11 @@ def _yaml(value: object) -> str:
 
 
 def main() -> None:
-    """Write both files."""
+    """Write the files."""
+    config = ROOT / 'config'
+    (config / 'environment.yaml').write_text(ENVIRONMENT_HEAD + parameters('', EnvironmentConfig))
+    (config / 'environment.params.yaml').write_text(
+        NODE_HEAD + parameters('    ', EnvironmentConfig))
     (ROOT / 'config' / 'tracker.yaml').write_text(HEAD + parameters(''))
     path = ROOT / 'config' / 'stereo_speed.params.yaml'
     text = path.read_text()

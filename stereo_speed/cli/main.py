@@ -25,9 +25,13 @@ COMMANDS = {
     'accuracy': 'tabulate errors on simulated passes with exact truth',
     'evaluate': 'compare trackers on sequences with truth; the tables of the papers',
     'traffic': 'measure simulated traffic with exact truth, and tabulate',
+    'track-environment': 'follow marked targets through the video of one camera',
+    'map': 'draw the map of a scene from polygons',
     'bench': 'time the tracker',
     'demo': 'play the sample bag through the live nodes and print the readings',
 }
+# Modules and functions of another name than their command
+MODULES = {'track-environment': 'track_environment', 'map': 'environment_map'}
 INPUT_ERROR = 2
 INTERRUPTED = 130
 
@@ -52,7 +56,8 @@ def build_parser(command: Optional[str]) -> argparse.ArgumentParser:
     subparsers = parser.add_subparsers(metavar='COMMAND', required=True)
     for name, text in COMMANDS.items():
         if name == command:
-            importlib.import_module(f'.{name}', __package__).add_parser(subparsers)
+            module = MODULES.get(name, name)
+            importlib.import_module(f'.{module}', __package__).add_parser(subparsers)
         else:
             subparsers.add_parser(name, help=text)
     return parser
@@ -119,6 +124,16 @@ def evaluate() -> int:
 def traffic() -> int:
     """Run ``traffic`` as an executable of its own."""
     return main(['traffic', *sys.argv[1:]])
+
+
+def track_environment() -> int:
+    """Run ``track-environment`` as an executable of its own."""
+    return main(['track-environment', *sys.argv[1:]])
+
+
+def environment_map() -> int:
+    """Run ``map`` as an executable of its own."""
+    return main(['map', *sys.argv[1:]])
 
 
 def bench() -> int:

@@ -102,15 +102,19 @@ class Parameters:
             return self._number(where, name, value, low, high)
         return value
 
-    def config(self) -> TrackerConfig:
-        """Declare all tracker parameters as :class:`TrackerConfig` describes them."""
+    def config(self, kind: Any = TrackerConfig) -> Any:
+        """
+        Declare all parameters of a config record as its fields describe them.
+
+        :param kind: the record, such as :class:`TrackerConfig`.
+        """
         values = {}
-        for f in dataclasses.fields(TrackerConfig):
+        for f in dataclasses.fields(kind):
             meta = f.metadata
             unit = f' [{meta["unit"]}]' if meta['unit'] else ''
             values[f.name] = self.get(f.name, f.default, meta['doc'] + unit, meta['low'],
                                       meta['high'])
-        return TrackerConfig(**values)
+        return kind(**values)
 
     @staticmethod
     def _number(where: str, name: str, value: Any, low: Optional[float],

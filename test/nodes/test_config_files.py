@@ -43,7 +43,8 @@ def test_launch_files_name_what_is_installed(path):
 
 def test_parameters_of_the_launch_file_are_declared_by_the_nodes():
     source = {n: (ROOT / 'stereo_speed' / 'nodes' / f'{n}.py').read_text()
-              for n in ('stereo_sync_node', 'tracker_node', 'replay_node')}
+              for n in ('stereo_sync_node', 'tracker_node', 'replay_node',
+                        'environment_node')}
     for path in (ROOT / 'launch').glob('*.xml'):
         for node in ElementTree.parse(path).getroot().iter('node'):
             for param in node.iter('param'):

@@ -1,0 +1,97 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""``map``: draw the map of a scene from polygons, and an overlay to look at."""
+from __future__ import annotations
+
+import argparse
+import os
+from pathlib import Path
+import re
+from typing import Any, Optional
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from .options import number_in
+from ..environment.distance import DistanceField
+from ..environment.regions import draw_map
+from ..errors import InputError
+from ..io.mot import load_regions
+from ..io.video import IMAGE_SUFFIXES, read_frames
+from ..report.targets import draw_field
+
+_LARGEST = 16384
+
+
+def add_parser(subparsers: Any) -> None:
+    """Add the command and its options."""
+    parser = subparsers.add_parser(
+        'map', help='draw the map of a scene from polygons',
+        description='Draw the map of a scene from polygons: 255 pathway, 128 accessible, '
+                    '0 inaccessible. An overlay with the contours of the distance is written '
+                    'beside it.')
+    add = parser.add_argument
+    add('polygons', metavar='POLYGONS', type=Path, help='polygons file (YAML)')
+    add('--size', type=_size, metavar='WxH', help="size, px (default: the image's)")
+    add('--out', required=True, type=Path, metavar='PNG', help='map to write')
+    add('--image', type=Path, metavar='IMAGE',
+        help='image, video, folder or bag, whose first frame the overlay is laid over')
+    add('--overlay', type=Path, metavar='PNG', help='overlay (default: OUT_overlay.png)')
+    add('--step', type=number_in(float, 1, 10000), default=20.0, metavar='PX',
+        help='distance between the contours of the overlay (default: 20)')
+    parser.set_defaults(run=run)
+
+
+def _size(text: str) -> tuple[int, int]:
+    found = re.fullmatch(r'(\d{1,5})x(\d{1,5})', text)
+    width, height = map(int, found.groups()) if found else (0, 0)
+    if not (1 <= width <= _LARGEST and 1 <= height <= _LARGEST):
+        raise argparse.ArgumentTypeError(f'found {text!r}, wanted WIDTHxHEIGHT in px')
+    return width, height
+
+
+def run(args: argparse.Namespace) -> int:
+    """Draw the map and the overlay."""
+    regions, background = load_regions(args.polygons)
+    image = None if args.image is None else _first_image(args.image)
+    if args.size is None and image is None:
+        raise InputError('map', '--size', 'nothing', 'WIDTHxHEIGHT in px, or --image')
+    width, height = args.size or (image.shape[1], image.shape[0])
+    if image is not None and image.shape[:2] != (height, width):
+        raise InputError(args.image, 'size', f'{image.shape[1]}x{image.shape[0]} px',
+                         f'{width}x{height} px as --size says')
+    labels = draw_map(regions, width, height, background)
+    overlay = args.overlay or args.out.with_name(f'{args.out.stem}_overlay.png')
+    field = DistanceField(labels)
+    _write(args.out, labels)
+    _write(overlay, draw_field(field, image, args.step))
+    for kind, level in (('pathway', 255), ('accessible', 128), ('inaccessible', 0)):
+        print(f'{kind}: {100 * np.mean(labels == level):.1f} %')
+    print(f'{args.out} and {overlay}')
+    return 0
+
+
+def _first_image(path: Path) -> NDArray[np.uint8]:
+    """Read an image, or the first frame of a video."""
+    if path.is_file() and path.suffix.lower() in IMAGE_SUFFIXES:
+        data = np.fromfile(path, dtype=np.uint8)
+        image = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
+        if image is None:
+            raise InputError(path, 'image', f'{data.size} bytes that cannot be decoded',
+                             'a whole image')
+        return np.asarray(image, dtype=np.uint8)
+    return next(read_frames(path)).image
+
+
+def _write(path: Path, image: NDArray[np.uint8]) -> None:
+    """Write a PNG aside and rename it when whole."""
+    done, data = cv2.imencode('.png', image)
+    aside: Optional[Path] = path.with_name(f'.partial-{path.name}')
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        assert aside is not None and done
+        aside.write_bytes(data.tobytes())
+        os.replace(aside, path)
+    except OSError as error:
+        raise InputError(path, 'file', error.strerror, 'a file that can be written') from None

@@ -1,0 +1,168 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""``track-environment``: follow marked targets through the video of one camera."""
+from __future__ import annotations
+
+import argparse
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any, Optional
+
+import numpy as np
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from .options import number_in
+from ..environment.boxes import Target, TargetEnd, TargetEstimate
+from ..environment.config import (
+    EnvironmentConfig, load_environment_config, PAPER_LIKELIHOOD)
+from ..environment.distance import DistanceField
+from ..environment.tracker import MonocularTracker, TRACKERS
+from ..errors import InputError
+from ..io.mot import check_targets, load_map, load_targets, SUMMARY, write_targets
+from ..io.results import prepare_folder, software_versions
+from ..io.video import Frame, read_frames, video_hash
+from ..io.video_writer import VideoWriter
+from ..report.targets import draw_targets
+
+ANNOTATED = 'annotated.avi'
+
+
+@dataclass
+class Run:
+    """
+    What one run has gathered.
+
+    :param estimates: boxes, in the order of the frames.
+    :param ends: how the targets ended.
+    :param frames: number of frames of the video.
+    """
+
+    estimates: list[TargetEstimate] = field(default_factory=list)
+    ends: list[TargetEnd] = field(default_factory=list)
+    frames: int = 0
+
+
+def add_parser(subparsers: Any) -> None:
+    """Add the command and its options."""
+    parser = subparsers.add_parser(
+        'track-environment', help='follow marked targets through the video of one camera',
+        description='Follow marked targets through the video of one camera. The same video, map, '
+                    'targets and seed give the same files, byte for byte.')
+    add = parser.add_argument
+    add('video', metavar='VIDEO', type=Path, help='video file, folder of images, or bag')
+    add('--map', required=True, type=Path, metavar='PNG',
+        help='map: 255 pathway, 128 accessible, 0 inaccessible')
+    add('--init', required=True, type=Path, metavar='YAML', help='targets file')
+    add('--out', required=True, type=Path, metavar='DIR', help='folder to write')
+    add('--tracker', choices=TRACKERS, default='environment',
+        help='with the environment (default), or the plain particle filter')
+    add('--particles', type=int, metavar='N', help='number of particles (default: 150)')
+    add('--seed', type=number_in(int, 0, 2 ** 63 - 1), default=0, metavar='S',
+        help='seed (default: 0)')
+    add('--stride', type=number_in(int, 1, 10 ** 6), default=1, metavar='K',
+        help='use every K-th frame, counted from that of each mark (default: 1)')
+    add('--likelihood', choices=('default', 'paper'), default='default',
+        help='paper: one histogram of the box as marked, without what we added')
+    add('--config', type=Path, metavar='YAML', help='parameters of the tracker')
+    add('--topic', metavar='TOPIC', help='image topic of a bag with several')
+    add('--annotate', action='store_true', help=f'write {ANNOTATED} as well')
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Track, then write everything, then tell how the targets ended."""
+    config = make_config(args)
+    targets = load_targets(args.init)
+    labels = load_map(args.map)
+    check_targets(targets, labels.shape[1], labels.shape[0], args.init)
+    folder = prepare_folder(args.out)
+    (folder / SUMMARY).unlink(missing_ok=True)
+    result = track(args, config, targets, labels)
+    write_targets(folder, result.estimates, result.ends, summary(args, config, result))
+    for end in sorted(result.ends, key=lambda e: e.id):
+        print(f'target {end.id}: {end.state.value}, frames {end.first_frame} to '
+              f'{end.last_frame} ({end.frames} boxes)')
+    print(f'in {args.out}')
+    return 0
+
+
+def make_config(args: argparse.Namespace) -> EnvironmentConfig:
+    """
+    Put the parameters together: the file's, then what the other options say.
+
+    :raises InputError: a value out of bounds.
+    """
+    config = load_environment_config(args.config) if args.config else EnvironmentConfig()
+    if args.likelihood == 'paper':
+        config = replace(config, **PAPER_LIKELIHOOD)
+    if args.particles is None:
+        return config
+    try:
+        return replace(config, particles=args.particles)
+    except InputError as error:
+        raise InputError('track-environment', '--particles', error.found, error.wanted) from None
+
+
+def track(args: argparse.Namespace, config: EnvironmentConfig, targets: list[Target],
+          labels: NDArray[np.uint8]) -> Run:
+    """
+    Run the tracker over the video.
+
+    :raises InputError: frames of another size than the map, or a mark in a frame that never
+        comes.
+    """
+    tracker = MonocularTracker(DistanceField(labels), targets, config, tracker=args.tracker,
+                               seed=args.seed, stride=args.stride)
+    result, video = Run(), None
+    try:
+        for frame in tqdm(read_frames(args.video, args.topic), desc='track', unit='frame',
+                          disable=None):
+            check_size(frame, labels, args.map)
+            found = tracker.process(frame.number, frame.image)
+            result.estimates += found
+            result.ends += tracker.ended()
+            result.frames = frame.number
+            if args.annotate:
+                video = video or VideoWriter(args.out / ANNOTATED, frame.image.shape)
+                video.write(draw_targets(frame.image, found, labels))
+        _check_frames(targets, result.frames, args.init)
+        result.ends += tracker.finish()
+        if video is not None:
+            video.keep()
+    finally:
+        if video is not None:
+            video.close()
+    return result
+
+
+def check_size(frame: Frame, labels: NDArray[np.uint8], where: object) -> None:
+    """Refuse a map that has not the size of the frames."""
+    if frame.image.shape[:2] != labels.shape:
+        height, width = frame.image.shape[:2]
+        raise InputError(where, 'size of the map', f'{labels.shape[1]}x{labels.shape[0]} px',
+                         f'{width}x{height} px as the frames')
+
+
+def _check_frames(targets: list[Target], frames: int, where: object) -> None:
+    """Refuse a mark in a frame that never came."""
+    for index, target in enumerate(targets):
+        if target.frame > frames:
+            raise InputError(where, f'targets[{index}].frame', target.frame,
+                             f'at most {frames}, the number of frames')
+
+
+def summary(args: argparse.Namespace, config: EnvironmentConfig,
+            result: Run) -> dict[str, Any]:
+    """Tell what the files depend on; nothing that changes when the run is repeated."""
+    ends: dict[str, int] = {}
+    for end in result.ends:
+        ends[end.state.value] = ends.get(end.state.value, 0) + 1
+    return {'versions': software_versions(), 'tracker': args.tracker, 'seed': args.seed,
+            'stride': args.stride, 'parameters': asdict(config), 'frames': result.frames,
+            'ends': ends, 'input_sha256': input_hash(args.video)}
+
+
+def input_hash(video: Path) -> Optional[str]:
+    """Hash the video; a folder is hashed by the files directly in it."""
+    return video_hash(video)
