@@ -1,0 +1,205 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""The colour likelihood (eq. 23-24) against numpy's histograms and by hand."""
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stereo_speed.environment.appearance import (
+    Appearance, BinImage, Boxes, grid_points, ring_points, similarity)
+from stereo_speed.environment.boxes import corners
+from stereo_speed.environment.config import EnvironmentConfig, PAPER_LIKELIHOOD
+
+PAPER = EnvironmentConfig(**PAPER_LIKELIHOOD)
+A, B, C = (200, 40, 10), (20, 220, 90), (70, 70, 250)  # BGR
+
+
+def boxes(*rows, angle_rad=None):
+    """Give boxes from (centre x, centre y, width, height)."""
+    table = np.array(rows, dtype=float)
+    angles = None if angle_rad is None else np.full(len(table), angle_rad)
+    return Boxes(table[:, :2], table[:, 2:], angles)
+
+
+def histogram(bgr):
+    """Oracle: numpy's joint histogram (4096,) of pixels (n, 3), red first."""
+    counts = np.histogramdd(bgr[:, ::-1], bins=(16, 16, 16), range=[(0, 256)] * 3)[0]
+    return counts.ravel() / counts.sum()
+
+
+def flat(colour, shape=(100, 140)):
+    return np.tile(np.array(colour, np.uint8), (*shape, 1))
+
+
+def look(image, found, config=PAPER, mark=None):
+    """Give log-likelihood, similarity and visible share of boxes, the first being the mark."""
+    frame = BinImage(image)
+    target = Appearance(config, frame, found if mark is None else mark)
+    return target.log_likelihood(frame, found)
+
+
+def test_marked_histogram_is_that_of_numpy():
+    """The mark is sampled 40 x 60: a box of that size has each of its pixels once."""
+    image = np.random.default_rng(0).integers(0, 256, (100, 140, 3), dtype=np.uint8)
+    target = Appearance(PAPER, BinImage(image), boxes((59.5, 49.5, 40, 60)))
+    assert target.reference.shape == (1, 4096)
+    np.testing.assert_allclose(target.reference[0],
+                               histogram(image[20:80, 40:80].reshape(-1, 3)), atol=1e-12)
+    # turned by a right angle, the same pixels
+    turned = Appearance(PAPER, BinImage(image.transpose(1, 0, 2).copy()),
+                        boxes((49.5, 59.5, 40, 60), angle_rad=np.pi / 2))
+    np.testing.assert_allclose(turned.reference, target.reference, atol=1e-12)
+
+
+@pytest.mark.parametrize('angle_deg', [20, -35, 70])
+def test_turned_box_has_the_pixels_inside_it(angle_deg):
+    """Oracle: pixels on the inner side of all four edges."""
+    image = np.zeros((140, 140, 3), np.uint8)
+    rows, columns = np.mgrid[:140, :140]
+    image[..., 0] = 255 * (columns > 66)
+    image[..., 1] = 255 * (columns + rows > 145)
+    image[..., 2] = 255 * (rows > 75)
+    angle = np.radians(angle_deg)
+    mark = boxes((70, 71, 70, 28), angle_rad=angle)
+    inside = np.ones((140, 140), dtype=bool)
+    points = corners(np.array([35, 57, 70, 28.0]), angle)
+    for (x0, y0), (x1, y1) in zip(points, np.roll(points, -1, axis=0)):
+        inside &= (x1 - x0) * (rows - y0) - (y1 - y0) * (columns - x0) >= 0
+    assert inside.sum() == pytest.approx(70 * 28, rel=0.03)
+    wanted = histogram(image[inside])
+    found = Appearance(PAPER, BinImage(image), mark).reference[0]
+    assert np.abs(found - wanted).sum() / 2 < 0.02
+    upright = Appearance(PAPER, BinImage(image), boxes((70, 71, 70, 28))).reference[0]
+    assert np.abs(upright - wanted).sum() / 2 > 0.1  # the turn matters here
+
+
+def test_candidates_are_sampled_where_the_mark_is():
+    """Oracle: numpy's histogram at the pixels nearest to the 9 x 15 points."""
+    image = np.random.default_rng(1).choice(np.array([10, 100, 200], np.uint8), (90, 120, 3))
+    mark, candidate = boxes((60, 45, 40, 60)), (52.3, 40.8, 33.0, 51.0)
+    frame = BinImage(image)
+    target = Appearance(PAPER, frame, mark)
+    x = 52.3 + 33 * ((np.arange(9) + 0.5) / 9 - 0.5)
+    y = 40.8 + 51 * ((np.arange(15) + 0.5) / 15 - 0.5)
+    seen = image[np.rint(y).astype(int)][:, np.rint(x).astype(int)].reshape(-1, 3)
+    wanted = np.sum(np.sqrt(histogram(seen) * target.reference[0]))
+    log_likelihood, alike, visible = target.log_likelihood(frame, boxes(candidate))
+    assert alike == pytest.approx(wanted) and visible == 1
+    assert log_likelihood == pytest.approx(-20 * (1 - wanted))
+
+
+def test_bhattacharyya_by_hand():
+    p, q, r = np.array([[0.5, 0.5, 0, 0], [0.5, 0, 0.5, 0], [0, 0, 0, 1.0]])
+    assert similarity(p, p) == pytest.approx(1)
+    assert similarity(p, q) == pytest.approx(0.5)
+    assert similarity(p, r) == 0
+    np.testing.assert_allclose(similarity(np.stack([p, q, r]), p), [1, 0.5, 0])
+    assert similarity(np.array([0.8, 0.2]), np.array([0.2, 0.8])) == pytest.approx(0.8)
+
+
+def test_likelihood_of_half_a_target_by_hand():
+    """Half of the candidate has the target's colour: 1 - D^2 is the root of a half."""
+    assert EnvironmentConfig().lambda_b == 20
+    image = flat(A)
+    image[:, 70:] = B
+    log_likelihood, alike, _ = look(image, boxes((40, 50, 20, 30), (70 - 0.5, 50, 36, 30),
+                                                 (110, 50, 20, 30)),
+                                    replace(PAPER, samples_across=12),
+                                    mark=boxes((40, 50, 20, 30)))
+    np.testing.assert_allclose(alike, [1, np.sqrt(0.5), 0])
+    np.testing.assert_allclose(log_likelihood, [0, -20 * (1 - np.sqrt(0.5)), -20])
+
+
+@pytest.mark.parametrize('angle_rad', [None, 0.4])
+def test_the_marked_box_itself_is_the_most_likely(angle_rad):
+    rng = np.random.default_rng(2)
+    image = flat(C)
+    image[30:62, 50:82] = A
+    image[46:62, 50:82] = B
+    spread = np.array([66, 46, 30, 30]) + rng.normal(0, 1, (300, 4)) * [9, 9, 5, 5]
+    found = boxes((66, 46, 30, 30), *spread, angle_rad=angle_rad)
+    _, alike, _ = look(image, found, mark=boxes((66, 46, 30, 30), angle_rad=angle_rad))
+    assert alike[0] > 0.995 and alike[0] >= alike.max() - 0.005
+    assert np.all((alike >= 0) & (alike <= 1 + 1e-12)) and alike.min() < 0.9
+
+
+def test_what_is_outside_the_image_is_left_out():
+    image = flat(A)
+    found = boxes((0 - 0.5, 50, 40, 30), (139.5, 99.5, 40, 30), (-60, 50, 40, 30))
+    frame = BinImage(image)
+    target = Appearance(replace(PAPER, samples_across=10, samples_down=10), frame,
+                        boxes((70, 50, 40, 30)))
+    _, alike, visible = target.log_likelihood(frame, found)
+    np.testing.assert_allclose(visible, [0.5, 0.25, 0])
+    np.testing.assert_allclose(alike, [1, 1, 0])
+    # a mark partly outside looks like what is seen of it
+    np.testing.assert_allclose(
+        Appearance(PAPER, frame, found).reference, target.reference)
+
+
+def test_bins_are_made_once_and_for_any_part():
+    """A frame that has been looked at elsewhere gives what a fresh one does."""
+    image = np.random.default_rng(3).integers(0, 256, (80, 90, 3), dtype=np.uint8)
+    used, grid = BinImage(image), grid_points(7, 5)
+    for box in ((20, 20, 10, 12), (60, 50, 40, 20), (25, 24, 16, 18), (88, 5, 30, 30)):
+        for angle in (None, 0.7):
+            found = boxes(box, angle_rad=angle)
+            np.testing.assert_array_equal(used.sample(found, grid)[0],
+                                          BinImage(image).sample(found, grid)[0])
+
+
+def test_parts_tell_top_from_bottom():
+    image = flat(A)
+    image[50:] = B
+    upside_down = image[::-1].copy()
+    mark = boxes((70, 49.5, 40, 40))
+    for parts, wanted in ((1, 1.0), (2, 0.0)):
+        config = replace(PAPER, parts=parts, samples_down=16)
+        target = Appearance(config, BinImage(image), mark)
+        assert target.compare(BinImage(image), mark)[0] == pytest.approx(1)
+        assert target.compare(BinImage(upside_down), mark)[0] == pytest.approx(wanted, abs=1e-9)
+
+
+def test_colours_of_the_surroundings_count_less():
+    """Reference half A, half B; all around is B: its weight is 1 / (1 + 4 * 1 / 0.501)."""
+    image = flat(B)
+    image[35:65, 60:80] = A
+    mark = boxes((69.5, 49.5, 40, 30))
+    ground = boxes((20, 49.5, 30, 30))
+    weight = 1 / (1 + 4 / 0.501)
+    for share, w in ((0.0, 1.0), (4.0, weight)):
+        target = Appearance(replace(PAPER, surround_weight=share), BinImage(image), mark)
+        alike = target.compare(BinImage(image), ground)[0]
+        assert alike == pytest.approx(np.sqrt(0.5) * w / (0.5 + 0.5 * w))
+
+
+def test_contrast_refuses_a_box_that_is_too_small():
+    image = flat(B)
+    image[30:70, 50:90] = A
+    found = boxes((69.5, 49.5, 40, 40), (69.5, 49.5, 20, 20), (69.5, 49.5, 70, 70))
+    for weight in (0.0, 5.0):
+        best, small, large = look(image, found, replace(PAPER, contrast_weight=weight),
+                                  mark=boxes((69.5, 49.5, 40, 40)))[0]
+        assert best > large + 1
+        assert best - small == pytest.approx(weight)  # all around it is the target's colour
+
+
+def test_ring_lies_around_the_box():
+    ring = ring_points()
+    outer = np.maximum(np.abs(ring.x), np.abs(ring.paired_y))
+    np.testing.assert_allclose(np.unique(np.round(outer, 6)), [0.575, 0.65])
+    assert abs(ring.x.mean()) < 1e-12 and abs(ring.paired_y.mean()) < 1e-12
+
+
+@pytest.mark.parametrize('share', [0.0, 0.25, 1.0])
+def test_reference_is_renewed_by_its_share(share):
+    image = flat(A)
+    image[:, 70:] = B
+    mark, now = boxes((40, 50, 20, 30)), boxes((100, 50, 20, 30))
+    target = Appearance(replace(PAPER, adaptation=share), BinImage(image), mark)
+    target.renew(BinImage(image), now)
+    assert target.compare(BinImage(image), now)[0] == pytest.approx(np.sqrt(share))
+    assert target.compare(BinImage(image), mark)[0] == pytest.approx(np.sqrt(1 - share))
