@@ -62,7 +62,7 @@ def _raw(msg: Any, encoding: str) -> Colour:
     data = np.frombuffer(msg.data, dtype=np.uint8)
     rows = np.lib.stride_tricks.as_strided(
         data, (height, width * channels), (step, 1), writeable=False)
-    pixels = np.ascontiguousarray(rows)
+    pixels = np.array(rows, order='C')  # one may draw on it
     if channels > 1:
         pixels = pixels.reshape(height, width, channels)
     return np.asarray(pixels if code is None else cv2.cvtColor(pixels, code), dtype=np.uint8)

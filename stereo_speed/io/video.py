@@ -69,7 +69,7 @@ def is_bag(path: Path) -> bool:
 def image_files(folder: Path) -> list[Path]:
     """List the images of a folder in natural order: 2 before 10."""
     found = [p for p in folder.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES]
-    return sorted(found, key=lambda p: [int(t) if t.isdigit() else t
+    return sorted(found, key=lambda p: [int(t) if t.isdecimal() else t
                                         for t in re.split(r'(\d+)', p.name)])
 
 
