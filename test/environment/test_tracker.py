@@ -65,7 +65,7 @@ def test_target_is_kept_round_the_bend(road, maps, seed, stride):
     lane = {'radius_px': 138.0}
     images = drive(road, maps, 31, **lane)
     found, ends = follow(road, images, [mark(road, **lane)], seed=seed, stride=stride)
-    assert [key for key in found] == [(1, n) for n in range(1, 32, stride)]
+    assert list(found) == [(1, n) for n in range(1, 32, stride)]
     assert all(e.state is TargetState.TRACKED for e in found.values())
     assert overlaps(road, found, **lane).min() > 0.5
     last = found[1, 31]
