@@ -67,7 +67,7 @@ class TrackerConfig:
         0.5, 0.0, 1.0, '', 'share of passes that ride smoothly')
     parts: int = _p(10, 4, 16, '', 'parts N_p of the front: 4, 6, 8, 10, 12 or 16')
     samples_per_part: int = _p(
-        8, 4, 16, '', 'samples across and down each part; a multiple of 4')
+        8, 4, 16, '', 'samples across and down each part in the refinement; a multiple of 4')
     lambda_d: float = _p(15.0, 0.0, 1e4, '', 'single-view weight lambda_D of eq. 13')
     lambda_c: float = _p(20.0, 0.0, 1e4, '', 'cross-view weight lambda_c of eq. 18')
     reference_epsilon: float = _p(

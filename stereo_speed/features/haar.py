@@ -6,7 +6,7 @@ Partwise Haar-like features of a patch sampled on a fixed grid (2012, Section II
 The grid is split into N_p parts; each part gives 16 numbers: its mean and the up-down, left-right
 and diagonal differences of the whole part (level 1), and the same three differences of each of
 its four quadrants (level 2).  On a part of 4 x 4 equal cells these are the 16 coefficients of the
-two-level orthonormal Haar transform, so all parts together are one matrix product.
+two-level orthonormal Haar transform, so each part is one small matrix product.
 """
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from ..errors import InputError
 
 FEATURES_PER_PART = 16
+CELLS = 4  # across and down a part: with as many samples, each is a cell
 # Parts across and down the front: fronts are wider than high, so the grids are too.
 PART_LAYOUT = {4: (2, 2), 6: (3, 2), 8: (4, 2), 10: (5, 2), 12: (4, 3), 16: (4, 4)}
 
@@ -79,19 +80,19 @@ class PartGrid:
         x, y = np.meshgrid((np.arange(cols) + 0.5) / cols, (np.arange(rows) + 0.5) / rows)
         return np.stack([x.ravel(), y.ravel()], axis=-1)
 
+    @property
+    def size(self) -> int:
+        """Give the number of features of a patch, 16 N_p."""
+        return FEATURES_PER_PART * self.parts
+
     @cached_property
-    def matrix(self) -> NDArray[np.float32]:
-        """(G, 16 N_p) matrix that takes a row of grid samples to its features."""
-        n, cell = self.samples_per_part, self.samples_per_part // 4
-        rows, cols = self.shape
+    def _patterns(self) -> NDArray[np.float32]:
+        """(samples of a part, 16) matrix that takes the samples of a part to its features."""
+        cell = self.samples_per_part // 4
         # Each orthonormal cell pattern becomes an orthonormal sample pattern when its cells
         # are repeated cell x cell times and scaled by 1 / cell.
         patterns = np.kron(haar_basis(), np.ones((1, cell, cell))) / cell
-        out = np.zeros((rows, cols, self.parts, FEATURES_PER_PART), np.float32)
-        for part in range(self.parts):
-            r, c = divmod(part, cols // n)
-            out[r * n:(r + 1) * n, c * n:(c + 1) * n, part] = np.moveaxis(patterns, 0, -1)
-        return out.reshape(rows * cols, -1)
+        return np.ascontiguousarray(patterns.reshape(FEATURES_PER_PART, -1).T, np.float32)
 
     def features(self, patches: NDArray[np.float32]) -> NDArray[np.float32]:
         """
@@ -100,6 +101,16 @@ class PartGrid:
         :param patches: (N, G) grey values on the grid.
         :return: (N, 16 N_p), rows of unit Euclidean length, orthogonal to a constant patch.
         """
-        centred = patches - patches.mean(axis=1, keepdims=True)
-        raw = centred @ self.matrix
+        raw = self.transform(patches - patches.mean(axis=1, keepdims=True))
         return raw / (np.linalg.norm(raw, axis=1, keepdims=True) + np.float32(_FLOOR))
+
+    def transform(self, patches: NDArray[np.float32]) -> NDArray[np.float32]:
+        """
+        Haar coefficients of patches, part after part.
+
+        :param patches: (N, G) grey values on the grid.
+        :return: (N, 16 N_p).
+        """
+        n, (rows, cols) = self.samples_per_part, self.shape
+        by_part = patches.reshape(-1, rows // n, n, cols // n, n).swapaxes(2, 3)
+        return (by_part.reshape(-1, n * n) @ self._patterns).reshape(len(patches), self.size)

@@ -7,15 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-def normalise(patches: NDArray[np.float32]) -> NDArray[np.float32]:
-    """
-    Zero mean and unit Euclidean length per row; a row without contrast becomes zero.
-
-    :param patches: (N, G) grey values.
-    """
-    centred = patches - patches.mean(axis=-1, keepdims=True)
-    length = np.linalg.norm(centred, axis=-1, keepdims=True)
-    return np.divide(centred, length, out=np.zeros_like(centred), where=length > 1e-6)
+_NO_CONTRAST = 1e-12
 
 
 def ncc(first: NDArray[np.float32], second: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -26,4 +18,7 @@ def ncc(first: NDArray[np.float32], second: NDArray[np.float32]) -> NDArray[np.f
     :param second: (N, G), or (G,) to compare every row with one patch.
     :return: (N,).
     """
-    return np.sum(normalise(first) * normalise(second), axis=-1)
+    a, b = (p - p.mean(axis=-1, keepdims=True) for p in (first, second))
+    length = np.sqrt(np.einsum('...g,...g', a, a) * np.einsum('...g,...g', b, b))
+    return np.divide(np.einsum('...g,...g', a, b), length, out=np.zeros_like(length),
+                     where=length > _NO_CONTRAST)

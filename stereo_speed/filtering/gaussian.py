@@ -6,6 +6,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from scipy.linalg import lapack
 
 from ..records import Array
 
@@ -68,7 +69,17 @@ def condition(prior: NormalEquations, H: Array, g: Array) -> tuple[Array, Array,
     total, right = prior.H.copy(), prior.g.copy()
     total[:m, :m] += H
     right[:m] += g
-    covariance = np.linalg.inv(total)
+    covariance, after = _inverse(total)
     mean = covariance @ right
-    log_det = np.linalg.slogdet(prior.H)[1] - np.linalg.slogdet(total)[1]
-    return mean, covariance, 0.5 * (log_det + float(right @ mean))
+    log_det = 2 * float(np.log(np.diag(np.linalg.cholesky(prior.H))).sum())
+    return mean, covariance, 0.5 * (log_det - after + float(right @ mean))
+
+
+def _inverse(information: Array) -> tuple[Array, float]:
+    """Invert a symmetric positive definite matrix; its logarithmic determinant."""
+    factor, failed = lapack.dpotrf(information, lower=1)
+    if failed:
+        raise np.linalg.LinAlgError('information matrix not positive definite')
+    half = lapack.dpotri(factor, lower=1)[0]  # its lower triangle
+    log_det = 2 * float(np.log(np.diag(factor)).sum())
+    return np.tril(half) + np.tril(half, -1).T, log_det

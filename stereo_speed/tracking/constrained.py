@@ -24,7 +24,7 @@ from .motion import PassPrior
 from .outcome import calibration_share, conclude, live_std, Pass
 from .refine import PassRefiner, Posterior
 from ..config import TrackerConfig
-from ..features.haar import PartGrid
+from ..features.haar import CELLS, PartGrid
 from ..filtering.resampling import systematic
 from ..filtering.weights import (
     DegenerateWeightsError, effective_sample_size, mean_and_covariance, normalise_log_weights)
@@ -59,12 +59,13 @@ class ConstrainedTracker:
     def __init__(self, *, rig: StereoRig, lane: LanePath, config: TrackerConfig, mark: InitMark,
                  pair: StereoPair, track: int, rng: np.random.Generator) -> None:
         self.rig, self.lane, self.config, self.track, self.rng = rig, lane, config, track, rng
-        self.grid = PartGrid(config.parts, config.samples_per_part)
+        self.grid = PartGrid(config.parts, CELLS)
+        fine = PartGrid(config.parts, config.samples_per_part)
         self.expected_mps = lane.speed_limit_mps or config.initial_speed_mps
         later_m = self.expected_mps * lag_s(pair, config.trigger_tolerance_s)
-        start = acquire(rig, lane.path, mark, pair, self.grid, later_m)
+        start = acquire(rig, lane.path, mark, pair, fine, later_m)
         self.front: Front = start.front
-        sampler = LookSampler(rig, start.front, self.grid.unit_xy, self.grid.shape,
+        sampler = LookSampler(rig, start.front, fine.unit_xy, fine.shape,
                               config.trigger_tolerance_s)
         prior = PassPrior(
             s_m=float(start.pose[0]), s_std_m=start.s_std_m, offset_m=start.pose[1:],

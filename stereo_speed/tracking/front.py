@@ -72,21 +72,22 @@ def quad_grid(corners: Array, unit_xy: Array) -> Array:
 
     :param corners: (N, 4, 2) images of (0, 0), (1, 0), (1, 1), (0, 1).
     :param unit_xy: (G, 2) points of the unit square.
-    :return: (N, 2, G) u and v, the type of ``corners``.
+    :return: (2, N, G) u and v, the type of ``corners``.
     """
     p0, p1, p2, p3 = (corners[:, k] for k in range(4))
     d1, d2, d3 = p1 - p2, p3 - p2, p0 - p1 + p2 - p3
     det = d1[:, 0] * d2[:, 1] - d2[:, 0] * d1[:, 1]
     g = (d3[:, 0] * d2[:, 1] - d2[:, 0] * d3[:, 1]) / det
     h = (d1[:, 0] * d3[:, 1] - d3[:, 0] * d1[:, 1]) / det
-    homography = np.ones((len(corners), 3, 3), corners.dtype)
-    homography[:, :2, 0] = p1 - p0 + g[:, None] * p1
-    homography[:, :2, 1] = p3 - p0 + h[:, None] * p3
-    homography[:, :2, 2] = p0
-    homography[:, 2, 0], homography[:, 2, 1] = g, h
+    homography = np.ones((3, len(corners), 3), corners.dtype)
+    homography[:2, :, 0] = (p1 - p0 + g[:, None] * p1).T
+    homography[:2, :, 1] = (p3 - p0 + h[:, None] * p3).T
+    homography[:2, :, 2] = p0.T
+    homography[2, :, 0], homography[2, :, 1] = g, h
     xy1 = np.vstack([unit_xy.T, np.ones(len(unit_xy))]).astype(corners.dtype)
-    mapped = (homography.reshape(-1, 3) @ xy1).reshape(len(corners), 3, -1)
-    return mapped[:, :2] / mapped[:, 2:]
+    mapped = homography @ xy1
+    mapped[:2] /= mapped[2]
+    return mapped[:2]
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +125,7 @@ class Front:
 
     def grid_m(self, unit_xy: Array) -> Array:
         """Grid samples on the plane about the front's centre, (G, 2) m."""
-        return quad_grid(self.corners_m[None], unit_xy)[0].T
+        return quad_grid(self.corners_m[None], unit_xy)[:, 0].T
 
     def centre(self, pose: Array) -> Array:
         """Centre of the front for one pose, (3,), left optical frame, m."""

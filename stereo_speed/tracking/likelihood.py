@@ -3,7 +3,7 @@
 """
 Likelihood of a batch of particles in both views (2012, eq. 12-18).
 
-All particles are sampled by one ``cv2.remap`` a view, their features are one matrix product.
+All particles are sampled by one ``cv2.remap`` a view, their features are matrix products.
 """
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from ..records import Array
 Patches = NDArray[np.float32]
 
 _MARGIN_PX = 4
-_MAX_ROWS = 1 << 14  # cv2.remap takes maps of fewer than 32768 rows
+_BLOCK = 128  # particles sampled at once, so that their maps stay in the cache
 _IMPOSSIBLE = -np.inf
 
 
@@ -60,11 +60,12 @@ def sample_quads(image: NDArray[Any], quads: Array, grid: PartGrid) -> Patches:
     width = np.median(np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1))
     crop, origin = crop_for(image, flat.min(axis=0), flat.max(axis=0),
                             float(width) / grid.shape[1])
-    maps = quad_grid(corners - origin, grid.unit_xy)
-    out = [cv2.remap(crop, np.ascontiguousarray(part[:, 0]), np.ascontiguousarray(part[:, 1]),
-                     cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-           for part in (maps[k:k + _MAX_ROWS] for k in range(0, len(maps), _MAX_ROWS))]
-    return np.concatenate(out) if len(out) > 1 else out[0]
+    out = np.empty((len(quads), len(grid.unit_xy)), np.float32)
+    for k in range(0, len(quads), _BLOCK):
+        u, v = quad_grid(corners[k:k + _BLOCK] - origin, grid.unit_xy)
+        cv2.remap(crop, u, v, cv2.INTER_LINEAR, out[k:k + _BLOCK],
+                  borderMode=cv2.BORDER_REPLICATE)
+    return out
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +114,7 @@ def score(left_image: NDArray[Any], right_image: NDArray[Any], quads: tuple[Arra
     shown = [np.isfinite(q).all(axis=(1, 2)) for q in quads]
     seen = shown[0] & shown[1]
     if not seen.any():
-        empty = np.zeros((len(seen), grid.matrix.shape[1]), np.float32)
+        empty = np.zeros((len(seen), grid.size), np.float32)
         return Scores(np.full(len(seen), _IMPOSSIBLE), np.zeros(len(seen)), empty, empty)
     fill = int(np.argmax(seen))
     patches = [sample_quads(image, np.where(seen[:, None, None], q, q[fill]), grid)

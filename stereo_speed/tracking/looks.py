@@ -9,7 +9,8 @@ of a pixel, so they go through the exact lens model and cubic B-splines.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+import math
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -26,7 +27,7 @@ from ..records import Array, StereoPair
 # Marked corners are a pixel off, and what lies beyond the front's edges moves otherwise: only the
 # inner share of the quad is looked at.
 _INNER = 0.94
-_STEP_M = 1e-3  # half width of the central differences of the geometry
+_STEP_M = 1e-4  # of the differences of the geometry: a curved way bends by far less over it
 _BLUR_STEPS = 0.6  # low-pass of every look, in grid steps, so that near and far looks compare
 
 
@@ -41,6 +42,9 @@ class Look:
     :param patches: (2, G) left and right patch, zero mean and unit variance.
     :param jacobian: (2, G, 3) derivatives of the patches by the pose, 1/m.
     :param relief_jacobian: (2, G) derivatives of each sample by its own relief, 1/m.
+    :param gradient: (G, 2) gradient of the patches along the grid's rows and columns, mean of
+        both views, per grid step.
+    :param flow: (2, G, 3, 2) how far over the grid the samples move by the pose, grid steps/m.
     :param pixels: pixels the patch covers in the image, at most one a grid sample.
     :param shift_px: (2, 3) speed of the front's centre in each view by the pose, px/m.
     :param disparity_px: (3,) change of its disparity by the pose, px/m.
@@ -55,11 +59,36 @@ class Look:
     patches: Array
     jacobian: Array
     relief_jacobian: Array
+    gradient: Array
+    flow: Array
     pixels: float
     shift_px: Array
     disparity_px: Array
     right_m: float
     skew_px: float
+
+
+class _View(NamedTuple):
+    """What one view adds to a look, as told there."""
+
+    patch: Array
+    jacobian: Array
+    relief_jacobian: Array
+    gradient: Array
+    flow: Array
+
+
+def normalised_change(jacobian: Array, patches: Array) -> Array:
+    """
+    Derivatives of patches that are kept at zero mean and unit variance.
+
+    :param jacobian: (..., G, 3) derivatives of the grey values before, per their deviation.
+    :param patches: (..., G).
+    :return: (..., G, 3), without any part along a constant or the patch itself.
+    """
+    jacobian = jacobian - jacobian.mean(axis=-2, keepdims=True)
+    along = patches[..., None, :] @ jacobian / patches.shape[-1]
+    return np.asarray(jacobian - patches[..., None] * along)
 
 
 def lag_s(pair: StereoPair, trigger_tolerance_s: float) -> float:
@@ -104,8 +133,7 @@ class LookSampler:
         :param relief: (M,) relief of the front at its nodes, m.
         """
         n, lag = self._count, lag_s(pair, self.trigger_tolerance_s)
-        steps = _STEP_M * np.eye(3)
-        poses = np.concatenate([pose[None], pose + steps, pose - steps])
+        poses = np.concatenate([pose[None], pose + _STEP_M * np.eye(3)])
         depth = np.concatenate([self.relief_basis @ relief, np.zeros(4)])
         points = plane_points(self.front.path, poses, self._plane_m, heading_rad, depth)
         later = points if lag == 0 else plane_points(
@@ -114,47 +142,52 @@ class LookSampler:
         right, in_right = self.rig.right.project(self.rig.to_right(later))
         if not (in_left[0].all() and in_right[0].all()):
             return None
-        motion = [(uv[1:4] - uv[4:]) / (2 * _STEP_M) for uv in (left, right)]  # (3, M, 2)
+        motion = [(uv[1:] - uv[0]) / _STEP_M for uv in (left, right)]  # (3, M, 2)
         views = [self._patch(image, uv[0, :n], m[:, :n]) for image, uv, m in
                  zip((pair.left, pair.right), (left, right), motion)]
         centre = [m[:, :n].mean(axis=1) for m in motion]  # (3, 2)
         area = 0.5 * (_area(left[0, n:]) + _area(right[0, n:]))
         unheeded_s = (pair.right_stamp_ns - pair.stamp_ns) * 1e-9 - lag
-        patches, jacobian, relief_jacobian = (np.stack(part) for part in zip(*views))
+        patches, jacobian, alone, gradient, flow = (np.stack(part) for part in zip(*views))
         return Look(pose=pose, heading_rad=heading_rad, relief=relief, patches=patches,
-                    jacobian=jacobian, relief_jacobian=relief_jacobian,
+                    jacobian=jacobian, relief_jacobian=alone, gradient=gradient.mean(axis=0), flow=flow,
                     pixels=min(area, float(n)),
                     shift_px=np.stack([np.linalg.norm(c, axis=1) for c in centre]),
                     disparity_px=centre[0][:, 0] - centre[1][:, 0],
                     right_m=lag * float(velocity_mps[0]),
                     skew_px=float(np.linalg.norm(velocity_mps @ centre[1]) * abs(unheeded_s)))
 
-    def _patch(self, image: NDArray[Any], uv: Array, motion: Array
-               ) -> tuple[Array, Array, Array]:
+    def _patch(self, image: NDArray[Any], uv: Array, motion: Array) -> _View:
         """
         Sample one view, low-passed to the grid's spacing.
 
         :param uv: (G, 2) px.
         :param motion: (3, G, 2) their derivatives by the pose, px/m.
-        :return: (G,) patch of zero mean and unit variance, (G, 3) its derivatives, and (G,) that
-            of each sample when it alone moves along the path.
         """
-        grid = uv.reshape(*self.grid_shape, 2)
-        sigma = [_BLUR_STEPS * float(np.linalg.norm(np.diff(grid, axis=k), axis=-1).mean())
-                 for k in (0, 1)]
+        down, across = (step.reshape(-1, 2) for step in np.gradient(
+            uv.reshape(*self.grid_shape, 2), axis=(0, 1)))  # px per grid step
+        sigma = [_BLUR_STEPS * float(np.sqrt(np.square(step).sum(axis=1)).mean())
+                 for step in (down, across)]
         crop, origin = crop_for(image, uv.min(axis=0) - 3, uv.max(axis=0) + 3, 1.0)
-        smooth = ndimage.gaussian_filter(crop, sigma, mode='nearest', truncate=3.0)
+        size = [2 * math.ceil(3 * s) + 1 for s in sigma]
+        smooth = cv2.GaussianBlur(crop, size[::-1], sigmaX=sigma[1], sigmaY=sigma[0],
+                                  borderType=cv2.BORDER_REPLICATE)
         at = (uv - origin).T[::-1]
-        values = ndimage.map_coordinates(smooth, at, np.float64, order=3, mode='nearest')
+        spline = ndimage.spline_filter(smooth, 3, np.float64)
+        values = ndimage.map_coordinates(spline, at, order=3, mode='nearest', prefilter=False)
         u, v = np.ascontiguousarray(at[::-1], dtype=np.float32)[:, None]
-        slopes = [cv2.remap(g, u, v, cv2.INTER_LINEAR)[0] for g in np.gradient(smooth)]
-        jacobian = (slopes[1] * motion[..., 0] + slopes[0] * motion[..., 1]).T
         scale = max(float(values.std()), 1e-6)
         patch = (values - values.mean()) / scale
-        alone = jacobian[:, 0] / scale
-        # The patch is kept at zero mean and unit variance, so its derivatives have no part there.
-        jacobian = (jacobian - jacobian.mean(axis=0)) / scale
-        return patch, jacobian - np.outer(patch, patch @ jacobian / len(patch)), alone
+        slope = np.stack([cv2.remap(g, u, v, cv2.INTER_LINEAR)[0]
+                          for g in np.gradient(smooth)[::-1]], axis=1) / scale  # (G, 2)
+        jacobian = (motion[..., 0] * slope[:, 0] + motion[..., 1] * slope[:, 1]).T
+        gradient = np.stack([(slope * across).sum(axis=1), (slope * down).sum(axis=1)], axis=1)
+        det = across[:, 0] * down[:, 1] - across[:, 1] * down[:, 0]
+        flow = np.stack([motion[..., 0] * down[:, 1] - motion[..., 1] * down[:, 0],
+                         across[:, 0] * motion[..., 1] - across[:, 1] * motion[..., 0]],
+                        axis=-1) / det[:, None]
+        return _View(patch, normalised_change(jacobian, patch), jacobian[:, 0], gradient,
+                     flow.swapaxes(0, 1))
 
 
 def inside(camera: Camera, quad: Array) -> bool:

@@ -147,6 +147,7 @@ class PassMotion:
                  nodes: int) -> None:
         self.prior, self.config, self.stamp_std_s = prior, config, stamp_std_s
         self.nodes = nodes
+        self._begun = NormalEquations(0)  # the same for each number of looks
 
     def equations(self, times_s: Array, state: Array,
                   models: Sequence[MotionModel]) -> list[NormalEquations]:
@@ -157,7 +158,9 @@ class PassMotion:
         :param state: (n, 4) s, a, b and speed as known so far; for what is not linear.
         :param models: ways to drive; what they share is written down once.
         """
-        common = self._beginning(len(times_s))
+        if len(self._begun.g) != Layout(len(times_s), self.nodes).size:
+            self._begun = self._beginning(len(times_s))
+        common = self._begun
         if len(times_s) < 2:
             return [common + self._along(times_s, state, m.speed_rate_std) for m in models]
         up = {ride: common + self._beside(times_s, state, 1, ride, ride)

@@ -17,7 +17,8 @@ from typing import Sequence
 
 import numpy as np
 
-from .looks import Look
+from .looks import Look, normalised_change
+from ..features.ncc import ncc as correlation
 from ..records import Array
 
 _INDEPENDENT = 0.35  # share of independent samples after the low-pass of a look
@@ -98,46 +99,58 @@ def _add_temporal_terms(looks: Sequence[Look], basis: Array, H: Array, g: Array)
     n, m = len(looks), basis.shape[1]
     patches = np.stack([look.patches for look in looks])  # (n, 2, G)
     pixels = np.array([look.pixels for look in looks])
-    mean = np.tensordot(pixels, patches.mean(axis=1), 1) / pixels.sum()
-    ncc = np.array([np.corrcoef(p.mean(axis=0), mean)[0, 1] for p in patches])
+    both = patches.mean(axis=1)
+    mean = pixels @ both / pixels.sum()
+    ncc = correlation(both, mean)
     if n < 2:
         return ncc
-    J = np.stack([look.jacobian for look in looks])  # (n, 2, G, 3)
-    D = np.stack([look.relief_jacobian for look in looks])  # (n, 2, G)
+    J, D = _texture_derivatives(looks, patches, pixels)
     w = _temporal_weights(looks, patches - mean, J, ncc)
     total = 2 * w.sum()
     if total <= 0:
         return ncc
-    flat = np.stack([_without_relief(look, basis) for look in looks])
-    residual = flat - np.einsum('k,kvg->g', w, flat) / total
+    relief = np.stack([look.relief for look in looks]) @ basis.T
+    flat = patches - D * relief[:, None]  # as they would be on a plane, to first order
+    residual = flat - w @ flat.sum(axis=1) / total
     # The texture is eliminated: what all looks would have in common says nothing.
-    summed = np.concatenate([
-        np.einsum('k,kvgi->gki', w, J).reshape(len(basis), 3 * n),
-        np.einsum('k,kvg->g', w, D)[:, None] * basis], axis=1)
+    weighted = w[:, None] * J.sum(axis=1).reshape(n, -1)
+    by_pose = weighted.reshape(n, -1, 3).transpose(1, 0, 2).reshape(len(basis), 3 * n)
+    summed = np.concatenate([by_pose, (w @ D.sum(axis=1))[:, None] * basis], axis=1)
     H -= summed.T @ summed / total
     nodes = slice(3 * n, 3 * n + m)
-    H[nodes, nodes] += basis.T @ (np.einsum('k,kvg->g', w, D ** 2)[:, None] * basis)
-    g[nodes] -= basis.T @ np.einsum('k,kvg->g', w, D * residual)
+    H[nodes, nodes] += basis.T @ ((w @ np.square(D).sum(axis=1))[:, None] * basis)
+    g[nodes] -= basis.T @ (w @ (D * residual).sum(axis=1))
+    own = w[:, None, None] * J.reshape(n, -1, 3).swapaxes(1, 2)  # (n, 3, 2 G)
+    blocks = own @ J.reshape(n, -1, 3)
+    mixed = (own.reshape(n, 3, 2, -1) * D[:, None]).sum(axis=2) @ basis  # (n, 3, m)
     for k in range(n):
         block = slice(3 * k, 3 * k + 3)
-        pose = J[k].reshape(-1, 3)
-        H[block, block] += w[k] * pose.T @ pose
-        g[block] -= w[k] * pose.T @ residual[k].ravel()
-        mixed = w[k] * np.einsum('vgi,vg->ig', J[k], D[k]) @ basis
-        H[block, nodes] += mixed
-        H[nodes, block] += mixed.T
+        H[block, block] += blocks[k]
+        H[block, nodes] += mixed[k]
+        H[nodes, block] += mixed[k].T
+    g[:3 * n] -= (own @ residual.reshape(n, -1, 1)).ravel()
     return ncc
+
+
+def _texture_derivatives(looks: Sequence[Look], patches: Array,
+                         pixels: Array) -> tuple[Array, Array]:
+    """
+    Differentiate the looks by pose (n, 2, G, 3) and by relief (n, 2, G) where all show one texture.
+
+    Its gradient is the mean of theirs.  That of a single look is noisy, and squared the noise
+    would pass for information about what hardly changes the images, such as the range.
+    """
+    gradient = np.tensordot(pixels, np.stack([look.gradient for look in looks]), 1) / pixels.sum()
+    flow = np.stack([look.flow for look in looks])
+    change = flow[..., 0] * gradient[:, :1] + flow[..., 1] * gradient[:, 1:]
+    return normalised_change(change, patches), change[..., 0]
 
 
 def _temporal_weights(looks: Sequence[Look], residual: Array, J: Array, ncc: Array) -> Array:
     """Weight (n,) of a grey value of each look: its noise, and not beyond the floor."""
-    w = np.zeros(len(looks))
-    for k, look in enumerate(looks):
-        if ncc[k] < _MIN_TEXTURE_NCC:
-            continue
-        variance = max(float(np.mean(np.square(residual[k]))), _LEAST_VARIANCE)
-        share = _INDEPENDENT * look.pixels / residual.shape[2]
-        info = share / variance * float(np.square(J[k, :, :, 1]).sum())
-        per_px = info / max(float(look.shift_px[0, 1] ** 2), 1e-9)
-        w[k] = share / variance / (1 + _TEXTURE_FLOOR_PX ** 2 * per_px)
-    return w
+    pixels = np.array([look.pixels for look in looks])
+    shift_px = np.array([look.shift_px[0, 1] for look in looks])
+    variance = np.maximum(np.square(residual).mean(axis=(1, 2)), _LEAST_VARIANCE)
+    w = _INDEPENDENT * pixels / residual.shape[2] / variance
+    per_px = w * np.square(J[..., 1]).sum(axis=(1, 2)) / np.maximum(shift_px ** 2, 1e-9)
+    return np.where(ncc < _MIN_TEXTURE_NCC, 0.0, w / (1 + _TEXTURE_FLOOR_PX ** 2 * per_px))

@@ -30,8 +30,8 @@ from ..records import Array, StereoPair
 
 _MOVED_LIVE_PX = 0.10  # a look is taken again when its pose has moved further than this: live,
 _MOVED_FINAL_PX = 0.01  # and when the pass is measured
-_LIVE_ITERATIONS, _FINAL_ITERATIONS = 3, 8
-_LIVE_RETAKES = 3  # looks retaken in one iteration, the most moved first: bounds the time
+_LIVE_ITERATIONS, _FINAL_ITERATIONS = 2, 8
+_LIVE_RETAKES = 2  # looks retaken in one iteration, the most moved first: bounds the time
 _LIVE_LOOKS = 24  # of older looks some rest beyond this, so that the cost of a pair is bounded
 _PASS_LOOKS = 60  # the pass is measured from this many, evenly spaced
 _MAX_MOVE_PX = 3.0  # a step beyond the patch's linear range is cut

@@ -24,12 +24,12 @@ def test_up_down_of_a_step_by_hand():
 
 
 @pytest.mark.parametrize('parts', sorted(PART_LAYOUT))
-def test_matrix_equals_box_differences(parts):
+def test_transform_equals_box_differences(parts):
     grid = PartGrid(parts, 8)
     rows, cols = grid.shape
     patch = np.random.default_rng(parts).normal(size=(rows, cols)).astype(np.float32)
     across, _ = PART_LAYOUT[parts]
-    got = (patch.ravel() @ grid.matrix).reshape(parts, 16)
+    got = grid.transform(patch.reshape(1, -1)).reshape(parts, 16)
     for part in range(parts):
         r, c = divmod(part, across)
         block = patch[8 * r:8 * r + 8, 8 * c:8 * c + 8]

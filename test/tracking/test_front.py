@@ -48,7 +48,7 @@ def test_quad_grid_is_opencvs_perspective_transform():
     quads = (100 * square + rng.uniform(-15, 15, (20, 4, 2))).astype(np.float32)
     unit = rng.uniform(0, 1, (30, 2))
     got = quad_grid(quads.astype(float), unit)
-    for quad, mapped in zip(quads, got):
+    for quad, mapped in zip(quads, got.swapaxes(0, 1)):
         H = cv2.getPerspectiveTransform(square, quad)
         want = cv2.perspectiveTransform(unit[None].astype(np.float64), H)[0]
         np.testing.assert_allclose(mapped.T, want, atol=1e-3)

@@ -15,8 +15,9 @@ from stereo_speed.pipeline import SpeedPipeline
 from stereo_speed.sim import simulate, straight_config, VehicleConfig
 from stereo_speed.site import lane_paths, load_init, load_site
 from stereo_speed.tracking.front import plane_points
+from stereo_speed.tracking.looks import normalised_change
 from stereo_speed.tracking.photometry import PassPhotometry
-from stereo_speed.tracking.relief import NODES, relief_basis
+from stereo_speed.tracking.relief import NODES, relief_basis, STD_M as RELIEF_STD_M
 import yaml
 
 
@@ -36,30 +37,41 @@ def test_relief_stands_out_forward_also_when_the_vehicle_turns():
 
 
 def fake_looks(rng, count, basis, relief, texture_noise=0.0):
-    """Make looks whose patches change exactly linearly with the pose and the relief."""
+    """Make looks at one texture that change linearly with small poses and the relief."""
     samples, texture = len(basis), rng.normal(size=len(basis))
-    looks, poses = [], rng.normal(0, 0.02, (count, 3))
+    texture -= texture.mean()
+    gradient = rng.normal(size=(samples, 2))
+    looks, poses = [], 1e-5 * rng.normal(size=(count, 3))
     for pose in poses:
-        J, D = rng.normal(size=(2, samples, 3)), rng.normal(size=(2, samples))
-        values = texture + J @ pose + D * (basis @ relief)
+        flow = rng.normal(size=(2, samples, 3, 2))
+        raw = np.einsum('vgpi,gi->vgp', flow, gradient)
+        for part in (np.ones(samples), texture):  # what a patch of unit variance cannot show
+            flow -= (gradient[:, None] / np.square(gradient).sum(axis=1)[:, None, None]
+                     * (part[:, None] * np.einsum('g,vgp->vp', part, raw)[:, None]
+                        / (part @ part))[..., None])
+        raw = np.einsum('vgpi,gi->vgp', flow, gradient)
+        change = normalised_change(raw, np.stack([texture, texture]))
+        values = texture - change @ pose - raw[..., 0] * (basis @ relief)
         values = values + texture_noise * rng.normal(size=values.shape)
         looks.append(SimpleNamespace(
-            pose=np.zeros(3), relief=np.zeros(basis.shape[1]), patches=values, jacobian=-J,
-            relief_jacobian=-D, pixels=float(samples), shift_px=np.ones((2, 3)),
-            disparity_px=np.ones(3), skew_px=0.0, right_m=0.0))
+            pose=np.zeros(3), relief=np.zeros(basis.shape[1]), patches=values, jacobian=change,
+            relief_jacobian=raw[..., 0], gradient=gradient, flow=flow, pixels=float(samples),
+            shift_px=np.ones((2, 3)), disparity_px=np.ones(3), skew_px=0.0, right_m=0.0))
     return looks, poses
 
 
 def test_equations_find_poses_and_relief_of_a_linear_world():
     rng = np.random.default_rng(4)
     basis = relief_basis(PartGrid(10, 8).unit_xy)
-    relief = rng.normal(0, 0.05, basis.shape[1])
+    relief = 1e-5 * rng.normal(size=basis.shape[1])
     looks, poses = fake_looks(rng, 5, basis, relief)
     seen = PassPhotometry(basis)(looks)
-    # Only differences from the texture count: the looks' common part is free.
-    solution = np.linalg.lstsq(seen.H, seen.right, rcond=1e-12)[0]
-    np.testing.assert_allclose(solution[:15].reshape(5, 3), poses, atol=1e-8)
-    np.testing.assert_allclose(solution[15:], relief, atol=1e-8)
+    solution = np.linalg.lstsq(seen.H, seen.right, rcond=1e-6)[0]
+    found, depth = solution[:15].reshape(5, 3), solution[15:]
+    np.testing.assert_allclose(found[:, 1:], poses[:, 1:], atol=1e-8)
+    # Relief that stands out everywhere alike is a front further on.
+    np.testing.assert_allclose(depth - depth.mean(), relief - relief.mean(), atol=1e-8)
+    np.testing.assert_allclose(found[:, 0] + depth.mean(), poses[:, 0] + relief.mean(), atol=1e-8)
 
 
 def test_equations_do_not_depend_on_the_relief_they_were_linearised_at():
@@ -73,7 +85,8 @@ def test_equations_do_not_depend_on_the_relief_they_were_linearised_at():
     answers = []
     for one in (looks, moved):
         seen = PassPhotometry(basis)(one)
-        answers.append(np.linalg.solve(seen.H + 1e-9 * np.eye(len(seen.H)), seen.right))
+        known = np.r_[np.full(12, 1e-9), np.full(len(relief), RELIEF_STD_M ** -2)]
+        answers.append(np.linalg.solve(seen.H + np.diag(known), seen.right))
     # Weights follow the residuals, which differ; the answer nearly does not.
     np.testing.assert_allclose(answers[0], answers[1], atol=0.02)
 
