@@ -20,6 +20,7 @@ from .paths.lanes import lane_of_paths, lane_of_road, LanePath, surveyed_path
 from .paths.road import fit_road, RoadFit
 from .paths.road_problem import Picks, TurnPrior
 from .paths.scale import with_scale
+from .paths.site_extras import as_calibrated
 from .paths.site_file import (
     InitMark, LaneSpec, LEAST_ROAD_M, load_init, load_site, Site, SiteLine, VIEWS)
 from .records import Array
@@ -46,6 +47,7 @@ def lane_paths(site: Site, rig: StereoRig) -> dict[str, LanePath]:
     if not site.fits(rig):
         raise SiteError(site.where, 'rig_correction', 'a rig without it',
                         'the rig that corrected_rig gives')
+    turned = site.correction or as_calibrated()
     site, against = one_way(site, rig)
     picked = picked_names(site)
     joint = fit_lines(site, rig, picked) if picked else None
@@ -66,11 +68,9 @@ def lane_paths(site: Site, rig: StereoRig) -> dict[str, LanePath]:
             _refuse_swapped(site, i, fit, numbers[::-1] if away else numbers)
             out[lane.name] = lane_of_road(
                 lane.name, fit, numbers, lane.speed_limit_mps, away=away)
-            if site.correction is not None:
-                out[lane.name] = with_scale(
-                    out[lane.name], rig, site.correction.covariance_rad2)
         else:
             out[lane.name] = _mixed(site, lane, fit, order, away)
+        out[lane.name] = with_scale(out[lane.name], rig, turned.covariance_rad2)
     return out
 
 

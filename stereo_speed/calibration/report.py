@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 import math
+from typing import Any
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from ..units import MPH_MPS
 
 FEW_PAIRS = 5
 MUCH_PX = 0.15  # r.m.s. residual of paint that deserves a look
+MAY_HAVE_MOVED = 0.2  # probability that deserves a word
 MUCH_SHARE = 0.0025  # 1-sigma of speeds, or their change, that deserves a word
 ANGLES = ('pan', 'tilt', 'roll')
 
@@ -159,6 +161,10 @@ def _warnings(refined: RefinedSite, lines: tuple[LineFigures, ...],
             out.append(f'the right camera has moved since the calibration: {angle} '
                        f'{np.degrees(value):+.4f}° ± {np.degrees(left):.4f}°; refining corrects '
                        'it, but calibrate the rig again')
+    if not turn.moved and turn.moved_probability > MAY_HAVE_MOVED:
+        out.append('the right camera may have moved since the calibration (probability '
+                   f'{turn.moved_probability:.2f}); nothing is corrected, speeds are the more '
+                   'uncertain for it')
     before = refined.rough.correction
     if before is not None:
         step = turn.turn_rad - before.turn_rad
@@ -225,6 +231,25 @@ def told(refined: RefinedSite, figures: Report) -> list[str]:
             out.append(f'{length.name}: {length.measured_m:.4f} m ± {length.measured_std_m:.4f} m,'
                        f' known {length.known_m:g} m ± {length.known_std_m:g} m')
     return out + _rig_lines(refined) + [f'warning: {text}' for text in figures.warnings]
+
+
+def summary(refined: RefinedSite, figures: Report) -> dict[str, Any]:
+    """
+    Give the figures that belong beside the results: plain values.
+
+    :param refined: the site.
+    :param figures: from :func:`report`.
+    """
+    turn = refined.turn
+    left = np.degrees(np.sqrt(np.diag(turn.covariance_rad2)))
+    return {
+        'turn_deg': {a: round(float(v), 5) for a, v in zip(ANGLES, np.degrees(turn.turn_rad))},
+        'turn_std_deg': {a: round(float(v), 5) for a, v in zip(ANGLES, left)},
+        'moved_probability': round(turn.moved_probability, 4),
+        'residual_px': {line.name: [round(v, 4) for v in line.residual_px]
+                        for line in figures.lines if line.points[0]},
+        'path_and_rig_std': {lane.name: round(lane.std, 6) for lane in figures.lanes},
+        'warnings': list(figures.warnings)}
 
 
 def _rig_lines(refined: RefinedSite) -> list[str]:

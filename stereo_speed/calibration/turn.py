@@ -15,9 +15,9 @@ from itertools import product
 
 import numpy as np
 
+from ..paths.site_extras import CALIBRATED_STD_DEG
 from ..records import Array
 
-CALIBRATED_STD_DEG = 0.0003  # of an angle that nobody has touched
 MOVED_STD_DEG = 0.05
 MOVED_PROBABILITY = 0.05  # of each angle, beforehand
 MOST_TURN_DEG = 0.3  # more than that is another rig: calibrate again

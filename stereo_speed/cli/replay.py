@@ -18,7 +18,7 @@ import numpy as np
 from tqdm import tqdm
 
 from ..calibration.refine import refine_site
-from ..calibration.report import report, told
+from ..calibration.report import report, summary as report_summary, told
 from ..config import load_config, TrackerConfig
 from ..errors import InputError
 from ..io.bags import StereoBag
@@ -110,8 +110,9 @@ def run(args: argparse.Namespace) -> int:
     prepare_folder(args.out)
     tolerance = None if args.tolerance_ms is None else round(args.tolerance_ms * 1e6)
     with StereoBag(args.bag, left=args.left, right=args.right, tolerance_ns=tolerance) as bag:
+        refinement = None
         if args.refine_site:
-            site = _refined(args, site, bag)
+            site, refinement = _refined(args, site, bag)
         config = replace(config, **site.tolerances)
         bag.rig = site.corrected_rig(bag.rig)
         lanes = lane_paths(site, bag.rig)
@@ -120,7 +121,7 @@ def run(args: argparse.Namespace) -> int:
         if marks is not None:
             _check_frames(marks, bag.pair_count, args.init)
         result = measure(bag, pipeline, lanes, keep_frames=not args.no_plots)
-        summary = summarize(args, config, bag, result, lanes)
+        summary = {**summarize(args, config, bag, result, lanes), 'refinement': refinement}
         pairing = dict(bag.pairing)
     write_all(args, lanes, result, summary)
     print_lanes(lanes)
@@ -131,12 +132,13 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _refined(args: argparse.Namespace, site: Site, bag: StereoBag) -> Site:
+def _refined(args: argparse.Namespace, site: Site, bag: StereoBag) -> tuple[Site, dict[str, Any]]:
     """Refine the site by the bag's own images, tell of it, and keep it beside the results."""
     refined = refine_site(site, bag.rig, bag.pairs())
-    print('\n'.join(told(refined, report(refined))))
+    figures = report(refined)
+    print('\n'.join(told(refined, figures)))
     (args.out / REFINED_SITE).write_text(site_text(refined.site), encoding='utf-8')
-    return refined.site
+    return refined.site, report_summary(refined, figures)
 
 
 def _config(args: argparse.Namespace) -> TrackerConfig:
@@ -246,7 +248,8 @@ def path_quality(lane: LanePath) -> dict[str, float]:
     return {'length_m': round(lane.path.length_m, 3),
             'residual_px': round(float(lane.residual_px), 3),
             'heading_std_across_deg': round(float(np.degrees(lane.heading_std_rad[0])), 4),
-            'heading_std_up_deg': round(float(np.degrees(lane.heading_std_rad[1])), 4)}
+            'heading_std_up_deg': round(float(np.degrees(lane.heading_std_rad[1])), 4),
+            'scale_std_percent': round(100 * lane.scale_std, 4)}
 
 
 def print_lanes(lanes: Mapping[str, LanePath]) -> None:

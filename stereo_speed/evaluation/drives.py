@@ -15,11 +15,11 @@ import yaml
 from .associate import match
 from .truth import read_truth, truth_of_rows, VehicleTruth
 from ..calibration.refine import refine_site
-from ..calibration.turn import CALIBRATED_STD_DEG
 from ..config import TrackerConfig
 from ..errors import InputError
 from ..geometry.rig import StereoRig
 from ..io.bags import StereoBag
+from ..paths.site_extras import CALIBRATED_STD_DEG
 from ..pipeline import SpeedPipeline
 from ..records import PassResult, StereoPair, TrackState, TrackUpdate
 from ..sim.config import SimConfig

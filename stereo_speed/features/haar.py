@@ -87,7 +87,7 @@ class PartGrid:
 
     @cached_property
     def _patterns(self) -> NDArray[np.float32]:
-        """(samples of a part, 16) matrix that takes the samples of a part to its features."""
+        """Give the (samples, 16) matrix that takes the samples of a part to its features."""
         cell = self.samples_per_part // 4
         # Each orthonormal cell pattern becomes an orthonormal sample pattern when its cells
         # are repeated cell x cell times and scaled by 1 / cell.

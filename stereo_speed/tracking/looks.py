@@ -80,7 +80,7 @@ class _View(NamedTuple):
 
 def normalised_change(jacobian: Array, patches: Array) -> Array:
     """
-    Derivatives of patches that are kept at zero mean and unit variance.
+    Differentiate patches that are kept at zero mean and unit variance.
 
     :param jacobian: (..., G, 3) derivatives of the grey values before, per their deviation.
     :param patches: (..., G).

@@ -11,9 +11,10 @@ from stereo_speed.calibration.effect import speed_error
 from stereo_speed.calibration.lengths import check_lengths
 from stereo_speed.calibration.picture import picture
 from stereo_speed.calibration.refine import refine_site
-from stereo_speed.calibration.report import report, told
+from stereo_speed.calibration.report import report, summary, told
 from stereo_speed.errors import SiteError
-from stereo_speed.paths.site_extras import KnownLength
+from stereo_speed.paths.site_extras import (
+    CALIBRATED_STD_DEG, KnownLength, RigCorrection)
 from stereo_speed.paths.site_write import site_text
 from stereo_speed.sim.config import circle_config, DISTORTED, RoadConfig, straight_config
 from stereo_speed.site import lane_paths, load_site
@@ -148,3 +149,25 @@ def test_nothing_where_nothing_is(make_scene):
     np.testing.assert_array_equal(refined.site.lines['line_0'].left_px,
                                   scene.site.lines['line_0'].left_px)
     assert sum('left as it was clicked' in w for w in report(refined).warnings) == 3
+
+
+def test_a_doubtful_turn_is_warned_of_and_told_beside_the_results(circle):
+    _, refined = circle
+    for probability, words in ((0.15, 0), (0.4, 1)):
+        doubtful = replace(refined, turn=replace(refined.turn, moved_probability=probability))
+        figures = report(doubtful)
+        assert sum('may have moved' in w for w in figures.warnings) == words
+        assert summary(doubtful, figures)['moved_probability'] == probability
+    told_std = summary(refined, report(refined))['turn_std_deg']
+    left = np.degrees(np.sqrt(np.diag(refined.turn.covariance_rad2)))
+    np.testing.assert_allclose(list(told_std.values()), left, atol=1e-5)
+
+
+def test_a_site_nobody_refined_is_as_certain_as_a_calibration(circle):
+    scene, _ = circle
+    still = RigCorrection(np.zeros(3), np.radians(CALIBRATED_STD_DEG) ** 2 * np.eye(3))
+    rig = scene.sequence.rig
+    plain = lane_paths(scene.site, rig)
+    said = lane_paths(replace(scene.site, correction=still), rig)
+    for name, lane in plain.items():
+        assert lane.scale_std == pytest.approx(said[name].scale_std) and lane.scale_std > 1e-5
