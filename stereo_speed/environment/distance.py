@@ -44,9 +44,12 @@ class DistanceField:
         sign = np.where(labels == PATHWAY, -1.0, 1.0)
         # finite everywhere, so that it can be interpolated; infinity is added by the look-up
         self.signed_px = (sign * self.unsigned_px).astype(np.float32)
-        smooth = cv2.GaussianBlur(self.signed_px, (0, 0), _GRADIENT_PX,
-                                  borderType=cv2.BORDER_REPLICATE)
-        rows, columns = np.gradient(smooth)
+        rows, columns = np.gradient(_softened(self.signed_px))
+        slope_y, slope_x = np.gradient(self.signed_px)
+        # opposite gradients, as beside a ridge, agree once their angles are doubled
+        steep = np.maximum(_softened(slope_x ** 2 + slope_y ** 2), 1e-6)
+        self._doubled = np.stack([_softened(slope_x ** 2 - slope_y ** 2) / steep,
+                                  _softened(2.0 * slope_x * slope_y) / steep], axis=-1)
         # side by side, so that one look-up serves all three
         self._layers = np.stack([self.signed_px, columns, rows], axis=-1)
 
@@ -104,6 +107,16 @@ class DistanceField:
         normal = self.normal(xy_px)
         return np.stack([-normal[..., 1], normal[..., 0]], axis=-1)
 
+    def course(self, xy_px: Array) -> Array:
+        """
+        Give the contours' orientation, which ridges between parallel boundaries have too.
+
+        :param xy_px: (..., 2).
+        :return: (..., 2) along x and y: the normal with its angle doubled, of length 1 where all
+            contours about a point run alike and towards 0 where they do not.
+        """
+        return self._sample(self._doubled, xy_px)
+
     def _sample(self, image: NDArray[np.float32], xy_px: Array) -> Array:
         """Interpolate the layers (H, W, C) of an image between the four pixels around each point."""  # noqa: E501
         x = np.clip(xy_px[..., 0], 0.0, self.width - 1.0)
@@ -115,6 +128,12 @@ class DistanceField:
         upper = image[row, column] * (1 - fx) + image[row, column + right] * fx
         lower = image[row + below, column] * (1 - fx) + image[row + below, column + right] * fx
         return np.asarray(upper * (1 - fy) + lower * fy)
+
+
+def _softened(image: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Take the pixels' steps out of a field."""
+    return np.asarray(cv2.GaussianBlur(image, (0, 0), _GRADIENT_PX,
+                                       borderType=cv2.BORDER_REPLICATE), dtype=np.float32)
 
 
 def boundary_points(labels: NDArray[np.uint8]) -> Array:

@@ -22,7 +22,7 @@ def certainty(gradient: Array) -> Array:
     """
     Tell how well the contour is known: 0 on a ridge of the field, 1 away from it.
 
-    :param gradient: (N, 2) of the field.
+    :param gradient: (N, 2) of the field, or its course.
     """
     length = np.hypot(gradient[:, 0], gradient[:, 1])
     return np.asarray(np.clip((length - _UNSURE) / (_SURE - _UNSURE), 0.0, 1.0))
@@ -75,10 +75,10 @@ def contour_turn(field: DistanceField, from_px: Array, to_px: Array) -> Array:
 
     :param from_px: (N, 2).
     :param to_px: (N, 2).
-    :return: (N,) rad, in [-pi/2, pi/2]: a tangent has no direction; less near ridges.
+    :return: (N,) rad, in [-pi/2, pi/2]: a tangent has no direction; less where contours about
+        the point run different ways.
     """
-    before, after = field.gradient(from_px), field.gradient(to_px)
-    # turning by 2 * angle forgets the direction
-    turn = 2.0 * (np.arctan2(after[:, 1], after[:, 0]) - np.arctan2(before[:, 1], before[:, 0]))
+    before, after = field.course(from_px), field.course(to_px)
+    turn = np.arctan2(after[:, 1], after[:, 0]) - np.arctan2(before[:, 1], before[:, 0])
     trust = np.minimum(certainty(before), certainty(after))
     return np.asarray(trust * np.arctan2(np.sin(turn), np.cos(turn)) / 2.0)

@@ -121,6 +121,18 @@ def test_on_a_ridge_everything_goes_on_as_it_was():
     assert contour_turn(field, point, point + velocity) == 0
 
 
+def test_box_in_the_middle_of_a_bent_lane_turns_with_it(maps):
+    """Both edges of the lane are equally near there, and run the same way."""
+    lane = np.abs(maps.circle_distance(55.0)) - 11
+    field = DistanceField(maps.two_kinds(lane))
+    turn = np.radians(np.arange(0, 361, 6.0))
+    for radius in (55.0, 51.0):  # in the middle, and beside it
+        points = maps.CENTRE + radius * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
+        found = np.degrees(contour_turn(field, points[:-1], points[1:]))
+        assert found.sum() == pytest.approx(360, abs=20)
+        np.testing.assert_allclose(np.cumsum(found), np.arange(6, 361, 6), atol=20)
+
+
 def test_certainty_by_hand():
     gradient = np.array([[0.0, 0.5], [0.7, 0.0], [0.0, -0.9], [0.6, 0.8], [0.0, 0.0]])
     np.testing.assert_allclose(certainty(gradient), [0, 0.5, 1, 1, 0])
