@@ -50,7 +50,7 @@ def test_slanting_edge_to_a_quarter_of_a_pixel(maps, angle_deg):
 
 @pytest.mark.parametrize('radius_px', [20.0, 40.0, 60.0])
 def test_circle(maps, radius_px):
-    """d is r - R between pixels too; smoothing takes sigma^2 / 2R off the circle."""
+    """The distance is r - R between pixels too; smoothing takes sigma^2 / 2R off the circle."""
     field = DistanceField(maps.two_kinds(maps.circle_distance(radius_px)))
     for offset in (-12.3, -5.0, -0.4, 0.0, 0.6, 4.0, 9.7):
         points, radial = ring(maps.CENTRE, radius_px + offset)
