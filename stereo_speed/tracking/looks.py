@@ -150,8 +150,8 @@ class LookSampler:
         unheeded_s = (pair.right_stamp_ns - pair.stamp_ns) * 1e-9 - lag
         patches, jacobian, alone, gradient, flow = (np.stack(part) for part in zip(*views))
         return Look(pose=pose, heading_rad=heading_rad, relief=relief, patches=patches,
-                    jacobian=jacobian, relief_jacobian=alone, gradient=gradient.mean(axis=0), flow=flow,
-                    pixels=min(area, float(n)),
+                    jacobian=jacobian, relief_jacobian=alone,
+                    gradient=gradient.mean(axis=0), flow=flow, pixels=min(area, float(n)),
                     shift_px=np.stack([np.linalg.norm(c, axis=1) for c in centre]),
                     disparity_px=centre[0][:, 0] - centre[1][:, 0],
                     right_m=lag * float(velocity_mps[0]),

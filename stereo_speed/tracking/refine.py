@@ -16,6 +16,7 @@ from __future__ import annotations
 import bisect
 from dataclasses import dataclass
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,15 +29,32 @@ from ..filtering.gaussian import condition
 from ..filtering.weights import normalise_log_weights
 from ..records import Array, StereoPair
 
-_MOVED_LIVE_PX = 0.10  # a look is taken again when its pose has moved further than this: live,
-_MOVED_FINAL_PX = 0.01  # and when the pass is measured
-_LIVE_ITERATIONS, _FINAL_ITERATIONS = 2, 8
-_LIVE_RETAKES = 2  # looks retaken in one iteration, the most moved first: bounds the time
+_FAR_PX = 0.5  # looks that have moved this far are taken again, however many
 _LIVE_LOOKS = 24  # of older looks some rest beyond this, so that the cost of a pair is bounded
 _PASS_LOOKS = 60  # the pass is measured from this many, evenly spaced
 _MAX_MOVE_PX = 3.0  # a step beyond the patch's linear range is cut
 _HALF_WIDTH_M = 0.8  # lever by which a change of heading moves the edges of a front
 _NEGLIGIBLE = 1e-4  # weight of a motion model that is no longer followed in this pair
+
+
+class _Effort(NamedTuple):
+    """
+    What is spent on an answer.
+
+    :param iterations: usual number of them, and
+    :param most: number while looks still move far, as when a change of lanes is noticed.
+    :param moved_px: a look is taken again when its pose has moved further than this.
+    :param retakes: looks retaken in one iteration, the most moved first.
+    """
+
+    iterations: int
+    most: int
+    moved_px: float
+    retakes: int
+
+
+_LIVE = _Effort(iterations=2, most=4, moved_px=0.10, retakes=2)
+_FINAL = _Effort(iterations=8, most=8, moved_px=0.01, retakes=1000)
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,12 +144,12 @@ class PassRefiner:
         self.state = np.vstack([self.state, guess])
         if len(self.looks) > _LIVE_LOOKS:
             self._rest()
-        return self._refine(_LIVE_ITERATIONS, _MOVED_LIVE_PX, _LIVE_RETAKES)
+        return self._refine(_LIVE)
 
     def finish(self) -> Posterior:
         """Refine the whole pass to convergence, the resting pairs among it."""
         self._recall()
-        return self._refine(_FINAL_ITERATIONS, _MOVED_FINAL_PX, len(self.looks))
+        return self._refine(_FINAL)
 
     def exact_speeds(self) -> tuple[Array, Array]:
         """
@@ -178,16 +196,17 @@ class PassRefiner:
                 self.state = np.insert(self.state, k, guess, axis=0)
         self.resting = []
 
-    def _refine(self, iterations: int, moved_px: float, retake: int) -> Posterior:
+    def _refine(self, effort: _Effort) -> Posterior:
         """Iterate Gauss-Newton; looks are retaken only where their pose has moved."""
         models = self.models
-        for _ in range(iterations):
+        for done in range(1, effort.most + 1):
             solution = self._solve(models, self.motion)
             self.changing_lanes = float(sum(
                 w for m, w in zip(models, solution.weights)
                 if m.across_std_m > self.config.drift_across_std_m))
             models = [m for m, w in zip(models, solution.weights) if w > _NEGLIGIBLE]
-            if not self._step(solution.mean, moved_px, retake):
+            moved_px = self._step(solution.mean, effort)
+            if not moved_px or (done >= effort.iterations and moved_px < _FAR_PX):
                 break
         return self._posterior(solution)
 
@@ -241,8 +260,8 @@ class PassRefiner:
         rates, _, heading = self._directions()
         return float(rates[-1]), float(heading[-1])
 
-    def _step(self, solution: Array, moved_px: float, retake: int) -> bool:
-        """Move to the solution and retake the looks that moved most; whether any moved."""
+    def _step(self, solution: Array, effort: _Effort) -> float:
+        """Move to the solution and retake the looks that moved most; by how much, px."""
         at = self._layout()
         self.state = np.column_stack([solution[at.poses], solution[at.speeds]])
         self.relief = solution[at.relief]
@@ -256,17 +275,18 @@ class PassRefiner:
                                              + np.abs(self.relief - look.relief).max()
                                              + abs(later - look.right_m)))
             for look, change, psi, later in zip(self.looks, changes, heading, right_m)])
-        moved = False
-        for k in np.argsort(-px, kind='stable')[:retake]:
-            if px[k] > moved_px:
+        moved_px = 0.0
+        count = max(effort.retakes, int(np.sum(px > _FAR_PX)))
+        for k in np.argsort(-px, kind='stable')[:count]:
+            if px[k] > effort.moved_px:
                 change = changes[k] * min(1.0, _MAX_MOVE_PX / px[k])
                 again = self.sampler.look(
                     self.pairs[k], self.looks[k].pose + change,
                     np.array([self.state[k, 3], rates[k], 0.0]), float(heading[k]),
                     self.relief)
                 if again is not None:
-                    self.looks[k], moved = again, True
-        return moved
+                    self.looks[k], moved_px = again, max(moved_px, float(px[k]))
+        return moved_px
 
 
 def _crowded(pairs: list[StereoPair]) -> int:
