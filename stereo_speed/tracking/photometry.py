@@ -135,7 +135,7 @@ def _add_temporal_terms(looks: Sequence[Look], basis: Array, H: Array, g: Array)
 def _texture_derivatives(looks: Sequence[Look], patches: Array,
                          pixels: Array) -> tuple[Array, Array]:
     """
-    Differentiate the looks by pose (n, 2, G, 3) and by relief (n, 2, G) where all show one texture.
+    Differentiate looks at one texture by pose (n, 2, G, 3) and by relief (n, 2, G).
 
     Its gradient is the mean of theirs.  That of a single look is noisy, and squared the noise
     would pass for information about what hardly changes the images, such as the range.
