@@ -3,6 +3,8 @@
 """Gaussian priors and linear measurements as normal equations."""
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -56,30 +58,49 @@ class NormalEquations:
         self.H += j.T @ np.linalg.solve(covariance, j)
 
 
-def condition(prior: NormalEquations, H: Array, g: Array) -> tuple[Array, Array, float]:
+@dataclass(frozen=True, eq=False)
+class Conditioned:
+    """
+    A Gaussian after measurements.
+
+    :param mean: of the unknowns.
+    :param log_evidence: of the measurements, up to what does not depend on the prior.
+    :param factor: lower Cholesky factor of the information.
+    """
+
+    mean: Array
+    log_evidence: float
+    factor: Array
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Give the covariance of the unknowns."""
+        half = lapack.dpotri(self.factor, lower=1)[0]  # its lower triangle
+        whole = half + half.T
+        np.fill_diagonal(whole, np.diag(half))
+        return np.asarray(whole)
+
+
+def condition(prior: NormalEquations, H: Array, g: Array) -> Conditioned:
     """
     Condition a Gaussian prior on linear measurements of its first unknowns.
 
     :param H: (m, m) information of the measurements about the first m unknowns.
     :param g: (m,) information times measurement.
-    :return: posterior mean and covariance, and the log evidence up to what does not depend on
-        the information matrix of the prior.
     """
     m = len(g)
     total, right = prior.H.copy(), prior.g.copy()
     total[:m, :m] += H
     right[:m] += g
-    covariance, after = _inverse(total)
-    mean = covariance @ right
-    log_det = 2 * float(np.log(np.diag(np.linalg.cholesky(prior.H))).sum())
-    return mean, covariance, 0.5 * (log_det - after + float(right @ mean))
+    before, factor = _factor(prior.H), _factor(total)
+    mean = lapack.dpotrs(factor, right, lower=1)[0]
+    log_det = 2 * float(np.log(np.diag(before) / np.diag(factor)).sum())
+    return Conditioned(mean, 0.5 * (log_det + float(right @ mean)), factor)
 
 
-def _inverse(information: Array) -> tuple[Array, float]:
-    """Invert a symmetric positive definite matrix; its logarithmic determinant."""
+def _factor(information: Array) -> Array:
+    """Give the lower Cholesky factor of a symmetric positive definite matrix."""
     factor, failed = lapack.dpotrf(information, lower=1)
     if failed:
         raise np.linalg.LinAlgError('information matrix not positive definite')
-    half = lapack.dpotri(factor, lower=1)[0]  # its lower triangle
-    log_det = 2 * float(np.log(np.diag(factor)).sum())
-    return np.tril(half) + np.tril(half, -1).T, log_det
+    return np.asarray(factor)

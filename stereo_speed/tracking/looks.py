@@ -40,11 +40,12 @@ class Look:
     :param heading_rad: heading of the vehicle against the path it was taken with.
     :param relief: (M,) relief of the front it was taken with, m at the nodes.
     :param patches: (2, G) left and right patch, zero mean and unit variance.
-    :param jacobian: (2, G, 3) derivatives of the patches by the pose, 1/m.
+    :param jacobian: (2, 3, G) derivatives of the patches by the pose, 1/m.
     :param relief_jacobian: (2, G) derivatives of each sample by its own relief, 1/m.
-    :param gradient: (G, 2) gradient of the patches along the grid's rows and columns, mean of
+    :param gradient: (2, G) gradient of the patches along the grid's rows and columns, mean of
         both views, per grid step.
-    :param flow: (2, G, 3, 2) how far over the grid the samples move by the pose, grid steps/m.
+    :param flow: (2, 2, 3, G) how far the samples of each view move along the grid's rows and
+        columns by the pose, grid steps/m.
     :param pixels: pixels the patch covers in the image, at most one a grid sample.
     :param shift_px: (2, 3) speed of the front's centre in each view by the pose, px/m.
     :param disparity_px: (3,) change of its disparity by the pose, px/m.
@@ -82,13 +83,13 @@ def normalised_change(jacobian: Array, patches: Array) -> Array:
     """
     Differentiate patches that are kept at zero mean and unit variance.
 
-    :param jacobian: (..., G, 3) derivatives of the grey values before, per their deviation.
+    :param jacobian: (..., 3, G) derivatives of the grey values before, per their deviation.
     :param patches: (..., G).
-    :return: (..., G, 3), without any part along a constant or the patch itself.
+    :return: (..., 3, G), without any part along a constant or the patch itself.
     """
-    jacobian = jacobian - jacobian.mean(axis=-2, keepdims=True)
-    along = patches[..., None, :] @ jacobian / patches.shape[-1]
-    return np.asarray(jacobian - patches[..., None] * along)
+    jacobian = jacobian - jacobian.mean(axis=-1, keepdims=True)
+    along = jacobian @ patches[..., None] / patches.shape[-1]
+    return np.asarray(jacobian - along * patches[..., None, :])
 
 
 def lag_s(pair: StereoPair, trigger_tolerance_s: float) -> float:
@@ -178,16 +179,15 @@ class LookSampler:
         u, v = np.ascontiguousarray(at[::-1], dtype=np.float32)[:, None]
         scale = max(float(values.std()), 1e-6)
         patch = (values - values.mean()) / scale
-        slope = np.stack([cv2.remap(g, u, v, cv2.INTER_LINEAR)[0]
-                          for g in np.gradient(smooth)[::-1]], axis=1) / scale  # (G, 2)
-        jacobian = (motion[..., 0] * slope[:, 0] + motion[..., 1] * slope[:, 1]).T
-        gradient = np.stack([(slope * across).sum(axis=1), (slope * down).sum(axis=1)], axis=1)
-        det = across[:, 0] * down[:, 1] - across[:, 1] * down[:, 0]
-        flow = np.stack([motion[..., 0] * down[:, 1] - motion[..., 1] * down[:, 0],
-                         across[:, 0] * motion[..., 1] - across[:, 1] * motion[..., 0]],
-                        axis=-1) / det[:, None]
-        return _View(patch, normalised_change(jacobian, patch), jacobian[:, 0], gradient,
-                     flow.swapaxes(0, 1))
+        by_v, by_u = (cv2.remap(slope, u, v, cv2.INTER_LINEAR)[0] / scale
+                      for slope in np.gradient(smooth))
+        move_u, move_v = motion[..., 0], motion[..., 1]  # (3, G)
+        jacobian = move_u * by_u + move_v * by_v
+        (across_u, across_v), (down_u, down_v) = across.T, down.T
+        gradient = np.stack([by_u * across_u + by_v * across_v, by_u * down_u + by_v * down_v])
+        flow = np.stack([move_u * down_v - move_v * down_u, across_u * move_v - across_v * move_u])
+        flow /= across_u * down_v - across_v * down_u
+        return _View(patch, normalised_change(jacobian, patch), jacobian[0], gradient, flow)
 
 
 def inside(camera: Camera, quad: Array) -> bool:

@@ -53,12 +53,12 @@ class PassPhotometry:
     """
 
     def __init__(self, basis: Array) -> None:
-        self.basis = basis
+        self.basis = np.ascontiguousarray(basis.T)
         self._cross: dict[int, tuple[Look, Array, Array]] = {}
 
     def __call__(self, looks: Sequence[Look]) -> Photometry:
         """Write down the cross and the temporal terms of all looks."""
-        n, m = len(looks), self.basis.shape[1]
+        n, m = len(looks), len(self.basis)
         H, g = np.zeros((3 * n + m, 3 * n + m)), np.zeros(3 * n + m)
         # The cross term of a look is its own; it is made once and kept while the look is.
         self._cross = {id(look): self._cross.get(id(look)) or (
@@ -68,82 +68,82 @@ class PassPhotometry:
             at = np.r_[3 * k:3 * k + 3, 3 * n:3 * n + m]
             H[np.ix_(at, at)] += dH
             g[at] += dg
-        texture = _add_temporal_terms(looks, self.basis, H, g)
-        cross = np.array([float(np.mean(look.patches[0] * look.patches[1])) for look in looks])
+        patches = np.stack([look.patches for look in looks])  # (n, 2, G)
+        texture = _add_temporal_terms(looks, patches, self.basis, H, g)
+        cross = np.einsum('ng,ng->n', patches[:, 0], patches[:, 1]) / patches.shape[2]
         at = np.concatenate([look.pose for look in looks] + [np.zeros(m)])
         return Photometry(H, g + H @ at, cross, texture)
 
 
-def _without_relief(look: Look, basis: Array) -> Array:
-    """Patches (2, G) as they would be on a plane, to first order: relief counts from 0."""
-    return look.patches - look.relief_jacobian * (basis @ look.relief)
-
-
 def _cross_term(look: Look, basis: Array) -> tuple[Array, Array]:
-    """Agreement of the left and the right patch of one pair: (3 + m, 3 + m) and (3 + m,)."""
+    """
+    Agreement of the left and the right patch of one pair: (3 + m, 3 + m) and (3 + m,).
+
+    :param basis: (m, G).
+    """
     J = look.jacobian[0] - look.jacobian[1]
     r = look.patches[0] - look.patches[1]
     variance = max(float(np.mean(np.square(r))), _LEAST_VARIANCE)
     weight = _INDEPENDENT * look.pixels / len(r) / variance
-    info = weight * float(J[:, 0] @ J[:, 0])
+    info = weight * float(J[0] @ J[0])
     per_px = info / max(float(look.disparity_px[0] ** 2), 1e-12)
     weight /= 1 + (_MATCH_FLOOR_PX ** 2 + look.skew_px ** 2) * per_px
-    relief = (look.relief_jacobian[0] - look.relief_jacobian[1])[:, None] * basis
-    both = np.concatenate([J, relief], axis=1)
-    flat = _without_relief(look, basis)
-    return weight * both.T @ both, -weight * both.T @ (flat[0] - flat[1])
+    relief = look.relief_jacobian[0] - look.relief_jacobian[1]
+    both = np.concatenate([J, relief * basis])
+    flat = r - relief * (look.relief @ basis)  # as it would be on a plane, to first order
+    return weight * both @ both.T, -weight * both @ flat
 
 
-def _add_temporal_terms(looks: Sequence[Look], basis: Array, H: Array, g: Array) -> Array:
+def _add_temporal_terms(looks: Sequence[Look], patches: Array, basis: Array, H: Array,
+                        g: Array) -> Array:
     """Add the agreement with the texture to H and g; the NCC of each look with it."""
-    n, m = len(looks), basis.shape[1]
-    patches = np.stack([look.patches for look in looks])  # (n, 2, G)
+    n, m = len(looks), len(basis)
     pixels = np.array([look.pixels for look in looks])
     both = patches.mean(axis=1)
     mean = pixels @ both / pixels.sum()
     ncc = correlation(both, mean)
     if n < 2:
         return ncc
-    J, D = _texture_derivatives(looks, patches, pixels)
+    J, D = _texture_derivatives(looks, patches, pixels)  # (n, 2, 3, G), (n, 2, G)
     w = _temporal_weights(looks, patches - mean, J, ncc)
     total = 2 * w.sum()
     if total <= 0:
         return ncc
-    relief = np.stack([look.relief for look in looks]) @ basis.T
+    relief = np.stack([look.relief for look in looks]) @ basis
     flat = patches - D * relief[:, None]  # as they would be on a plane, to first order
     residual = flat - w @ flat.sum(axis=1) / total
     # The texture is eliminated: what all looks would have in common says nothing.
-    weighted = w[:, None] * J.sum(axis=1).reshape(n, -1)
-    by_pose = weighted.reshape(n, -1, 3).transpose(1, 0, 2).reshape(len(basis), 3 * n)
-    summed = np.concatenate([by_pose, (w @ D.sum(axis=1))[:, None] * basis], axis=1)
-    H -= summed.T @ summed / total
+    by_pose = w[:, None, None] * J.sum(axis=1)
+    summed = np.concatenate([by_pose.reshape(3 * n, -1), w @ D.sum(axis=1) * basis])
+    H -= summed @ summed.T / total
     nodes = slice(3 * n, 3 * n + m)
-    H[nodes, nodes] += basis.T @ ((w @ np.square(D).sum(axis=1))[:, None] * basis)
-    g[nodes] -= basis.T @ (w @ (D * residual).sum(axis=1))
-    own = w[:, None, None] * J.reshape(n, -1, 3).swapaxes(1, 2)  # (n, 3, 2 G)
-    blocks = own @ J.reshape(n, -1, 3)
-    mixed = (own.reshape(n, 3, 2, -1) * D[:, None]).sum(axis=2) @ basis  # (n, 3, m)
+    H[nodes, nodes] += (w @ np.square(D).sum(axis=1) * basis) @ basis.T
+    g[nodes] -= basis @ (w @ (D * residual).sum(axis=1))
+    weighted = w[:, None, None, None] * J
+    blocks = (weighted @ J.swapaxes(2, 3)).sum(axis=1)  # (n, 3, 3)
+    mixed = (weighted * D[:, :, None]).sum(axis=1) @ basis.T  # (n, 3, m)
     for k in range(n):
         block = slice(3 * k, 3 * k + 3)
         H[block, block] += blocks[k]
         H[block, nodes] += mixed[k]
         H[nodes, block] += mixed[k].T
-    g[:3 * n] -= (own @ residual.reshape(n, -1, 1)).ravel()
+    g[:3 * n] -= (weighted @ residual[..., None]).sum(axis=1).ravel()
     return ncc
 
 
 def _texture_derivatives(looks: Sequence[Look], patches: Array,
                          pixels: Array) -> tuple[Array, Array]:
     """
-    Differentiate looks at one texture by pose (n, 2, G, 3) and by relief (n, 2, G).
+    Differentiate looks at one texture by pose (n, 2, 3, G) and by relief (n, 2, G).
 
     Its gradient is the mean of theirs.  That of a single look is noisy, and squared the noise
     would pass for information about what hardly changes the images, such as the range.
     """
-    gradient = np.tensordot(pixels, np.stack([look.gradient for look in looks]), 1) / pixels.sum()
+    across, down = np.tensordot(
+        pixels, np.stack([look.gradient for look in looks]), 1) / pixels.sum()
     flow = np.stack([look.flow for look in looks])
-    change = flow[..., 0] * gradient[:, :1] + flow[..., 1] * gradient[:, 1:]
-    return normalised_change(change, patches), change[..., 0]
+    change = flow[:, :, 0] * across + flow[:, :, 1] * down
+    return normalised_change(change, patches), change[:, :, 0]
 
 
 def _temporal_weights(looks: Sequence[Look], residual: Array, J: Array, ncc: Array) -> Array:
@@ -152,5 +152,5 @@ def _temporal_weights(looks: Sequence[Look], residual: Array, J: Array, ncc: Arr
     shift_px = np.array([look.shift_px[0, 1] for look in looks])
     variance = np.maximum(np.square(residual).mean(axis=(1, 2)), _LEAST_VARIANCE)
     w = _INDEPENDENT * pixels / residual.shape[2] / variance
-    per_px = w * np.square(J[..., 1]).sum(axis=(1, 2)) / np.maximum(shift_px ** 2, 1e-9)
+    per_px = w * np.square(J[:, :, 1]).sum(axis=(1, 2)) / np.maximum(shift_px ** 2, 1e-9)
     return np.where(ncc < _MIN_TEXTURE_NCC, 0.0, w / (1 + _TEXTURE_FLOOR_PX ** 2 * per_px))

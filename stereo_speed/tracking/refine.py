@@ -34,7 +34,7 @@ _LIVE_LOOKS = 24  # of older looks some rest beyond this, so that the cost of a 
 _PASS_LOOKS = 60  # the pass is measured from this many, evenly spaced
 _MAX_MOVE_PX = 3.0  # a step beyond the patch's linear range is cut
 _HALF_WIDTH_M = 0.8  # lever by which a change of heading moves the edges of a front
-_NEGLIGIBLE = 1e-4  # weight of a motion model that is no longer followed in this pair
+_NEGLIGIBLE = 1e-4  # weight of a motion model that counts for nothing in this pair
 
 
 class _Effort(NamedTuple):
@@ -232,10 +232,13 @@ class PassRefiner:
         answers = [condition(prior, seen.H, seen.right)
                    for prior in motion.equations(times, self.state, models)]
         weights = normalise_log_weights(np.array(
-            [math.log(model.share) + answer[2] for model, answer in zip(models, answers)]))
-        mean = sum(w * a[0] for w, a in zip(weights, answers))
-        covariance = sum(w * (a[1] + np.outer(a[0] - mean, a[0] - mean))
-                         for w, a in zip(weights, answers))
+            [math.log(model.share) + answer.log_evidence
+             for model, answer in zip(models, answers)]))
+        likely = [(w / weights[weights > _NEGLIGIBLE].sum(), a)
+                  for w, a in zip(weights, answers) if w > _NEGLIGIBLE]
+        mean = sum(w * a.mean for w, a in likely)
+        covariance = sum(w * (a.covariance + np.outer(a.mean - mean, a.mean - mean))
+                         for w, a in likely)
         return _Solution(mean, covariance, weights, seen)
 
     def _times(self) -> Array:

@@ -40,22 +40,21 @@ def fake_looks(rng, count, basis, relief, texture_noise=0.0):
     """Make looks at one texture that change linearly with small poses and the relief."""
     samples, texture = len(basis), rng.normal(size=len(basis))
     texture -= texture.mean()
-    gradient = rng.normal(size=(samples, 2))
+    gradient = rng.normal(size=(2, samples))
     looks, poses = [], 1e-5 * rng.normal(size=(count, 3))
     for pose in poses:
-        flow = rng.normal(size=(2, samples, 3, 2))
-        raw = np.einsum('vgpi,gi->vgp', flow, gradient)
+        flow = rng.normal(size=(2, 2, 3, samples))
+        raw = np.einsum('vipg,ig->vpg', flow, gradient)
         for part in (np.ones(samples), texture):  # what a patch of unit variance cannot show
-            flow -= (gradient[:, None] / np.square(gradient).sum(axis=1)[:, None, None]
-                     * (part[:, None] * np.einsum('g,vgp->vp', part, raw)[:, None]
-                        / (part @ part))[..., None])
-        raw = np.einsum('vgpi,gi->vgp', flow, gradient)
+            share = part * (raw @ part / (part @ part))[..., None]  # (2, 3, G)
+            flow -= (gradient / np.square(gradient).sum(axis=0))[:, None] * share[:, None]
+        raw = np.einsum('vipg,ig->vpg', flow, gradient)
         change = normalised_change(raw, np.stack([texture, texture]))
-        values = texture - change @ pose - raw[..., 0] * (basis @ relief)
+        values = texture - pose @ change - raw[:, 0] * (basis @ relief)
         values = values + texture_noise * rng.normal(size=values.shape)
         looks.append(SimpleNamespace(
             pose=np.zeros(3), relief=np.zeros(basis.shape[1]), patches=values, jacobian=change,
-            relief_jacobian=raw[..., 0], gradient=gradient, flow=flow, pixels=float(samples),
+            relief_jacobian=raw[:, 0], gradient=gradient, flow=flow, pixels=float(samples),
             shift_px=np.ones((2, 3)), disparity_px=np.ones(3), skew_px=0.0, right_m=0.0))
     return looks, poses
 
