@@ -59,7 +59,8 @@ def test_motion_model_is_the_kalman_smoother_of_the_same_process():
     measured, info, right = measurements(n)
     standing = np.zeros((n, 4))  # no heading error to share
     prior, = pass_motion().equations(TIMES_S, standing, [MotionModel(1.0, RATE, 0.2, 0.03)])
-    mean, covariance, _ = condition(prior, info, right)
+    found = condition(prior, info, right)
+    mean, covariance = found.mean, found.covariance
     for k, (x, P) in enumerate(kalman_smoother(measured)):
         at = [3 * k, 3 * n + k]
         np.testing.assert_allclose(mean[at], x, rtol=1e-6)
@@ -89,7 +90,7 @@ def test_stamps_off_by_a_millisecond_cost_what_brute_force_says():
     info[info > 0], state = 1e12, np.tile([0.0, 0, 0, v], (n, 1))
     state[:, 0] = 0.0
     prior, = pass_motion(jitter).equations(TIMES_S, state, [MotionModel(1.0, 1e-3, 0.2, 0.03)])
-    covariance = condition(prior, info, right * 0)[1]
+    covariance = condition(prior, info, right * 0).covariance
     rng = np.random.default_rng(3)
     slopes = [np.polyfit(TIMES_S, v * rng.normal(0, jitter, n), 1)[0] for _ in range(4000)]
     assert np.sqrt(covariance[3 * n, 3 * n]) == pytest.approx(np.std(slopes), rel=0.06)
@@ -117,7 +118,7 @@ def test_evidence_differs_between_priors_as_the_marginal_density_does():
         prior = NormalEquations(3)
         for k in range(3):
             prior.row([k], [1.0], 0.0, std)
-        logs.append(condition(prior, A.T @ A / noise ** 2, A.T @ y / noise ** 2)[2])
+        logs.append(condition(prior, A.T @ A / noise ** 2, A.T @ y / noise ** 2).log_evidence)
         cov = std ** 2 * A @ A.T + noise ** 2 * np.eye(7)
         densities.append(stats.multivariate_normal(np.zeros(7), cov).logpdf(y))
     np.testing.assert_allclose(np.diff(logs), np.diff(densities), rtol=1e-9)
