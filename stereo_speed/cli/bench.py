@@ -11,6 +11,7 @@ from typing import Any, Callable
 
 import cv2
 
+from .bench_environment import HEIGHT, rows, WIDTH
 from ..config import TrackerConfig
 from ..io.bags import StereoBag
 from ..pipeline import SpeedPipeline
@@ -57,10 +58,16 @@ def run(args: argparse.Namespace) -> int:
             times[name] += once()
     height, width = pairs[0].left.shape
     print(f'ms per pair of {width}x{height}, one core, {args.rounds} interleaved rounds')
-    print(f'{"":32}{"median":>8}{"least":>8}{"most":>8}')
-    for name, values in times.items():
-        print(f'{name:32}{statistics.median(values):8.1f}{min(values):8.1f}{max(values):8.1f}')
+    _print(times)
+    print(f'ms of CPU per target and frame of {WIDTH}x{HEIGHT}, the same way')
+    _print(rows(args.rounds))
     return 0
+
+
+def _print(times: dict[str, list[float]]) -> None:
+    print(f'{"":36}{"median":>8}{"least":>8}{"most":>8}')
+    for name, values in times.items():
+        print(f'{name:36}{statistics.median(values):8.2f}{min(values):8.2f}{max(values):8.2f}')
 
 
 def _disparity(matcher: Any, pair: StereoPair) -> None:

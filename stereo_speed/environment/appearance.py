@@ -17,12 +17,14 @@ from typing import NamedTuple, Optional
 import numpy as np
 from numpy.typing import NDArray
 
+from .background import Background
 from .config import EnvironmentConfig
 from ..records import Array
 
 BINS = 16  # of each channel
 _SHIFT = 4  # 256 levels to BINS
-_ALL = BINS ** 3
+_BACKGROUND = BINS ** 3  # a colour of its own
+_ALL = _BACKGROUND + 1
 _RING = (1.15, 1.3)  # sizes of the frames around the box that are its surroundings
 _RING_SAMPLES = 12  # along each side
 _MARK_SAMPLES = (40, 60)  # across and down the marked box
@@ -64,10 +66,13 @@ class BinImage:
     Bins are made where they are asked for only.
 
     :param image: (H, W, 3) uint8, BGR.
+    :param background: tells which pixels are no target's: these have a colour of their own. None
+        where all may be a target's.
     """
 
-    def __init__(self, image: NDArray[np.uint8]) -> None:
-        self.image = image
+    def __init__(self, image: NDArray[np.uint8],
+                 background: Optional[Background] = None) -> None:
+        self.image, self.background = image, background
         self.height, self.width = image.shape[:2]
         self._bins = np.empty((self.height, self.width), dtype=np.uint16)
         self._made: list[tuple[int, int, int, int]] = []
@@ -118,6 +123,8 @@ class BinImage:
         bins = (part[..., 2] & 0xf0).astype(np.uint16) << 4
         bins |= part[..., 1] & 0xf0
         bins |= part[..., 0] >> _SHIFT
+        if self.background is not None:
+            bins[~self.background.foreground(self.image, left, top, right, bottom)] = _BACKGROUND
         self._bins[top:bottom, left:right] = bins
         self._made.append((left, top, right, bottom))
 
@@ -161,9 +168,12 @@ class Appearance:
         self.config = config
         self.grid = grid_points(config.samples_across, config.samples_down)
         self.part = _parts(config.parts, config.samples_across, config.samples_down)
+        # to average the points of each part
+        self._of_part = (self.part[:, None] == np.arange(config.parts)).astype(np.float64)
+        self._of_part /= self._of_part.sum(axis=0)
         self.ring = ring_points()
-        self.reference = self._marked(frame, mark)
         self._surround = self._surroundings(frame, mark)
+        self.reference = self._marked(frame, mark)
         self._weigh()
 
     def log_likelihood(self, frame: BinImage, boxes: Boxes) -> tuple[Array, Array, Array]:
@@ -173,6 +183,8 @@ class Appearance:
         :return: (N,) it; (N,) similarity, 0 to 1; (N,) share of the box in the image.
         """
         alike, visible = self.compare(frame, boxes)
+        # what is outside the image looks like anything
+        alike = visible * alike + (1.0 - visible) * self.config.unseen_similarity
         log_likelihood = -self.config.lambda_b * (1.0 - alike)
         if self.config.contrast_weight > 0:
             log_likelihood -= self.config.contrast_weight * self.around(frame, boxes)
@@ -182,7 +194,11 @@ class Appearance:
         """Give each box's similarity to the reference, and the share of it in the image."""
         found, visible = self._histograms(frame, boxes, self.grid, self.part)
         alike = np.einsum('npb,pb->np', np.sqrt(found), self._root) / self._self
-        return alike.mean(axis=1), visible
+        if visible.ndim == 1:
+            return alike.mean(axis=1), visible
+        # parts count as far as they are seen
+        share = visible.mean(axis=1)
+        return np.sum(alike * visible, axis=1) / np.maximum(visible.sum(axis=1), 1e-9), share
 
     def around(self, frame: BinImage, boxes: Boxes) -> Array:
         """Give the similarity (N,) of each box's surroundings to the reference."""
@@ -211,10 +227,12 @@ class Appearance:
 
     def _surroundings(self, frame: BinImage, mark: Boxes) -> Array:
         """Give the histogram (bins,) of what is around the marked box."""
-        bins, inside = frame.sample(mark, self.ring)
+        bins, inside = BinImage(frame.image).sample(mark, self.ring)
         seen = bins if inside is None else bins[inside]
         counts = np.bincount(seen.ravel(), minlength=_ALL).astype(np.float64)
-        return counts / max(counts.sum(), 1.0)
+        share = counts / max(counts.sum(), 1.0)
+        share[_BACKGROUND] = 1.0
+        return share
 
     def _weigh(self) -> None:
         """Keep the bins the reference has, as their roots times their weights."""
@@ -245,7 +263,8 @@ class Appearance:
         found = self._kept[bins]
         visible = np.ones(len(bins))
         if inside is not None:
-            visible = inside.mean(axis=1)
+            visible = inside @ self._of_part if part is not None \
+                else inside.mean(axis=1, keepdims=True)
             found[~inside] = self._count - 1
         first = np.arange(len(bins), dtype=np.int32)[:, None] * (parts * self._count)
         index = found + first if part is None else found + (first + part * self._count)

@@ -39,10 +39,14 @@ class EnvironmentConfig:
     contrast_weight: float = _p(
         5.0, 0.0, 1e4, '', 'weight of the contrast with the surroundings of the box; 0 as in '
         'the paper')
-    parts: int = _p(1, 1, 6, '', 'parts of the box from top to bottom with a histogram each; 1 '
+    parts: int = _p(3, 1, 6, '', 'parts of the box from top to bottom with a histogram each; 1 '
                     'as in the paper')
     samples_across: int = _p(9, 2, 64, '', 'samples of the image across a box')
     samples_down: int = _p(15, 2, 64, '', 'samples of the image down a box')
+    background_contrast: float = _p(
+        25.0, 0.0, 255.0, 'levels', 'a pixel that differs by less from the background, which is '
+        'learnt as the frames come, is none of a target; 0 as in the paper: all are taken alike')
+    background_frames: float = _p(100.0, 1.0, 1e5, 'frames', 'time over which it is learnt')
     adaptation: float = _p(0.0, 0.0, 1.0, '', 'share of the reference renewed in each frame that '
                            'is seen well; 0 as in the paper')
 
@@ -93,7 +97,8 @@ class EnvironmentConfig:
 
 # What the paper's likelihood is, eq. 23-24: one histogram of the box, kept as marked.
 PAPER_LIKELIHOOD: Mapping[str, Any] = {
-    'surround_weight': 0.0, 'contrast_weight': 0.0, 'parts': 1, 'adaptation': 0.0}
+    'surround_weight': 0.0, 'contrast_weight': 0.0, 'parts': 1, 'adaptation': 0.0,
+    'background_contrast': 0.0}
 
 
 def load_environment_config(path: Union[str, Path]) -> EnvironmentConfig:

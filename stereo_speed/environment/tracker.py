@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .appearance import Appearance, BinImage, Boxes
+from .background import Background
 from .boxes import overlap, Target, TargetEnd, TargetEstimate, TargetState
 from .config import EnvironmentConfig
 from .distance import DistanceField
@@ -164,6 +165,9 @@ class MonocularTracker:
         self.tracker, self.seed, self.stride = tracker, seed, stride
         self.filters: dict[int, TargetFilter] = {}
         self._ended: list[TargetEnd] = []
+        self.background = Background(field.width, field.height, config.background_contrast,
+                                     config.background_frames) \
+            if config.background_contrast > 0 else None
 
     def process(self, number: int, image: NDArray[np.uint8]) -> list[TargetEstimate]:
         """
@@ -177,8 +181,11 @@ class MonocularTracker:
                and (number - t.frame) % self.stride == 0
                and (t.id in self.filters) == (number > t.frame)]
         if not due:
+            if not self.filters and any(t.frame > number and (t.frame - number) % self.stride == 0
+                                        for t in self.targets):
+                self._learn(image)
             return []
-        frame = BinImage(image)
+        frame = BinImage(image, self.background)
         found = []
         for target in due:
             known = self.filters.get(target.id)
@@ -192,12 +199,24 @@ class MonocularTracker:
                 self._ended.append(self.filters.pop(target.id).end())
             else:
                 found.append(estimate)
+        self._learn(image)
         return found
+
+    def _learn(self, image: NDArray[np.uint8]) -> None:
+        """Learn the background, but for where the targets are or will be marked."""
+        if self.background is not None:
+            self.background.learn(image, [f.estimate for f in self.filters.values()])
 
     def ended(self) -> list[TargetEnd]:
         """Give the targets that ended since the last call."""
         ended, self._ended = self._ended, []
         return ended
+
+    def stop(self, number: int) -> None:
+        """Follow a target no further; one that is not followed is left as it is."""
+        known = self.filters.pop(number, None)
+        if known is not None:
+            self._ended.append(known.end())
 
     def finish(self) -> list[TargetEnd]:
         """End all targets, as the stream ends; give those not given before."""

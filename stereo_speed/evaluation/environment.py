@@ -155,6 +155,7 @@ def run_scene(parameters: Mapping[str, Any]) -> dict[str, Any]:
         field, targets, EnvironmentConfig(**{**parameters['changes'], 'particles': s.particles}),
         tracker=s.tracker, seed=parameters['seed'], stride=s.stride) for s in settings]
     found: list[dict[tuple[int, int], TargetEstimate]] = [{} for _ in settings]
+    last_true = {number: max(boxes) for number, boxes in truth.items()}
     last = 0
     for frame in read_frames(scene.video):
         if frame.image.shape[:2] != field.labels.shape:
@@ -164,6 +165,8 @@ def run_scene(parameters: Mapping[str, Any]) -> dict[str, Any]:
         for tracker, estimates in zip(trackers, found):
             for e in tracker.process(frame.number, frame.image):
                 estimates[e.id, e.frame] = e
+            for number in [i for i in tracker.filters if frame.number >= last_true[i]]:
+                tracker.stop(number)  # there is nothing to compare it with
     out: dict[str, Any] = {}
     for index, (setting, estimates) in enumerate(zip(settings, found)):
         scores = {t.id: score_target(t, {f: e for (i, f), e in estimates.items() if i == t.id},

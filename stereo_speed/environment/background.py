@@ -1,0 +1,78 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+What a fixed camera sees where nothing moves, learnt as the frames come.
+
+The paper takes the environment as static (2010, Section III.B). So it looks the same in every
+frame, and a pixel that looks like it is none of a target. The background is a running mean of
+each pixel, at half the resolution, over the frames in which no target is there.
+"""
+from __future__ import annotations
+
+from typing import Iterable
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from .boxes import TargetEstimate
+
+_STEP = 2  # pixels of the image to one of the background, each way
+_BANDS = 4  # every fourth row is learnt in a frame
+_MARGIN = 0.1  # about a target's box, as a share of it, where nothing is learnt
+
+
+class Background:
+    """
+    The background of a video and what stands out from it.
+
+    :param width: of the frames, px.
+    :param height: of the frames, px.
+    :param contrast: levels of any channel by which a foreground pixel differs at least.
+    :param frames: frames that the running mean spans.
+    """
+
+    def __init__(self, width: int, height: int, contrast: float, frames: float) -> None:
+        self.contrast = contrast
+        self._span = np.float32(max(frames / _BANDS, 1.0))  # looks at each row
+        self._band = -1
+        shape = (-(-height // _STEP), -(-width // _STEP))
+        self.mean = np.zeros((*shape, 3), np.float32)
+        self.seen = np.zeros(shape, np.float32)
+
+    def foreground(self, image: NDArray[np.uint8], left: int, top: int, right: int,
+                   bottom: int) -> NDArray[np.bool_]:
+        """
+        Tell which pixels of a rectangle are not known to be background.
+
+        :param image: (H, W, 3) uint8, BGR.
+        :param right: column after its last one; ``bottom`` likewise.
+        :return: (bottom - top, right - left); pixels never seen without a target are foreground.
+        """
+        # a little more, so that the median has neighbours
+        rows = slice(max(top // _STEP - 1, 0), -(-bottom // _STEP) + 1)
+        columns = slice(max(left // _STEP - 1, 0), -(-right // _STEP) + 1)
+        here = np.ascontiguousarray(image[::_STEP, ::_STEP][rows, columns])
+        off = cv2.split(cv2.absdiff(here, cv2.convertScaleAbs(
+            np.ascontiguousarray(self.mean[rows, columns]))))
+        most = cv2.max(cv2.max(off[0], off[1]), off[2])
+        mask = (most > self.contrast) | (self.seen[rows, columns] == 0)
+        mask = cv2.medianBlur(mask.view(np.uint8), 3)
+        large = np.repeat(np.repeat(mask, _STEP, axis=0), _STEP, axis=1)
+        y, x = top - _STEP * rows.start, left - _STEP * columns.start
+        return np.asarray(large[y:y + bottom - top, x:x + right - left].view(np.bool_))
+
+    def learn(self, image: NDArray[np.uint8], targets: Iterable[TargetEstimate]) -> None:
+        """Average a frame in, but for the boxes of the targets."""
+        # a band at a time is enough, once there is a first look
+        bands = slice(self._band, None, _BANDS) if self._band >= 0 else slice(None)
+        self._band = (self._band + 1) % _BANDS
+        free = np.ones(self.seen.shape, np.float32)
+        for target in targets:
+            x, y, w, h = target.envelope_px / _STEP
+            free[max(int(y - _MARGIN * h), 0):max(int(np.ceil(y + (1 + _MARGIN) * h)), 0),
+                 max(int(x - _MARGIN * w), 0):max(int(np.ceil(x + (1 + _MARGIN) * w)), 0)] = 0
+        self.seen[bands] += free[bands]
+        share = free[bands] / np.clip(self.seen[bands], 1.0, self._span)
+        self.mean[bands] += share[..., None] * (image[::_STEP, ::_STEP][bands]
+                                                - self.mean[bands])
