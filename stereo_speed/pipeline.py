@@ -9,6 +9,7 @@ same speeds everywhere.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+import math
 from typing import Callable, Mapping, Optional, Protocol, Sequence
 
 import numpy as np
@@ -36,6 +37,7 @@ TRACKERS: dict[str, Callable[..., Tracker]] = {
     'triangulation': TriangulationTracker, 'kalman': KalmanTracker,
     'multimodal': MultimodalTracker, 'flow': FlowTracker}
 FEWEST_PARTICLES = 100  # of a track, however many there are
+CATCH_UP_PAIRS = 3  # earlier ones that a new track is fed, at most
 SAME_VEHICLE_M = 1.5  # fronts nearer than this are of one vehicle
 
 
@@ -174,13 +176,27 @@ class SpeedPipeline:
                     if t.last is not None and not t.tracker.ended]
         updates = []
         for front in self._finder.update(pair, occupied):
-            mark = InitMark(pair.index, front.left_px, front.right_px, front.std_px)
+            updates.append(self._begin(front, pair))
+        return updates
+
+    def _begin(self, front: Detection, pair: StereoPair) -> Optional[TrackUpdate]:
+        """Start a track where a front was first seen; where that fails, where it is now."""
+        starts = [((pair,), front.left_px, front.right_px)]
+        if front.earlier is not None:
+            seen = front.earlier.pairs
+            some = seen[::math.ceil(len(seen) / CATCH_UP_PAIRS)]
+            starts.insert(0, ((*some, pair), front.earlier.left_px, front.earlier.right_px))
+        for pairs, left_px, right_px in starts:
+            mark = InitMark(pairs[0].index, left_px, right_px, front.std_px)
             try:
-                track = self._start(mark, pair, self.lanes[front.lane], found=True)
+                track = self._start(mark, pairs[0], self.lanes[front.lane], found=True)
             except InputError:  # what looked like a front is none: the views disagree
                 continue
-            updates.append(self._update(track, pair))
-        return updates
+            told = [self._update(track, one) for one in pairs][-1]
+            if told is not None and told.state is not TrackState.COASTING:
+                return told
+            self._tracks.remove(track)
+        return None
 
     def _occupied(self, update: TrackUpdate) -> Occupied:
         """Tell the finder what a track holds in this pair."""

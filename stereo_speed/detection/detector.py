@@ -59,7 +59,7 @@ class _Found:
     motion: Motion
     place: _Place
     heights_m: Array
-    before: PairViews
+    since: tuple[StereoPair, ...]
 
     @property
     def confidence(self) -> float:
@@ -139,6 +139,9 @@ class VehicleDetector:
             return old[-1]
         return self._past[0] if self._past else None
 
+    def _since(self, before: PairViews) -> tuple[StereoPair, ...]:
+        return tuple(v.pair for v in self._past if v.stamp_ns >= before.stamp_ns)
+
     def _remember(self, now: PairViews) -> None:
         self._past.append(now)
         keep_ns = self.config.long_reference_s * 1e9
@@ -175,7 +178,7 @@ class VehicleDetector:
                     face = replace(face, half_m=moving_half(
                         finder, face, motion, now, before, self._noise))
                     out.append(_Found(lane, face, motion, place, finder.heights_m[[0, -1]],
-                                      before))
+                                      self._since(before)))
         return out
 
     def _held(self, lane: int, seed: Seed, taken: Sequence[_Place]) -> bool:
@@ -230,8 +233,8 @@ class VehicleDetector:
             s_std_m=_MATCH_PX / (px_per_m * abs(float(rates.shift[0]))), lateral_m=face.x_m,
             width_m=2 * face.half_m, height_m=float(np.ptp(found.heights_m)),
             speed_mps=motion.speed_mps, confidence=found.confidence,
-            earlier=Earlier(pair_index=found.before.index, stamp_ns=found.before.stamp_ns,
-                            left_px=then[0], right_px=then[1]) if self._inside(*then) else None)
+            earlier=Earlier(pairs=found.since, left_px=then[0], right_px=then[1])
+            if self._inside(*then) else None)
 
     def _quads(self, found: _Found, s_m: float, x_m: float) -> tuple[Array, Array]:
         """Project the corners of a face at a place, clockwise, into both views."""

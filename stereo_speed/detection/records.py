@@ -8,7 +8,7 @@ from typing import Optional
 
 import numpy as np
 
-from ..records import Array
+from ..records import Array, StereoPair
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -16,14 +16,12 @@ class Earlier:
     """
     Where the face of a detection was in an earlier pair.
 
-    :param pair_index: number of that pair in its stream.
-    :param stamp_ns: its stamp.
+    :param pairs: that pair, and those since that were looked at, without the detection's own.
     :param left_px: (4, 2) corners in its raw left image, as in the detection.
     :param right_px: (4, 2) the same in its raw right image.
     """
 
-    pair_index: int
-    stamp_ns: int
+    pairs: tuple[StereoPair, ...]
     left_px: Array
     right_px: Array
 

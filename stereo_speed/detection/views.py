@@ -64,14 +64,14 @@ class PairViews:
     """
     Both views of a pair.
 
-    :param index: number of the pair in its stream.
+    :param pair: the pair itself.
     :param stamp_ns: of the left image.
     :param right_lag_s: from the left to the right stamp.
     :param left: left view.
     :param right: right view.
     """
 
-    index: int
+    pair: StereoPair
     stamp_ns: int
     right_lag_s: float
     left: View
@@ -80,7 +80,7 @@ class PairViews:
     @classmethod
     def of(cls, pair: StereoPair, regions: tuple[Region, Region]) -> PairViews:
         """Build the pyramids of a region of each image."""
-        return cls(pair.index, pair.stamp_ns, (pair.right_stamp_ns - pair.stamp_ns) * 1e-9,
+        return cls(pair, pair.stamp_ns, (pair.right_stamp_ns - pair.stamp_ns) * 1e-9,
                    View.of(pair.left, regions[0]), View.of(pair.right, regions[1]))
 
 

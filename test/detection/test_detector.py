@@ -56,8 +56,9 @@ def test_a_vehicle_is_found_in_its_second_pair_and_well_placed(name, request):
 
 def test_where_it_was_is_told_too(straight):
     pair, (one,) = first_pair_found(straight)
-    assert one.earlier.pair_index == 0 and one.earlier.stamp_ns == straight.pairs[0].stamp_ns
-    row = straight.truth[one.earlier.stamp_ns][0]
+    then, = one.earlier.pairs
+    assert then is straight.pairs[0]
+    row = straight.truth[then.stamp_ns][0]
     then = replace(one, left_px=one.earlier.left_px, right_px=one.earlier.right_px)
     along, across, _ = offset_m(then, row, straight)
     assert abs(along) < 4 * one.s_std_m and abs(across) < 0.12
