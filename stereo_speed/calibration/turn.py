@@ -19,7 +19,7 @@ from ..paths.site_extras import CALIBRATED_STD_DEG
 from ..records import Array
 
 MOVED_STD_DEG = 0.05
-MOVED_PROBABILITY = 0.02  # of each angle, beforehand
+MOVED_PROBABILITY = 0.05  # of each angle, beforehand
 MOST_TURN_DEG = 0.3  # more than that is another rig: calibrate again
 
 

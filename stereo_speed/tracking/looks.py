@@ -42,10 +42,6 @@ class Look:
     :param patches: (2, G) left and right patch, zero mean and unit variance.
     :param jacobian: (2, 3, G) derivatives of the patches by the pose, 1/m.
     :param relief_jacobian: (2, G) derivatives of each sample by its own relief, 1/m.
-    :param gradient: (2, G) gradient of the patches along the grid's rows and columns, mean of
-        both views, per grid step.
-    :param flow: (2, 2, 3, G) how far the samples of each view move along the grid's rows and
-        columns by the pose, grid steps/m.
     :param pixels: pixels the patch covers in the image, at most one a grid sample.
     :param shift_px: (2, 3) speed of the front's centre in each view by the pose, px/m.
     :param disparity_px: (3,) change of its disparity by the pose, px/m.
@@ -60,8 +56,6 @@ class Look:
     patches: Array
     jacobian: Array
     relief_jacobian: Array
-    gradient: Array
-    flow: Array
     pixels: float
     shift_px: Array
     disparity_px: Array
@@ -75,8 +69,6 @@ class _View(NamedTuple):
     patch: Array
     jacobian: Array
     relief_jacobian: Array
-    gradient: Array
-    flow: Array
 
 
 def normalised_change(jacobian: Array, patches: Array) -> Array:
@@ -149,10 +141,10 @@ class LookSampler:
         centre = [m[:, :n].mean(axis=1) for m in motion]  # (3, 2)
         area = 0.5 * (_area(left[0, n:]) + _area(right[0, n:]))
         unheeded_s = (pair.right_stamp_ns - pair.stamp_ns) * 1e-9 - lag
-        patches, jacobian, alone, gradient, flow = (np.stack(part) for part in zip(*views))
+        patches, jacobian, alone = (np.stack(part) for part in zip(*views))
         return Look(pose=pose, heading_rad=heading_rad, relief=relief, patches=patches,
                     jacobian=jacobian, relief_jacobian=alone,
-                    gradient=gradient.mean(axis=0), flow=flow, pixels=min(area, float(n)),
+                    pixels=min(area, float(n)),
                     shift_px=np.stack([np.linalg.norm(c, axis=1) for c in centre]),
                     disparity_px=centre[0][:, 0] - centre[1][:, 0],
                     right_m=lag * float(velocity_mps[0]),
@@ -165,10 +157,9 @@ class LookSampler:
         :param uv: (G, 2) px.
         :param motion: (3, G, 2) their derivatives by the pose, px/m.
         """
-        down, across = (step.reshape(-1, 2) for step in np.gradient(
-            uv.reshape(*self.grid_shape, 2), axis=(0, 1)))  # px per grid step
-        sigma = [_BLUR_STEPS * float(np.sqrt(np.square(step).sum(axis=1)).mean())
-                 for step in (down, across)]
+        grid = uv.reshape(*self.grid_shape, 2)
+        sigma = [_BLUR_STEPS * float(np.linalg.norm(np.diff(grid, axis=k), axis=-1).mean())
+                 for k in (0, 1)]
         crop, origin = crop_for(image, uv.min(axis=0) - 3, uv.max(axis=0) + 3, 1.0)
         size = [2 * math.ceil(3 * s) + 1 for s in sigma]
         smooth = cv2.GaussianBlur(crop, size[::-1], sigmaX=sigma[1], sigmaY=sigma[0],
@@ -181,13 +172,8 @@ class LookSampler:
         patch = (values - values.mean()) / scale
         by_v, by_u = (cv2.remap(slope, u, v, cv2.INTER_LINEAR)[0] / scale
                       for slope in np.gradient(smooth))
-        move_u, move_v = motion[..., 0], motion[..., 1]  # (3, G)
-        jacobian = move_u * by_u + move_v * by_v
-        (across_u, across_v), (down_u, down_v) = across.T, down.T
-        gradient = np.stack([by_u * across_u + by_v * across_v, by_u * down_u + by_v * down_v])
-        flow = np.stack([move_u * down_v - move_v * down_u, across_u * move_v - across_v * move_u])
-        flow /= across_u * down_v - across_v * down_u
-        return _View(patch, normalised_change(jacobian, patch), jacobian[0], gradient, flow)
+        jacobian = motion[..., 0] * by_u + motion[..., 1] * by_v  # (3, G)
+        return _View(patch, normalised_change(jacobian, patch), jacobian[0])
 
 
 def inside(camera: Camera, quad: Array) -> bool:

@@ -17,7 +17,7 @@ from typing import Sequence
 
 import numpy as np
 
-from .looks import Look, normalised_change
+from .looks import Look
 from ..features.ncc import ncc as correlation
 from ..records import Array
 
@@ -104,7 +104,8 @@ def _add_temporal_terms(looks: Sequence[Look], patches: Array, basis: Array, H: 
     ncc = correlation(both, mean)
     if n < 2:
         return ncc
-    J, D = _texture_derivatives(looks, patches, pixels)  # (n, 2, 3, G), (n, 2, G)
+    J = np.stack([look.jacobian for look in looks])  # (n, 2, 3, G)
+    D = np.stack([look.relief_jacobian for look in looks])  # (n, 2, G)
     w = _temporal_weights(looks, patches - mean, J, ncc)
     total = 2 * w.sum()
     if total <= 0:
@@ -129,21 +130,6 @@ def _add_temporal_terms(looks: Sequence[Look], patches: Array, basis: Array, H: 
         H[nodes, block] += mixed[k].T
     g[:3 * n] -= (weighted @ residual[..., None]).sum(axis=1).ravel()
     return ncc
-
-
-def _texture_derivatives(looks: Sequence[Look], patches: Array,
-                         pixels: Array) -> tuple[Array, Array]:
-    """
-    Differentiate looks at one texture by pose (n, 2, 3, G) and by relief (n, 2, G).
-
-    Its gradient is the mean of theirs.  That of a single look is noisy, and squared the noise
-    would pass for information about what hardly changes the images, such as the range.
-    """
-    across, down = np.tensordot(
-        pixels, np.stack([look.gradient for look in looks]), 1) / pixels.sum()
-    flow = np.stack([look.flow for look in looks])
-    change = flow[:, :, 0] * across + flow[:, :, 1] * down
-    return normalised_change(change, patches), change[:, :, 0]
 
 
 def _temporal_weights(looks: Sequence[Look], residual: Array, J: Array, ncc: Array) -> Array:

@@ -54,7 +54,7 @@ def fake_looks(rng, count, basis, relief, texture_noise=0.0):
         values = values + texture_noise * rng.normal(size=values.shape)
         looks.append(SimpleNamespace(
             pose=np.zeros(3), relief=np.zeros(basis.shape[1]), patches=values, jacobian=change,
-            relief_jacobian=raw[:, 0], gradient=gradient, flow=flow, pixels=float(samples),
+            relief_jacobian=raw[:, 0], pixels=float(samples),
             shift_px=np.ones((2, 3)), disparity_px=np.ones(3), skew_px=0.0, right_m=0.0))
     return looks, poses
 
