@@ -30,6 +30,8 @@ NODE_HEAD = """# Parameters of environment_node; these are the defaults.
     stride: 1
     # 'raw' or 'compressed' images
     image_transport: raw
+    # size of a pixel in the markers [m]
+    marker_metres_per_px: 0.01
 """
 
 
