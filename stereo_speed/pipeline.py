@@ -25,7 +25,7 @@ from .detection.detector import VehicleDetector
 from .detection.records import Detection, Occupied
 from .errors import InputError
 from .geometry.rig import StereoRig
-from .records import PassResult, StereoPair, TrackState, TrackUpdate, Verdict
+from .records import PassResult, StereoPair, TrackState, TrackUpdate
 from .site import InitMark, LanePath
 from .tracking.acquire import check_mark
 from .tracking.base import SharesParticles, Tracker
@@ -156,8 +156,10 @@ class SpeedPipeline:
 
     def _share(self, tracks: int) -> int:
         """Particles of each of so many tracks."""
-        share = min(self.config.particles, self.config.particle_budget // tracks)
-        return max(share, FEWEST_PARTICLES)
+        wanted = self.config.particles
+        if tracks == 1:
+            return wanted
+        return min(wanted, max(self.config.particle_budget // tracks, FEWEST_PARTICLES))
 
     def _update(self, track: _Track, pair: StereoPair) -> Optional[TrackUpdate]:
         """Feed a track, and tell in which lane its vehicle is."""
@@ -218,8 +220,7 @@ class SpeedPipeline:
                     and track.found:
                 self._tracks.remove(track)
                 if track.confirmed:
-                    self._ended.append(replace(
-                        self._result(track), verdict=Verdict.REJECTED, reason='duplicate'))
+                    self._ended.append(self._result(track).rejected('duplicate'))
             else:
                 held.append(track.last)
 

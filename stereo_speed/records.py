@@ -8,7 +8,7 @@ optical frame (x right, y down, z forward), in metres; pixels are of the raw ima
 """
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 import math
 from typing import Any, Optional
@@ -154,6 +154,11 @@ class PassResult:
     def __post_init__(self) -> None:
         if not self.lane_to:
             object.__setattr__(self, 'lane_to', self.lane)
+
+    def rejected(self, reason: str) -> PassResult:
+        """Give the same pass without any speed: what is rejected is never guessed."""
+        return replace(self, speed_mps=None, speed_std_mps=None, verdict=Verdict.REJECTED,
+                       reason=reason, smoothed={}, smoothed_std={}, budget=None)
 
     @property
     def profile_mps(self) -> tuple[Optional[float], Optional[float], Optional[float]]:

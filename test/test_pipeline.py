@@ -138,6 +138,15 @@ def test_a_found_front_on_which_the_views_disagree_is_left_alone(scene):
     assert pipeline.process(sequence.pairs[0]) == [] and pipeline.finish() == []
 
 
+@pytest.mark.parametrize('particles', [30, 900])
+def test_one_track_has_the_particles_that_were_asked_for(scene, particles):
+    config = TrackerConfig(particles=particles, particle_budget=500)
+    sequence, lanes, marks = scene
+    pipeline = SpeedPipeline(sequence.rig, lanes, config, marks[:1])
+    pipeline.process(sequence.pairs[0])
+    assert [len(t.tracker.particles) for t in pipeline._tracks] == [particles]
+
+
 def test_tracks_share_the_particles_there_are(scene):
     sequence, lanes, marks = scene
     config = TrackerConfig(particles=400, particle_budget=500)

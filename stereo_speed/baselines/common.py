@@ -24,7 +24,7 @@ from ..records import (
     Array, LEFT_VIEW, LOST, PassResult, StereoPair, STREAM_ENDED, TrackState, TrackUpdate, Verdict)
 from ..site import InitMark, LanePath
 from ..tracking.acquire import acquire
-from ..tracking.looks import inside
+from ..tracking.looks import inside, lag_s
 from ..tracking.outcome import calibration_share, live_std
 
 NEVER_SEEN, TOO_FEW_FEATURES = 'never_seen', 'too_few_features'
@@ -91,7 +91,8 @@ class Baseline(ABC):
         self.settings = settings
         self.grid = PartGrid(config.parts, config.samples_per_part)
         self.expected_mps = lane.speed_limit_mps or config.initial_speed_mps
-        self.start = acquire(rig, lane.path, mark, pair, self.grid)
+        later_m = self.expected_mps * lag_s(pair, config.trigger_tolerance_s)
+        self.start = acquire(rig, lane.path, mark, pair, self.grid, later_m)
         self.first_ns = self.last_ns = self.seen_ns = pair.stamp_ns
         self.stamps_ns: list[int] = []  # of the pairs it was seen in
         self.missed = 0
@@ -134,7 +135,7 @@ class Baseline(ABC):
         if not (inside(self.rig.left, quads[0]) and inside(self.rig.right, quads[1])):
             self._end = LEFT_VIEW
             return None
-        if not self._observe(pair, self._lag_s(pair)):
+        if not self._observe(pair, lag_s(pair, self.config.trigger_tolerance_s)):
             self.missed += 1
             if (pair.stamp_ns - self.seen_ns) * 1e-9 > _LOST_AFTER_S:
                 self._end = LOST
@@ -154,11 +155,6 @@ class Baseline(ABC):
         return self._result(self._reason(profile), profile)
 
     # -- the parts --------------------------------------------------------------------------
-
-    def _lag_s(self, pair: StereoPair) -> float:
-        """Time from the left to the right exposure; stamps that nearly agree are one exposure."""
-        lag_s = (pair.right_stamp_ns - pair.stamp_ns) * 1e-9
-        return lag_s if abs(lag_s) > self.config.trigger_tolerance_s else 0.0
 
     def _first_velocity(self) -> tuple[Array, float]:
         """Velocity to begin with, that of the speed limit along the lane, and its 1-sigma."""
@@ -206,6 +202,7 @@ class Baseline(ABC):
             stds = np.hypot(profile.std_mps, self.calibration * profile.speed_mps)
             smoothed = dict(zip(stamps, profile.speed_mps.tolist()))
             smoothed_std = dict(zip(stamps, stds.tolist()))
+        # A rejected pass keeps its figures: baselines are there to be compared, not to fine.
         return PassResult(
             track=self.track, lane=self.lane.name, first_ns=stamps[0], last_ns=stamps[-1],
             pairs=len(self.stamps_ns), speed_mps=speed, speed_std_mps=std,

@@ -63,9 +63,9 @@ def fitted_profile(times_s: Array, places_m: Array, covs: Array) -> Profile:
     :param covs: (n, 3, 3) of the positions.
     """
     dt, steps = np.diff(times_s), np.diff(places_m, axis=0)
-    way = np.linalg.norm(steps, axis=1)
-    along = steps / np.maximum(way, 1e-9)[:, None]
-    along = np.concatenate([along[:1], along])
+    along = _directions(times_s, places_m)
+    # Lengths of noisy steps would be too long; ways along the motion are right on average.
+    way = np.sum(steps * 0.5 * (along[1:] + along[:-1]), axis=1)
     differences = np.diff(np.eye(len(times_s)), axis=0) / dt[:, None]
     variance = np.einsum('ni,nij,nj->n', along, covs, along)
     noise = differences @ np.diag(variance) @ differences.T
@@ -81,6 +81,15 @@ def fitted_profile(times_s: Array, places_m: Array, covs: Array) -> Profile:
     joint = sum(w * (design @ cov @ design.T + np.outer(speed - mean, speed - mean))
                 for w, design, speed, (_, cov, _) in zip(share, designs, speeds, fits))
     return Profile(mean, np.sqrt(np.diag(joint)), float(np.sqrt(joint.mean())))
+
+
+def _directions(times_s: Array, places_m: Array) -> Array:
+    """Give the directions (n, 3) of the motion: those of parabolas through the places."""
+    t = times_s - times_s.mean()
+    design = np.vander(t, min(len(t), _DEGREES[-1] + 1), increasing=True)
+    x = np.linalg.lstsq(design, places_m, rcond=None)[0]
+    slopes = np.stack([k * t ** (k - 1) for k in range(1, len(x))], axis=1) @ x[1:]
+    return np.asarray(slopes / np.maximum(np.linalg.norm(slopes, axis=1), 1e-9)[:, None])
 
 
 def _fit(t: Array, values: Array, noise: Array, degree: int) -> tuple[Array, Array, float]:

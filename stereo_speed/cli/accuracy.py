@@ -59,6 +59,7 @@ def run(args: argparse.Namespace) -> int:
     print(f'lines {args.lines}, {args.particles} particles; not measured: {reasons or "none"}; '
           f'measured, more than 0.1 mph and 2 σ off: {silently_wrong(passes)}; '
           f'{np.nanmedian([p.cpu_ms for p in passes]):.1f} ms of one core per pair')
-    for line in failures(results):
-        print(line, file=sys.stderr)
-    return 0
+    failed = failures(results)
+    for line in failed:
+        print(f'failed: {line}', file=sys.stderr)
+    return 1 if failed else 0

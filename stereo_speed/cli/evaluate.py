@@ -115,7 +115,7 @@ def _paper(args: argparse.Namespace) -> int:
         wanted, t, runs) for t in wanted.tables}
     tables.update({s: contest_table(wanted, s, runs) for s in wanted.compared})
     found = checks(wanted, runs)
-    text = f'**What we ask of ourselves**\n\n{checks_text(found)}'
+    text = f'**Checks**\n\n{checks_text(found)}'
     _write(args.out, tables, text)
     _paper_plots(args.out, wanted, runs)
     return _report(args.out, failures(results))
@@ -217,4 +217,4 @@ def _report(out: Path, failed: Sequence[str]) -> int:
     print(f'in {out}')
     for line in failed:
         print(f'failed: {line}', file=sys.stderr)
-    return 0
+    return 1 if failed else 0

@@ -11,13 +11,13 @@ import os
 from pathlib import Path
 import tempfile
 import time
-from typing import Any, Mapping, Sequence
+from typing import Any, Mapping, Optional, Sequence
 
 import cv2
 import numpy as np
 from tqdm import tqdm
 
-from ..calibration.refine import refine_site
+from ..calibration.refine import refine_site, RefinedSite
 from ..calibration.report import report, summary as report_summary, told
 from ..config import load_config, TrackerConfig
 from ..errors import InputError
@@ -27,7 +27,7 @@ from ..io.results import (PASSES, PLOTS, prepare_folder, remove_run, software_ve
 from ..paths.site_write import site_text
 from ..pipeline import SpeedPipeline, TRACKERS
 from ..records import PassResult, TrackUpdate, Verdict
-from ..site import InitMark, lane_paths, LanePath, load_init, load_site, Site
+from ..site import InitMark, lane_paths, LanePath, load_init, load_site
 from ..units import KMH_MPS, MPH_MPS
 
 REFINED_SITE = 'site.yaml'
@@ -108,11 +108,16 @@ def run(args: argparse.Namespace) -> int:
     config = _config(args)
     site, marks = load_site(args.site), None if args.init is None else load_init(args.init)
     prepare_folder(args.out)
+    if args.refine_site and args.site.resolve() == (args.out / REFINED_SITE).resolve():
+        raise InputError('replay', '--out', args.out, 'a folder where the refined site does not '
+                         f'overwrite {args.site}')
     tolerance = None if args.tolerance_ms is None else round(args.tolerance_ms * 1e6)
     with StereoBag(args.bag, left=args.left, right=args.right, tolerance_ns=tolerance) as bag:
-        refinement = None
+        refined = None
         if args.refine_site:
-            site, refinement = _refined(args, site, bag)
+            refined = refine_site(site, bag.rig, bag.pairs())
+            print('\n'.join(told(refined, report(refined))))
+            site = refined.site
         config = replace(config, **site.tolerances)
         bag.rig = site.corrected_rig(bag.rig)
         lanes = lane_paths(site, bag.rig)
@@ -121,24 +126,17 @@ def run(args: argparse.Namespace) -> int:
         if marks is not None:
             _check_frames(marks, bag.pair_count, args.init)
         result = measure(bag, pipeline, lanes, keep_frames=not args.no_plots)
-        summary = {**summarize(args, config, bag, result, lanes), 'refinement': refinement}
+        summary = summarize(args, config, bag, result, lanes)
         pairing = dict(bag.pairing)
-    write_all(args, lanes, result, summary)
+    if refined is not None:
+        summary['refinement'] = report_summary(refined, report(refined))
+    write_all(args, lanes, result, summary, refined)
     print_lanes(lanes)
     print_table(result.passes)
     print(f'{pairing["pairs"]} pairs ({pairing["method"]} stamps; unpaired: '
           f'{pairing["unpaired_left"]} left, {pairing["unpaired_right"]} right), '
           f'{1e3 * result.wall_s / len(result.stamps_ns):.1f} ms per pair; in {args.out}')
     return 0
-
-
-def _refined(args: argparse.Namespace, site: Site, bag: StereoBag) -> tuple[Site, dict[str, Any]]:
-    """Refine the site by the bag's own images, tell of it, and keep it beside the results."""
-    refined = refine_site(site, bag.rig, bag.pairs())
-    figures = report(refined)
-    print('\n'.join(told(refined, figures)))
-    (args.out / REFINED_SITE).write_text(site_text(refined.site), encoding='utf-8')
-    return refined.site, report_summary(refined, figures)
 
 
 def _config(args: argparse.Namespace) -> TrackerConfig:
@@ -266,7 +264,7 @@ def _sha256(path: Path) -> str:
 
 
 def write_all(args: argparse.Namespace, lanes: Mapping[str, LanePath], result: Run,
-              summary: Mapping[str, Any]) -> None:
+              summary: Mapping[str, Any], refined: Optional[RefinedSite] = None) -> None:
     """
     Write everything beside the folder, then move it in, ``summary.json`` last.
 
@@ -274,6 +272,7 @@ def write_all(args: argparse.Namespace, lanes: Mapping[str, LanePath], result: R
     :param lanes: the lanes, for the plots.
     :param result: the run.
     :param summary: content of ``summary.json``.
+    :param refined: the site it was measured with, to be kept with the results.
     """
     with tempfile.TemporaryDirectory(prefix='.replay-', dir=args.out) as folder:
         stage = Path(folder)
@@ -284,8 +283,10 @@ def write_all(args: argparse.Namespace, lanes: Mapping[str, LanePath], result: R
             write_plots(stage, result.updates, result.passes, lanes)
             if result.strip:
                 cv2.imwrite(str(stage / 'strip.png'), strip(result.strip, width_px=480))
+        if refined is not None:
+            (stage / REFINED_SITE).write_text(site_text(refined.site), encoding='utf-8')
         remove_run(args.out)
-        for name in (TRACKS, PASSES, *PLOTS, SUMMARY):
+        for name in (TRACKS, PASSES, *PLOTS, REFINED_SITE, SUMMARY):
             if (stage / name).exists():
                 os.replace(stage / name, args.out / name)
 

@@ -40,6 +40,7 @@ class Drive:
     :param marks: the fronts as marked; None has them found.
     :param pairs: the pairs.
     :param truths: one for each vehicle.
+    :param tolerances: parameters of the tracker that the site file gives.
     """
 
     name: str
@@ -48,6 +49,7 @@ class Drive:
     marks: Optional[tuple[InitMark, ...]]
     pairs: Sequence[StereoPair]
     truths: tuple[VehicleTruth, ...]
+    tolerances: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,6 +70,7 @@ class VehicleRun:
     :param pass_truth_mps: mean of the truth over the same pairs.
     :param pairs: pairs of the pass.
     :param seen_pairs: pairs in which the truth shows the vehicle.
+    :param last_quarter_ns: stamp that the last quarter of them begins with.
     """
 
     vehicle: int
@@ -83,6 +86,7 @@ class VehicleRun:
     pass_truth_mps: Optional[float] = None
     pairs: int = 0
     seen_pairs: int = 0
+    last_quarter_ns: int = 0
 
     @property
     def measured(self) -> bool:
@@ -190,7 +194,8 @@ def bag_drive(bag: Path, site: Path, init: Optional[Path], truth: Path, *,
     marks = load_init(init) if init is not None else None
     with StereoBag(bag, left=left, right=right) as opened:
         rig = read.corrected_rig(opened.rig)
-        return Drive(bag.name, rig, lane_paths(read, rig), marks, tuple(opened.pairs()), truths)
+        return Drive(bag.name, rig, lane_paths(read, rig), marks, tuple(opened.pairs()), truths,
+                     read.tolerances)
 
 
 def track_drive(drive: Drive, tracker: str, config: TrackerConfig, seed: int) -> DriveRun:
@@ -201,7 +206,8 @@ def track_drive(drive: Drive, tracker: str, config: TrackerConfig, seed: int) ->
     :param config: its parameters.
     :param seed: of all its randomness.
     """
-    pipeline = SpeedPipeline(drive.rig, drive.lanes, config, drive.marks, seed=seed,
+    pipeline = SpeedPipeline(drive.rig, drive.lanes, replace(config, **drive.tolerances),
+                             drive.marks, seed=seed,
                              tracker=tracker)
     updates: list[TrackUpdate] = []
     start = time.process_time()
@@ -221,10 +227,16 @@ def beside_truth(updates: Sequence[TrackUpdate], passes: Mapping[int, PassResult
     matched = match(tracks, truths)
     runs = [_vehicle_run(truth, tracks[matched[truth.vehicle]], passes.get(
         matched[truth.vehicle])) if truth.vehicle in matched
-        else VehicleRun(vehicle=truth.vehicle, seen_pairs=len(truth.stamps_ns))
+        else VehicleRun(vehicle=truth.vehicle, seen_pairs=len(truth.stamps_ns),
+                        last_quarter_ns=_last_quarter_ns(truth))
         for truth in truths]
     return DriveRun(vehicles=runs, stray_tracks=len(tracks) - len(matched),
                     cpu_ms=round(cpu_ms, 3))
+
+
+def _last_quarter_ns(truth: VehicleTruth) -> int:
+    """Give the stamp of the pair that the last quarter of a vehicle's pairs begins with."""
+    return int(truth.stamps_ns[-max(len(truth.stamps_ns) // 4, 1)])
 
 
 def _vehicle_run(truth: VehicleTruth, track: Sequence[TrackUpdate],
@@ -236,7 +248,7 @@ def _vehicle_run(truth: VehicleTruth, track: Sequence[TrackUpdate],
         stds_mps=[float(u.speed_std_mps) for u in track],
         confirmed=[u.state is TrackState.CONFIRMED for u in track],
         truth_mps=[None if np.isnan(v) else float(v) for v in truth.speed_at(stamps)],
-        seen_pairs=len(truth.stamps_ns))
+        seen_pairs=len(truth.stamps_ns), last_quarter_ns=_last_quarter_ns(truth))
     if result is None:
         return run
     during = sorted(result.smoothed) or [ns for ns in stamps

@@ -77,9 +77,8 @@ def readings(run: VehicleRun) -> tuple[Array, Array]:
 
 def lost(run: VehicleRun) -> bool:
     """Say whether a vehicle had no confirmed reading in the last quarter of its pairs."""
-    told = [bool(sure) for sure in run.confirmed]
-    last = max(run.seen_pairs - max(run.seen_pairs // 4, 1), 0)
-    return not any(told[last:])
+    return not any(sure and ns >= run.last_quarter_ns
+                   for ns, sure in zip(run.stamps_ns, run.confirmed))
 
 
 def reading_figures(runs: Sequence[VehicleRun]) -> ReadingFigures:

@@ -14,7 +14,7 @@ from typing import Optional
 
 PAPER_RUNS = 20  # repetitions of each cell
 PAPER_MS_PER_PAIR = 400.0  # its summary: "around 400 ms" with 400 particles and a GPU
-LEAST_SPEEDUP = 20.0  # what we ask of ourselves at 400 particles
+LEAST_SPEEDUP = 20.0  # wanted with 400 particles
 
 
 @dataclass(frozen=True)

@@ -114,7 +114,7 @@ def contest_table(plan: PaperPlan, sequence: str, runs: Runs) -> Table:
 @dataclass(frozen=True)
 class Check:
     """
-    Something we ask of ourselves.
+    A claim and whether it holds.
 
     :param claim: what.
     :param holds: whether it does.
@@ -127,7 +127,7 @@ class Check:
 
 
 def checks(plan: PaperPlan, runs: Runs) -> list[Check]:
-    """Ask of ourselves what the paper's figures call for."""
+    """Compare with what the figures of the paper call for."""
     found = [check for table in plan.tables for row in table.rows
              for check in _cell_checks(plan, table, row, runs)]
     return found + [check for s in plan.compared for check in _contest_checks(plan, s, runs)]
@@ -153,6 +153,8 @@ def _cell_checks(plan: PaperPlan, table: PaperTable, row: PaperRow,
 
 def _contest_checks(plan: PaperPlan, sequence: str, runs: Runs) -> Iterator[Check]:
     """Ours has the smallest maximum error on every sequence."""
+    if OURS not in plan.trackers:
+        return
     for vehicle, name in enumerate(find_sequence(sequence).vehicles):
         worst = {t: _worst_mph(plan, sequence, t, vehicle, runs) for t in plan.trackers}
         for other in (t for t in plan.trackers if t != OURS):

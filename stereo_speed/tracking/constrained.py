@@ -25,9 +25,10 @@ from .outcome import calibration_share, conclude, live_std, Pass
 from .refine import PassRefiner, Posterior
 from ..config import TrackerConfig
 from ..features.haar import CELLS, PartGrid
+from ..filtering.particle_filter import weigh
 from ..filtering.resampling import systematic
 from ..filtering.weights import (
-    DegenerateWeightsError, effective_sample_size, mean_and_covariance, normalise_log_weights)
+    DegenerateWeightsError, mean_and_covariance, normalise_log_weights)
 from ..geometry.rig import StereoRig
 from ..records import (
     Array, LEFT_VIEW, LOST, PassResult, StereoPair, STREAM_ENDED, TrackState, TrackUpdate)
@@ -157,15 +158,12 @@ class ConstrainedTracker:
         scores = score(pair.left, pair.right, quads, self.reference, grid=self.grid,
                        config=self.config)
         try:
-            weights = normalise_log_weights(self.log_weights + scores.log_likelihood)
+            weighed = weigh(self.log_weights, scores.log_likelihood, self.config.resample_ess,
+                            self.rng)
         except DegenerateWeightsError:
             return False
-        n = len(weights)
-        if effective_sample_size(weights) < self.config.resample_ess * n:
-            self.particles = self.particles[systematic(weights, n, self.rng)]
-            weights = np.full(n, 1 / n)
-        with np.errstate(divide='ignore'):
-            self.log_weights = np.log(weights)
+        self.particles = self.particles[weighed.ancestors]
+        self.log_weights = weighed.log_weights
         return True
 
     def _refine(self, pair: StereoPair) -> bool:

@@ -48,7 +48,7 @@ class LaneKeeper:
         """Tell from which lane to which a pass went; reject one beside the road."""
         result = replace(result, lane_to=self.current or result.lane)
         if result.verdict is Verdict.MEASURED and self.off_road > _OFF_SHARE * self.pairs:
-            return replace(result, verdict=Verdict.REJECTED, reason='off_path')
+            return result.rejected('off_path')
         return result
 
 

@@ -60,7 +60,13 @@ def test_mean_square_is_mean_and_deviation_squared():
     ([True] * 5, True),  # its track ended
     ([], True)], ids=['to the end', 'coasting', 'almost', 'ended', 'never'])
 def test_lost_without_a_reading_in_the_last_quarter(confirmed, wanted):
-    assert lost(run([20.0] * len(confirmed), confirmed=confirmed, seen_pairs=8)) is wanted
+    assert lost(run([20.0] * len(confirmed), confirmed=confirmed, seen_pairs=8,
+                    last_quarter_ns=6)) is wanted
+
+
+def test_found_late_and_followed_to_the_end_is_not_lost():
+    late = run([20.0] * 3, stamps_ns=[5, 6, 7], seen_pairs=8, last_quarter_ns=6)
+    assert not lost(late)
 
 
 def test_nothing_gives_no_figures():
