@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import argparse
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from multiprocessing import get_context
 import os
@@ -20,14 +19,17 @@ import numpy as np
 from tqdm import tqdm
 import yaml
 
+from ..calibration.refine import refine_site
 from ..config import TrackerConfig
 from ..errors import InputError
 from ..evaluation import lane_changes, traffic as evaluation
+from ..evaluation.drives import SITES
 from ..geometry.rig import StereoRig
 from ..io.results import prepare_folder, software_versions, stream_timings, write_run
 from ..pipeline import SpeedPipeline
 from ..records import PassResult, TrackUpdate
 from ..sim.config import RIGS
+from ..sim.sequence import exact_site
 from ..sim.traffic import TrafficPair, TrafficStream
 from ..sim.traffic_config import LIGHTS, traffic_config, TrafficConfig
 from ..sim.truth import TRAFFIC_COLUMNS, write_truth
@@ -35,6 +37,7 @@ from ..site import lane_paths, LanePath, load_site
 
 TRUTH = 'truth.csv'
 WAITING_PAIRS = 8  # rendered and not yet measured, at most
+REFINE_PAIRS, REFINE_FPS = 40, 1.0
 Message = Union[TrafficPair, Exception, None]
 
 
@@ -91,6 +94,9 @@ def add_parser(subparsers: Any) -> None:
     where.add_argument('--lane-changes', type=_number(int, 1, 1000), metavar='SEEDS',
                        help='in place of a stream, so many of each of the lane changes of the '
                             '2012 paper, marked, beside a tracker that holds to the path')
+    add('--lines', choices=SITES, default='refined',
+        help='how the lines of the road are known: as clicked, clicked and refined by the images '
+             '(default), or exactly')
     parser.set_defaults(run=run)
 
 
@@ -117,9 +123,9 @@ def run(args: argparse.Namespace) -> int:
         prepare_folder(args.out)
     stream = stream_of(config, args.seed)
     pairs = round(args.minutes * 60 * args.fps)
-    with _site_paths(stream.site, stream.rig) as lanes:
-        result = measure(config, args.seed, make_pipeline(stream.rig, lanes, tracker, args.seed),
-                         list(lanes), args.jobs, pairs)
+    rig, lanes = known_road(config, args.seed, args.lines)
+    result = measure(config, args.seed, make_pipeline(rig, lanes, tracker, args.seed),
+                     list(lanes), args.jobs, pairs)
     score = result.judge.score()
     name = (f'{args.minutes:g} min, {args.fps:g} fps, {args.lanes} lanes'
             f'{f", {args.receding} receding" if args.receding else ""}, {args.light}')
@@ -134,7 +140,7 @@ def _tabulate_changes(args: argparse.Namespace) -> int:
     """Measure the paper's lane changes and print their table."""
     TrackerConfig(particles=args.particles)  # refuse before the work begins
     seeds = range(args.seed, args.seed + args.lane_changes)
-    tasks = [(case, seed, args.particles) for case in lane_changes.CASES for seed in seeds]
+    tasks = [(case, seed, args.particles, args.lines) for case in lane_changes.CASES for seed in seeds]
     with ProcessPoolExecutor(args.jobs, mp_context=get_context('spawn')) as pool:
         errors = list(tqdm(pool.map(_measure_changes, tasks), total=len(tasks), unit='pass',
                            desc='lane changes', disable=None))
@@ -146,7 +152,7 @@ def _tabulate_changes(args: argparse.Namespace) -> int:
     return 0
 
 
-def _measure_changes(task: tuple[str, int, int]) -> list[lane_changes.ChangeError]:
+def _measure_changes(task: tuple[str, int, int, str]) -> list[lane_changes.ChangeError]:
     """Measure one lane change in a worker: one thread each, the passes fill the cores."""
     cv2.setNumThreads(1)
     return lane_changes.measure_changes(*task)
@@ -163,13 +169,29 @@ def make_pipeline(rig: StereoRig, lanes: Mapping[str, LanePath], config: Tracker
     return SpeedPipeline(rig, lanes, config, None, seed=seed)
 
 
-@contextmanager
-def _site_paths(site: Mapping[str, Any], rig: StereoRig) -> Iterator[dict[str, LanePath]]:
-    """Read the site back from a file, as a person would hand it over."""
+def known_road(config: TrafficConfig, seed: int, lines: str
+               ) -> tuple[StereoRig, dict[str, LanePath]]:
+    """
+    Give rig and lanes as a person would hand them over, through a site file.
+
+    :param config: the traffic.
+    :param seed: of the stream.
+    :param lines: one of ``SITES``; refined ones are refined by a few pairs of traffic before.
+    """
+    stream = stream_of(config, seed)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / 'site.yaml'
-        path.write_text(yaml.safe_dump(dict(site)))
-        yield lane_paths(load_site(path), rig)
+        path.write_text(yaml.safe_dump(
+            dict(exact_site(stream.scene) if lines == 'exact' else stream.site)))
+        site = load_site(path)
+    if lines != 'refined':
+        return stream.rig, lane_paths(site, stream.rig)
+    minutes = REFINE_PAIRS / REFINE_FPS / 60
+    early = replace(
+        config, scene=replace(config.scene, fps=REFINE_FPS, drop=(), gaps_s=()), minutes=minutes,
+        vehicles=max(round(config.vehicles * minutes / config.minutes), 1))
+    refined = refine_site(site, stream.rig, (one.pair for one in stream_of(early, seed)))
+    return refined.rig, refined.lanes
 
 
 def measure(config: TrafficConfig, seed: int, pipeline: SpeedPipeline, lanes: list[str],
@@ -257,5 +279,5 @@ def _write(args: argparse.Namespace, result: Measured, tracker: TrackerConfig,
     write_run(args.out, result.updates, result.passes, {
         'versions': software_versions(), 'parameters': asdict(tracker), 'seed': args.seed,
         'traffic': {k: getattr(args, k) for k in (
-            'minutes', 'vehicles', 'fps', 'lanes', 'receding', 'light', 'rig')},
+            'minutes', 'vehicles', 'fps', 'lanes', 'receding', 'light', 'rig', 'lines')},
         'score': counts, 'timings': stream_timings(result.stamps_ns)})

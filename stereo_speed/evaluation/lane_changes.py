@@ -4,24 +4,20 @@
 The lane changes of Zhu et al. (2012, Section V-C), simulated: 35 mph over 5 s, 30 mph over 3 s.
 
 Each is measured by the tracker as it is and by one that holds to the straight path, with the
-paper's drift across it and no model of a lane change.
+paper's drift across it and no model of a lane change, both on the same lanes.
 """
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from pathlib import Path
-import tempfile
 from typing import Optional, Sequence
 
 import numpy as np
-import yaml
 
+from .drives import Drive, simulated_drive
 from ..config import TrackerConfig
 from ..pipeline import SpeedPipeline
 from ..records import Array, LOST, Verdict
 from ..sim.config import SimConfig, straight_config, VehicleConfig
-from ..sim.sequence import SimSequence, simulate
-from ..site import lane_paths, load_init, load_site
 from ..units import MPH_MPS
 
 CASES = {'35 mph, lane change over 5 s': (35.0, 5.0), '30 mph, lane change over 3 s': (30.0, 3.0)}
@@ -76,36 +72,34 @@ def tracker_config(tracker: str, particles: int) -> TrackerConfig:
     return config if tracker == TRACKERS[0] else replace(config, manoeuvre_probability=0.0)
 
 
-def measure_changes(case: str, seed: int, particles: int) -> list[ChangeError]:
+def measure_changes(case: str, seed: int, particles: int, lines: str = 'refined'
+                    ) -> list[ChangeError]:
     """
     Simulate one lane change and measure it with each of ``TRACKERS``.
 
     :param case: one of ``CASES``.
     :param seed: of the simulation and of the trackers.
+    :param lines: how well the lines of the lanes are known: ``picked``, ``refined`` by the
+        images of the pass, or ``exact``.
     """
     config = change_config(case, seed)
-    sequence = simulate(config, np.random.default_rng(seed))
-    return [_measure(sequence, tracker_config(t, particles), seed) for t in TRACKERS]
+    drive = simulated_drive(config, (seed,), lines)
+    to = f'lane_{1 - config.vehicles[0].lane}'
+    return [_measure(drive, to, tracker_config(t, particles), seed) for t in TRACKERS]
 
 
-def _measure(sequence: SimSequence, config: TrackerConfig, seed: int) -> ChangeError:
-    with tempfile.TemporaryDirectory() as folder:
-        site, init = Path(folder) / 'site.yaml', Path(folder) / 'init.yaml'
-        site.write_text(yaml.safe_dump(dict(sequence.site)))
-        init.write_text(yaml.safe_dump(dict(sequence.init)))
-        lanes, marks = lane_paths(load_site(site), sequence.rig), load_init(init)
-    pipeline = SpeedPipeline(sequence.rig, lanes, config, marks, seed=seed)
-    updates = [u for pair in sequence.pairs for u in pipeline.process(pair)]
+def _measure(drive: Drive, to: str, config: TrackerConfig, seed: int) -> ChangeError:
+    pipeline = SpeedPipeline(drive.rig, drive.lanes, config, drive.marks, seed=seed)
+    updates = [u for pair in drive.pairs for u in pipeline.process(pair)]
     result, = pipeline.ended() + pipeline.finish()
-    true = {int(row['stamp_ns']): float(row['speed']) for row in sequence.truth}
+    truth, = drive.truths
+    true = dict(zip(truth.stamps_ns.tolist(), truth.speed_mps.tolist()))
     seen = [u for u in updates if u.stamp_ns in true]
     live = np.array([u.speed_mps - true[u.stamp_ns] for u in seen])
     smooth = np.array([v - true[s] for s, v in result.smoothed.items() if s in true])
     off = None
     if result.verdict is Verdict.MEASURED and result.speed_mps is not None:
         off = result.speed_mps - float(np.mean([true[u.stamp_ns] for u in seen]))
-    vehicle = sequence.config.vehicles[0]
-    to = f'lane_{1 - vehicle.lane}'
     return ChangeError(
         kept=len(seen) >= len(true) - 1 and result.end != LOST, pass_mps=off,
         live_mps=_rms(live[len(live) // 2:]), smoothed_mps=_rms(smooth),

@@ -240,7 +240,8 @@ def _error(track: Track, vehicle: Vehicle) -> Optional[tuple[float, float]]:
     result = track.result
     if result is None or result.speed_mps is None:
         return None
-    true = [vehicle.speeds[s] for s in track.stamps_ns if s in vehicle.speeds]
+    # A speed is the mean over its own pairs: those before it was found count, gaps do not.
+    true = [vehicle.speeds[s] for s in result.smoothed or track.stamps_ns if s in vehicle.speeds]
     if not true:
         return None
     off = result.speed_mps - float(np.mean(true))

@@ -50,7 +50,7 @@ def test_files_and_table(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(evaluation, 'SEEN_PX', 10.0)
     out = tmp_path / 'out'
     assert cli.main(['traffic', '--minutes', '0.06', '--vehicles', '12', '--fps', '5',
-                     '--jobs', '1', '--out', str(out)]) == 0
+                     '--jobs', '1', '--lines', 'picked', '--out', str(out)]) == 0
     table = capsys.readouterr().out.splitlines()
     cells = [cell.strip() for cell in table[-1].split('|')]
     names = [cell.strip() for cell in table[0].split('|')]

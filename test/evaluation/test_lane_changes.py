@@ -35,7 +35,7 @@ def test_straight_only_is_the_tracker_without_manoeuvres():
 
 
 def test_a_fast_lane_change_is_measured():
-    own, _ = measure_changes('30 mph, lane change over 3 s', 0, 200)
+    own, _ = measure_changes('30 mph, lane change over 3 s', 0, 200, 'exact')
     assert own.kept
     assert own.pass_mps is not None and abs(own.pass_mps) < 0.3 * MPH_MPS
 
