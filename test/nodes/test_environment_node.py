@@ -1,0 +1,175 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""``environment_node`` as a real process over real DDS, against the command on the same frames."""
+from __future__ import annotations
+
+import csv
+import os
+from pathlib import Path
+import subprocess
+import sys
+import time
+
+import cv2
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy')
+
+from sensor_msgs.msg import Image, PointCloud2  # noqa: E402
+from stereo_speed.cli.demo import Process  # noqa: E402
+from stereo_speed.cli.main import main  # noqa: E402
+from stereo_speed.nodes.common import image_message, RELIABLE, stamp_ns  # noqa: E402
+from stereo_speed.nodes.environment_messages import RECORD  # noqa: E402
+from visualization_msgs.msg import MarkerArray  # noqa: E402
+
+ROOT = Path(__file__).resolve().parents[2]
+STARTUP_S, EVENT_S = 60.0, 60.0
+FRAMES, PERIOD_NS = 8, 100_000_000
+EARLIER_NS = 10 ** 12  # stamps of what is sent before the video; it jumps back to its own
+BOX = (30, 40, 12, 30)
+
+
+def frames():
+    """Draw a red person who walks to the right over a textured ground."""
+    noise = np.random.default_rng(1).normal(110, 20, (120, 160, 3))
+    ground = cv2.GaussianBlur(noise, (0, 0), 1.0).clip(0, 255).astype(np.uint8)
+    for number in range(FRAMES):
+        image = ground.copy()
+        x = BOX[0] + 3 * number
+        image[BOX[1]:BOX[1] + BOX[3], x:x + BOX[2]] = (40, 40, 210)
+        yield image
+
+
+@pytest.fixture(scope='module')
+def scene(tmp_path_factory):
+    """Write the frames, a map and the mark."""
+    folder = tmp_path_factory.mktemp('scene')
+    (folder / 'video').mkdir()
+    for number, image in enumerate(frames(), 1):
+        cv2.imwrite(str(folder / 'video' / f'{number}.png'), image)
+    labels = np.full((120, 160), 128, np.uint8)
+    labels[50:90] = 255
+    cv2.imwrite(str(folder / 'map.png'), labels)
+    (folder / 'targets.yaml').write_text(
+        f'environment_targets: 1\ntargets:\n- {{id: 3, frame: 2, box: '
+        f'[{BOX[0] + 3}, {BOX[1]}, {BOX[2]}, {BOX[3]}]}}\n')
+    return folder
+
+
+@pytest.fixture()
+def camera():
+    """Stand in for the camera and listen to the node."""
+    import rclpy
+    from rclpy.context import Context
+    from rclpy.executors import SingleThreadedExecutor
+    os.environ['ROS_DOMAIN_ID'] = str(20 + os.getpid() % 80)
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+    os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'] = str(ROOT / 'config' / 'fastdds.xml')
+    context = Context()
+    rclpy.init(context=context, args=[])
+    node = rclpy.create_node('camera', context=context)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    node.images = node.create_publisher(Image, '/image_raw', RELIABLE)
+    node.tracks, node.markers, node.overlays = [], [], []
+    for kind, topic, heard in ((PointCloud2, '/tracks', node.tracks),
+                               (MarkerArray, '/markers', node.markers),
+                               (Image, '/overlay/image_raw', node.overlays)):
+        node.create_subscription(kind, topic, heard.append, RELIABLE)
+
+    def wait(condition, seconds):
+        end = time.monotonic() + seconds
+        while not condition() and time.monotonic() < end:
+            executor.spin_once(timeout_sec=0.05)
+        assert condition(), 'the awaited event has not come'
+    node.wait = wait
+    node.ready = lambda: node.images.get_subscription_count() and all(
+        node.count_publishers(t) for t in ('/tracks', '/markers', '/overlay/image_raw'))
+    yield node
+    executor.shutdown(timeout_sec=1.0)
+    node.destroy_node()
+    rclpy.shutdown(context=context)
+
+
+def settle(camera):
+    """Let the node know its listeners: send frames of another time until all have heard of it."""
+    image, sent = next(frames()), []
+
+    def heard_everywhere():
+        if not sent or time.monotonic() > sent[-1] + 0.5:
+            sent.append(time.monotonic())
+            camera.images.publish(image_message(image, ns=EARLIER_NS + len(sent) * PERIOD_NS,
+                                                frame_id='camera_optical'))
+        return camera.tracks and camera.markers and camera.overlays
+    camera.wait(heard_everywhere, STARTUP_S)
+
+
+def of_video(heard):
+    """Leave out what was heard before the video began."""
+    return [m for m in heard if stamp_ns(m.header.stamp) < EARLIER_NS]
+
+
+def drawn(camera, number):
+    """Give the markers of a frame of the video, each time it was shown."""
+    return [m.markers for m in camera.markers if m.markers
+            and stamp_ns(m.markers[0].header.stamp) == number * PERIOD_NS]
+
+
+def parameters(scene, **more):
+    values = {'map': scene / 'map.png', 'targets': scene / 'targets.yaml', 'seed': 4,
+              'qos_overrides./image_raw.subscription.reliability': 'reliable', **more}
+    return [f'{name}:={value}' for name, value in values.items()]
+
+
+def test_live_tracks_equal_those_of_the_command_and_a_jump_starts_anew(scene, camera, tmp_path):
+    assert main(['track-environment', str(scene / 'video'), '--map', str(scene / 'map.png'),
+                 '--init', str(scene / 'targets.yaml'), '--out', str(tmp_path), '--seed',
+                 '4']) == 0
+    wanted = {int(r['frame']): r for r in csv.DictReader((tmp_path / 'targets.csv').open())}
+    assert sorted(wanted) == list(range(2, FRAMES + 1))
+    with Process('environment_node', *parameters(scene)):
+        camera.wait(camera.ready, STARTUP_S)
+        settle(camera)
+        for _ in range(2):  # the second time the stamps jump back
+            for number, image in enumerate(frames(), 1):
+                camera.images.publish(image_message(image, ns=number * PERIOD_NS,
+                                                    frame_id='camera_optical'))
+                camera.wait(lambda: True, 0)
+        camera.wait(lambda: len(of_video(camera.tracks)) == len(of_video(camera.overlays))
+                    == 2 * FRAMES and drawn(camera, FRAMES), EVENT_S)
+    for index, message in enumerate(of_video(camera.tracks)):
+        number = index % FRAMES + 1
+        assert stamp_ns(message.header.stamp) == number * PERIOD_NS
+        assert message.header.frame_id == 'camera_optical'
+        rows = np.frombuffer(bytes(message.data), RECORD)
+        if number not in wanted:
+            assert len(rows) == 0
+            continue
+        row, want = rows[0], wanted[number]
+        assert row['id'] == 3 and not row['hidden']
+        for name, column in (('left', 'x'), ('top', 'y'), ('width', 'w'), ('height', 'h'),
+                             ('d_px', 'd_px'), ('d_rate_px', 'd_rate_px')):
+            assert row[name] == pytest.approx(float(want[column]), abs=2e-3)
+        assert [f.name for f in message.fields] == list(RECORD.names)
+        # what viewers show is the middle of the lower edge
+        assert row['x'] == pytest.approx(row['left'] + row['width'] / 2, abs=1e-3)
+    outline, text = drawn(camera, FRAMES)[0]
+    assert len(outline.points) == 5 and text.text.startswith('3 ')
+    assert (camera.overlays[0].height, camera.overlays[0].width) == (120, 160)
+
+
+@pytest.mark.parametrize('more, words', [
+    ({'map': '""'}, ['map', 'nothing']),
+    ({'map': 'none.png'}, ['none.png']),
+    ({'tracker': 'kalman'}, ['tracker', 'kalman', 'environment']),
+    ({'particles': 3}, ['particles']),
+])
+def test_bad_parameters_end_the_node_with_one_line(scene, more, words):
+    command = [sys.executable, '-m', 'stereo_speed.nodes.environment_node', '--ros-args']
+    command += [w for p in parameters(scene, **more) for w in ('-p', p)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=STARTUP_S)
+    lines = [x for x in done.stderr.splitlines() if x.strip()]
+    assert done.returncode == 2, done.stderr
+    assert len(lines) == 1 and lines[0].startswith('error: '), done.stderr
+    assert all(w in lines[0] for w in words), lines[0]
