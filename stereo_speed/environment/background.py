@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from .boxes import TargetEstimate
 
 _STEP = 2  # pixels of the image to one of the background, each way
-_BANDS = 4  # every fourth row is learnt in a frame
+_BANDS = 4  # every fourth row is learnt in a frame,
+_NEAR = 1.0  # and all this near to a target, as a share of its box
 _MARGIN = 0.1  # about a target's box, as a share of it, where nothing is learnt
 
 
@@ -34,7 +35,7 @@ class Background:
 
     def __init__(self, width: int, height: int, contrast: float, frames: float) -> None:
         self.contrast = contrast
-        self._span = np.float32(max(frames / _BANDS, 1.0))  # looks at each row
+        self._looks = np.float32(max(frames / _BANDS, 1.0))  # at each row
         self._band = -1
         shape = (-(-height // _STEP), -(-width // _STEP))
         self.mean = np.zeros((*shape, 3), np.float32)
@@ -64,15 +65,23 @@ class Background:
 
     def learn(self, image: NDArray[np.uint8], targets: Iterable[TargetEstimate]) -> None:
         """Average a frame in, but for the boxes of the targets."""
-        # a band at a time is enough, once there is a first look
-        bands = slice(self._band, None, _BANDS) if self._band >= 0 else slice(None)
-        self._band = (self._band + 1) % _BANDS
         free = np.ones(self.seen.shape, np.float32)
+        near = []
         for target in targets:
             x, y, w, h = target.envelope_px / _STEP
-            free[max(int(y - _MARGIN * h), 0):max(int(np.ceil(y + (1 + _MARGIN) * h)), 0),
-                 max(int(x - _MARGIN * w), 0):max(int(np.ceil(x + (1 + _MARGIN) * w)), 0)] = 0
-        self.seen[bands] += free[bands]
-        share = free[bands] / np.clip(self.seen[bands], 1.0, self._span)
-        self.mean[bands] += share[..., None] * (image[::_STEP, ::_STEP][bands]
-                                                - self.mean[bands])
+            free[_span(y, h, _MARGIN), _span(x, w, _MARGIN)] = 0
+            near.append((_span(y, h, _NEAR), _span(x, w, _NEAR)))
+        small = image[::_STEP, ::_STEP]
+        # elsewhere a band at a time is enough, once there is a first look
+        bands = slice(self._band, None, _BANDS) if self._band >= 0 else slice(None)
+        self._band = (self._band + 1) % _BANDS
+        for here in [(bands, slice(None)), *near]:
+            self.seen[here] += free[here]
+            share = free[here] / np.clip(self.seen[here], 1.0, self._looks)
+            self.mean[here] += share[..., None] * (small[here] - self.mean[here])
+
+
+def _span(first: float, size: float, margin: float) -> slice:
+    """Give the cells of a side of a box, widened by a share of it."""
+    return slice(max(int(first - margin * size), 0),
+                 max(int(np.ceil(first + (1 + margin) * size)), 0))
