@@ -11,6 +11,7 @@ import pytest
 from stereo_speed.cli.main import main
 from stereo_speed.cli.replay import EvenSampler
 from stereo_speed.io.results import PASS_COLUMNS, TRACK_COLUMNS
+from stereo_speed.site import load_site
 from stereo_speed.units import MPH_MPS
 
 
@@ -134,3 +135,27 @@ def test_without_marks_the_vehicle_is_found_by_itself(tmp_path, sample):
     # Confirmed within its first 4 pairs of 60 px: it comes from 44 px, 12 pairs.
     assert sum(row['state'] == 'confirmed' for row in tracks) >= 7
     assert json.loads((tmp_path / 'summary.json').read_text())['input']['init_sha256'] is None
+
+
+@pytest.mark.parametrize('tracker', ['kalman', 'triangulation'])
+def test_other_trackers_measure_the_same_pass(run, tracker):
+    folder = run('--tracker', tracker, '--no-plots')
+    assert json.loads((folder / 'summary.json').read_text())['tracker'] == tracker
+    last = rows(folder / 'tracks.csv')[-1]
+    assert abs(float(last['speed_mps']) - 55 * MPH_MPS) < 0.1 * 55 * MPH_MPS
+
+
+def test_a_refined_site_is_kept_and_never_overwrites_the_one_it_came_from(tmp_path, sample,
+                                                                          short_bag, capsys):
+    site = tmp_path / 'site.yaml'
+    site.write_bytes((sample / 'site.yaml').read_bytes())
+    args = ['replay', str(short_bag), '--site', str(site), '--init', str(sample / 'init.yaml'),
+            '--refine-site', '--no-plots', '--out']
+    assert main([*args, str(tmp_path)]) == 2
+    assert 'overwrite' in capsys.readouterr().err
+    assert site.read_bytes() == (sample / 'site.yaml').read_bytes()
+    assert main([*args, str(tmp_path / 'out')]) == 0
+    told = json.loads((tmp_path / 'out' / 'summary.json').read_text())['refinement']
+    assert set(told['turn_deg']) == {'pan', 'tilt', 'roll'}
+    assert all(max(px) < 0.15 for px in told['residual_px'].values())
+    assert load_site(tmp_path / 'out' / 'site.yaml').correction is not None

@@ -138,3 +138,8 @@ def test_markdown_shows_dashes_where_nothing_is_known():
                   digits=(0, 2, 3))
     assert table.markdown() == '**t**\n\n| a | b | c |\n|---|---|---|\n| x\\|y | - | 1.235 |\n'
     assert table.csv() == 'a,b,c\nx|y,,1.23456\n'
+
+
+def test_without_ours_nothing_is_asked_of_it():
+    others = PaperPlan(tables=(), compared=('straight55',), trackers=('kalman',))
+    assert checks(others, Runs([])) == []
