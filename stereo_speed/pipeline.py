@@ -38,6 +38,8 @@ TRACKERS: dict[str, Callable[..., Tracker]] = {
     'multimodal': MultimodalTracker, 'flow': FlowTracker}
 FEWEST_PARTICLES = 100  # of a track, however many there are
 CATCH_UP_PAIRS = 3  # earlier ones that a new track is fed, at most
+FOUND_SPEED_STD = 0.05  # share: 1-sigma of the speed between the two pairs of a detection
+SAME_SPEED_SIGMAS = 3.0
 SAME_VEHICLE_M = 1.5  # fronts nearer than this are of one vehicle
 
 
@@ -195,7 +197,8 @@ class SpeedPipeline:
             except InputError:  # what looked like a front is none: the views disagree
                 continue
             told = [self._update(track, one) for one in pairs][-1]
-            if told is not None and told.state is not TrackState.COASTING:
+            if told is not None and told.state is not TrackState.COASTING and (
+                    len(pairs) == 1 or _same_speed(told, front)):
                 return told
             self._tracks.remove(track)
         return None
@@ -251,3 +254,9 @@ class SpeedPipeline:
 
     def _result(self, track: _Track) -> PassResult:
         return track.keeper.conclude(track.tracker.result())
+
+
+def _same_speed(update: TrackUpdate, front: Detection) -> bool:
+    """Say whether track and finder, each by itself, saw one speed; a front half hidden has two."""
+    std = math.hypot(update.speed_std_mps, FOUND_SPEED_STD * front.speed_mps)
+    return abs(update.speed_mps - front.speed_mps) < SAME_SPEED_SIGMAS * std

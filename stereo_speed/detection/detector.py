@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, replace
-from typing import Mapping, Optional, Sequence
+from typing import Mapping, NamedTuple, Optional, Sequence
 
 import numpy as np
 
@@ -48,6 +48,15 @@ class _Place:
 
     centre_m: Array
     half_m: float
+
+
+class _Candidate(NamedTuple):
+    """A face of a lane that stands upright."""
+
+    lane: int
+    finder: FaceFinder
+    face: Face
+    place: _Place
 
 
 @dataclass(frozen=True)
@@ -110,11 +119,11 @@ class VehicleDetector:
         now = PairViews.of(pair, self._regions)
         found: list[_Found] = []
         self._learn_noise(now)
-        before = self._reference(now.stamp_ns)
-        if before is not None:
+        past = self._references(now.stamp_ns)
+        if past:
             taken = [self._held_place(o) for o in occupied if o.finite and o.lane in self.lanes]
             for lane in range(len(self._names)):
-                found += self._search(lane, now, before, taken)
+                found += self._search(lane, now, past, taken)
         self._remember(now)
         detections = (self._detection(f) for f in self._distinct(found))
         return [d for d in detections if self._inside(d.left_px, d.right_px)]
@@ -127,17 +136,19 @@ class VehicleDetector:
                 return False
         return True
 
-    def _reference(self, stamp_ns: int) -> Optional[PairViews]:
-        """Give the youngest pair that is old enough (now and then: for the slow) or the oldest."""
+    def _references(self, stamp_ns: int) -> list[PairViews]:
+        """Give the youngest pair that is old enough; now and then, for the slow, an older too."""
         self._turn += 1
+        ages_s = [self.config.reference_s]
         if self._turn % _LONG_EVERY == 0:
-            age_s = self.config.long_reference_s
-        else:
-            age_s = self.config.reference_s
-        old = [v for v in self._past if (stamp_ns - v.stamp_ns) * 1e-9 >= age_s]
-        if old:
-            return old[-1]
-        return self._past[0] if self._past else None
+            ages_s.append(self.config.long_reference_s)
+        out: list[PairViews] = []
+        for age_s in ages_s if self._past else ():
+            old = [v for v in self._past if (stamp_ns - v.stamp_ns) * 1e-9 >= age_s]
+            one = old[-1] if old else self._past[0]
+            if one not in out:
+                out.append(one)
+        return out
 
     def _since(self, before: PairViews) -> tuple[StereoPair, ...]:
         return tuple(v.pair for v in self._past if v.stamp_ns >= before.stamp_ns)
@@ -158,10 +169,10 @@ class VehicleDetector:
         noise = spread / 0.6745 / np.sqrt(2)
         self._noise += _NOISE_SHARE * (noise - self._noise)
 
-    def _search(self, lane: int, now: PairViews, before: PairViews, taken: Sequence[_Place]
-                ) -> list[_Found]:
+    def _search(self, lane: int, now: PairViews, past: Sequence[PairViews],
+                taken: Sequence[_Place]) -> list[_Found]:
         """Find and verify the faces of a lane."""
-        seeds = self._scans[lane].seeds(now, before, self._noise)
+        seeds = self._scans[lane].seeds(now, past[-1], self._noise)
         out: list[_Found] = []
         for finder in self._finders[lane]:
             free = [seed for seed in seeds if not self._held(
@@ -173,13 +184,23 @@ class VehicleDetector:
                 if any(self._overlap(lane, place, other) for other in others) \
                         or not self._upright(face, finder, now):
                     continue
-                motion = find_motion(finder, face, now, before, self.config)
-                if moved(motion, self.config):
-                    face = replace(face, half_m=moving_half(
-                        finder, face, motion, now, before, self._noise))
-                    out.append(_Found(lane, face, motion, place, finder.heights_m[[0, -1]],
-                                      self._since(before)))
+                one = self._came(_Candidate(lane, finder, face, place), now, past)
+                if one is not None:
+                    out.append(one)
         return out
+
+    def _came(self, one: _Candidate, now: PairViews, past: Sequence[PairViews]
+              ) -> Optional[_Found]:
+        """Find in which of the earlier pairs a face was seen, further back along its lane."""
+        for before in past:
+            motion = find_motion(one.finder, one.face, now, before, self.config)
+            if not moved(motion, self.config):
+                continue
+            half_m = moving_half(one.finder, one.face, motion, now, before, self._noise)
+            if half_m > 0:
+                return _Found(one.lane, replace(one.face, half_m=half_m), motion, one.place,
+                              one.finder.heights_m[[0, -1]], self._since(before))
+        return None
 
     def _held(self, lane: int, seed: Seed, taken: Sequence[_Place]) -> bool:
         """Say whether a seed is on a vehicle that a track holds."""

@@ -23,6 +23,7 @@ _STRIDE = 2
 _SURE_HALF_M = 0.6
 _OFF_SAMPLES = 0.5  # by which two samplings of a face may be displaced
 _TIMES_ALLOWED = 3.0
+_HIDDEN_SHARE = 0.2  # of the middle of a face may change
 _LEAST_PX = 2.0  # what moved less in the image did not move
 
 
@@ -92,7 +93,8 @@ def moving_half(finder: FaceFinder, face: Face, motion: Motion, now: PairViews,
     """
     Find how much of a face, from its axis outwards, looks as it did where it came from.
 
-    What is beyond its edges lies deeper and changes.
+    What is beyond its edges lies deeper and changes.  A face whose middle changes was hidden in
+    part, by a pole or another vehicle, or is not what was there: it tells neither place nor speed.
 
     :param finder: of its lane.
     :param face: in the pair.
@@ -100,17 +102,17 @@ def moving_half(finder: FaceFinder, face: Face, motion: Motion, now: PairViews,
     :param now: the pair.
     :param before: the earlier pair.
     :param noise: 1-sigma of a grey value.
-    :return: m, at most the half width of the face.
+    :return: m, at most the half width of the face; 0 where its middle changes.
     """
     half = round(face.half_m / GRID_M)
     sure = min(round(_SURE_HALF_M / GRID_M), half)
+    middle = slice(half - sure, half + sure + 1)
     change, allowed = np.zeros(2 * half + 1), np.zeros(2 * half + 1)
     here = np.array([face.s_m]), np.array([face.x_m])
     there = here[0] - motion.gone_m, here[1] + motion.aside_m
     for view, earlier, right in ((now.left, before.left, False), (now.right, before.right, True)):
         a = finder.windows(*here, half, view, right)[0]
         b = finder.windows(*there, half, earlier, right)[0]
-        middle = slice(half - sure, half + sure + 1)
         gain = a[:, middle].std() / max(float(b[:, middle].std()), 1.0)
         b = (b - b[:, middle].mean()) * gain + a[:, middle].mean()
         steep = np.square(np.gradient(a)).sum(axis=0)
@@ -118,6 +120,8 @@ def moving_half(finder: FaceFinder, face: Face, motion: Motion, now: PairViews,
         allowed += (2 * noise ** 2 + _OFF_SAMPLES ** 2 * steep).sum(axis=0)
     change, allowed = (np.convolve(v, np.ones(3), 'same') for v in (change, allowed))
     bad = change > _TIMES_ALLOWED * allowed
+    if bad[middle].mean() > _HIDDEN_SHARE:
+        return 0.0
     bad = (bad | bad[::-1])[half + sure:]
     return (sure + int(np.argmax(bad)) - 1 if bad.any() else half) * GRID_M
 

@@ -64,6 +64,18 @@ def test_files_and_table(tmp_path, capsys, monkeypatch):
     assert (out / 'tracks.csv').read_text().count('\n') == 1
 
 
+def test_a_short_stream_is_measured(tmp_path, capsys):
+    """15 s of the traffic of the docs' table: each vehicle once, none wrong, nothing false."""
+    assert cli.main(['traffic', '--minutes', '0.25', '--vehicles', '5', '--fps', '5', '--lanes',
+                     '2', '--lines', 'exact', '--particles', '200', '--seed', '1']) == 0
+    names, cells = ([cell.strip() for cell in line.split('|')]
+                    for line in itertools.compress(
+                        capsys.readouterr().out.splitlines(), (1, 0, 1)))
+    row = dict(zip(names, cells))
+    assert int(row['vehicles']) >= 3 and row['measured once'] == row['vehicles']
+    assert row['false tracks'] == row['wrong by > 1 mph'] == '0'
+
+
 @pytest.mark.parametrize('words, said', [
     (['--lanes', '2', '--receding', '2'], '--receding: found 2, wanted fewer than 2'),
     (['--light', 'noon'], '--light'), (['--minutes', '0'], '--minutes'),

@@ -64,6 +64,27 @@ def test_where_it_was_is_told_too(straight):
     assert abs(along) < 4 * one.s_std_m and abs(across) < 0.12
 
 
+def hidden(pair, row, rig):
+    """Hide 0.5 m about the middle of a face behind a post, in both views."""
+    centre = np.array([row[k] for k in 'xyz'], float)
+    views = []
+    for view, (left, right) in zip(
+            (pair.left, pair.right), zip(*(rig.project(centre + np.array([[x, 0, 0]]))[:2]
+                                           for x in (-0.25, 0.25)))):
+        view = view.copy()
+        view[:, round(left[0, 0]):round(right[0, 0])] = 128
+        views.append(view)
+    return replace(pair, left=views[0], right=views[1])
+
+
+def test_a_face_that_was_hidden_in_part_is_found_a_pair_later(straight):
+    first = straight.pairs[0]
+    post = hidden(first, straight.truth[first.stamp_ns][0], straight.rig)
+    pair, found = first_pair_found(straight._replace(pairs=[post, *straight.pairs[1:]]))
+    assert pair.index == 2 and len(found) == 1
+    assert found[0].earlier.pairs == (straight.pairs[1],)
+
+
 def test_a_held_vehicle_is_not_found_again(straight):
     detector = VehicleDetector(straight.rig, straight.lanes, DetectorConfig())
     tracked = ()
