@@ -259,7 +259,7 @@ def row(name: str, score: TrafficScore, pair_ms: float) -> str:
     Give a line of the Markdown table below ``HEADER``.
 
     :param name: of the stream.
-    :param pair_ms: time of the pipeline for a pair, ms.
+    :param pair_ms: processor time of the pipeline for a pair, ms.
     """
     def rms(values: Array) -> float:
         return float(np.sqrt(np.nanmean(np.square(values))))

@@ -42,6 +42,17 @@ def test_what_goes_wrong_while_rendering_is_told():
     assert context.return_value.Process.return_value.terminate.called
 
 
+def test_refined_lanes_are_nearer_to_the_true_ones():
+    """By other traffic on the same road: its looks and clicks are those of the stream."""
+    config = traffic_config('day', lanes=2, minutes=1.0, vehicles=10, rig=SMALL)
+    exact, picked, refined = (traffic.known_road(config, 3, lines)[1]['lane_0'].path
+                              for lines in ('exact', 'picked', 'refined'))
+    points = exact.position(np.linspace(0.2, 0.8, 5) * exact.length_m)
+    off_m = [np.linalg.norm(path.position(path.arc_length(points)) - points, axis=1).max()
+             for path in (picked, refined)]
+    assert off_m[0] > 0.01 and off_m[1] < 0.1 * off_m[0]
+
+
 def test_files_and_table(tmp_path, capsys, monkeypatch):
     """With a pipeline that is given no marks, every vehicle is missed and nothing is false."""
     monkeypatch.setattr(traffic, 'make_pipeline', lambda rig, lanes, config, seed: SpeedPipeline(
