@@ -40,6 +40,7 @@ FEWEST_PARTICLES = 100  # of a track, however many there are
 CATCH_UP_PAIRS = 3  # earlier ones that a new track is fed, at most
 FOUND_SPEED_STD = 0.05  # share: 1-sigma of the speed between the two pairs of a detection
 SAME_SPEED_SIGMAS = 3.0
+GONE_NS = 1_000_000_000  # for so long what left is not taken for another vehicle
 SAME_VEHICLE_M = 1.5  # fronts nearer than this are of one vehicle
 
 
@@ -132,6 +133,7 @@ class SpeedPipeline:
         """Forget all tracks and the time, as after a jump back; numbers are not reused."""
         self._tracks: list[_Track] = []
         self._ended: list[PassResult] = []
+        self._gone: list[TrackUpdate] = []
         self._last_ns: Optional[int] = None
         self._started: set[int] = set()
         self._finder = self._make_finder and self._make_finder(
@@ -176,8 +178,13 @@ class SpeedPipeline:
         """Start tracks at fronts that are found, and feed them their first pair."""
         if self._finder is None:
             return []
+        # A lost one, which coasted before it ended, may be found again; one that left may not.
+        self._gone = [u for u in self._gone if pair.stamp_ns - u.stamp_ns < GONE_NS] + [
+            t.last for t in self._tracks if t.last is not None and t.tracker.ended
+            and t.last.state is TrackState.CONFIRMED]
         occupied = [self._occupied(t.last) for t in self._tracks
                     if t.last is not None and not t.tracker.ended]
+        occupied += [self._occupied(_moved_on(u, pair.stamp_ns)) for u in self._gone]
         updates = []
         for front in self._finder.update(pair, occupied):
             updates.append(self._begin(front, pair))
@@ -254,6 +261,12 @@ class SpeedPipeline:
 
     def _result(self, track: _Track) -> PassResult:
         return track.keeper.conclude(track.tracker.result())
+
+
+def _moved_on(update: TrackUpdate, stamp_ns: int) -> TrackUpdate:
+    """Say where a vehicle is along its lane some time after it left."""
+    ahead_m = update.speed_mps * (stamp_ns - update.stamp_ns) * 1e-9
+    return replace(update, s_m=update.s_m + ahead_m)
 
 
 def _same_speed(update: TrackUpdate, front: Detection) -> bool:

@@ -104,6 +104,24 @@ def test_a_track_starts_where_its_front_was_first_seen(scene):
     assert abs(result.speed_mps - 22.352) < 0.1
 
 
+def test_what_left_the_view_is_still_told_as_occupied_and_then_forgotten(scene):
+    sequence, _, marks = scene
+    pipeline, finder = automatic(scene, marks[:1], {0})
+    last_ns = sequence.pairs[-1].stamp_ns
+    blank = np.zeros_like(sequence.pairs[0].left)
+    # 50 mph for 4 s beyond the last pair: it has left.
+    later = [replace(sequence.pairs[-1], index=100, stamp_ns=last_ns + round(k * 1e9),
+                     right_stamp_ns=last_ns + round(k * 1e9), left=blank, right=blank)
+             for k in (0.5, 1, 2, 4)]
+    for pair in [*sequence.pairs, *later]:
+        pipeline.process(pair)
+    assert [r.end for r in pipeline.ended()] == ['left_view']
+    held, = finder.occupied[len(sequence.pairs)]
+    before, = finder.occupied[len(sequence.pairs) - 1]
+    assert held.s_m - before.s_m == pytest.approx(0.5 * 22.352, rel=0.02)
+    assert finder.occupied[-1] == []
+
+
 def test_where_it_was_not_the_track_starts_where_it_is(scene):
     sequence, _, marks = scene
     mark, earlier = seen_before(sequence, marks, moved_px=60.0)

@@ -45,7 +45,10 @@ class DetectorConfig:
     least_symmetry: float = _p(
         0.60, 0.0, 1.0, '', 'correlation of a face with its mirror image')
     spacing_m: float = _p(
-        4.5, 1.0, 30.0, 'm', 'least distance between two fronts in one lane')
+        4.5, 1.0, 30.0, 'm', 'least distance between two fronts in one lane at rest')
+    headway_s: float = _p(
+        0.3, 0.0, 2.0, 's', 'and more by the way driven in this time: what moves nearer behind '
+        'a front is the side of its vehicle')
 
     def __post_init__(self) -> None:
         check_bounds(self)

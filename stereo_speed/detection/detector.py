@@ -51,12 +51,13 @@ class _Place:
 
 
 class _Candidate(NamedTuple):
-    """A face of a lane that stands upright."""
+    """A face of a lane that stands upright, among others."""
 
     lane: int
     finder: FaceFinder
     face: Face
     place: _Place
+    others: list[_Place]
 
 
 @dataclass(frozen=True)
@@ -184,7 +185,7 @@ class VehicleDetector:
                 if any(self._overlap(lane, place, other) for other in others) \
                         or not self._upright(face, finder, now):
                     continue
-                one = self._came(_Candidate(lane, finder, face, place), now, past)
+                one = self._came(_Candidate(lane, finder, face, place, others), now, past)
                 if one is not None:
                     out.append(one)
         return out
@@ -194,7 +195,10 @@ class VehicleDetector:
         """Find in which of the earlier pairs a face was seen, further back along its lane."""
         for before in past:
             motion = find_motion(one.finder, one.face, now, before, self.config)
-            if not moved(motion, self.config):
+            spacing_m = self.config.spacing_m + self.config.headway_s * motion.speed_mps
+            if not moved(motion, self.config) or any(
+                    self._overlap(one.lane, one.place, other, spacing_m)
+                    for other in one.others):
                 continue
             half_m = moving_half(one.finder, one.face, motion, now, before, self._noise)
             if half_m > 0:
@@ -226,13 +230,14 @@ class VehicleDetector:
         return _Place(path.position(s) + held.lateral_m * path.frame(s)[:, 1],
                       max(held.width_m / 2, _LEAST_HALF_M))
 
-    def _overlap(self, lane: int, one: _Place, other: _Place) -> bool:
+    def _overlap(self, lane: int, one: _Place, other: _Place,
+                 spacing_m: Optional[float] = None) -> bool:
         """Say whether two faces are nearer to each other than two vehicles can be."""
         path = self.lanes[self._names[lane]].path
         frame = path.frame(path.arc_length(other.centre_m))
         apart = np.abs(frame.T @ (one.centre_m - other.centre_m))
         across = max(_OVERLAP * (one.half_m + other.half_m), _ACROSS_M)
-        return bool(apart[0] < self.config.spacing_m and apart[1] < across)
+        return bool(apart[0] < (spacing_m or self.config.spacing_m) and apart[1] < across)
 
     def _distinct(self, found: Sequence[_Found]) -> list[_Found]:
         """Keep the best of those that are the same vehicle, seen from two lanes."""
