@@ -40,6 +40,7 @@ FEWEST_PARTICLES = 100  # of a track, however many there are
 CATCH_UP_PAIRS = 3  # earlier ones that a new track is fed, at most
 FOUND_SPEED_STD = 0.05  # share: 1-sigma of the speed between the two pairs of a detection
 SAME_SPEED_SIGMAS = 3.0
+DOUBT_NS = 1_000_000_000  # for so long a track that saw another speed than its finder waits
 GONE_NS = 1_000_000_000  # for so long what left is not taken for another vehicle
 SAME_VEHICLE_M = 1.5  # fronts nearer than this are of one vehicle
 
@@ -60,6 +61,8 @@ class _Track:
     found: bool  # by itself: it is a vehicle only once confirmed
     last: Optional[TrackUpdate] = None
     confirmed: bool = False
+    front: Optional[Detection] = None  # as it was found, and
+    found_ns: int = 0  # when
 
 
 class SpeedPipeline:
@@ -170,6 +173,10 @@ class SpeedPipeline:
         update = track.tracker.update(pair)
         if update is None:
             return None
+        if track.front is not None and not track.confirmed and not _same_speed(
+                update, track.front) and pair.stamp_ns - track.found_ns < DOUBT_NS \
+                and update.state is TrackState.CONFIRMED:
+            update = replace(update, state=TrackState.TENTATIVE)
         track.last = track.keeper.place(update)
         track.confirmed |= update.state is TrackState.CONFIRMED
         return track.last
@@ -203,6 +210,7 @@ class SpeedPipeline:
                 track = self._start(mark, pairs[0], self.lanes[front.lane], found=True)
             except InputError:  # what looked like a front is none: the views disagree
                 continue
+            track.front, track.found_ns = front, pair.stamp_ns
             told = [self._update(track, one) for one in pairs][-1]
             if told is not None and told.state is not TrackState.COASTING and (
                     len(pairs) == 1 or _same_speed(told, front)):

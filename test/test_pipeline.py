@@ -23,7 +23,7 @@ class ScriptedFinder:
 
     def __init__(self, marks, lane, pairs):
         self.marks, self.lane, self.pairs, self.occupied = marks, lane, pairs, []
-        self.earlier = None
+        self.earlier, self.speed_mps = None, 20.0
 
     def update(self, pair, occupied):
         """Give the scripted fronts of this pair."""
@@ -32,7 +32,7 @@ class ScriptedFinder:
             return []
         return [Detection(lane=self.lane, left_px=m.left_px, right_px=m.right_px, std_px=0.7,
                           s_m=0.0, s_std_m=1.0, lateral_m=0.0, width_m=1.8, height_m=0.8,
-                          speed_mps=20.0, earlier=self.earlier, confidence=0.9)
+                          speed_mps=self.speed_mps, earlier=self.earlier, confidence=0.9)
                 for m in self.marks]
 
 
@@ -120,6 +120,16 @@ def test_what_left_the_view_is_still_told_as_occupied_and_then_forgotten(scene):
     before, = finder.occupied[len(sequence.pairs) - 1]
     assert held.s_m - before.s_m == pytest.approx(0.5 * 22.352, rel=0.02)
     assert finder.occupied[-1] == []
+
+
+def test_a_track_that_saw_another_speed_than_its_finder_waits_a_second(scene):
+    sequence, _, marks = scene
+    pipeline, finder = automatic(scene, marks[:1], {0})
+    finder.speed_mps = 10.0
+    updates = [u for pair in sequence.pairs for u in pipeline.process(pair)]
+    waited = [(u.stamp_ns - updates[0].stamp_ns) * 1e-9 < 1.0 for u in updates]
+    assert 4 <= sum(waited) < len(updates)
+    assert [u.state is TrackState.TENTATIVE for u in updates] == waited
 
 
 def test_where_it_was_not_the_track_starts_where_it_is(scene):
