@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from .options import number_in
+from ..config import load_config
 from ..environment.boxes import Target, TargetEnd, TargetEstimate
-from ..environment.config import (
-    EnvironmentConfig, load_environment_config, PAPER_LIKELIHOOD)
+from ..environment.config import EnvironmentConfig, PAPER_LIKELIHOOD
 from ..environment.distance import DistanceField
 from ..environment.tracker import MonocularTracker, TRACKERS
 from ..errors import InputError
@@ -93,7 +93,7 @@ def make_config(args: argparse.Namespace) -> EnvironmentConfig:
 
     :raises InputError: a value out of bounds.
     """
-    config = load_environment_config(args.config) if args.config else EnvironmentConfig()
+    config = load_config(args.config, EnvironmentConfig) if args.config else EnvironmentConfig()
     if args.likelihood == 'paper':
         config = replace(config, **PAPER_LIKELIHOOD)
     if args.particles is None:

@@ -9,8 +9,9 @@ import cv2
 import numpy as np
 import pytest
 
+from stereo_speed.config import load_config
 from stereo_speed.environment.boxes import Target, TargetEnd, TargetEstimate, TargetState
-from stereo_speed.environment.config import EnvironmentConfig, load_environment_config
+from stereo_speed.environment.config import EnvironmentConfig
 from stereo_speed.environment.regions import draw_map
 from stereo_speed.errors import InputError, SiteError
 from stereo_speed.io.mot import (
@@ -229,11 +230,12 @@ def test_folder_of_a_run(tmp_path):
 
 
 def test_config_there_and_back(tmp_path):
-    assert load_environment_config(written(tmp_path, '{}')) == EnvironmentConfig()
-    found = load_environment_config(written(tmp_path, 'particles: 300\nprior_noise: 0.1\n'))
+    assert load_config(written(tmp_path, '{}'), EnvironmentConfig) == EnvironmentConfig()
+    found = load_config(
+        written(tmp_path, 'particles: 300\nprior_noise: 0.1\n'), EnvironmentConfig)
     assert found == EnvironmentConfig(particles=300, prior_noise=0.1)
     for text, told in (('particles: 5', 'particles: found 5'), ('lambda_c: 1', 'key: found lamb'),
                        ('- 1', 'top level: found list'), ('a: [', 'file: found'),
                        ('prior_noise: .nan', 'prior_noise'), ('particles: many', 'particles')):
         with pytest.raises(InputError, match=rf'file\.yaml: {told}'):
-            load_environment_config(written(tmp_path, text))
+            load_config(written(tmp_path, text), EnvironmentConfig)
