@@ -9,7 +9,8 @@ errors of the heading of the path: 5 n + m + 2 numbers.
 
 Every model of motion is a Gaussian prior over them.  *Cruising* and *steady*: the speed is a
 Wiener process, of a small rate and of the paper's (2012, eq. 24).  *Changing speed*: the
-acceleration is one.  *Changing lanes*: the drift across the path (eq. 27) is large.  Each on a
+acceleration is one.  *Changing lanes*: beside the drift across the path (eq. 27) there is a rate
+that persists, an Ornstein-Uhlenbeck process.  Each on a
 smooth ride, where the height above the path is known to millimetres and so the rows of the images
 tell the range, or on a rough one.  The images then say which it was, by their evidence.
 """
@@ -65,28 +66,27 @@ class MotionModel:
     :param share: prior probability.
     :param speed_rate_std: random walk of the speed, m/s/sqrt(s); None where the acceleration
         is one.
-    :param across_std_m: drift across the path, m/sqrt(s).
+    :param changes_lanes: whether it also has a rate across the path that persists.
     :param ride_std_m: bouncing above the path, m, and climbing, m/sqrt(s).
     """
 
     share: float
     speed_rate_std: Optional[float]
-    across_std_m: float
+    changes_lanes: bool
     ride_std_m: float
 
 
 def motion_models(config: TrackerConfig) -> list[MotionModel]:
     """Give the models that a configuration allows for, the steady one first."""
     p, c = config.manoeuvre_probability, config
-    steady, changing, cruise = c.drift_across_std_m, c.manoeuvre_across_std_m, c.cruise_share
-    drives = (((1 - p) ** 2 * cruise, c.cruise_rate_std, steady),
-              ((1 - p) ** 2 * (1 - cruise), c.speed_rate_std, steady),
-              (p * (1 - p), None, steady),
-              (p * (1 - p), c.speed_rate_std, changing),
-              (p * p, None, changing))
+    drives = (((1 - p) ** 2 * c.cruise_share, c.cruise_rate_std, False),
+              ((1 - p) ** 2 * (1 - c.cruise_share), c.speed_rate_std, False),
+              (p * (1 - p), None, False),
+              (p * (1 - p), c.speed_rate_std, True),
+              (p * p, None, True))
     rides = ((c.smooth_share, c.smooth_ride_std_m), (1 - c.smooth_share, c.rough_ride_std_m))
-    models = [MotionModel(share * ride_share, rate, across, ride_std)
-              for share, rate, across in drives for ride_share, ride_std in rides]
+    models = [MotionModel(share * ride_share, rate, changes, ride_std)
+              for share, rate, changes in drives for ride_share, ride_std in rides]
     return [m for m in models if m.share > 0]
 
 
@@ -163,13 +163,13 @@ class PassMotion:
         common = self._begun
         if len(times_s) < 2:
             return [common + self._along(times_s, state, m.speed_rate_std) for m in models]
-        up = {ride: common + self._beside(times_s, state, 1, ride, ride)
+        up = {ride: common + self._above(times_s, state, ride)
               for ride in {m.ride_std_m for m in models}}
-        across = {drift: self._beside(times_s, state, 0, drift, 0.0)
-                  for drift in {m.across_std_m for m in models}}
+        across = {changes: self._across(times_s, state, changes)
+                  for changes in {m.changes_lanes for m in models}}
         along = {rate: self._along(times_s, state, rate)
                  for rate in {m.speed_rate_std for m in models}}
-        return [up[m.ride_std_m] + across[m.across_std_m] + along[m.speed_rate_std]
+        return [up[m.ride_std_m] + across[m.changes_lanes] + along[m.speed_rate_std]
                 for m in models]
 
     def _beginning(self, looks: int) -> NormalEquations:
@@ -207,27 +207,57 @@ class PassMotion:
         step = np.diff(np.eye(len(speed_mps)), axis=0)
         return step @ np.diag(np.square(self.stamp_std_s * speed_mps)) @ step.T
 
-    def _beside(self, times_s: Array, state: Array, axis: int, drift: float,
-                bounce_m: float) -> NormalEquations:
-        """
-        Drift across (axis 0) or above (1) the path (eq. 27), which may itself be turned.
+    def _across(self, times_s: Array, state: Array, changes_lanes: bool) -> NormalEquations:
+        """Write down the drift across the path (eq. 27), and the rate of a change of lanes."""
+        c, dt = self.config, np.diff(times_s)
+        moves = np.diag(max(c.drift_across_std_m, _LEAST_RATE) ** 2 * dt)
+        if changes_lanes:
+            moves += persistent_moves(times_s, c.manoeuvre_across_std_m, c.manoeuvre_across_s)
+        return self._beside(state, 0, moves)
 
-        A driver wanders across the lane, but the road carries the vehicle: above the path it
-        drifts little, and bounces on its springs.
+    def _above(self, times_s: Array, state: Array, ride_m: float) -> NormalEquations:
         """
-        n, dt = len(times_s), np.diff(times_s)
+        Write down the drift above the path (eq. 27).
+
+        The road carries the vehicle: it drifts little, and bounces on its springs.
+        """
+        step = np.diff(np.eye(len(times_s)), axis=0)
+        return self._beside(state, 1, ride_m ** 2 * (np.diag(np.diff(times_s)) + step @ step.T))
+
+    def _beside(self, state: Array, axis: int, moves: Array) -> NormalEquations:
+        """
+        Write down moves across (axis 0) or above (1) the path, which may itself be turned.
+
+        :param moves: (n - 1, n - 1) their covariance, m^2.
+        """
+        n = len(state)
         at = Layout(n, self.nodes)
         normal, offsets = NormalEquations(at.size), at.poses[:, 1 + axis]
         ones, ds = np.ones(n - 1), np.diff(state[:, 0])
         columns = np.column_stack([offsets[1:], offsets[:-1], np.full(n - 1, at.tilt[axis])])
-        factors = np.column_stack([ones, -ones, -ds])
-        variance = max(drift, _LEAST_RATE) ** 2 * dt
-        if not bounce_m:
-            normal.rows(columns, factors, np.sqrt(variance))
-            return normal
-        step = np.diff(np.eye(n), axis=0)
-        normal.correlated(columns, factors, np.diag(variance) + bounce_m ** 2 * step @ step.T)
+        normal.correlated(columns, np.column_stack([ones, -ones, -ds]), moves)
         return normal
+
+
+def persistent_moves(times_s: Array, across_std_m: float, persists_s: float) -> Array:
+    """
+    Covariance of the moves between looks of a rate that is an Ornstein-Uhlenbeck process.
+
+    The rate has the covariance r^2 exp(-|t - t'| / T); integrated over both intervals.  Over long
+    times the moves are those of a drift of sqrt(2 T) r.
+
+    :param times_s: (n,) times of the looks, s.
+    :param across_std_m: that drift, m/sqrt(s).
+    :param persists_s: T, s.
+    :return: (n - 1, n - 1), m^2.
+    """
+    dt = np.diff(times_s) / persists_s
+    gaps = np.maximum(times_s[:-1] - times_s[1:, None], 0.0) / persists_s  # end to next start
+    gaps += gaps.T
+    fades = -np.expm1(-dt)
+    covariance = np.outer(fades, fades) * np.exp(-gaps)
+    np.fill_diagonal(covariance, 2 * (dt - fades))
+    return np.asarray(0.5 * across_std_m ** 2 * persists_s * covariance)
 
 
 def _steady(motion: PassMotion, normal: NormalEquations, dt: Array, speed_mps: Array,

@@ -202,8 +202,7 @@ class PassRefiner:
         for done in range(1, effort.most + 1):
             solution = self._solve(models, self.motion)
             self.changing_lanes = float(sum(
-                w for m, w in zip(models, solution.weights)
-                if m.across_std_m > self.config.drift_across_std_m))
+                w for m, w in zip(models, solution.weights) if m.changes_lanes))
             models = [m for m, w in zip(models, solution.weights) if w > _NEGLIGIBLE]
             moved_px = self._step(solution.mean, effort)
             if not moved_px or (done >= effort.iterations and moved_px < _FAR_PX):
