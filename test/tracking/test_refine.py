@@ -10,7 +10,7 @@ from scipy import stats
 from stereo_speed.config import TrackerConfig
 from stereo_speed.filtering.gaussian import condition, NormalEquations
 from stereo_speed.tracking.motion import (
-    headings, lateral_rates, MotionModel, PassMotion, PassPrior)
+    headings, lateral_rates, MotionModel, PassMotion, PassPrior, persistent_moves)
 
 TIMES_S = np.array([0.0, 0.2, 0.35, 0.8, 1.0, 1.2])  # uneven on purpose
 RATE, S_STD, V_STD, MEASURE_STD = 0.4, 2.0, 5.0, 0.3
@@ -58,7 +58,7 @@ def test_motion_model_is_the_kalman_smoother_of_the_same_process():
     n = len(TIMES_S)
     measured, info, right = measurements(n)
     standing = np.zeros((n, 4))  # no heading error to share
-    prior, = pass_motion().equations(TIMES_S, standing, [MotionModel(1.0, RATE, 0.2, 0.03)])
+    prior, = pass_motion().equations(TIMES_S, standing, [MotionModel(1.0, RATE, False, 0.03)])
     found = condition(prior, info, right)
     mean, covariance = found.mean, found.covariance
     for k, (x, P) in enumerate(kalman_smoother(measured)):
@@ -71,7 +71,7 @@ def test_changing_speed_is_the_integrated_wiener_process_of_its_acceleration():
     """Covariances of (s, v, a) at any two times in closed form, s(0), v(0), a(0) independent."""
     n, jerk, a_std = len(TIMES_S), 3.0, 1.5
     motion = pass_motion(jerk_rate_std=jerk, acceleration_std_mps2=a_std)
-    prior, = motion.equations(TIMES_S, np.zeros((n, 4)), [MotionModel(1.0, None, 0.2, 0.03)])
+    prior, = motion.equations(TIMES_S, np.zeros((n, 4)), [MotionModel(1.0, None, False, 0.03)])
     covariance = np.linalg.inv(prior.H)
     for k, t in enumerate(TIMES_S):
         F = np.array([[1, t, t * t / 2], [0, 1, t], [0, 0, 1]])
@@ -89,11 +89,56 @@ def test_stamps_off_by_a_millisecond_cost_what_brute_force_says():
     _, info, right = measurements(n)
     info[info > 0], state = 1e12, np.tile([0.0, 0, 0, v], (n, 1))
     state[:, 0] = 0.0
-    prior, = pass_motion(jitter).equations(TIMES_S, state, [MotionModel(1.0, 1e-3, 0.2, 0.03)])
+    prior, = pass_motion(jitter).equations(TIMES_S, state, [MotionModel(1.0, 1e-3, False, 0.03)])
     covariance = condition(prior, info, right * 0).covariance
     rng = np.random.default_rng(3)
     slopes = [np.polyfit(TIMES_S, v * rng.normal(0, jitter, n), 1)[0] for _ in range(4000)]
     assert np.sqrt(covariance[3 * n, 3 * n]) == pytest.approx(np.std(slopes), rel=0.06)
+
+
+def test_moves_of_a_rate_that_persists_are_its_covariance_integrated():
+    """Over both intervals, by quadrature; the rate is one exp(-|t - t'| / T)."""
+    drift, persists = 1.3, 0.4
+    fine = np.linspace(0.0, TIMES_S[-1], 1201)
+    rate = drift ** 2 / (2 * persists) * np.exp(-np.abs(fine[:, None] - fine) / persists)
+    middle = 0.25 * (rate[1:, 1:] + rate[:-1, 1:] + rate[1:, :-1] + rate[:-1, :-1])
+    member = np.stack([(fine[:-1] >= a - 1e-9) & (fine[1:] <= b + 1e-9)
+                       for a, b in zip(TIMES_S[:-1], TIMES_S[1:])]).astype(float)
+    want = member @ middle @ member.T * (fine[1] - fine[0]) ** 2
+    np.testing.assert_allclose(persistent_moves(TIMES_S, drift, persists), want, rtol=5e-3)
+
+
+def test_moves_over_long_times_are_those_of_the_drift():
+    far = np.arange(5) * 1000.0
+    np.testing.assert_allclose(persistent_moves(far, 1.3, 0.5), 1.3 ** 2 * 1000.0 * np.eye(4),
+                               rtol=1e-3, atol=0.5)
+
+
+@pytest.mark.parametrize('lasts_s', [2.0, 3.0, 5.0])
+@pytest.mark.parametrize('fps', [5.0, 12.0])
+def test_the_evidence_tells_a_change_of_lanes_from_wandering(lasts_s, fps):
+    """A smooth step of 3.5 m is one, however slow; the drift of the lane's own model is none."""
+    times = np.arange(0.0, 5.8, 1 / fps)
+    part = np.clip((times - 0.4) / lasts_s, 0.0, 1.0)
+    change = 3.5 * part ** 3 * (10 - 15 * part + 6 * part ** 2)
+    rng = np.random.default_rng(4)
+    wander = np.cumsum(rng.normal(0.0, 0.1 * np.sqrt(1 / fps), len(times)))
+    for offsets, changes in ((change, True), (wander, False)):
+        logs = [condition(prior, *_offsets_seen(offsets, 0.01)).log_evidence
+                for prior in pass_motion().equations(
+                    times, np.zeros((len(times), 4)),
+                    [MotionModel(1.0, RATE, model, 0.03) for model in (False, True)])]
+        assert (logs[1] - logs[0] > np.log(100)) == changes
+        assert (logs[0] > logs[1]) != changes
+
+
+def _offsets_seen(offset_m, std_m):
+    """Information of offsets seen with a 1-sigma."""
+    n = len(offset_m)
+    info, right = np.zeros(3 * n), np.zeros(3 * n)
+    info[1::3] = std_m ** -2
+    right[1::3] = offset_m * std_m ** -2
+    return np.diag(info), right
 
 
 @pytest.mark.parametrize('fps', [2.5, 10.0, 60.0])
