@@ -15,6 +15,7 @@ from ..evaluation.accuracy import (
     accuracy_jobs, accuracy_table, gather, measure_job, passes_table, rejections,
     silently_wrong)
 from ..evaluation.runner import failures, run_jobs
+from ..io.whole import write_whole
 
 
 def add_parser(subparsers: Any) -> None:
@@ -51,9 +52,8 @@ def run(args: argparse.Namespace) -> int:
     passes = gather(jobs, results)
     table = accuracy_table(passes)
     if args.out is not None:
-        (args.out / 'accuracy.md').write_text(table.markdown(), encoding='utf-8')
-        (args.out / 'accuracy.csv').write_text(table.csv(), encoding='utf-8')
-        (args.out / 'passes.csv').write_text(passes_table(passes).csv(), encoding='utf-8')
+        write_whole(args.out, {'accuracy.md': table.markdown(), 'accuracy.csv': table.csv(),
+                               'passes.csv': passes_table(passes).csv()})
     print(table.markdown())
     reasons = ', '.join(f'{n} {reason}' for reason, n in rejections(passes).items())
     print(f'lines {args.lines}, {args.particles} particles; not measured: {reasons or "none"}; '

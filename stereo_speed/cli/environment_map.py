@@ -4,10 +4,9 @@
 from __future__ import annotations
 
 import argparse
-import os
 from pathlib import Path
 import re
-from typing import Any, Optional
+from typing import Any
 
 import cv2
 import numpy as np
@@ -19,6 +18,7 @@ from ..environment.regions import draw_map
 from ..errors import InputError
 from ..io.mot import load_regions
 from ..io.video import IMAGE_SUFFIXES, read_frames
+from ..io.whole import write_whole
 from ..report.targets import draw_field
 
 _LARGEST = 16384
@@ -85,13 +85,5 @@ def _first_image(path: Path) -> NDArray[np.uint8]:
 
 
 def _write(path: Path, image: NDArray[np.uint8]) -> None:
-    """Write a PNG aside and rename it when whole."""
-    done, data = cv2.imencode('.png', image)
-    aside: Optional[Path] = path.with_name(f'.partial-{path.name}')
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        assert aside is not None and done
-        aside.write_bytes(data.tobytes())
-        os.replace(aside, path)
-    except OSError as error:
-        raise InputError(path, 'file', error.strerror, 'a file that can be written') from None
+    """Write a PNG, whole or not at all."""
+    write_whole(path.parent, {path.name: cv2.imencode('.png', image)[1].tobytes()})

@@ -23,7 +23,7 @@ from ..evaluation.paper_tables import (
 from ..evaluation.runner import failures, run_jobs
 from ..evaluation.sequences import find_sequence, SEQUENCES
 from ..evaluation.tables import Table
-from ..io.results import prepare_folder
+from ..io.whole import prepare_folder, write_whole
 from ..pipeline import TRACKERS
 
 _FILES = ('site.yaml', 'init.yaml', 'truth.csv')
@@ -206,9 +206,8 @@ def _plots(out: Path, groups: Sequence[Sequence[Experiment]], seeds: range, runs
 def _write(out: Path, tables: dict[str, Table], more: Optional[str] = None) -> None:
     """Write and print the tables."""
     text = '\n'.join([table.markdown() for table in tables.values()] + [more or ''])
-    (out / 'evaluation.md').write_text(text, encoding='utf-8')
-    for name, table in tables.items():
-        (out / f'{name}.csv').write_text(table.csv(), encoding='utf-8')
+    write_whole(out, {'evaluation.md': text,
+                      **{f'{name}.csv': table.csv() for name, table in tables.items()}})
     print(text)
 
 

@@ -15,7 +15,7 @@ from ..errors import InputError
 from ..evaluation.environment import (
     kept_share, plan_jobs, run_scene, Scene, scores_of, Setting, summary_table, target_table)
 from ..evaluation.runner import failures, Result, run_jobs
-from ..io.results import prepare_folder
+from ..io.whole import prepare_folder, write_whole
 
 _PARTICLES = {'environment': (150,), 'plain': (150, 300)}  # what the paper compares
 _STRIDES = (1, 2, 3)
@@ -77,10 +77,9 @@ def _write(folder: Path, name: str, settings: Sequence[Setting],
     """Write and print the tables, and draw the plot."""
     tables = {'settings': summary_table(f'{name}: what is kept', settings, results),
               'targets': target_table(f'{name}: each target', settings, results)}
-    for kind, table in tables.items():
-        (folder / f'{kind}.csv').write_text(table.csv(), encoding='utf-8')
     text = '\n'.join(table.markdown() for table in tables.values())
-    (folder / 'evaluation.md').write_text(text, encoding='utf-8')
+    write_whole(folder, {'evaluation.md': text,
+                         **{f'{kind}.csv': table.csv() for kind, table in tables.items()}})
     _draw(folder / 'kept.png', name, settings, results)
     print(tables['settings'].markdown())
     print(f'in {folder}')

@@ -7,9 +7,7 @@ import argparse
 from dataclasses import asdict, dataclass, field, replace
 import hashlib
 import math
-import os
 from pathlib import Path
-import tempfile
 import time
 from typing import Any, Mapping, Optional, Sequence
 
@@ -22,8 +20,8 @@ from ..calibration.report import report, summary as report_summary, told
 from ..config import load_config, TrackerConfig
 from ..errors import InputError
 from ..io.bags import StereoBag
-from ..io.results import (PASSES, PLOTS, prepare_folder, remove_run, software_versions,
-                          stream_timings, SUMMARY, TRACKS, write_run)
+from ..io.results import software_versions, staged_run, stream_timings, write_run
+from ..io.whole import prepare_folder
 from ..paths.site_write import site_text
 from ..pipeline import SpeedPipeline, TRACKERS
 from ..records import PassResult, TrackUpdate, Verdict
@@ -274,8 +272,7 @@ def write_all(args: argparse.Namespace, lanes: Mapping[str, LanePath], result: R
     :param summary: content of ``summary.json``.
     :param refined: the site it was measured with, to be kept with the results.
     """
-    with tempfile.TemporaryDirectory(prefix='.replay-', dir=args.out) as folder:
-        stage = Path(folder)
+    with staged_run(args.out) as stage:
         write_run(stage, result.updates, result.passes, dict(summary))
         if not args.no_plots:
             from ..report.overlay import strip
@@ -285,10 +282,6 @@ def write_all(args: argparse.Namespace, lanes: Mapping[str, LanePath], result: R
                 cv2.imwrite(str(stage / 'strip.png'), strip(result.strip, width_px=480))
         if refined is not None:
             (stage / REFINED_SITE).write_text(site_text(refined.site), encoding='utf-8')
-        remove_run(args.out)
-        for name in (TRACKS, PASSES, *PLOTS, REFINED_SITE, SUMMARY):
-            if (stage / name).exists():
-                os.replace(stage / name, args.out / name)
 
 
 def print_table(passes: Sequence[PassResult]) -> None:

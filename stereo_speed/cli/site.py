@@ -4,9 +4,7 @@
 from __future__ import annotations
 
 import argparse
-import os
 from pathlib import Path
-import tempfile
 from typing import Any, Optional
 
 import cv2
@@ -16,6 +14,7 @@ from ..calibration.refine import refine_site, RefinedSite
 from ..calibration.report import report, told
 from ..errors import InputError
 from ..io.bags import StereoBag
+from ..io.whole import write_whole
 from ..paths.site_write import site_text
 from ..site import load_site, Site
 
@@ -95,16 +94,7 @@ def write_site(path: Path, site: Site) -> None:
     :param path: of the file.
     :param site: what to write.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(prefix='.site-', suffix='.yaml', dir=path.parent)
-    try:
-        with os.fdopen(handle, 'w', encoding='utf-8') as file:
-            file.write(site_text(site))
-        os.chmod(name, 0o644)
-        os.replace(name, path)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise
+    write_whole(path.parent, {path.name: site_text(site)})
 
 
 def write_pictures(folder: Path, refined: RefinedSite) -> None:

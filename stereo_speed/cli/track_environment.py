@@ -20,9 +20,10 @@ from ..environment.distance import DistanceField
 from ..environment.tracker import MonocularTracker, TRACKERS
 from ..errors import InputError
 from ..io.mot import check_targets, load_map, load_targets, SUMMARY, write_targets
-from ..io.results import prepare_folder, software_versions
+from ..io.results import software_versions
 from ..io.video import Frame, read_frames, video_hash
 from ..io.video_writer import VideoWriter
+from ..io.whole import prepare_folder
 from ..report.targets import draw_targets
 
 ANNOTATED = 'annotated.avi'

@@ -25,7 +25,8 @@ from ..errors import InputError
 from ..evaluation import lane_changes, traffic as evaluation
 from ..evaluation.drives import SITES
 from ..geometry.rig import StereoRig
-from ..io.results import prepare_folder, software_versions, stream_timings, write_run
+from ..io.results import software_versions, stream_timings, write_run
+from ..io.whole import prepare_folder
 from ..pipeline import SpeedPipeline
 from ..records import PassResult, TrackUpdate
 from ..sim.config import RIGS

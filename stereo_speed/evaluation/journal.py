@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Mapping, Optional, TextIO, Union
 
 from ..errors import InputError
-from ..io.results import prepare_folder
+from ..io.whole import prepare_folder
 
 JOURNAL = 'runs.jsonl'
 

@@ -3,12 +3,11 @@
 """Tables as Markdown, for people, and as CSV, for programs."""
 from __future__ import annotations
 
-import csv
 from dataclasses import dataclass
-import io
 import math
 from typing import Optional, Sequence, Union
 
+from ..io.whole import csv_text
 from ..units import MPH_MPS
 
 Cell = Union[str, int, float, None]
@@ -43,12 +42,9 @@ class Table:
 
     def csv(self) -> str:
         """Write it for programs."""
-        out = io.StringIO()
-        writer = csv.writer(out, lineterminator='\n')
-        writer.writerow(self.columns)
-        writer.writerows([['' if _missing(c) else f'{c:.5f}' if isinstance(c, float) else c
-                           for c in row] for row in self.rows])
-        return out.getvalue()
+        return csv_text(self.columns, [
+            ['' if _missing(c) else f'{c:.5f}' if isinstance(c, float) else c for c in row]
+            for row in self.rows])
 
 
 def shown(cell: Cell, digits: int) -> str:

@@ -7,19 +7,16 @@ Boxes are in the MOTChallenge's format: ``frame,id,x,y,w,h,conf,-1,-1,-1``, fram
 """
 from __future__ import annotations
 
-import csv
-import io
 import math
-import os
 from pathlib import Path
-import tempfile
-from typing import Any, Iterable, Mapping, Sequence, Union
+from typing import Any, Iterable, Mapping, Sequence
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .results import prepare_folder, summary_json
+from .results import summary_json
+from .whole import csv_text, PathLike, write_whole
 from ..environment.boxes import Target, TargetEnd, TargetEstimate
 from ..environment.distance import KINDS
 from ..environment.regions import KIND_LEVELS, Region
@@ -27,7 +24,6 @@ from ..errors import InputError, SiteError
 from ..fields import Fields, load_yaml
 from ..records import Array
 
-PathLike = Union[str, Path]
 BOXES, TARGETS, ENDS, SUMMARY = 'boxes.txt', 'targets.csv', 'ends.csv', 'summary.json'
 TARGET_COLUMNS = ('frame', 'id', 'x', 'y', 'w', 'h', 'angle_deg', 'd_px', 'd_rate_px')
 END_COLUMNS = ('id', 'first_frame', 'last_frame', 'frames', 'end')
@@ -176,13 +172,14 @@ def targets_text(estimates: Iterable[TargetEstimate]) -> str:
     rows = [(e.frame, e.id, *map(_fixed, (*e.box_px, math.degrees(e.angle_rad), e.distance_px,
                                           e.distance_rate_px)))
             for e in sorted(estimates, key=lambda e: (e.frame, e.id))]
-    return _csv(TARGET_COLUMNS, rows)
+    return csv_text(TARGET_COLUMNS, rows)
 
 
 def ends_text(ends: Iterable[TargetEnd]) -> str:
     """Give the text of ``ends.csv``: a row per target that says how it ended."""
-    return _csv(END_COLUMNS, [(e.id, e.first_frame, e.last_frame, e.frames, e.state.value)
-                              for e in sorted(ends, key=lambda e: e.id)])
+    return csv_text(END_COLUMNS, [
+        (e.id, e.first_frame, e.last_frame, e.frames, e.state.value)
+        for e in sorted(ends, key=lambda e: e.id)])
 
 
 def write_targets(out_dir: PathLike, estimates: Sequence[TargetEstimate],
@@ -192,18 +189,8 @@ def write_targets(out_dir: PathLike, estimates: Sequence[TargetEstimate],
 
     :raises InputError: a folder that cannot be written.
     """
-    folder = prepare_folder(out_dir)
-    files = {BOXES: boxes_text(estimates), TARGETS: targets_text(estimates),
-             ENDS: ends_text(ends), SUMMARY: summary_json(summary)}
-    try:
-        with tempfile.TemporaryDirectory(prefix='.partial-', dir=folder) as aside:
-            for name, text in files.items():
-                Path(aside, name).write_text(text, encoding='utf-8', newline='')
-            (folder / SUMMARY).unlink(missing_ok=True)
-            for name in files:
-                os.replace(Path(aside, name), folder / name)
-    except OSError as error:
-        raise InputError(folder, 'output folder', error.strerror, 'a writable folder') from None
+    write_whole(out_dir, {BOXES: boxes_text(estimates), TARGETS: targets_text(estimates),
+                          ENDS: ends_text(ends), SUMMARY: summary_json(summary)}, (SUMMARY,))
 
 
 def _fixed(value: float) -> str:
@@ -211,11 +198,3 @@ def _fixed(value: float) -> str:
         return 'inf' if value > 0 else '-inf'
     text = f'{value:.3f}'
     return text.lstrip('-') if float(text) == 0 else text
-
-
-def _csv(columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
-    buffer = io.StringIO()
-    writer = csv.writer(buffer, lineterminator='\n')
-    writer.writerow(columns)
-    writer.writerows(rows)
-    return buffer.getvalue()

@@ -9,24 +9,20 @@ when whole, ``summary.json`` last, so that a folder with a summary is a finished
 """
 from __future__ import annotations
 
-import csv
 import dataclasses
 from enum import Enum
 from importlib.metadata import PackageNotFoundError, version
-import io
 import json
 import math
-import os
 from pathlib import Path
 import platform
-import tempfile
-from typing import Any, Iterable, Mapping, Optional, Sequence, Union
+from typing import Any, ContextManager, Iterable, Mapping, Optional, Sequence
 
 import cv2
 import numpy as np
 import scipy
 
-from ..errors import InputError
+from .whole import csv_text, PathLike, staged, write_whole
 from ..records import PassResult, TrackUpdate
 from ..units import seconds
 
@@ -37,10 +33,11 @@ PASS_COLUMNS = ('track', 'lane', 'first_ns', 'last_ns', 'pairs', 'speed_mps', 's
                 'verdict', 'reason', 'lane_to', 'end', 'first_mps', 'last_mps', 'max_mps',
                 'std_matching_mps', 'std_path_mps', 'std_stamps_mps', 'std_calibration_mps')
 PLOTS = ('speed.png', 'road.png', 'strip.png')  # written beside them by report
+_OLDER = (SUMMARY, TRACKS, PASSES, *PLOTS)  # without its summary a run is not complete
 _DIGITS = 5  # 0.01 mm and 0.01 mm/s: finer than anything measured here
 
 
-def write_run(out_dir: Union[str, Path], updates: Sequence[TrackUpdate],
+def write_run(out_dir: PathLike, updates: Sequence[TrackUpdate],
               passes: Sequence[PassResult], summary: Mapping[str, Any]) -> None:
     """
     Write the three files of a run and remove those of an older run in the same folder.
@@ -52,44 +49,17 @@ def write_run(out_dir: Union[str, Path], updates: Sequence[TrackUpdate],
         the run is repeated.
     :raises InputError: a folder that cannot be written.
     """
-    files = {TRACKS: tracks_csv(updates, passes), PASSES: passes_csv(passes),
-             SUMMARY: summary_json(summary)}
-    folder = prepare_folder(out_dir)
-    try:
-        with tempfile.TemporaryDirectory(prefix='.partial-', dir=folder) as aside:
-            for name, text in files.items():
-                Path(aside, name).write_text(text, encoding='utf-8', newline='')
-            remove_run(folder)
-            for name in files:
-                os.replace(Path(aside, name), folder / name)
-    except OSError as error:
-        raise InputError(folder, 'output folder', error.strerror, 'a writable folder') from None
+    write_whole(out_dir, {TRACKS: tracks_csv(updates, passes), PASSES: passes_csv(passes),
+                          SUMMARY: summary_json(summary)}, _OLDER)
 
 
-def prepare_folder(out_dir: Union[str, Path]) -> Path:
+def staged_run(out_dir: PathLike) -> ContextManager[Path]:
     """
-    Make the output folder and try that it can be written, before the work begins.
+    Give a hidden folder for a run of more than three files; see :func:`whole.staged`.
 
-    :raises InputError: it is a file, or cannot be made or written.
+    :param out_dir: where they are moved to, in place of those of an older run.
     """
-    folder = Path(out_dir)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            pass
-    except OSError as error:
-        raise InputError(folder, 'output folder', error.strerror, 'a writable folder') from None
-    return folder
-
-
-def remove_run(folder: Path) -> None:
-    """
-    Remove the files of an older run, the summary first: without it a run is not complete.
-
-    :param folder: where they lie; files of other names stay.
-    """
-    for name in (SUMMARY, TRACKS, PASSES, *PLOTS):
-        (folder / name).unlink(missing_ok=True)
+    return staged(out_dir, _OLDER)
 
 
 def tracks_csv(updates: Iterable[TrackUpdate], passes: Iterable[PassResult]) -> str:
@@ -105,7 +75,7 @@ def tracks_csv(updates: Iterable[TrackUpdate], passes: Iterable[PassResult]) -> 
         numbers = (u.speed_mps, u.speed_std_mps, smoothed.get(u.track, {}).get(u.stamp_ns),
                    u.s_m, u.lateral_m, *u.position_m)
         rows.append((u.stamp_ns, u.track, u.lane, u.state.value, *map(_fixed, numbers)))
-    return _csv(TRACK_COLUMNS, rows)
+    return csv_text(TRACK_COLUMNS, rows)
 
 
 def passes_csv(passes: Iterable[PassResult]) -> str:
@@ -118,7 +88,7 @@ def passes_csv(passes: Iterable[PassResult]) -> str:
         rows.append((p.track, p.lane, p.first_ns, p.last_ns, p.pairs, _fixed(p.speed_mps),
                      _fixed(p.speed_std_mps), p.verdict.value, p.reason, p.lane_to, p.end,
                      *map(_fixed, (*p.profile_mps, *parts))))
-    return _csv(PASS_COLUMNS, rows)
+    return csv_text(PASS_COLUMNS, rows)
 
 
 def summary_json(summary: Mapping[str, Any]) -> str:
@@ -164,14 +134,6 @@ def _fixed(value: Optional[float]) -> str:
         return ''
     text = f'{value:.{_DIGITS}f}'
     return text.lstrip('-') if float(text) == 0 else text
-
-
-def _csv(columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
-    buffer = io.StringIO()
-    writer = csv.writer(buffer, lineterminator='\n')
-    writer.writerow(columns)
-    writer.writerows(rows)
-    return buffer.getvalue()
 
 
 def _plain(value: Any) -> Any:

@@ -11,8 +11,8 @@ import pytest
 from stereo_speed.config import TrackerConfig
 from stereo_speed.errors import InputError
 from stereo_speed.io.results import (
-    passes_csv, prepare_folder, software_versions, stream_timings, summary_json, tracks_csv,
-    write_run)
+    passes_csv, software_versions, stream_timings, summary_json, tracks_csv, write_run)
+from stereo_speed.io.whole import prepare_folder
 from stereo_speed.records import PassResult, SpeedBudget, TrackState, TrackUpdate, Verdict
 
 
