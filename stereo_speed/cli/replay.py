@@ -114,7 +114,8 @@ def run(args: argparse.Namespace) -> int:
         refined = None
         if args.refine_site:
             refined = refine_site(site, bag.rig, bag.pairs())
-            print('\n'.join(told(refined, report(refined))))
+            figures = report(refined)
+            print('\n'.join(told(refined, figures)))
             site = refined.site
         config = replace(config, **site.tolerances)
         bag.rig = site.corrected_rig(bag.rig)
@@ -127,7 +128,7 @@ def run(args: argparse.Namespace) -> int:
         summary = summarize(args, config, bag, result, lanes)
         pairing = dict(bag.pairing)
     if refined is not None:
-        summary['refinement'] = report_summary(refined, report(refined))
+        summary['refinement'] = report_summary(refined, figures)
     write_all(args, lanes, result, summary, refined)
     print_lanes(lanes)
     print_table(result.passes)
