@@ -6,7 +6,6 @@ from __future__ import annotations
 import csv
 import subprocess
 import sys
-import time
 
 import pytest
 
@@ -18,6 +17,7 @@ from stereo_speed.cli.demo import live, Process, read_truth  # noqa: E402
 from stereo_speed.cli.main import main  # noqa: E402
 
 STARTUP_S, EVENT_S = 60.0, 20.0
+pytestmark = pytest.mark.usefixtures('private_graph')
 
 
 def test_live_readings_equal_replay(sample, tmp_path):
@@ -110,34 +110,17 @@ def test_vehicles_found_on_a_site_refined_at_start_read_as_replay_does(sample, t
 
 
 @pytest.fixture()
-def rig_node():
+def rig_node(stand_in):
     """Stand in for the cameras and listen to the pairs."""
-    import rclpy
-    from rclpy.context import Context
-    from rclpy.executors import SingleThreadedExecutor
     from stereo_speed.nodes.common import RELIABLE
-    context = Context()
-    rclpy.init(context=context, args=[])
-    node = rclpy.create_node('cameras', context=context)
-    executor = SingleThreadedExecutor(context=context)
-    executor.add_node(node)
+    node = stand_in
     node.send = {side: node.create_publisher(Image, f'/{side}/image_raw', RELIABLE)
                  for side in ('left', 'right')}
     node.infos = {side: node.create_publisher(CameraInfo, f'/{side}/camera_info', RELIABLE)
                   for side in ('left', 'right')}
     node.pairs = []
     node.create_subscription(Image, '/stereo/image_pair', node.pairs.append, RELIABLE)
-
-    def wait(condition, seconds):
-        end = time.monotonic() + seconds
-        while not condition() and time.monotonic() < end:
-            executor.spin_once(timeout_sec=0.05)
-        assert condition(), 'the awaited event has not come'
-    node.wait = wait
-    yield node
-    executor.shutdown(timeout_sec=1.0)
-    node.destroy_node()
-    rclpy.shutdown(context=context)
+    return node
 
 
 def image(ns, value):

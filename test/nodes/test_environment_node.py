@@ -4,8 +4,6 @@
 from __future__ import annotations
 
 import csv
-import os
-from pathlib import Path
 import subprocess
 import sys
 import time
@@ -23,7 +21,7 @@ from stereo_speed.nodes.common import image_message, RELIABLE, stamp_ns  # noqa:
 from stereo_speed.nodes.environment_messages import RECORD  # noqa: E402
 from visualization_msgs.msg import MarkerArray  # noqa: E402
 
-ROOT = Path(__file__).resolve().parents[2]
+pytestmark = pytest.mark.usefixtures('private_graph')
 STARTUP_S, EVENT_S = 60.0, 60.0
 FRAMES, PERIOD_NS = 8, 100_000_000
 EARLIER_NS = 10 ** 12  # stamps of what is sent before the video; it jumps back to its own
@@ -58,38 +56,18 @@ def scene(tmp_path_factory):
 
 
 @pytest.fixture()
-def camera():
+def camera(stand_in):
     """Stand in for the camera and listen to the node."""
-    import rclpy
-    from rclpy.context import Context
-    from rclpy.executors import SingleThreadedExecutor
-    os.environ['ROS_DOMAIN_ID'] = str(20 + os.getpid() % 80)
-    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-    os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'] = str(ROOT / 'config' / 'fastdds.xml')
-    context = Context()
-    rclpy.init(context=context, args=[])
-    node = rclpy.create_node('camera', context=context)
-    executor = SingleThreadedExecutor(context=context)
-    executor.add_node(node)
+    node = stand_in
     node.images = node.create_publisher(Image, '/image_raw', RELIABLE)
     node.tracks, node.markers, node.overlays = [], [], []
     for kind, topic, heard in ((PointCloud2, '/tracks', node.tracks),
                                (MarkerArray, '/markers', node.markers),
                                (Image, '/overlay/image_raw', node.overlays)):
         node.create_subscription(kind, topic, heard.append, RELIABLE)
-
-    def wait(condition, seconds):
-        end = time.monotonic() + seconds
-        while not condition() and time.monotonic() < end:
-            executor.spin_once(timeout_sec=0.05)
-        assert condition(), 'the awaited event has not come'
-    node.wait = wait
     node.ready = lambda: node.images.get_subscription_count() and all(
         node.count_publishers(t) for t in ('/tracks', '/markers', '/overlay/image_raw'))
-    yield node
-    executor.shutdown(timeout_sec=1.0)
-    node.destroy_node()
-    rclpy.shutdown(context=context)
+    return node
 
 
 def settle(camera):
