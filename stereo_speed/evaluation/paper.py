@@ -12,8 +12,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Optional
 
-PAPER_RUNS = 20  # repetitions of each cell
-PAPER_MS_PER_PAIR = 400.0  # its summary: "around 400 ms" with 400 particles and a GPU
 LEAST_SPEEDUP = 20.0  # wanted with 400 particles
 
 

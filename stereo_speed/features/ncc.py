@@ -6,7 +6,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-
 _NO_CONTRAST = 1e-12
 
 

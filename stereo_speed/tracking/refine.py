@@ -147,7 +147,7 @@ class PassRefiner:
         return self._refine(_LIVE)
 
     def finish(self) -> Posterior:
-        """Refine the whole pass to convergence, the resting pairs among it."""
+        """Refine the whole pass, the resting pairs among it, for at most 8 iterations."""
         self._recall()
         return self._refine(_FINAL)
 
