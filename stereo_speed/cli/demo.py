@@ -96,7 +96,7 @@ def _refined_site(sample: Path, out: Path) -> Path:
     for line in told(refined, report(refined)):
         print(line)
     write_site(out / 'site.yaml', refined.site)
-    write_pictures(out, refined)
+    write_pictures(out, 'site', refined)
     return out / 'site.yaml'
 
 

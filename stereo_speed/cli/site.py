@@ -18,8 +18,6 @@ from ..io.whole import write_whole
 from ..paths.site_write import site_text
 from ..site import load_site, Site
 
-PICTURES = ('site_left.png', 'site_right.png')
-
 
 def add_parser(subparsers: Any) -> None:
     """Add the command, its two actions and their options."""
@@ -50,7 +48,7 @@ def _refine(args: argparse.Namespace) -> int:
     if args.out.is_dir():
         raise InputError(args.out, 'file', 'a folder', 'the name of a site file')
     args.pictures = args.pictures or args.out.parent
-    refined = _refined(args)
+    refined = _refined(args, args.out.stem)
     write_site(args.out, refined.site)
     print(f'refined site in {args.out}')
     return 0
@@ -58,18 +56,18 @@ def _refine(args: argparse.Namespace) -> int:
 
 def _check(args: argparse.Namespace) -> int:
     """Refine and tell, and leave it at that."""
-    _refined(args)
+    _refined(args, args.site.stem)
     return 0
 
 
-def _refined(args: argparse.Namespace) -> RefinedSite:
-    """Refine the site, print the report and draw the pictures."""
+def _refined(args: argparse.Namespace, name: str) -> RefinedSite:
+    """Refine the site, print the report and draw the pictures, named after a site file."""
     refined = refined_from_bag(load_site(args.site), args.bag, args.left, args.right)
     for line in told(refined, report(refined)):
         print(line)
     if args.pictures is not None:
-        write_pictures(args.pictures, refined)
-        print(f'pictures in {args.pictures}')
+        shown = write_pictures(args.pictures, name, refined)
+        print(f'pictures in {" and ".join(map(str, shown))}')
     return refined
 
 
@@ -97,14 +95,16 @@ def write_site(path: Path, site: Site) -> None:
     write_whole(path.parent, {path.name: site_text(site)})
 
 
-def write_pictures(folder: Path, refined: RefinedSite) -> None:
+def write_pictures(folder: Path, name: str, refined: RefinedSite) -> list[Path]:
     """
     Write a picture of each view.
 
     :param folder: made where it is missing.
+    :param name: of the site file, so that sites in one folder keep their own pictures.
     :param refined: the site.
+    :return: where they are.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    for right, name in enumerate(PICTURES):
-        if not cv2.imwrite(str(folder / name), picture(refined, bool(right))):
-            raise InputError(folder / name, 'file', 'a place that cannot be written', 'a folder')
+    drawn = {f'{name}_{side}.png': cv2.imencode('.png', picture(refined, right))[1].tobytes()
+             for side, right in (('left', False), ('right', True))}
+    write_whole(folder, drawn)
+    return [folder / file for file in drawn]

@@ -11,7 +11,7 @@ import yaml
 
 
 def test_refine_writes_a_site_that_can_be_used(sample, short_bag, tmp_path, capsys):
-    out, pictures = tmp_path / 'new' / 'site.yaml', tmp_path / 'pictures'
+    out, pictures = tmp_path / 'new' / 'near.yaml', tmp_path / 'pictures'
     assert main(['site', 'refine', str(short_bag), '--site', str(sample / 'site.yaml'),
                  '--out', str(out), '--pictures', str(pictures)]) == 0
     told = capsys.readouterr().out
@@ -26,8 +26,8 @@ def test_refine_writes_a_site_that_can_be_used(sample, short_bag, tmp_path, caps
     plain = yaml.safe_load(out.read_text())
     assert plain['stereo_speed_site'] == 1
     assert all(len(p) == 2 for p in plain['lines']['line_0']['right_image'])
-    assert sorted(p.name for p in pictures.iterdir()) == ['site_left.png', 'site_right.png']
-    assert [p.name for p in out.parent.iterdir()] == ['site.yaml']
+    assert sorted(p.name for p in pictures.iterdir()) == ['near_left.png', 'near_right.png']
+    assert [p.name for p in out.parent.iterdir()] == ['near.yaml']
 
 
 def test_check_changes_nothing(sample, short_bag, tmp_path, capsys):
