@@ -3,6 +3,8 @@
 """What does not move: asphalt with painted lines, verges, a treeline and the sky."""
 from __future__ import annotations
 
+import copy
+
 import cv2
 import numpy as np
 
@@ -152,15 +154,15 @@ def _tile(rng: np.random.Generator, finest: int) -> list[Image]:
     return pyramid(octaves(rng, TILE, TILE, finest), LEVELS)
 
 
-def _plant(sky: Array, rays: Array, rng: np.random.Generator) -> None:
+def _plant(sky: Array, rays: Array, crowns: Array, rng: np.random.Generator) -> None:
     """
     Draw a row of trees far behind everything, in place.
 
     :param sky: (rows, columns) grey levels.
     :param rays: (rows, columns, 3) unit, world.
-    :param rng: source of their shape.
+    :param crowns: (n,) heights of the trees around a quarter of the circle.
+    :param rng: source of their leaves.
     """
-    crowns = octaves(rng, 1, 4096, 8)[0]
     rows = np.nonzero((np.abs(rays[..., 2]) < TREES_UP).any(axis=1))[0]
     if not rows.size:
         return
@@ -185,7 +187,8 @@ def render_background(scene: SimScene, views: tuple[View, View],
     :return: two (rows, columns) float32 images, grey levels.
     """
     asphalt, grass = _tile(rng, 2), _tile(rng, 4)
-    seed = int(rng.integers(2 ** 31))
+    trees = np.random.default_rng(int(rng.integers(2 ** 31)))
+    crowns = octaves(trees, 1, 4096, 8)[0]
     images = []
     for view in views:
         ground = GroundMap(scene, view)
@@ -195,6 +198,6 @@ def render_background(scene: SimScene, views: tuple[View, View],
         grey += on_road * (tar - grey)
         grey += paint_coverage(ground, scene.road) * (GREY['paint'] - grey)
         sky = GREY['sky'] + 60.0 * np.clip(ground.rays[..., 2], 0.0, 0.5)
-        _plant(sky, ground.rays, np.random.default_rng(seed))
+        _plant(sky, ground.rays, crowns, copy.deepcopy(trees))  # the same in both views
         images.append((sky + ground.hit * (grey - sky)).astype(np.float32))
     return images[0], images[1]
