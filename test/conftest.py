@@ -1,15 +1,24 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What tests of nodes share: a graph of their own, and a node that stands in for the rest."""
+"""What tests share: a pass on a bend; of nodes, a graph of their own and a stand-in."""
 from __future__ import annotations
 
 import os
 from pathlib import Path
 import time
 
+import numpy as np
 import pytest
+from stereo_speed.sim.config import circle_config
+from stereo_speed.sim.sequence import simulate
 
 ROOT = Path(__file__).resolve().parents[1]
+
+
+@pytest.fixture(scope='session')
+def circle():
+    """36 mph on a circle of 41 m radius."""
+    return simulate(circle_config('36 mph', 41.0), np.random.default_rng(2))
 
 
 @pytest.fixture(scope='session')

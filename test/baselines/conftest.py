@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from stereo_speed.config import TrackerConfig
 from stereo_speed.pipeline import SpeedPipeline
-from stereo_speed.sim.config import circle_config, DISTORTED, straight_config
+from stereo_speed.sim.config import DISTORTED, straight_config
 from stereo_speed.sim.sequence import simulate
 from stereo_speed.site import lane_paths, load_init, load_site
 import yaml
@@ -21,12 +21,6 @@ def straight():
     """45 mph, distorted and converging cameras, uneven stamps and a pair lost on the way."""
     config = straight_config('45 mph', rig=DISTORTED, start_m=50.0, stamp_jitter_s=0.02, drop=(5,))
     return simulate(config, np.random.default_rng(1))
-
-
-@pytest.fixture(scope='session')
-def circle():
-    """36 mph on a circle of 41 m radius."""
-    return simulate(circle_config('36 mph', 41.0), np.random.default_rng(2))
 
 
 @pytest.fixture(scope='session')

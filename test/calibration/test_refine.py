@@ -158,7 +158,7 @@ def test_a_doubtful_turn_is_warned_of_and_told_beside_the_results(circle):
         figures = report(doubtful)
         assert sum('may have moved' in w for w in figures.warnings) == words
         assert summary(doubtful, figures)['moved_probability'] == probability
-    told_std = summary(refined, report(refined))['turn_std_deg']
+    told_std = summary(doubtful, figures)['turn_std_deg']
     left = np.degrees(np.sqrt(np.diag(refined.turn.covariance_rad2)))
     np.testing.assert_allclose(list(told_std.values()), left, atol=1e-5)
 

@@ -41,7 +41,7 @@ def _brute(camera, corners_px, look, box):
         a += [[x, y, 1, 0, 0, 0, -p * x, -p * y], [0, 0, 0, x, y, 1, -q * x, -q * y]]
         b += [p, q]
     texture_H_image = np.append(np.linalg.solve(a, b), 1.0).reshape(3, 3)
-    fine = int(np.clip(1500 // (u1 - u0), 8, 24))
+    fine = int(np.clip(900 // (u1 - u0), 8, 14))
     steps = (np.arange(fine) + 0.5) / fine - 0.5
     uv = np.stack(np.meshgrid((np.arange(u0, u1)[:, None] + steps).ravel(),
                               (np.arange(v0, v1)[:, None] + steps).ravel()), axis=-1)

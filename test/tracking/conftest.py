@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from stereo_speed.sim.config import circle_config, straight_config
+from stereo_speed.sim.config import straight_config
 from stereo_speed.sim.sequence import simulate
 
 cv2.setNumThreads(1)
@@ -17,9 +17,3 @@ cv2.setNumThreads(1)
 def straight():
     """55 mph on a straight road, with two pairs lost on the way."""
     return simulate(straight_config('55 mph', drop=(4, 5)), np.random.default_rng(1))
-
-
-@pytest.fixture(scope='session')
-def circle():
-    """36 mph on a circle of 41 m radius."""
-    return simulate(circle_config('36 mph', 41.0), np.random.default_rng(2))
