@@ -116,6 +116,7 @@ class SpeedPipeline:
             if isinstance(track.tracker, SharesParticles):
                 track.tracker.share(self._share(len(self._tracks)))
         updates = [self._update(track, pair) for track in self._tracks]
+        self._drop_doubtful()
         self._drop_doubles()
         updates += self._find(pair)
         self._collect(everything=False)
@@ -211,10 +212,10 @@ class SpeedPipeline:
             except InputError:  # what looked like a front is none: the views disagree
                 continue
             track.front, track.found_ns = front, pair.stamp_ns
-            told = [self._update(track, one) for one in pairs][-1]
-            if told is not None and told.state is not TrackState.COASTING and (
-                    len(pairs) == 1 or _same_speed(told, front)):
-                return told
+            told = [self._update(track, one) for one in pairs]
+            if all(map(_holds, told)) and (
+                    len(pairs) == 1 or _same_speed(told[-1], front)):
+                return told[-1]
             self._tracks.remove(track)
         return None
 
@@ -226,6 +227,11 @@ class SpeedPipeline:
             lane=update.lane, s_m=update.s_m, lateral_m=update.lateral_m,
             width_m=float(across * scale[0]), height_m=float(up * scale[1]),
             left_px=update.quad_left_px, right_px=update.quad_right_px)
+
+    def _drop_doubtful(self) -> None:
+        """End tracks that miss a pair before they were confirmed; a vehicle is found again."""
+        self._tracks = [t for t in self._tracks
+                        if t.confirmed or not t.found or t.tracker.ended or _holds(t.last)]
 
     def _drop_doubles(self) -> None:
         """End the younger of two tracks that hold the same vehicle."""
@@ -275,6 +281,11 @@ def _moved_on(update: TrackUpdate, stamp_ns: int) -> TrackUpdate:
     """Say where a vehicle is along its lane some time after it left."""
     ahead_m = update.speed_mps * (stamp_ns - update.stamp_ns) * 1e-9
     return replace(update, s_m=update.s_m + ahead_m)
+
+
+def _holds(update: Optional[TrackUpdate]) -> bool:
+    """Say whether a track saw its vehicle in a pair."""
+    return update is not None and update.state is not TrackState.COASTING
 
 
 def _same_speed(update: TrackUpdate, front: Detection) -> bool:

@@ -35,8 +35,8 @@ from ..records import (
 from ..site import InitMark, LanePath
 
 _CONFIRM_PAIRS = 3  # pairs before a reading is worth publishing
-_MIN_NCC = 0.5  # left-right and texture agreement below this is not the vehicle
 _LOST_AFTER_S = 1.5  # long enough for a pole, and for a camera that is gone for a second
+_HIDDEN_FOR_S = 4.0  # in part, as behind a vehicle in the next lane that overtakes
 _LEAST_WIDTH_PX = 12.0  # a rear that has become this small has left
 _BEYOND_PATH_M = 20.0  # so has what is this far beyond the end of the path
 _JITTER = 1e-12
@@ -106,13 +106,16 @@ class ConstrainedTracker:
             self._end = LEFT_VIEW
             return None
         before = self.particles.copy(), self.log_weights.copy()
-        if not (self._weigh(pair) and self._refine(pair)):
+        posterior = self._refine(pair) if self._weigh(pair) else None
+        if posterior is None:
             self.particles, self.log_weights = before
-            if (pair.stamp_ns - self.seen_ns) * 1e-9 > _LOST_AFTER_S:
+        else:
+            self.posterior, self.seen_ns = posterior, pair.stamp_ns
+        if posterior is None or not posterior.clear[-1]:
+            if self._is_lost(pair.stamp_ns):
                 self._end = LOST
                 return None
             return self._report(pair, TrackState.COASTING)
-        self.seen_ns = pair.stamp_ns
         self.stamps_ns.append(pair.stamp_ns)
         self._update_reference(pair)
         confirmed = len(self.stamps_ns) >= _CONFIRM_PAIRS
@@ -121,8 +124,10 @@ class ConstrainedTracker:
     def result(self) -> PassResult:
         """Measure the pass from all its pairs, or say why it cannot be measured."""
         seen = bool(self.stamps_ns)
-        found = Pass(track=self.track, lane=self.lane, stamps_ns=self.stamps_ns or [self.first_ns],
-                     posterior=self.refiner.finish() if seen else None,
+        posterior = self.refiner.finish() if seen else None
+        stamps_ns = [ns for ns in self.stamps_ns if ns not in self.refiner.hidden]
+        found = Pass(track=self.track, lane=self.lane, stamps_ns=stamps_ns or [self.first_ns],
+                     posterior=posterior,
                      exact_speeds=self.refiner.exact_speeds() if seen else None,
                      width_px=self.width_px, end=self._end or STREAM_ENDED)
         return conclude(found, self.rig, self.config)
@@ -166,19 +171,25 @@ class ConstrainedTracker:
         self.log_weights = weighed.log_weights
         return True
 
-    def _refine(self, pair: StereoPair) -> bool:
-        """Move the particles to the posterior of all images so far; False when they disagree."""
+    def _refine(self, pair: StereoPair) -> Optional[Posterior]:
+        """
+        Move the particles to the posterior of all images so far.
+
+        A look that is hidden in part leads them, but leaves no trace in later ones.
+
+        :return: None when the vehicle is not seen.
+        """
         weights = normalise_log_weights(self.log_weights)
         guess, cov = mean_and_covariance(weights, self.particles)
         posterior = self.refiner.add(pair, guess)
         if posterior is None:
-            return False
-        if min(posterior.cross_ncc[-1], posterior.texture_ncc[-1]) < _MIN_NCC:
+            return None
+        if not posterior.clear[-1]:
             self.refiner.drop_last()
-            return False
-        self.posterior = posterior
+        if not posterior.seen[-1]:
+            return None
         self.particles = _transport(self.particles, (guess, cov), posterior.at(-1), self.rng)
-        return True
+        return posterior
 
     def _update_reference(self, pair: StereoPair) -> None:
         """Blend the features at the estimated state into the reference (eq. 14)."""
@@ -210,6 +221,11 @@ class ConstrainedTracker:
 
     def _mean(self) -> Array:
         return normalise_log_weights(self.log_weights) @ self.particles
+
+    def _is_lost(self, now_ns: int) -> bool:
+        whole_ns = self.stamps_ns[-1] if self.stamps_ns else self.first_ns
+        return (now_ns - self.seen_ns) * 1e-9 > _LOST_AFTER_S \
+            or (now_ns - whole_ns) * 1e-9 > _HIDDEN_FOR_S
 
     def _out_of_view(self) -> bool:
         mean = self._mean()

@@ -9,11 +9,15 @@ What the looks of a pass say of its poses: least squares on their grey values.
 
 Noise is what the residuals show; below it lies a floor of systematic error (interpolation, relief,
 light) that no number of samples averages away, so that a look is never believed beyond it.
+
+A front that is hidden in part, by a pole or another vehicle, still looks much like itself, but
+what hides it moves otherwise and would drag it along: such a look agrees worse than the best do, and
+counts for nothing.
 """
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Sequence
+from typing import Optional, Sequence
 
 import numpy as np
 
@@ -24,7 +28,10 @@ from ..records import Array
 _INDEPENDENT = 0.35  # share of independent samples after the low-pass of a look
 _MATCH_FLOOR_PX = 0.0125  # systematic matching error of one look between the views
 _TEXTURE_FLOOR_PX = 0.025  # systematic error of one look against the texture: relief, light
-_MIN_TEXTURE_NCC = 0.5  # looks that agree less with the texture are occluded: not used
+_MIN_NCC = 0.5  # left-right and texture agreement below this is not the vehicle
+_HIDDEN_LACK = 0.08  # of agreement, beyond
+_NOISE_LACKS = 3.0  # times that of the best looks, which is noise, is of looks hidden in part
+_BEST = 0.1  # share of them
 _LEAST_VARIANCE = 1e-4
 
 
@@ -44,6 +51,20 @@ class Photometry:
     cross_ncc: Array
     texture_ncc: Array
 
+    def seen(self) -> Array:
+        """Tell which looks (n,) show the vehicle at all."""
+        return np.minimum(self.cross_ncc, self.texture_ncc) >= _MIN_NCC
+
+    def clear(self) -> Array:
+        """Tell which looks (n,) agree about as well as the best do: nothing hides the front."""
+        return self.seen() & _whole(self.cross_ncc) & _whole(self.texture_ncc)
+
+
+def _whole(ncc: Array) -> Array:
+    """Tell which looks (n,) lack little more agreement than noise makes the best ones lack."""
+    lack = 1 - ncc
+    return np.asarray(lack <= _HIDDEN_LACK + _NOISE_LACKS * np.quantile(lack, _BEST))
+
 
 class PassPhotometry:
     """
@@ -56,20 +77,25 @@ class PassPhotometry:
         self.basis = np.ascontiguousarray(basis.T)
         self._cross: dict[int, tuple[Look, Array, Array]] = {}
 
-    def __call__(self, looks: Sequence[Look]) -> Photometry:
-        """Write down the cross and the temporal terms of all looks."""
+    def __call__(self, looks: Sequence[Look], counts: Optional[Array] = None) -> Photometry:
+        """
+        Write down the cross and the temporal terms of the looks.
+
+        :param counts: (n,) whether each look does, one at least; None for all.
+        """
         n, m = len(looks), len(self.basis)
+        counts = np.ones(n, dtype=bool) if counts is None else counts
         H, g = np.zeros((3 * n + m, 3 * n + m)), np.zeros(3 * n + m)
         # The cross term of a look is its own; it is made once and kept while the look is.
         self._cross = {id(look): self._cross.get(id(look)) or (
             look, *_cross_term(look, self.basis)) for look in looks}
-        for k, look in enumerate(looks):
-            _, dH, dg = self._cross[id(look)]
+        for k in np.flatnonzero(counts):
+            _, dH, dg = self._cross[id(looks[k])]
             at = np.r_[3 * k:3 * k + 3, 3 * n:3 * n + m]
             H[np.ix_(at, at)] += dH
             g[at] += dg
         patches = np.stack([look.patches for look in looks])  # (n, 2, G)
-        texture = _add_temporal_terms(looks, patches, self.basis, H, g)
+        texture = _add_temporal_terms(looks, counts, patches, self.basis, H, g)
         cross = np.einsum('ng,ng->n', patches[:, 0], patches[:, 1]) / patches.shape[2]
         at = np.concatenate([look.pose for look in looks] + [np.zeros(m)])
         return Photometry(H, g + H @ at, cross, texture)
@@ -94,11 +120,11 @@ def _cross_term(look: Look, basis: Array) -> tuple[Array, Array]:
     return weight * both @ both.T, -weight * both @ flat
 
 
-def _add_temporal_terms(looks: Sequence[Look], patches: Array, basis: Array, H: Array,
-                        g: Array) -> Array:
+def _add_temporal_terms(looks: Sequence[Look], counts: Array, patches: Array, basis: Array,
+                        H: Array, g: Array) -> Array:
     """Add the agreement with the texture to H and g; the NCC of each look with it."""
     n, m = len(looks), len(basis)
-    pixels = np.array([look.pixels for look in looks])
+    pixels = np.where(counts, [look.pixels for look in looks], 0.0)
     both = patches.mean(axis=1)
     mean = pixels @ both / pixels.sum()
     ncc = correlation(both, mean)
@@ -106,7 +132,7 @@ def _add_temporal_terms(looks: Sequence[Look], patches: Array, basis: Array, H: 
         return ncc
     J = np.stack([look.jacobian for look in looks])  # (n, 2, 3, G)
     D = np.stack([look.relief_jacobian for look in looks])  # (n, 2, G)
-    w = _temporal_weights(looks, patches - mean, J, ncc)
+    w = np.where(counts, _temporal_weights(looks, patches - mean, J, ncc), 0.0)
     total = 2 * w.sum()
     if total <= 0:
         return ncc
@@ -139,4 +165,4 @@ def _temporal_weights(looks: Sequence[Look], residual: Array, J: Array, ncc: Arr
     variance = np.maximum(np.square(residual).mean(axis=(1, 2)), _LEAST_VARIANCE)
     w = _INDEPENDENT * pixels / residual.shape[2] / variance
     per_px = w * np.square(J[:, :, 1]).sum(axis=(1, 2)) / np.maximum(shift_px ** 2, 1e-9)
-    return np.where(ncc < _MIN_TEXTURE_NCC, 0.0, w / (1 + _TEXTURE_FLOOR_PX ** 2 * per_px))
+    return np.where(ncc < _MIN_NCC, 0.0, w / (1 + _TEXTURE_FLOOR_PX ** 2 * per_px))

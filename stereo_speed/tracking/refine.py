@@ -69,7 +69,8 @@ class Posterior:
     :param heading_rad: (n,) headings against the path.
     :param stretch: (n,) metres that the front travels per metre of the path.
     :param cross_ncc: (n,) left-right NCC of each look.
-    :param texture_ncc: (n,) NCC of each look with the texture.
+    :param clear: (n,) whether the look shows the whole front: those hidden in part do not count.
+    :param seen: (n,) whether it shows the vehicle at all.
     """
 
     stamps_s: Array
@@ -79,7 +80,8 @@ class Posterior:
     heading_rad: Array
     stretch: Array
     cross_ncc: Array
-    texture_ncc: Array
+    clear: Array
+    seen: Array
 
     def at(self, k: int) -> tuple[Array, Array]:
         """Mean (4,) and covariance (4, 4) of pair ``k``."""
@@ -122,8 +124,9 @@ class PassRefiner:
         self.looks: list[Look] = []
         self.state = np.zeros((0, 4))
         self.resting: list[StereoPair] = []
+        self.hidden: frozenset[int] = frozenset()  # stamps of looks that do not count
         self.changing_lanes = 0.0  # probability that it does
-        self._before = ([], [], self.state, self.relief, [], 0.0)
+        self._before = ([], [], self.state, self.relief, [], self.hidden, 0.0)
 
     def add(self, pair: StereoPair, guess: Array) -> Posterior | None:
         """
@@ -133,7 +136,7 @@ class PassRefiner:
         :return: None when the front is not wholly seen at the guess.
         """
         self._before = (self.pairs.copy(), self.looks.copy(), self.state, self.relief,
-                        self.resting.copy(), self.changing_lanes)
+                        self.resting.copy(), self.hidden, self.changing_lanes)
         rate, heading = self._drift()
         look = self.sampler.look(pair, guess[:3], np.array([guess[3], rate, 0.0]), heading,
                                  self.relief)
@@ -149,6 +152,7 @@ class PassRefiner:
     def finish(self) -> Posterior:
         """Refine the whole pass, the resting pairs among it, for at most 8 iterations."""
         self._recall()
+        self._judge(self.photometry(self.looks, self._counts()))
         return self._refine(_FINAL)
 
     def exact_speeds(self) -> tuple[Array, Array]:
@@ -167,7 +171,7 @@ class PassRefiner:
 
     def drop_last(self) -> None:
         """Take the newest pair out again, and all it has moved: it was not the vehicle."""
-        (self.pairs, self.looks, self.state, self.relief, self.resting,
+        (self.pairs, self.looks, self.state, self.relief, self.resting, self.hidden,
          self.changing_lanes) = self._before
 
     def _rest(self) -> None:
@@ -207,7 +211,19 @@ class PassRefiner:
             moved_px = self._step(solution.mean, effort)
             if not moved_px or (done >= effort.iterations and moved_px < _FAR_PX):
                 break
+        self._judge(solution.photometry)
         return self._posterior(solution)
+
+    def _judge(self, photometry: Photometry) -> None:
+        """Decide which looks count from now on, if any would."""
+        clear = photometry.clear()
+        if clear.any():
+            self.hidden = frozenset(
+                pair.stamp_ns for pair, counts in zip(self.pairs, clear) if not counts)
+
+    def _counts(self) -> Array:
+        """Tell which looks (n,) count."""
+        return np.array([pair.stamp_ns not in self.hidden for pair in self.pairs])
 
     def _posterior(self, solution: _Solution) -> Posterior:
         """Put the solution in the order of the pairs."""
@@ -217,7 +233,7 @@ class PassRefiner:
         seen = solution.photometry
         return Posterior(
             self._times(), self.state.copy(), solution.covariance[np.ix_(order, order)], rates,
-            heading, stretch, seen.cross_ncc, seen.texture_ncc)
+            heading, stretch, seen.cross_ncc, seen.clear(), seen.seen())
 
     def _solve(self, models: list[MotionModel], motion: PassMotion) -> _Solution:
         """
@@ -227,7 +243,7 @@ class PassRefiner:
         the moments of the mixture, so that a steady pass is not made noisy for the sake of a
         braking one, nor a braking one biased.
         """
-        seen, times = self.photometry(self.looks), self._times()
+        seen, times = self.photometry(self.looks, self._counts()), self._times()
         answers = [condition(prior, seen.H, seen.right)
                    for prior in motion.equations(times, self.state, models)]
         weights = normalise_log_weights(np.array(

@@ -93,6 +93,44 @@ def test_hidden_pairs_coast_and_the_vehicle_is_found_again(circle, tmp_path):
     assert abs(result.speed_mps - float(circle.truth[0]['speed'])) < 0.13
 
 
+def behind_a_post(pair, update, share):
+    """Hide the left part of a front behind a striped post 1 m or so before it."""
+    images = []
+    for image, quad, shift in ((pair.left, update.quad_left_px, 0),
+                               (pair.right, update.quad_right_px, -3)):
+        low, high = quad.min(axis=0), quad.max(axis=0)
+        first = int(low[0]) - 6 + shift
+        last = int(low[0] + share * (high[0] - low[0])) + shift
+        rows = np.arange(image.shape[0])[:, None]
+        image = image.copy()
+        image[:, first:last] = 90 + 60 * (rows // 5 % 2)
+        images.append(image)
+    return replace(pair, left=images[0], right=images[1])
+
+
+def test_what_hides_a_part_of_the_front_does_not_drag_it_along(circle, driven, tmp_path):
+    whole = {u.stamp_ns: u for u in driven(circle)[0]}
+    pairs = [behind_a_post(p, whole[p.stamp_ns], 0.4) if p.index in (5, 6, 7, 8) else p
+             for p in circle.pairs]
+    updates, (result,) = drive(circle, tmp_path, pairs)
+    states = [u.state for u in updates]
+    assert [k for k, s in enumerate(states) if s is TrackState.COASTING] == [5, 6, 7, 8]
+    assert result.verdict is Verdict.MEASURED and result.pairs == len(pairs) - 4
+    assert abs(result.speed_mps - float(circle.truth[0]['speed'])) < 0.13
+    for update in updates[9:]:
+        assert np.linalg.norm(update.position_m - whole[update.stamp_ns].position_m) < 0.1
+
+
+def test_a_front_hidden_in_part_for_long_is_lost(straight, driven, tmp_path, monkeypatch):
+    monkeypatch.setattr(constrained, '_HIDDEN_FOR_S', 0.7)
+    whole = {u.stamp_ns: u for u in driven(straight)[0]}
+    pairs = [behind_a_post(p, whole[p.stamp_ns], 0.4) if p.index > 5 else p
+             for p in straight.pairs]
+    updates, (result,) = drive(straight, tmp_path, pairs)
+    assert result.end == 'lost' and len(updates) < len(pairs)
+    assert updates[-1].state is TrackState.COASTING
+
+
 def test_a_vehicle_lost_for_good_ends_its_track(circle, tmp_path):
     pairs = [blank(p) if p.index > 1 else p for p in circle.pairs]
     updates, (result,) = drive(circle, tmp_path, pairs)

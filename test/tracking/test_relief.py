@@ -16,7 +16,7 @@ from stereo_speed.sim import simulate, straight_config, VehicleConfig
 from stereo_speed.site import lane_paths, load_init, load_site
 from stereo_speed.tracking.front import plane_points
 from stereo_speed.tracking.looks import normalised_change
-from stereo_speed.tracking.photometry import PassPhotometry
+from stereo_speed.tracking.photometry import PassPhotometry, Photometry
 from stereo_speed.tracking.relief import NODES, relief_basis, STD_M as RELIEF_STD_M
 import yaml
 
@@ -88,6 +88,32 @@ def test_equations_do_not_depend_on_the_relief_they_were_linearised_at():
         answers.append(np.linalg.solve(seen.H + np.diag(known), seen.right))
     # Weights follow the residuals, which differ; the answer nearly does not.
     np.testing.assert_allclose(answers[0], answers[1], atol=0.02)
+
+
+def test_looks_that_do_not_count_say_nothing_to_the_others():
+    rng = np.random.default_rng(7)
+    basis = relief_basis(PartGrid(10, 8).unit_xy)
+    looks, _ = fake_looks(rng, 4, basis, np.zeros(basis.shape[1]), 0.1)
+    looks[1].patches = looks[1].patches + rng.normal(size=looks[1].patches.shape)
+    kept = [0, 2, 3]
+    alone = PassPhotometry(basis)([looks[k] for k in kept])
+    seen = PassPhotometry(basis)(looks, np.array([True, False, True, True]))
+    at = np.r_[np.add.outer([0, 6, 9], np.arange(3)).ravel(), np.arange(12, len(seen.right))]
+    np.testing.assert_allclose(seen.H[np.ix_(at, at)], alone.H, atol=1e-6 * np.abs(alone.H).max())
+    np.testing.assert_allclose(seen.right[at], alone.right, atol=1e-6 * np.abs(alone.right).max())
+    assert not seen.H[3:6].any() and not seen.right[3:6].any()
+    np.testing.assert_allclose(seen.cross_ncc[kept], alone.cross_ncc)
+
+
+def test_looks_hidden_in_part_are_told_from_noisy_ones():
+    """A lack of 0.08, and three times that of the best: 0.08 + 3 * 0.01 or 0.08 + 3 * 0.1."""
+    texture = np.full(5, 0.99)
+    for cross, clear in (((0.99, 0.98, 0.9, 0.87, 0.4), (1, 1, 1, 0, 0)),
+                         ((0.9, 0.9, 0.9, 0.65, 0.55), (1, 1, 1, 1, 0))):
+        seen = Photometry(np.zeros(0), np.zeros(0), np.array(cross), texture)
+        np.testing.assert_array_equal(seen.clear(), np.array(clear, bool))
+        swapped = Photometry(np.zeros(0), np.zeros(0), texture, np.array(cross))
+        np.testing.assert_array_equal(swapped.clear(), np.array(clear, bool))
 
 
 def test_a_front_with_relief_is_measured_as_well_as_a_flat_one(tmp_path):
