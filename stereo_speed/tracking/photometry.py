@@ -11,8 +11,8 @@ Noise is what the residuals show; below it lies a floor of systematic error (int
 light) that no number of samples averages away, so that a look is never believed beyond it.
 
 A front that is hidden in part, by a pole or another vehicle, still looks much like itself, but
-what hides it moves otherwise and would drag it along: such a look agrees worse than the best do, and
-counts for nothing.
+what hides it moves otherwise and would drag it along: such a look agrees worse than the best do,
+and counts for nothing.
 """
 from __future__ import annotations
 
