@@ -7,8 +7,12 @@ A joint RGB histogram of 16 bins a channel is compared with that of the marked b
 Bhattacharyya coefficient. Three departures can be switched on, each from work that the paper
 builds on: colours that the surroundings share count less (Comaniciu, Ramesh and Meer 2003, its
 [1]); the box is divided into parts (Perez et al. 2002, its [27]); and the reference is renewed
-slowly (Zhou, Chellappa and Moghaddam 2004, its [24]). A fourth, the contrast with the
-surroundings, is our own: a box that is too small has the target's colours about it.
+slowly (Zhou, Chellappa and Moghaddam 2004, its [24]). Two are our own: the contrast with the
+surroundings (a box that is too small has the target's colours about it), and that targets hide
+those behind them.
+
+A mark may be made before the background about it was ever seen, as in the first frame. Then the
+ground in it passes for the target, and the mark is read again as the background becomes known.
 """
 from __future__ import annotations
 
@@ -18,16 +22,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .background import Background
+from .boxes import envelope
 from .config import EnvironmentConfig
 from ..records import Array
 
 BINS = 16  # of each channel
+USUAL_SHARE = 0.05  # of a new look in what is usual
 _SHIFT = 4  # 256 levels to BINS
 _BACKGROUND = BINS ** 3  # a colour of its own
 _ALL = _BACKGROUND + 1
 _RING = (1.15, 1.3)  # sizes of the frames around the box that are its surroundings
 _RING_SAMPLES = 12  # along each side
 _MARK_SAMPLES = (40, 60)  # across and down the marked box
+_LOOKS = 2  # at the background in a mark before it is believed
+_MORE = 0.1  # of the mark's background that must have become known for it to be read again
 
 
 class Boxes(NamedTuple):
@@ -59,6 +67,28 @@ class Grid(NamedTuple):
     paired_y: Optional[Array] = None
 
 
+class Samples(NamedTuple):
+    """
+    Points of boxes, looked up.
+
+    :param bins: (N, M) numbers of their colour bins.
+    :param outside: (N, M) whether they are outside the image; None where none is.
+    :param covered: (N, M) whether a target is there that hides what is behind; None where none
+        is.
+    """
+
+    bins: NDArray[np.uint16]
+    outside: Optional[NDArray[np.bool_]]
+    covered: Optional[NDArray[np.bool_]]
+
+    @property
+    def unseen(self) -> Optional[NDArray[np.bool_]]:
+        """Tell which points are outside or covered; None where none is."""
+        if self.outside is None or self.covered is None:
+            return self.covered if self.outside is None else self.outside
+        return self.outside | self.covered
+
+
 class BinImage:
     """
     A frame whose pixels are numbers of colour bins; looked up by all targets.
@@ -76,24 +106,44 @@ class BinImage:
         self.height, self.width = image.shape[:2]
         self._bins = np.empty((self.height, self.width), dtype=np.uint16)
         self._made: list[tuple[int, int, int, int]] = []
+        self._cover: Optional[NDArray[np.bool_]] = None
 
-    def sample(self, boxes: Boxes, grid: Grid) -> tuple[NDArray[np.uint16],
-                                                        Optional[NDArray[np.bool_]]]:
+    def cover(self, box_px: Array) -> None:
         """
-        Look up points of boxes, nearest pixel.
+        Let what stands out in an upright box hide, from now on, what is behind it.
 
-        :return: (N, M) bins, and whether each point is in the image; None where all are.
+        :param box_px: (4,).
         """
+        if self._cover is None:
+            self._cover = np.zeros((self.height, self.width), dtype=bool)
+        left, top = np.maximum(np.rint(box_px[:2]), 0).astype(int)
+        right, bottom = np.maximum(np.rint(box_px[:2] + box_px[2:]), 0).astype(int)
+        self._cover[top:bottom, left:right] = True
+
+    def sample(self, boxes: Boxes, grid: Grid) -> Samples:
+        """Look up points of boxes, nearest pixel."""
         column, row = self._pixels(boxes, grid)
         left, right = int(column.min()), int(column.max())
         top, bottom = int(row.min()), int(row.max())
         if left >= 0 and top >= 0 and right < self.width and bottom < self.height:
             self._make(left, top, right + 1, bottom + 1)
-            return self._bins.ravel()[row * self.width + column], None
-        inside = (column >= 0) & (row >= 0) & (column < self.width) & (row < self.height)
+            return self._samples(column, row, None)
+        outside = (column < 0) | (row < 0) | (column >= self.width) | (row >= self.height)
         column, row = column.clip(0, self.width - 1), row.clip(0, self.height - 1)
         self._make(int(column.min()), int(row.min()), int(column.max()) + 1, int(row.max()) + 1)
-        return self._bins.ravel()[row * self.width + column], inside
+        return self._samples(column, row, outside)
+
+    def _samples(self, column: NDArray[np.int32], row: NDArray[np.int32],
+                 outside: Optional[NDArray[np.bool_]]) -> Samples:
+        """Look up pixels, whose bins are made."""
+        index = row * self.width + column
+        bins = self._bins.ravel()[index]
+        covered = None
+        if self._cover is not None:
+            covered = self._cover.ravel()[index]
+            # where the background is seen nothing is in front of it
+            covered = covered & (bins != _BACKGROUND) if covered.any() else None
+        return Samples(bins, outside, covered)
 
     def _pixels(self, boxes: Boxes, grid: Grid) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
         """Give the column and row (N, M) of each point of each box."""
@@ -162,6 +212,9 @@ class Appearance:
     :param config: its likelihood part.
     :param frame: the frame the target is marked in.
     :param mark: the marked box, one.
+
+    ``usual`` is the similarity that the target has as a rule, as told to :meth:`note`; 0 at
+    first: one just marked is not hidden.
     """
 
     def __init__(self, config: EnvironmentConfig, frame: BinImage, mark: Boxes) -> None:
@@ -172,9 +225,18 @@ class Appearance:
         self._of_part = (self.part[:, None] == np.arange(config.parts)).astype(np.float64)
         self._of_part /= self._of_part.sum(axis=0)
         self.ring = ring_points()
+        self.usual, self._noted = 0.0, 0
         self._surround = self._surroundings(frame, mark)
         self.reference = self._marked(frame, mark)
+        self._mark, self._known = mark, 0.0
+        # until all of its background is known
+        self._mark_image = None if frame.background is None else frame.image.copy()
         self._weigh()
+
+    @property
+    def unseen(self) -> float:
+        """Give the similarity that counts for what is not seen."""
+        return self.config.unseen_share * self.usual
 
     def log_likelihood(self, frame: BinImage, boxes: Boxes) -> tuple[Array, Array, Array]:
         """
@@ -182,28 +244,63 @@ class Appearance:
 
         :return: (N,) it; (N,) similarity, 0 to 1; (N,) share of the box in the image.
         """
-        alike, visible = self.compare(frame, boxes)
-        # what is outside the image looks like anything
-        alike = visible * alike + (1.0 - visible) * self.config.unseen_similarity
+        alike, seen, visible = self.compare(frame, boxes)
+        # what is outside the image, or behind others, looks like anything
+        alike = seen * alike + (1.0 - seen) * self.unseen
         log_likelihood = -self.config.lambda_b * (1.0 - alike)
         if self.config.contrast_weight > 0:
             log_likelihood -= self.config.contrast_weight * self.around(frame, boxes)
         return log_likelihood, alike, visible
 
-    def compare(self, frame: BinImage, boxes: Boxes) -> tuple[Array, Array]:
-        """Give each box's similarity to the reference, and the share of it in the image."""
-        found, visible = self._histograms(frame, boxes, self.grid, self.part)
+    def compare(self, frame: BinImage, boxes: Boxes) -> tuple[Array, Array, Array]:
+        """
+        Compare what is seen of each box with the reference.
+
+        Once colours have weights, a box with more of the weighty ones than the mark would be
+        more than alike; it counts as alike.
+
+        :return: (N,) similarity, 0 to 1; (N,) share of the box that is seen: in the image, and
+            not behind others; (N,) share in the image.
+        """
+        found, seen, visible = self._histograms(frame, boxes, self.grid, self.part)
         alike = np.einsum('npb,pb->np', np.sqrt(found), self._root) / self._self
-        if visible.ndim == 1:
-            return alike.mean(axis=1), visible
+        alike = np.minimum(alike, 1.0)
+        if seen is None:
+            return alike.mean(axis=1), visible, visible
         # parts count as far as they are seen
-        share = visible.mean(axis=1)
-        return np.sum(alike * visible, axis=1) / np.maximum(visible.sum(axis=1), 1e-9), share
+        share = seen.mean(axis=1)
+        return np.sum(alike * seen, axis=1) / np.maximum(seen.sum(axis=1), 1e-9), share, visible
 
     def around(self, frame: BinImage, boxes: Boxes) -> Array:
-        """Give the similarity (N,) of each box's surroundings to the reference."""
+        """Give the similarity (N,) of what is seen around each box to the reference."""
         found = self._histograms(frame, boxes, self.ring, None)[0]
-        return np.asarray(np.sqrt(found[:, 0]) @ self._root_whole / self._self_whole)
+        alike = np.sqrt(found[:, 0]) @ self._root_whole / self._self_whole
+        return np.asarray(np.minimum(alike, 1.0))
+
+    def note(self, alike: float) -> None:
+        """Take a similarity of the target into what is usual: a mean, later a running one."""
+        self._noted += 1
+        self.usual += max(1.0 / self._noted, USUAL_SHARE) * (alike - self.usual)
+
+    def review(self, background: Background, now_px: Array) -> None:
+        """
+        Read the mark again when more of the background in it has become known.
+
+        :param now_px: (4,) where the target is now: what is learnt there is not believed.
+        """
+        if self._mark_image is None:
+            return
+        mark = self._mark
+        upright = np.concatenate([mark.centre_px[0] - mark.size_px[0] / 2, mark.size_px[0]])
+        angle = 0.0 if mark.angle_rad is None else float(mark.angle_rad[0])
+        known = background.known(envelope(upright, angle), now_px, _LOOKS)
+        if known >= self._known + _MORE or known == 1.0:
+            self._known = known
+            self.reference = self._marked(BinImage(self._mark_image, background), mark)
+            self._noted = 0  # what was usual was so with the other reference
+            self._weigh()
+        if known == 1.0:
+            self._mark_image = None
 
     def renew(self, frame: BinImage, box: Boxes) -> None:
         """Blend the reference with what the target looks like now, by ``adaptation``."""
@@ -214,10 +311,10 @@ class Appearance:
 
     def _marked(self, frame: BinImage, mark: Boxes) -> Array:
         """Give the histogram (parts, bins) of one box, finely sampled."""
-        bins, inside = frame.sample(mark, grid_points(*_MARK_SAMPLES))
-        index = _parts(self.config.parts, *_MARK_SAMPLES) * _ALL + bins[0]
-        if inside is not None:
-            index = index[inside[0]]
+        look = frame.sample(mark, grid_points(*_MARK_SAMPLES))
+        index = _parts(self.config.parts, *_MARK_SAMPLES) * _ALL + look.bins[0]
+        if look.unseen is not None:
+            index = index[~look.unseen[0]]
         counts = np.bincount(index, minlength=self.config.parts * _ALL)
         counts = counts.reshape(self.config.parts, _ALL).astype(np.float64)
         # a part that is wholly outside the image looks like the rest
@@ -227,8 +324,8 @@ class Appearance:
 
     def _surroundings(self, frame: BinImage, mark: Boxes) -> Array:
         """Give the histogram (bins,) of what is around the marked box."""
-        bins, inside = BinImage(frame.image).sample(mark, self.ring)
-        seen = bins if inside is None else bins[inside]
+        look = BinImage(frame.image).sample(mark, self.ring)
+        seen = look.bins if look.outside is None else look.bins[~look.outside]
         counts = np.bincount(seen.ravel(), minlength=_ALL).astype(np.float64)
         share = counts / max(counts.sum(), 1.0)
         share[_BACKGROUND] = 1.0
@@ -252,25 +349,28 @@ class Appearance:
         self._self_whole = float(whole[kept] @ weight)
 
     def _histograms(self, frame: BinImage, boxes: Boxes, grid: Grid,
-                    part: Optional[NDArray[np.intp]]) -> tuple[Array, Array]:
+                    part: Optional[NDArray[np.intp]]) -> tuple[Array, Optional[Array], Array]:
         """
-        Give histograms over the reference's bins, and the share of each box in the image.
+        Give histograms of what is seen, over the reference's bins.
 
-        :return: (N, parts, kept bins + 1) and (N,).
+        :return: (N, parts, kept bins + 1) them; (N, parts) share of each that is seen, None
+            where all is; (N,) share of the points in the image.
         """
-        bins, inside = frame.sample(boxes, grid)
+        look = frame.sample(boxes, grid)
+        bins, unseen = look.bins, look.unseen
         parts = 1 if part is None else self.config.parts
         found = self._kept[bins]
-        visible = np.ones(len(bins))
-        if inside is not None:
-            visible = inside @ self._of_part if part is not None \
-                else inside.mean(axis=1, keepdims=True)
-            found[~inside] = self._count - 1
+        visible = np.ones(len(bins)) if look.outside is None else 1.0 - look.outside.mean(axis=1)
+        seen = None
+        if unseen is not None:
+            seen = ~unseen @ self._of_part if part is not None \
+                else 1.0 - unseen.mean(axis=1, keepdims=True)
+            found[unseen] = self._count - 1
         first = np.arange(len(bins), dtype=np.int32)[:, None] * (parts * self._count)
         index = found + first if part is None else found + (first + part * self._count)
         counts = np.bincount(index.ravel(), minlength=len(bins) * parts * self._count)
         counts = counts.reshape(len(bins), parts, self._count)[..., :-1]
-        return counts / np.maximum(counts.sum(axis=-1, keepdims=True), 1), visible
+        return counts / np.maximum(counts.sum(axis=-1, keepdims=True), 1), seen, visible
 
 
 def _parts(count: int, across: int, down: int) -> NDArray[np.intp]:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .boxes import TargetEstimate
+from ..records import Array
 
 _STEP = 2  # pixels of the image to one of the background, each way
 _BANDS = 4  # every fourth row is learnt in a frame,
@@ -62,6 +63,24 @@ class Background:
         large = np.repeat(np.repeat(mask, _STEP, axis=0), _STEP, axis=1)
         y, x = top - _STEP * rows.start, left - _STEP * columns.start
         return np.asarray(large[y:y + bottom - top, x:x + right - left].view(np.bool_))
+
+    def known(self, box_px: Array, but_px: Array, looks: int) -> float:
+        """
+        Tell the share of a box whose background was seen without a target.
+
+        :param box_px: (4,).
+        :param but_px: (4,) a box in which nothing counts.
+        :param looks: least number of looks at a place.
+        :return: 0 to 1; 1 for a box outside the image.
+        """
+        x, y, w, h = box_px / _STEP
+        rows, columns = _span(y, h, 0.0), _span(x, w, 0.0)
+        known = self.seen[rows, columns] >= looks
+        x, y, w, h = but_px / _STEP
+        hidden, across = _span(y, h, _MARGIN), _span(x, w, _MARGIN)
+        known[max(hidden.start - rows.start, 0):max(hidden.stop - rows.start, 0),
+              max(across.start - columns.start, 0):max(across.stop - columns.start, 0)] = False
+        return float(known.mean()) if known.size else 1.0
 
     def learn(self, image: NDArray[np.uint8], targets: Iterable[TargetEstimate]) -> None:
         """Average a frame in, but for the boxes of the targets."""

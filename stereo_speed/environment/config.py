@@ -48,6 +48,11 @@ class EnvironmentConfig:
         'frame; with position_noise it makes sigma_m and sigma_n of eq. 19')
     position_noise: float = parameter(
         0.01, 0.0, 1.0, '', 'scatter of the position, per axis and square root of a frame')
+    stop_chance: float = parameter(
+        0.03, 0.0, 1.0, '1/frame', 'chance that a target stops; 0 as in the paper')
+    start_chance: float = parameter(
+        0.03, 0.0, 1.0, '1/frame', 'chance that one that stands sets off, with a velocity as at '
+        'the mark; 0 as in the paper')
     angle_noise_deg: float = parameter(
         2.0, 0.0, 90.0, 'deg', 'sigma_theta of eq. 19, per square root of a frame')
     size_noise: float = parameter(
@@ -77,10 +82,11 @@ class EnvironmentConfig:
         0.06, 0.0, 1.0, '', 'spread of the logarithm of the height about it')
     spread_frames: float = parameter(10.0, 1.0, 1e4, 'frames', 'time in which they wander')
 
-    exclusion_weight: float = parameter(
-        0.0, 0.0, 1e4, '', "weight of the overlap with other targets' boxes")
-    unseen_similarity: float = parameter(
-        0.3, 0.0, 1.0, '', 'similarity that an unseen target would have: no box counts less')
+    covering: int = parameter(
+        1, 0, 1, '', 'whether upright targets hide those behind them; 0 as in the paper')
+    unseen_share: float = parameter(
+        0.4, 0.0, 1.0, '', 'similarity that counts for what is not seen, as a share of the '
+        'usual: no box counts less')
     hidden_evidence: float = parameter(
         0.4, 0.0, 1.0, '', 'a target is hidden when its box stands out from its surroundings by '
         'less than this share of what is usual')
@@ -97,4 +103,4 @@ class EnvironmentConfig:
 # What the paper's likelihood is, eq. 23-24: one histogram of the box, kept as marked.
 PAPER_LIKELIHOOD: Mapping[str, Any] = {
     'surround_weight': 0.0, 'contrast_weight': 0.0, 'parts': 1, 'adaptation': 0.0,
-    'background_contrast': 0.0}
+    'background_contrast': 0.0, 'covering': 0}

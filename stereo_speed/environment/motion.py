@@ -11,6 +11,7 @@ from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .boxes import Target
 from .config import EnvironmentConfig
@@ -22,6 +23,7 @@ from .prior import accept_reject, Index, log_acceptance
 from ..records import Array
 
 _SMALLEST_PX = 3.0  # side of a box
+_STANDING = 0.3  # of the first speeds' spread; a target this slow stands
 _LEAST_CERTAINTY = 0.2  # of the contour; bounds the width of the prior on ridges
 
 
@@ -59,8 +61,8 @@ class PlainMotion:
              rng: np.random.Generator) -> tuple[Particles, Array]:
         """Draw the next states; see :class:`MotionModel`."""
         c, count, root = self.config, len(particles), np.sqrt(frames)
-        velocity, point = scattered(particles, particles.velocity_px, frames, c, rng,
-                                    np.arange(count))
+        velocity, _ = stop_and_start(particles, frames, c, rng)
+        velocity, point = scattered(particles, velocity, frames, c, rng, np.arange(count))
         rate = particles.size_rate + c.size_rate_noise * root * rng.standard_normal((count, 2))
         log_size = rate * frames + c.size_noise * root * rng.standard_normal((count, 2))
         spin, angle = particles.spin_rad, particles.angle_rad
@@ -99,6 +101,10 @@ class EnvironmentMotion:
              rng: np.random.Generator) -> tuple[Particles, Array]:
         """Draw the next states; see :class:`MotionModel`."""
         f, c = self.field, self.config
+        velocity, new = stop_and_start(particles, frames, c, rng)
+        rate = np.where(new, self._rate(particles.point_px + velocity, velocity, 1.0),
+                        particles.distance_rate_px)
+        particles = replace(particles, velocity_px=velocity, distance_rate_px=rate)
         velocity = contour_velocity(f, particles.point_px, particles.velocity_px,
                                     particles.distance_rate_px, frames)
         level, gradient = f.look(particles.point_px)
@@ -148,6 +154,25 @@ class EnvironmentMotion:
         """Give the rate (N,) of the distance over the way just gone, without its scatter."""
         before = self.field.level(point - velocity * frames)
         return np.asarray((self.field.level(point) - before) / frames)
+
+
+def stop_and_start(particles: Particles, frames: float, config: EnvironmentConfig,
+                   rng: np.random.Generator) -> tuple[Array, NDArray[np.bool_]]:
+    """
+    Let some of the targets that move stop, and some of those that stand set off anew.
+
+    The noise of eq. 19 has no room for either; a new velocity is drawn as that of a mark.
+
+    :return: (N, 2) velocities, px per frame; (N,) which are new.
+    """
+    count, scale = len(particles), particles.scale_px
+    speed = np.hypot(particles.velocity_px[:, 0], particles.velocity_px[:, 1])
+    stands = speed < _STANDING * config.start_speed * scale
+    chance = np.where(stands, config.start_chance, config.stop_chance)
+    new = rng.random(count) < 1.0 - (1.0 - chance) ** frames
+    fresh = config.start_speed * scale[:, None] * rng.standard_normal((count, 2))
+    return np.where(new[:, None], np.where(stands[:, None], fresh, 0.0),
+                    particles.velocity_px), new
 
 
 def scattered(particles: Particles, velocity_px: Array, frames: float,

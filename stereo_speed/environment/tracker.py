@@ -6,6 +6,9 @@ The monocular tracker: frames in, the targets' boxes out (2010, Section IV).
 A bootstrap filter per target (eq. 11-14): resample, move, weigh, average. A target that does not
 look like itself any more is hidden; its particles go on as they moved. One that stays hidden is
 lost, one that leaves the image has left: it ends and is never taken up again.
+
+Targets are looked for from the nearest to the farthest, as their feet tell, and each hides what is
+behind it. So two of them do not take the same pixels for themselves.
 """
 from __future__ import annotations
 
@@ -14,9 +17,9 @@ from typing import Optional, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from .appearance import Appearance, BinImage, Boxes
+from .appearance import Appearance, BinImage, Boxes, USUAL_SHARE
 from .background import Background
-from .boxes import overlap, Target, TargetEnd, TargetEstimate, TargetState
+from .boxes import envelope, Target, TargetEnd, TargetEstimate, TargetState
 from .config import EnvironmentConfig
 from .distance import DistanceField
 from .motion import EnvironmentMotion, MotionModel, PlainMotion
@@ -27,7 +30,6 @@ from ..filtering.weights import normalise_log_weights
 from ..records import Array
 
 TRACKERS = ('environment', 'plain')
-_USUAL_SHARE = 0.05  # of a new look in the usual evidence
 
 
 class TargetFilter:
@@ -59,13 +61,11 @@ class TargetFilter:
         self._hidden_since = target.frame
         self.estimate = self._estimate(target.frame, target.box_px, target.angle_rad, 1.0)
 
-    def step(self, number: int, frame: BinImage,
-             others: Sequence[TargetEstimate] = ()) -> Optional[TargetEstimate]:
+    def step(self, number: int, frame: BinImage) -> Optional[TargetEstimate]:
         """
         Follow the target into a frame.
 
         :param number: of the frame; only its distance from the last one counts.
-        :param others: estimates of the other targets, to keep away from.
         :return: where it is; None when it has ended, see ``state``.
         """
         frames = float(number - self.last_frame)
@@ -74,12 +74,10 @@ class TargetFilter:
         boxes = self._boxes(moved)
         log_likelihood, alike, visible = self.appearance.log_likelihood(frame, boxes)
         # a target that is not seen looks like anything: no box is less likely than that
-        unseen = -self.config.lambda_b * (1.0 - self.config.unseen_similarity)
+        unseen = -self.config.lambda_b * (1.0 - self.appearance.unseen)
         log_likelihood = np.where(visible >= self.config.least_visible,
                                   np.maximum(log_likelihood, unseen), unseen)
         log_weights = log_weights + log_likelihood
-        if self.config.exclusion_weight > 0 and others:
-            log_weights = log_weights - self.config.exclusion_weight * _trespass(boxes, others)
         self.particles, self.weights = moved, normalise_log_weights(log_weights)
         box, angle = mean_box(moved, self.weights, self.upright)
         one = _one(box, angle, self.upright)
@@ -89,9 +87,17 @@ class TargetFilter:
             return None
         if self.state is TargetState.TRACKED:
             self.appearance.renew(frame, one)
+        if frame.background is not None:
+            self.appearance.review(frame.background, envelope(box, angle))
         self.last_frame, self.frames = number, self.frames + 1
         self.estimate = self._estimate(number, box, angle, float(self.weights @ alike))
         return self.estimate
+
+    def expected_px(self, number: int) -> Array:
+        """Give the box (4,) in which it is in a frame if it goes on as it was seen to, px."""
+        box = self.estimate.box_px.copy()
+        box[:2] += self.estimate.velocity_px * (number - self.last_frame)
+        return box
 
     def end(self) -> TargetEnd:
         """Tell how the target ended."""
@@ -110,15 +116,17 @@ class TargetFilter:
         :param outside: weight of the particles outside the image.
         """
         c = self.config
-        alike, visible = self.appearance.compare(frame, box)
+        alike, seen, visible = self.appearance.compare(frame, box)
         evidence = float(alike[0] - self.appearance.around(frame, box)[0])
         usual = evidence if self._usual is None else self._usual
         if outside > 0.5 or visible[0] < c.least_visible:
             self.state = TargetState.LEFT_VIEW
-        elif evidence > 0 and evidence >= c.hidden_evidence * usual:
+        elif seen[0] >= c.least_visible and evidence > 0 \
+                and evidence >= c.hidden_evidence * usual:
             self.state = TargetState.TRACKED
             self._hidden_since = number
-            self._usual = usual + _USUAL_SHARE * (evidence - usual)
+            self._usual = usual + USUAL_SHARE * (evidence - usual)
+            self.appearance.note(float(alike[0]))
         elif number - self._hidden_since <= c.hidden_frames:
             self.state = TargetState.HIDDEN
         else:
@@ -187,20 +195,48 @@ class MonocularTracker:
             return []
         frame = BinImage(image, self.background)
         found = []
-        for target in due:
+        for target, cover_px in self._ordered(due, number):
+            if cover_px is not None:
+                frame.cover(cover_px)
+                continue
             known = self.filters.get(target.id)
             if known is None:
                 known = self.filters[target.id] = self._start(target, frame)
-                found.append(known.estimate)
-                continue
-            others = [f.estimate for i, f in self.filters.items() if i != target.id]
-            estimate = known.step(number, frame, others)
-            if estimate is None:
+            elif known.step(number, frame) is None:
                 self._ended.append(self.filters.pop(target.id).end())
-            else:
-                found.append(estimate)
+                continue
+            found.append(known.estimate)
+            if self._covers(known):
+                frame.cover(known.estimate.box_px)
         self._learn(image)
         return found
+
+    def _ordered(self, due: Sequence[Target],
+                 number: int) -> list[tuple[Target, Optional[Array]]]:
+        """
+        Order the targets: the nearest first, and those that are seen before those that are not.
+
+        :return: the targets due, and those that hide others though they are not due: these with
+            the box (4,) in which they are expected, px; the others with None.
+        """
+        rows = []
+        for target in due:
+            known = self.filters.get(target.id)
+            box = target.box_px if known is None else known.estimate.box_px
+            seen = known is None or known.state is TargetState.TRACKED
+            rows.append((not seen, -(box[1] + box[3]), target, None))
+        waiting = {t.id for t in due}
+        for i, known in self.filters.items():
+            if i not in waiting and self._covers(known):
+                box = known.expected_px(number)
+                rows.append((False, -(box[1] + box[3]), known.target, box))
+        rows.sort(key=lambda row: row[:2])
+        return [(target, box) for _, _, target, box in rows]
+
+    def _covers(self, known: TargetFilter) -> bool:
+        """Tell whether a target hides those behind it."""
+        return bool(self.config.covering) and known.upright \
+            and known.state is TargetState.TRACKED
 
     def _learn(self, image: NDArray[np.uint8]) -> None:
         """Learn the background, but for where the targets are or will be marked."""
@@ -240,10 +276,3 @@ def _one(box_px: Array, angle_rad: float, upright: bool) -> Boxes:
     """Give one box to look at."""
     return Boxes(box_px[None, :2] + box_px[None, 2:] / 2, box_px[None, 2:],
                  None if upright else np.array([angle_rad]))
-
-
-def _trespass(boxes: Boxes, others: Sequence[TargetEstimate]) -> Array:
-    """Give the largest overlap (N,) of boxes with those of other targets."""
-    mine = np.concatenate([boxes.centre_px - boxes.size_px / 2, boxes.size_px], axis=-1)
-    theirs = np.array([o.envelope_px for o in others])
-    return np.asarray(overlap(mine[:, None], theirs[None]).max(axis=1))
