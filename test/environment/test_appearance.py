@@ -10,6 +10,7 @@ import pytest
 
 from stereo_speed.environment.appearance import (
     Appearance, BinImage, Boxes, grid_points, ring_points, similarity)
+from stereo_speed.environment.background import Background
 from stereo_speed.environment.boxes import corners
 from stereo_speed.environment.config import EnvironmentConfig, PAPER_LIKELIHOOD
 
@@ -131,8 +132,9 @@ def test_what_is_outside_the_image_is_left_out():
     frame = BinImage(image)
     target = Appearance(replace(PAPER, samples_across=10, samples_down=10), frame,
                         boxes((70, 50, 40, 30)))
-    alike, visible = target.compare(frame, found)
+    alike, seen, visible = target.compare(frame, found)
     np.testing.assert_allclose(visible, [0.5, 0.25, 0])
+    np.testing.assert_allclose(seen, visible)
     np.testing.assert_allclose(alike, [1, 1, 0])
     # a mark partly outside looks like what is seen of it
     np.testing.assert_allclose(
@@ -202,3 +204,100 @@ def test_reference_is_renewed_by_its_share(share):
     target.renew(BinImage(image), now)
     assert target.compare(BinImage(image), now)[0] == pytest.approx(np.sqrt(share))
     assert target.compare(BinImage(image), mark)[0] == pytest.approx(np.sqrt(1 - share))
+
+
+def test_what_another_target_hides_is_left_out():
+    """The left half is covered: what is seen is all A, and the rest counts as unseen."""
+    image = flat(A)
+    image[:, :60] = B
+    mark, half = boxes((100, 50, 20, 30)), boxes((59.5, 50, 20, 30))
+    target = Appearance(replace(PAPER, samples_across=10, unseen_share=0.4), BinImage(image), mark)
+    target.note(0.9)
+    frame = BinImage(image)
+    assert target.compare(frame, half)[0] == pytest.approx(np.sqrt(0.5))
+    frame.cover(np.array([40.0, 20, 20, 60]))  # columns 40 to 59
+    alike, seen, visible = target.compare(frame, half)
+    assert (alike, seen, visible) == (pytest.approx(1), pytest.approx(0.5), 1)
+    log_likelihood, alike, _ = target.log_likelihood(frame, half)
+    assert alike == pytest.approx(0.5 + 0.5 * 0.4 * 0.9)
+    assert log_likelihood == pytest.approx(-20 * (1 - alike))
+    # who stands elsewhere is seen as before, who stands there is not seen at all
+    np.testing.assert_allclose(target.compare(frame, mark), np.ones((3, 1)))
+    np.testing.assert_allclose(target.compare(frame, boxes((50, 50, 10, 30))), [[0], [0], [1]])
+
+
+def test_background_is_not_hidden():
+    """Where the ground is seen, the one in front is not there."""
+    background = Background(140, 100, 25, 100)
+    background.learn(flat(C), [])
+    image = flat(C)
+    image[:, :60] = B
+    frame = BinImage(image, background)
+    target = Appearance(PAPER, frame, boxes((30, 50, 20, 30)))
+    frame.cover(np.array([0.0, 0, 140, 100]))
+    seen = target.compare(frame, boxes((30, 50, 20, 30), (100, 50, 20, 30)))[1]
+    np.testing.assert_allclose(seen, [0, 1])
+
+
+def test_nothing_is_more_than_alike():
+    """A box full of the weighty colour, which the mark has in half of it, and any other box."""
+    image = flat(B)
+    image[20:80, 40:60] = A
+    image[20:80, 90:130] = A
+    mark = boxes((39.5, 49.5, 40, 40))
+    target = Appearance(replace(PAPER, surround_weight=4.0), BinImage(image), mark)
+    assert target.compare(BinImage(image), boxes((110, 50, 30, 30)))[0] == 1
+    rng = np.random.default_rng(4)
+    spread = np.array([70, 50, 30, 30]) + rng.normal(0, 1, (300, 4)) * [30, 20, 5, 5]
+    for parts in (1, 3):
+        target = Appearance(replace(PAPER, surround_weight=4.0, parts=parts), BinImage(image),
+                            mark)
+        for alike in (target.compare(BinImage(image), boxes(*spread))[0],
+                      target.around(BinImage(image), boxes(*spread))):
+            assert alike.min() >= 0 and 0.99 < alike.max() <= 1
+
+
+def test_usual_similarity_is_a_mean_then_a_running_one():
+    target = Appearance(PAPER, BinImage(flat(A)), boxes((70, 50, 40, 30)))
+    assert target.usual == target.unseen == 0  # just marked: it is not hidden
+    looks = np.random.default_rng(5).uniform(0.3, 0.9, 20)
+    for alike in looks:
+        target.note(alike)
+    assert target.usual == pytest.approx(looks.mean())
+    assert target.unseen == pytest.approx(PAPER.unseen_share * looks.mean())
+    target.note(1.0)
+    assert target.usual == pytest.approx(0.95 * looks.mean() + 0.05)
+
+
+@pytest.mark.parametrize('now, share', [((110, 40, 20, 30), 0.5), ((38, 28, 44, 44), 0.0)])
+def test_mark_is_read_again_once_its_background_is_known(now, share):
+    """The left half of the mark is ground; it is known when the target has gone from there."""
+    background, config = Background(140, 100, 25, 100), replace(PAPER, background_contrast=25.0)
+    ground, there = flat(C), flat(C)
+    there[30:80, 60:80] = A
+    mark = boxes((59.5, 49.5, 40, 40))
+    target = Appearance(config, BinImage(there, background), mark)
+    assert target.reference[0, 4096] == 0  # nothing is known: the ground passes for the target
+    for looks, wanted in ((1, 0.0), (8, share)):
+        for _ in range(looks):
+            background.learn(ground, [])
+        target.review(background, np.array(now, dtype=float))
+        assert target.reference[0, 4096] == pytest.approx(wanted, abs=0.06)
+        assert target.reference.sum() == pytest.approx(1)
+
+
+def test_reviewed_mark_is_that_of_a_known_background():
+    """Oracle: the same mark, made when the background was known already."""
+    rng = np.random.default_rng(6)
+    ground = rng.integers(60, 80, (100, 140, 3), dtype=np.uint8)
+    there = ground.copy()
+    there[30:80, 60:80] = A
+    mark, config = boxes((65, 55, 40, 40)), replace(PAPER, background_contrast=25.0, parts=3)
+    background = Background(140, 100, 25, 100)
+    early = Appearance(config, BinImage(there, background), mark)
+    for _ in range(12):
+        background.learn(ground, [])
+    late = Appearance(config, BinImage(there, background), mark)
+    assert np.abs(early.reference - late.reference).sum() > 0.5
+    early.review(background, np.array([0.0, 0, 10, 10]))
+    np.testing.assert_allclose(early.reference, late.reference)

@@ -92,3 +92,16 @@ def test_background_has_a_colour_of_its_own():
     # 90 is in the bin 5 of its channel, 200 in 12
     assert set(plain.tolist()) == {0x555, 0x5c5} and set(bins.tolist()) == {4096, 0x5c5}
     assert np.mean(bins == 4096) > np.mean(plain == 0x555)  # corners are rounded
+
+
+@pytest.mark.parametrize('box, but, wanted', [
+    ((0, 0, 8, 8), (30, 10, 4, 4), 1.0), ((16, 0, 8, 8), (30, 10, 4, 4), 0.5),
+    ((20, 0, 8, 8), (30, 10, 4, 4), 0.0), ((0, 0, 8, 8), (0, 0, 7, 3), 0.5),
+    ((0, 0, 8, 8), (-9, -9, 60, 60), 0.0), ((50, 0, 8, 8), (0, 0, 8, 8), 1.0)])
+def test_known_share_of_a_box(box, but, wanted):
+    """Seen twice up to column 19: a target stood from 22 on, with its margin of a tenth."""
+    background = Background(WIDTH, HEIGHT, 25, 100)
+    for _ in range(5):
+        background.learn(flat(90), [target(22, -10, 20, 60)])
+    share = background.known(np.array(box, dtype=float), np.array(but, dtype=float), 2)
+    assert share == pytest.approx(wanted)

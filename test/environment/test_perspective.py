@@ -19,7 +19,8 @@ from stereo_speed.environment.perspective import (
 
 STILL = EnvironmentConfig(
     velocity_noise=0.0, position_noise=0.0, angle_noise_deg=0.0, size_noise=0.0,
-    size_rate_noise=0.0, horizon_noise=0.0, width_spread=0.0, height_spread=0.0)
+    size_rate_noise=0.0, horizon_noise=0.0, width_spread=0.0, height_spread=0.0,
+    stop_chance=0.0, start_chance=0.0)
 
 
 def mark(number, foot, height, x=50.0):

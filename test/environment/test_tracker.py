@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stereo_speed.environment.appearance import BinImage
 from stereo_speed.environment.boxes import overlap, Target, TargetEstimate, TargetState
 from stereo_speed.environment.config import EnvironmentConfig, PAPER_LIKELIHOOD
 from stereo_speed.environment.tracker import MonocularTracker
@@ -178,19 +179,49 @@ def test_several_targets_do_not_disturb_one_another(road, maps):
             {key: e for key, e in found.items() if key[0] == target.id}))
 
 
-def test_exclusion_keeps_targets_of_one_colour_apart(road, maps):
-    """Two red ones, one behind the other, marked alike: without it they may share one block."""
-    config = replace(CONFIG, exclusion_weight=10.0)
-    images = []
-    for number in range(1, 15):
-        images.append(road.image([(*road.place(number, start_deg=start), SIZE, maps.RED)
-                                  for start in (80.0, 66.0)], number))
-    targets = [mark(road, 1, start_deg=80.0), mark(road, 2, start_deg=66.0)]
-    found, _ = follow(road, images, targets, config)
-    for number in range(1, 15):
-        assert overlap(found[1, number].envelope_px, found[2, number].envelope_px) < 0.35
-    assert not np.array_equal(as_numbers(found),
-                              as_numbers(follow(road, images, targets, CONFIG)[0]))
+def passing_scene(road, maps, frames):
+    """Draw one who stands, and one of the same colour who walks past behind."""
+    boxes, images = {1: [], 2: []}, []
+    for number in range(1, frames + 1):
+        boxes[1].append(np.array([112.0, 102, 16, 44]))
+        boxes[2].append(np.array([70.0 + 3.0 * (number - 1), 99, 15.5, 43]))
+        images.append(road.image([((x + w / 2, y + h / 2), 0.0, (w, h), maps.RED) for x, y, w, h
+                                  in (boxes[2][-1], boxes[1][-1])], number))
+    targets = [Target(id=i, frame=1, box_px=b[0]) for i, b in boxes.items()]
+    return images, targets, boxes
+
+
+def test_who_passes_behind_another_is_kept_and_keeps_off(road, maps):
+    images, targets, boxes = passing_scene(road, maps, 33)
+    kept = {}
+    for covering in (0, 1):
+        kept[covering] = 0
+        for seed in range(3):
+            found, _ = follow(road, images, targets, replace(CONFIG, covering=covering),
+                              seed=seed)
+            kept[covering] += all(
+                (i, 33) in found and overlap(found[i, 33].envelope_px, b[-1]) > 0.5
+                for i, b in boxes.items())
+    assert kept == {0: 0, 1: 3}  # else they come to share one block
+
+
+def test_nearest_covers_first_also_when_its_turn_is_in_another_frame(road, maps, monkeypatch):
+    """Stride 2, marked in frames 1 and 2: in frame 4 target 1 covers where it is expected."""
+    images, targets, boxes = passing_scene(road, maps, 5)
+    targets = [replace(targets[0], frame=1), replace(targets[1], frame=2, box_px=boxes[2][1])]
+    covers = []
+    monkeypatch.setattr(BinImage, 'cover', lambda self, box: covers.append(box))
+    tracker = MonocularTracker(road.field, targets, CONFIG, stride=2)
+    for number, image in enumerate(images[:4], 1):
+        covers.clear()
+        found = {e.id: e for e in tracker.process(number, image)}
+        if number == 3:
+            near = found[1]
+    moved = near.box_px + [*near.velocity_px, 0, 0]
+    np.testing.assert_allclose(covers, [moved, found[2].box_px])
+    covers.clear()
+    MonocularTracker(road.field, targets, replace(CONFIG, covering=0)).process(1, images[0])
+    assert covers == []
 
 
 def upright_scene(road, maps, frames):
