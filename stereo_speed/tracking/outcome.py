@@ -55,7 +55,7 @@ class Pass:
 
     :param track: number of the track.
     :param lane: lane whose path it was measured along.
-    :param stamps_ns: stamps of the pairs it was seen in; of the first pair if in none.
+    :param stamps_ns: stamps of the pairs it was wholly seen in; of the first pair if in none.
     :param posterior: of all its looks; None when it was never seen.
     :param exact_speeds: two (n, n) covariances of the speeds: were the stamps exact, and the
         path's heading as well.
@@ -78,7 +78,7 @@ def conclude(found: Pass, rig: StereoRig, config: TrackerConfig) -> PassResult:
     if posterior is None or found.exact_speeds is None:
         return _result(found, pairs=0, reason='never_seen')
     speeds, share = posterior.ground_speeds(), calibration_share(rig, found.lane, config)
-    at = (np.array(found.stamps_ns) - found.stamps_ns[0]) * 1e-9
+    at = (np.array(found.stamps_ns) - posterior.first_ns) * 1e-9
     between = _interpolation(at, posterior.stamps_s)
     profile = between @ speeds
     speed = float(profile.mean())

@@ -32,6 +32,7 @@ from ..records import Array, StereoPair
 _FAR_PX = 0.5  # looks that have moved this far are taken again, however many
 _LIVE_LOOKS = 24  # of older looks some rest beyond this, so that the cost of a pair is bounded
 _PASS_LOOKS = 60  # the pass is measured from this many, evenly spaced
+_MOST_JUDGEMENTS = 3  # of which looks are hidden, at the end of a pass
 _MAX_MOVE_PX = 3.0  # a step beyond the patch's linear range is cut
 _HALF_WIDTH_M = 0.8  # lever by which a change of heading moves the edges of a front
 _NEGLIGIBLE = 1e-4  # weight of a motion model that counts for nothing in this pair
@@ -62,6 +63,7 @@ class Posterior:
     """
     Gaussian posterior of a whole pass.
 
+    :param first_ns: stamp of the first pair, ns.
     :param stamps_s: (n,) time of each pair since the first, s.
     :param mean: (n, 4) s, a, b in m and the speed along the path in m/s.
     :param covariance: (4 n, 4 n) of the rows of ``mean`` in order.
@@ -73,6 +75,7 @@ class Posterior:
     :param seen: (n,) whether it shows the vehicle at all.
     """
 
+    first_ns: int
     stamps_s: Array
     mean: Array
     covariance: Array
@@ -150,10 +153,14 @@ class PassRefiner:
         return self._refine(_LIVE)
 
     def finish(self) -> Posterior:
-        """Refine the whole pass, the resting pairs among it, for at most 8 iterations."""
+        """Refine the whole pass, the resting pairs among it, without the looks hidden in part."""
         self._recall()
-        self._judge(self.photometry(self.looks, self._counts()))
-        return self._refine(_FINAL)
+        for _ in range(_MOST_JUDGEMENTS):
+            hidden = self.hidden
+            posterior = self._refine(_FINAL)
+            if self.hidden == hidden:
+                break
+        return posterior
 
     def exact_speeds(self) -> tuple[Array, Array]:
         """
@@ -218,7 +225,8 @@ class PassRefiner:
         """Decide which looks count from now on, if any would."""
         clear = photometry.clear()
         if clear.any():
-            self.hidden = frozenset(
+            asleep = self.hidden & {pair.stamp_ns for pair in self.resting}
+            self.hidden = asleep.union(
                 pair.stamp_ns for pair, counts in zip(self.pairs, clear) if not counts)
 
     def _counts(self) -> Array:
@@ -232,7 +240,7 @@ class PassRefiner:
         rates, stretch, heading = self._directions()
         seen = solution.photometry
         return Posterior(
-            self._times(), self.state.copy(), solution.covariance[np.ix_(order, order)], rates,
+            self.pairs[0].stamp_ns, self._times(), self.state.copy(), solution.covariance[np.ix_(order, order)], rates,
             heading, stretch, seen.cross_ncc, seen.clear(), seen.seen())
 
     def _solve(self, models: list[MotionModel], motion: PassMotion) -> _Solution:

@@ -34,7 +34,7 @@ def found(speeds=(20.0, 20.0, 20.0, 20.0, 20.0), std=0.1, **changes):
     mean[:, 3] = speeds
     covariance = np.zeros((4 * n, 4 * n))
     covariance[3::4, 3::4] = std ** 2 * np.eye(n)
-    posterior = Posterior(np.arange(float(n)), mean, covariance, np.zeros(n), np.zeros(n),
+    posterior = Posterior(0, np.arange(float(n)), mean, covariance, np.zeros(n), np.zeros(n),
                           np.ones(n), np.full(n, 0.9), *np.ones((2, n), bool))
     lane = LanePath('right', StraightPath(np.array([0.0, 2, 60]), np.array([0.0, 0, -1]), 50.0),
                     None, np.full(2, 1e-3), np.full(2, 0.01), 0.1)
@@ -43,6 +43,14 @@ def found(speeds=(20.0, 20.0, 20.0, 20.0, 20.0), std=0.1, **changes):
                 posterior=posterior, exact_speeds=(0.8 * parts, 0.5 * parts), width_px=100.0,
                 end='left_view')
     return replace(base, **changes)
+
+
+def test_speeds_stand_at_their_own_times_when_the_first_look_does_not_count():
+    result = conclude(replace(found((20.0, 21.0, 22.0, 23.0, 24.0)),
+                              stamps_ns=[k * SECOND for k in (1, 2, 3, 4)]), rig(), TrackerConfig())
+    assert result.smoothed == pytest.approx(
+        {SECOND: 21.0, 2 * SECOND: 22.0, 3 * SECOND: 23.0, 4 * SECOND: 24.0})
+    assert (result.pairs, result.speed_mps) == (4, pytest.approx(22.5))
 
 
 def test_budget_adds_up_as_by_hand():
