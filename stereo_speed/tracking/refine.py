@@ -240,8 +240,9 @@ class PassRefiner:
         rates, stretch, heading = self._directions()
         seen = solution.photometry
         return Posterior(
-            self.pairs[0].stamp_ns, self._times(), self.state.copy(), solution.covariance[np.ix_(order, order)], rates,
-            heading, stretch, seen.cross_ncc, seen.clear(), seen.seen())
+            self.pairs[0].stamp_ns, self._times(), self.state.copy(),
+            solution.covariance[np.ix_(order, order)], rates, heading, stretch, seen.cross_ncc,
+            seen.clear(), seen.seen())
 
     def _solve(self, models: list[MotionModel], motion: PassMotion) -> _Solution:
         """

@@ -46,8 +46,8 @@ def found(speeds=(20.0, 20.0, 20.0, 20.0, 20.0), std=0.1, **changes):
 
 
 def test_speeds_stand_at_their_own_times_when_the_first_look_does_not_count():
-    result = conclude(replace(found((20.0, 21.0, 22.0, 23.0, 24.0)),
-                              stamps_ns=[k * SECOND for k in (1, 2, 3, 4)]), rig(), TrackerConfig())
+    late = found((20.0, 21.0, 22.0, 23.0, 24.0), stamps_ns=[k * SECOND for k in (1, 2, 3, 4)])
+    result = conclude(late, rig(), TrackerConfig())
     assert result.smoothed == pytest.approx(
         {SECOND: 21.0, 2 * SECOND: 22.0, 3 * SECOND: 23.0, 4 * SECOND: 24.0})
     assert (result.pairs, result.speed_mps) == (4, pytest.approx(22.5))
