@@ -15,8 +15,8 @@ import numpy as np
 from .errors import SiteError
 from .geometry.rig import StereoRig
 from .paths.base import Path
+from .paths.curved import match_curves
 from .paths.lanes import lane_of_paths, lane_of_road, LanePath, surveyed_path
-from .paths.matching import match_curves
 from .paths.road import fit_road, RoadFit
 from .paths.road_problem import Picks, TurnPrior
 from .paths.scale import with_scale

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from .base import CAMERA_UP, frame_of, unit
-from .matching import image_spline, match_curves
+from .curved import image_spline, match_curves
 from .road_model import RoadModel
 from ..geometry.plane import back_project
 from ..geometry.rig import StereoRig

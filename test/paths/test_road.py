@@ -79,32 +79,6 @@ def test_claimed_scatter_is_the_scatter(make_scene):
     assert np.all((rms > 0.6) & (rms < 1.5)), rms
 
 
-def test_one_straight_line_is_that_of_its_pluecker_matrix(make_scene):
-    """Two image lines tell just its unknowns: the fit is the closed form (2012, eq. 19-21)."""
-    scene = make_scene(seed=2)
-    left, right = scene.lines['line_0']
-    fit = fit_road(scene.rig, {'line_0': (left, right)})
-    path = lane_of_road('lane', fit, (0,), None).path
-    q_left = (scene.rig.left.K @ np.eye(3, 4)).T @ image_line(left)
-    q_right = (scene.rig.right.K @ np.column_stack([scene.rig.R, scene.rig.t])).T \
-        @ image_line(right)
-    pluecker = np.outer(q_left, q_right) - np.outer(q_right, q_left)
-    m = np.array([pluecker[1, 2], -pluecker[0, 2], pluecker[0, 1]])
-    point, k = np.cross(pluecker[:3, 3], m) / (m @ m), m / np.linalg.norm(m)
-    assert fit.problem.model.turns == 0
-    assert np.linalg.norm(np.cross(path.tangent(0.0), k)) < 1e-4
-    for s in (0.0, path.length_m):
-        off = path.position(s) - point
-        assert np.linalg.norm(np.cross(off, k)) < 0.01  # at 85 m and nearer
-
-
-def image_line(uv_px):
-    """Fit a line (3,) to the picks of an undistorted view by total least squares."""
-    centre = uv_px.mean(axis=0)
-    normal = np.linalg.svd(uv_px - centre)[2][1]
-    return np.append(normal, -normal @ centre)
-
-
 def test_one_stray_pick_does_little(make_scene):
     """A pick 15 px off moves the direction by less than 0.1 degrees."""
     scene = make_scene(seed=3)
