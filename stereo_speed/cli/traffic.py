@@ -7,7 +7,6 @@ import argparse
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, field, replace
 from multiprocessing import get_context
-import os
 from pathlib import Path
 import queue as queues
 import tempfile
@@ -25,7 +24,7 @@ from ..errors import InputError
 from ..evaluation import lane_changes, traffic as evaluation
 from ..evaluation.drives import SITES
 from ..geometry.rig import StereoRig
-from ..io.results import software_versions, stream_timings, write_run
+from ..io.results import software_versions, staged_run, stream_timings, write_run
 from ..io.whole import prepare_folder
 from ..pipeline import SpeedPipeline
 from ..records import PassResult, TrackUpdate
@@ -272,13 +271,12 @@ def _render(config: TrafficConfig, seed: int, queue: Any) -> None:
 
 def _write(args: argparse.Namespace, result: Measured, tracker: TrackerConfig,
            score: evaluation.TrafficScore) -> None:
-    """Write the truth, then the files of the run, the summary last."""
+    """Write the truth and the files of the run, all of them or none."""
     counts = {k: v for k, v in asdict(score).items() if isinstance(v, int)}
-    with tempfile.TemporaryDirectory(prefix='.traffic-', dir=args.out) as folder:
-        write_truth(result.truth, Path(folder) / TRUTH, TRAFFIC_COLUMNS)
-        os.replace(Path(folder) / TRUTH, args.out / TRUTH)
-    write_run(args.out, result.updates, result.passes, {
-        'versions': software_versions(), 'parameters': asdict(tracker), 'seed': args.seed,
-        'traffic': {k: getattr(args, k) for k in (
-            'minutes', 'vehicles', 'fps', 'lanes', 'receding', 'light', 'rig', 'lines')},
-        'score': counts, 'timings': stream_timings(result.stamps_ns)})
+    with staged_run(args.out) as aside:
+        write_truth(result.truth, aside / TRUTH, TRAFFIC_COLUMNS)
+        write_run(aside, result.updates, result.passes, {
+            'versions': software_versions(), 'parameters': asdict(tracker), 'seed': args.seed,
+            'traffic': {k: getattr(args, k) for k in (
+                'minutes', 'vehicles', 'fps', 'lanes', 'receding', 'light', 'rig', 'lines')},
+            'score': counts, 'timings': stream_timings(result.stamps_ns)})

@@ -10,6 +10,7 @@ from stereo_speed.paths.road import fit_road
 from stereo_speed.paths.road_guess import guess_road
 from stereo_speed.paths.road_model import RoadModel, Weights
 from stereo_speed.paths.road_problem import Picks, RoadProblem
+from stereo_speed.paths.straight import straight_path
 
 
 def lane_of(scene):
@@ -77,6 +78,20 @@ def test_claimed_scatter_is_the_scatter(make_scene):
     assert len(scores) >= 22  # a straight road is hardly ever taken for a curve
     rms = np.sqrt(np.mean(np.square(scores), axis=0))
     assert np.all((rms > 0.6) & (rms < 1.5)), rms
+
+
+def test_one_straight_line_is_that_of_the_closed_form(make_scene):
+    """Two image lines tell just its unknowns: the fit is that of 2012, eq. 19-21."""
+    scene = make_scene(seed=2)
+    left, right = scene.lines['line_0']
+    fit = fit_road(scene.rig, {'line_0': (left, right)})
+    path = lane_of_road('lane', fit, (0,), None).path
+    alone = straight_path(scene.rig, left, right)
+    assert fit.problem.model.turns == 0
+    assert np.linalg.norm(np.cross(path.tangent(0.0), alone.tangent(0.0))) < 1e-4
+    for s in (0.0, path.length_m):
+        off = path.position(s) - alone.position(0.0)
+        assert np.linalg.norm(np.cross(off, alone.tangent(0.0))) < 0.01  # at 85 m and nearer
 
 
 def test_one_stray_pick_does_little(make_scene):
