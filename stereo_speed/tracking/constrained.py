@@ -82,6 +82,7 @@ class ConstrainedTracker:
         self.first_ns = self.last_ns = self.seen_ns = pair.stamp_ns
         self.stamps_ns: list[int] = []  # of the pairs it was seen in
         self.width_px = 0.0
+        self.coasting = False
         self._end = ''
 
     @property
@@ -111,14 +112,16 @@ class ConstrainedTracker:
             self.particles, self.log_weights = before
         else:
             self.posterior, self.seen_ns = posterior, pair.stamp_ns
-        if posterior is None or not posterior.clear[-1]:
+        again, self.coasting = self.coasting, posterior is None or not posterior.clear[-1]
+        if self.coasting:
             if self._is_lost(pair.stamp_ns):
                 self._end = LOST
                 return None
             return self._report(pair, TrackState.COASTING)
         self.stamps_ns.append(pair.stamp_ns)
         self._update_reference(pair)
-        confirmed = len(self.stamps_ns) >= _CONFIRM_PAIRS
+        # What braked out of sight shows its speed only in the second pair that it is seen in.
+        confirmed = len(self.stamps_ns) >= _CONFIRM_PAIRS and not again
         return self._report(pair, TrackState.CONFIRMED if confirmed else TrackState.TENTATIVE)
 
     def result(self) -> PassResult:
@@ -181,7 +184,7 @@ class ConstrainedTracker:
         """
         weights = normalise_log_weights(self.log_weights)
         guess, cov = mean_and_covariance(weights, self.particles)
-        posterior = self.refiner.add(pair, guess)
+        posterior = self.refiner.add(pair, guess, again=self.coasting)
         if posterior is None:
             return None
         if not posterior.clear[-1]:

@@ -55,6 +55,7 @@ class _Effort(NamedTuple):
 
 
 _LIVE = _Effort(iterations=2, most=4, moved_px=0.10, retakes=2)
+_AGAIN = _Effort(iterations=5, most=8, moved_px=0.05, retakes=2)  # after a gap guesses are poor
 _FINAL = _Effort(iterations=8, most=8, moved_px=0.01, retakes=1000)
 
 
@@ -131,11 +132,12 @@ class PassRefiner:
         self.changing_lanes = 0.0  # probability that it does
         self._before = ([], [], self.state, self.relief, [], self.hidden, 0.0)
 
-    def add(self, pair: StereoPair, guess: Array) -> Posterior | None:
+    def add(self, pair: StereoPair, guess: Array, *, again: bool = False) -> Posterior | None:
         """
         Take in a pair and refine everything.
 
         :param guess: (4,) s, a, b, v where the particles say the front is.
+        :param again: whether the front was not wholly seen in the pair before.
         :return: None when the front is not wholly seen at the guess.
         """
         self._before = (self.pairs.copy(), self.looks.copy(), self.state, self.relief,
@@ -150,7 +152,7 @@ class PassRefiner:
         self.state = np.vstack([self.state, guess])
         if len(self.looks) > _LIVE_LOOKS:
             self._rest()
-        return self._refine(_LIVE)
+        return self._refine(_AGAIN if again else _LIVE)
 
     def finish(self) -> Posterior:
         """Refine the whole pass, the resting pairs among it, without the looks hidden in part."""

@@ -89,6 +89,7 @@ def test_hidden_pairs_coast_and_the_vehicle_is_found_again(circle, tmp_path):
     updates, (result,) = drive(circle, tmp_path, pairs)
     states = [u.state for u in updates]
     assert [k for k, s in enumerate(states) if s is TrackState.COASTING] == [5, 6]
+    assert states[7:9] == [TrackState.TENTATIVE, TrackState.CONFIRMED]
     assert result.pairs == len(pairs) - 2 and result.verdict is Verdict.MEASURED
     assert abs(result.speed_mps - float(circle.truth[0]['speed'])) < 0.13
 
