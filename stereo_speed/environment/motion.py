@@ -102,8 +102,8 @@ class EnvironmentMotion:
         """Draw the next states; see :class:`MotionModel`."""
         f, c = self.field, self.config
         velocity, new = stop_and_start(particles, frames, c, rng)
-        rate = np.where(new, self._rate(particles.point_px + velocity, velocity, 1.0),
-                        particles.distance_rate_px)
+        rate = particles.distance_rate_px.copy()
+        rate[new] = self._rate(particles.point_px[new] + velocity[new], velocity[new], 1.0)
         particles = replace(particles, velocity_px=velocity, distance_rate_px=rate)
         velocity = contour_velocity(f, particles.point_px, particles.velocity_px,
                                     particles.distance_rate_px, frames)

@@ -195,7 +195,8 @@ class MonocularTracker:
             return []
         frame = BinImage(image, self.background)
         found = []
-        for target, cover_px in self._ordered(due, number):
+        order = self._ordered(due, number)
+        for target, cover_px in order:
             if cover_px is not None:
                 frame.cover(cover_px)
                 continue
@@ -206,7 +207,7 @@ class MonocularTracker:
                 self._ended.append(self.filters.pop(target.id).end())
                 continue
             found.append(known.estimate)
-            if self._covers(known):
+            if self._covers(known) and target is not order[-1][0]:
                 frame.cover(known.estimate.box_px)
         self._learn(image)
         return found
