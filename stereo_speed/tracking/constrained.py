@@ -12,6 +12,8 @@ images so far; depth and offsets stay unknowns instead of dying in the first pai
 """
 from __future__ import annotations
 
+from dataclasses import replace
+import math
 from typing import Optional
 
 import numpy as np
@@ -21,7 +23,7 @@ from .front import Front, turned
 from .likelihood import Reference, score
 from .looks import inside, lag_s, LookSampler
 from .motion import PassPrior
-from .outcome import calibration_share, conclude, live_std, Pass
+from .outcome import calibration_share, conclude, live_std, MAX_ACCELERATION_MPS2, Pass
 from .refine import PassRefiner, Posterior
 from ..config import TrackerConfig
 from ..features.haar import CELLS, PartGrid
@@ -39,6 +41,7 @@ _LOST_AFTER_S = 1.5  # long enough for a pole, and for a camera that is gone for
 _HIDDEN_FOR_S = 4.0  # in part, as behind a vehicle in the next lane that overtakes
 _LEAST_WIDTH_PX = 12.0  # a rear that has become this small has left
 _BEYOND_PATH_M = 20.0  # so has what is this far beyond the end of the path
+_SIGMAS = 3.0  # by which a speed is surely another
 _JITTER = 1e-12
 _DISTINCT_PER_DIM = 3
 _START_STD_PX = 0.15  # spread of the first particles in depth, in disparity
@@ -83,6 +86,7 @@ class ConstrainedTracker:
         self.stamps_ns: list[int] = []  # of the pairs it was seen in
         self.width_px = 0.0
         self.coasting = False
+        self._told: Optional[TrackUpdate] = None
         self._end = ''
 
     @property
@@ -122,7 +126,11 @@ class ConstrainedTracker:
         self._update_reference(pair)
         # What braked out of sight shows its speed only in the second pair that it is seen in.
         confirmed = len(self.stamps_ns) >= _CONFIRM_PAIRS and not again
-        return self._report(pair, TrackState.CONFIRMED if confirmed else TrackState.TENTATIVE)
+        before = self._told
+        update = self._report(pair, TrackState.CONFIRMED if confirmed else TrackState.TENTATIVE)
+        if before is not None and not _may_follow(update, before):
+            return replace(update, state=TrackState.TENTATIVE)
+        return update
 
     def result(self) -> PassResult:
         """Measure the pass from all its pairs, or say why it cannot be measured."""
@@ -248,13 +256,21 @@ class ConstrainedTracker:
         ratio = ground / mean[3] if mean[3] else 1.0
         share = calibration_share(self.rig, self.lane, self.config, float(mean[0]))
         std = live_std(float(ratio * np.sqrt(cov[3, 3])), ground, share)
-        return TrackUpdate(
+        self._told = TrackUpdate(
             stamp_ns=pair.stamp_ns, track=self.track, lane=self.lane.name, state=state,
             speed_mps=ground, speed_std_mps=std, s_m=float(mean[0]), lateral_m=float(mean[1]),
             position_m=self.front.centre(mean[:3]),
             position_cov_m2=frame @ cov[:3, :3] @ frame.T,
             axes=turned(frame, self._heading_rad()), quad_left_px=left[0],
             quad_right_px=right[0])
+        return self._told
+
+
+def _may_follow(update: TrackUpdate, before: TrackUpdate) -> bool:
+    """Say whether a vehicle can have gone from one speed to the other, as far as they are sure."""
+    change = abs(update.speed_mps - before.speed_mps)
+    sure = change - _SIGMAS * math.hypot(update.speed_std_mps, before.speed_std_mps)
+    return sure <= MAX_ACCELERATION_MPS2 * (update.stamp_ns - before.stamp_ns) * 1e-9
 
 
 def _transport(particles: Array, moments: tuple[Array, Array], target: tuple[Array, Array],

@@ -26,7 +26,7 @@ _FAR_WIDTH_PX = 40.0  # and one that is never wider than this is uncertain becau
 _MIN_CROSS_NCC = 0.6  # of half of the looks at least
 _MAX_HEIGHT_CHANGE_M = 0.6  # fronts neither climb nor sink against the road
 _MAX_SPEED_MPS = 90.0
-_MAX_ACCELERATION_MPS2 = 12.0  # beyond any tyre
+MAX_ACCELERATION_MPS2 = 12.0  # beyond any tyre
 
 
 def calibration_share(rig: StereoRig, lane: LanePath, config: TrackerConfig,
@@ -137,7 +137,7 @@ def _reason(found: Pass, posterior: Posterior, speeds: Array, std_mps: float,
         return 'off_path'
     gains = np.diff(speeds) / np.diff(posterior.stamps_s)
     if not 0 < speeds.min() <= speeds.max() < _MAX_SPEED_MPS \
-            or np.abs(gains).max() > _MAX_ACCELERATION_MPS2:
+            or np.abs(gains).max() > MAX_ACCELERATION_MPS2:
         return 'implausible'
     if not calibration_share(rig, found.lane, config) < config.max_scale_std_share:
         return 'rig_uncertain'

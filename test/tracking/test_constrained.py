@@ -177,6 +177,15 @@ def test_stamps_must_increase_until_a_reset(circle, tmp_path):
     assert first == [0, 0] and pipeline.process(circle.pairs[0])[0].track == 1
 
 
+def test_a_speed_that_no_tyre_could_change_to_is_not_confirmed(driven, circle):
+    """Within 0.2 s by 2.4 m/s and three of the joint 1-sigma, 0.5 m/s, at most."""
+    before = replace(driven(circle)[0][-1], speed_mps=20.0, speed_std_mps=0.3)
+    for speed_mps, may in ((23.8, True), (24.0, False), (16.2, True), (16.0, False)):
+        update = replace(before, stamp_ns=before.stamp_ns + 200_000_000, speed_mps=speed_mps,
+                         speed_std_mps=0.4)
+        assert constrained._may_follow(update, before) == may
+
+
 def test_transport_reaches_the_wanted_moments_exactly():
     rng = np.random.default_rng(0)
     particles = rng.normal(size=(50, 4)) @ rng.normal(size=(4, 4))
