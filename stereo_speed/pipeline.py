@@ -189,7 +189,7 @@ class SpeedPipeline:
         # A lost one, which coasted before it ended, may be found again; one that left may not.
         self._gone = [u for u in self._gone if pair.stamp_ns - u.stamp_ns < GONE_NS] + [
             t.last for t in self._tracks if t.last is not None and t.tracker.ended
-            and t.last.state is TrackState.CONFIRMED]
+            and t.confirmed and _holds(t.last)]
         occupied = [self._occupied(t.last) for t in self._tracks
                     if t.last is not None and not t.tracker.ended]
         occupied += [self._occupied(_moved_on(u, pair.stamp_ns)) for u in self._gone]
