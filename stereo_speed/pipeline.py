@@ -41,6 +41,7 @@ CATCH_UP_PAIRS = 3  # earlier ones that a new track is fed, at most
 FOUND_SPEED_STD = 0.05  # share: 1-sigma of the speed between the two pairs of a detection
 SAME_SPEED_SIGMAS = 3.0
 DOUBT_NS = 1_000_000_000  # for so long a track that saw another speed than its finder waits
+BRAKING_MPS2 = 6.0  # as hard as vehicles brake
 GONE_NS = 1_000_000_000  # for so long what left is not taken for another vehicle
 SAME_VEHICLE_M = 1.5  # fronts nearer than this are of one vehicle
 
@@ -174,13 +175,23 @@ class SpeedPipeline:
         update = track.tracker.update(pair)
         if update is None:
             return None
-        if track.front is not None and not track.confirmed and not _same_speed(
-                update, track.front) and pair.stamp_ns - track.found_ns < DOUBT_NS \
-                and update.state is TrackState.CONFIRMED:
+        if not track.confirmed and self._is_doubtful(track, update):
             update = replace(update, state=TrackState.TENTATIVE)
         track.last = track.keeper.place(update)
         track.confirmed |= update.state is TrackState.CONFIRMED
         return track.last
+
+    def _is_doubtful(self, track: _Track, update: TrackUpdate) -> bool:
+        """
+        Say whether a young track sees another speed than the one it was found by.
+
+        After a while the vehicle may have changed its speed, but by no more than it can brake.
+        """
+        if track.front is None or update.state is not TrackState.CONFIRMED:
+            return False
+        age_ns = update.stamp_ns - track.found_ns
+        change_mps = 0.0 if age_ns < DOUBT_NS else BRAKING_MPS2 * age_ns * 1e-9
+        return not _same_speed(update, track.front, change_mps)
 
     def _find(self, pair: StereoPair) -> list[Optional[TrackUpdate]]:
         """Start tracks at fronts that are found, and feed them their first pair."""
@@ -234,9 +245,13 @@ class SpeedPipeline:
                         if t.confirmed or not t.found or t.tracker.ended or _holds(t.last)]
 
     def _drop_doubles(self) -> None:
-        """End the younger of two tracks that hold the same vehicle."""
+        """
+        End one of two tracks that hold the same vehicle.
+
+        That which does not see it ends, and the younger if both do.
+        """
         held: list[TrackUpdate] = []
-        for track in list(self._tracks):
+        for track in sorted(self._tracks, key=lambda t: not _holds(t.last)):
             if track.last is None or track.tracker.ended:
                 continue
             at = track.last.position_m
@@ -288,7 +303,11 @@ def _holds(update: Optional[TrackUpdate]) -> bool:
     return update is not None and update.state is not TrackState.COASTING
 
 
-def _same_speed(update: TrackUpdate, front: Detection) -> bool:
-    """Say whether track and finder, each by itself, saw one speed; a front half hidden has two."""
+def _same_speed(update: TrackUpdate, front: Detection, change_mps: float = 0.0) -> bool:
+    """
+    Say whether track and finder, each by itself, saw one speed; a front half hidden has two.
+
+    :param change_mps: by which the speed may have changed since.
+    """
     std = math.hypot(update.speed_std_mps, FOUND_SPEED_STD * front.speed_mps)
-    return abs(update.speed_mps - front.speed_mps) < SAME_SPEED_SIGMAS * std
+    return abs(update.speed_mps - front.speed_mps) < SAME_SPEED_SIGMAS * std + change_mps

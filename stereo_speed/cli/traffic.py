@@ -253,7 +253,7 @@ def _next(queue: Any, worker: Any) -> Message:
             message: Message = queue.get(timeout=5.0)
             return message
         except queues.Empty:
-            if not worker.is_alive():
+            if not worker.is_alive() and queue.empty():
                 raise RuntimeError(
                     f'the renderer ended with exit code {worker.exitcode}') from None
 
@@ -272,10 +272,12 @@ def _render(config: TrafficConfig, seed: int, queue: Any) -> None:
 def _write(args: argparse.Namespace, result: Measured, tracker: TrackerConfig,
            score: evaluation.TrafficScore) -> None:
     """Write the truth and the files of the run, all of them or none."""
+    vehicles = {p.track for p in result.passes}
+    updates = [u for u in result.updates if u.track in vehicles]
     counts = {k: v for k, v in asdict(score).items() if isinstance(v, int)}
     with staged_run(args.out) as aside:
         write_truth(result.truth, aside / TRUTH, TRAFFIC_COLUMNS)
-        write_run(aside, result.updates, result.passes, {
+        write_run(aside, updates, result.passes, {
             'versions': software_versions(), 'parameters': asdict(tracker), 'seed': args.seed,
             'traffic': {k: getattr(args, k) for k in (
                 'minutes', 'vehicles', 'fps', 'lanes', 'receding', 'light', 'rig', 'lines')},

@@ -36,6 +36,7 @@ _LEAST_HALF_M = 0.8  # half the width of a vehicle whose track sees less of it
 _NOISE_SHARE = 0.2  # of each pair in the running estimate of the noise
 _NOISE_STEP = 8  # pixels between those that tell it
 _MARGIN_PX = 2.0
+_STALE_S = 3.0  # after a gap so long whatever was in view has left
 _UPRIGHT_TIMES = 2.0  # upright, the views must differ so many times less than lying
 _LEAST_DOUBT = 0.005
 _MOST_SEEDS = 4  # of a lane, the best first, are looked into
@@ -114,6 +115,8 @@ class VehicleDetector:
         :param pair: in order of stamps.
         :param occupied: what the tracks hold, predicted for this pair.
         """
+        if self._past and (pair.stamp_ns - self._past[-1].stamp_ns) * 1e-9 > _STALE_S:
+            self.reset()
         if self._past and (pair.stamp_ns - self._past[-1].stamp_ns) * 1e-9 \
                 < self.config.interval_s:
             return []

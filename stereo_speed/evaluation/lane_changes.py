@@ -16,7 +16,7 @@ import numpy as np
 from .drives import Drive, simulated_drive
 from ..config import TrackerConfig
 from ..pipeline import SpeedPipeline
-from ..records import Array, LOST, Verdict
+from ..records import Array, LOST, TrackState, Verdict
 from ..sim.config import SimConfig, straight_config, VehicleConfig
 from ..units import MPH_MPS
 
@@ -94,7 +94,7 @@ def _measure(drive: Drive, to: str, config: TrackerConfig, seed: int) -> ChangeE
     result, = pipeline.ended() + pipeline.finish()
     truth, = drive.truths
     true = dict(zip(truth.stamps_ns.tolist(), truth.speed_mps.tolist()))
-    seen = [u for u in updates if u.stamp_ns in true]
+    seen = [u for u in updates if u.stamp_ns in true and u.state is not TrackState.COASTING]
     live = np.array([u.speed_mps - true[u.stamp_ns] for u in seen])
     smooth = np.array([v - true[s] for s, v in result.smoothed.items() if s in true])
     off = None
@@ -111,7 +111,7 @@ def _rms(values: Array) -> float:
 
 
 HEADER = ('| lane change | tracker | followed to the end | measured | pass: mean ± sd, mph '
-          '| worst, mph | readings of second half r.m.s., mph | smoothed r.m.s., mph '
+          '| worst, mph | mean r.m.s. of readings of second half, mph | of smoothed, mph '
           '| lane it went to right |\n' + '|---' * 9 + '|')
 
 

@@ -20,6 +20,7 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import Image
 
 from ..config import TrackerConfig
@@ -163,9 +164,11 @@ def run(make: Callable[[], Node], args: Optional[Sequence[str]] = None,
     :param spin: what the node does; returns when done.
     :return: exit status: 0 stopped or done, 2 bad input, which is said in one line on stderr.
     """
-    rclpy.init(args=args)
-    # Launch and supervisors end nodes by SIGTERM; end as for Ctrl-C, so that passes are finished.
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    # Ctrl-C, and SIGTERM as launch and supervisors send it, end the node in the same way, with its
+    # context still valid: passes are finished and told.
+    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    for ending in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(ending, signal.default_int_handler)
     node: Optional[Node] = None
     status = 0
     try:

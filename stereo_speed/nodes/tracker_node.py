@@ -65,7 +65,8 @@ class TrackerNode(Node):
         self.pipeline: Optional[SpeedPipeline] = None
         self.waiting: deque[Image] = deque()
         self.rig: Optional[StereoRig] = None
-        self.index, self.last_ns, self.resets, self.passes = 0, -1, 0, 0
+        self.index, self.last_ns = 0, -1
+        self.resets = self.repeated = self.passes = 0
         self._publish_and_subscribe()
         self.diagnostics = Diagnostics(self, self.state)
 
@@ -142,7 +143,10 @@ class TrackerNode(Node):
     def process(self, pipeline: SpeedPipeline, msg: Image) -> None:
         """Run the pipeline on a pair and publish what it says."""
         ns = stamp_ns(msg.header.stamp)
-        if ns <= self.last_ns:
+        if ns == self.last_ns:
+            self.repeated += 1
+            return
+        if ns < self.last_ns:
             self.start_anew(pipeline, ns)
         pair = pair_from_message(msg, self.index)
         self.index, self.last_ns = self.index + 1, ns
@@ -200,6 +204,7 @@ class TrackerNode(Node):
             'waiting for camera_info' if self.rig is None else 'waiting to refine the site')
         return (b'\x00' if ready else b'\x01'), message, {
             'pairs': self.index, 'passes': self.passes, 'resets': self.resets,
+            'repeated': self.repeated,
             'waiting': len(self.waiting)}
 
 

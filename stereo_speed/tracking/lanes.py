@@ -32,11 +32,11 @@ class LaneKeeper:
         """Tell the lane a vehicle is in, and its place along and beside that lane's path."""
         places = {name: _place(lane, update) for name, lane in self.lanes.items()}
         nearest = min(places, key=lambda name: abs(places[name][1]))
-        if not self.first:
-            self.first = self.current = update.lane
+        self.current = self.current or update.lane
         gain = abs(places[self.current][1]) - abs(places[nearest][1])
         if gain > _HYSTERESIS_M:
             self.current = nearest
+        self.first = self.first or self.current
         self.pairs += 1
         self.off_road += abs(places[nearest][1]) > _OFF_ROAD_M
         if self.current == update.lane:
@@ -46,7 +46,8 @@ class LaneKeeper:
 
     def conclude(self, result: PassResult) -> PassResult:
         """Tell from which lane to which a pass went; reject one beside the road."""
-        result = replace(result, lane_to=self.current or result.lane)
+        result = replace(result, lane=self.first or result.lane,
+                         lane_to=self.current or result.lane)
         if result.verdict is Verdict.MEASURED and self.off_road > _OFF_SHARE * self.pairs:
             return result.rejected('off_path')
         return result

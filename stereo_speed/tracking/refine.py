@@ -162,6 +162,7 @@ class PassRefiner:
             posterior = self._refine(_FINAL)
             if self.hidden == hidden:
                 break
+        self.hidden = hidden  # those of this answer, should they not have settled
         return posterior
 
     def exact_speeds(self) -> tuple[Array, Array]:
@@ -227,7 +228,7 @@ class PassRefiner:
         """Decide which looks count from now on, if any would."""
         clear = photometry.clear()
         if clear.any():
-            asleep = self.hidden & {pair.stamp_ns for pair in self.resting}
+            asleep = self.hidden - {pair.stamp_ns for pair in self.pairs}
             self.hidden = asleep.union(
                 pair.stamp_ns for pair, counts in zip(self.pairs, clear) if not counts)
 

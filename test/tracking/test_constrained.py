@@ -11,7 +11,7 @@ from stereo_speed.config import TrackerConfig
 from stereo_speed.errors import InputError
 from stereo_speed.pipeline import SpeedPipeline
 from stereo_speed.records import TrackState, Verdict
-from stereo_speed.sim import simulate, straight_config
+from stereo_speed.sim import simulate, straight_config, VehicleConfig
 from stereo_speed.site import InitMark, lane_paths, load_init, load_site
 from stereo_speed.tracking import constrained, refine
 import yaml
@@ -130,6 +130,21 @@ def test_a_front_hidden_in_part_for_long_is_lost(straight, driven, tmp_path, mon
     updates, (result,) = drive(straight, tmp_path, pairs)
     assert result.end == 'lost' and len(updates) < len(pairs)
     assert updates[-1].state is TrackState.COASTING
+
+
+def test_hard_braking_is_followed_and_the_profile_smooth(tmp_path):
+    """From 25 m/s by 0.6 g after a second, 10 pairs a second."""
+    braking = VehicleConfig(speed_knots=((0.0, 25.0), (1.0, 25.0), (3.0, 13.2)))
+    sequence = simulate(straight_config(
+        vehicles=(braking,), start_m=17.5 + 25.0 + 38.2, fps=10.0), np.random.default_rng(3))
+    updates, (result,) = drive(sequence, tmp_path)
+    truth = {row['stamp_ns']: float(row['speed']) for row in sequence.truth}
+    live = np.array([u.speed_mps - truth[u.stamp_ns] for u in updates
+                     if u.state is TrackState.CONFIRMED])
+    smooth = np.array([v - truth[ns] for ns, v in result.smoothed.items()])
+    assert result.verdict is Verdict.MEASURED and len(live) >= len(updates) - 3
+    assert np.sqrt(np.mean(live ** 2)) < 0.36 and np.sqrt(np.mean(smooth ** 2)) < 0.13
+    assert abs(smooth.mean()) < 0.09
 
 
 def test_a_vehicle_lost_for_good_ends_its_track(circle, tmp_path):
