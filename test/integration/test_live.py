@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import csv
+import signal
 import subprocess
 import sys
 
@@ -107,6 +108,29 @@ def test_vehicles_found_on_a_site_refined_at_start_read_as_replay_does(sample, t
         assert vehicle == 'vehicle_' + wanted[ns]['track']
         assert speed == pytest.approx(float(wanted[ns]['speed_mps']), abs=1e-5)
         assert std == pytest.approx(float(wanted[ns]['speed_std_mps']), abs=1e-5)
+
+
+def test_ctrl_c_ends_a_node_after_the_open_passes_are_told(sample):
+    from stereo_speed.nodes.demo_listener import Listener
+    readings = []
+    listener = Listener(lambda *reading: readings.append(reading), lambda *frame: None)
+    command = [sys.executable, '-m', 'stereo_speed.nodes.tracker_node', '--ros-args',
+               '-p', f'site:={sample / "site.yaml"}', '-p', f'init:={sample / "init.yaml"}']
+    tracker = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    try:
+        with Process('stereo_sync_node'), Process('speed_node'):
+            assert listener.spin(STARTUP_S, lambda: not listener.missing_wires())
+            with Process('replay_node', f'bag:={sample / "bag"}', 'rate:=2', 'loop:=true'):
+                assert listener.spin(STARTUP_S, lambda: len(readings) >= 4)
+                tracker.send_signal(signal.SIGINT)
+                out, log = tracker.communicate(timeout=EVENT_S)
+    finally:
+        listener.close()
+        if tracker.poll() is None:
+            tracker.kill()
+            tracker.communicate()
+    assert tracker.returncode == 0, log
+    assert 'vehicle_0 on lane_0' in out + log and 'context is invalid' not in out + log, log
 
 
 @pytest.fixture()
