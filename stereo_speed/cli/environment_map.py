@@ -53,6 +53,9 @@ def _size(text: str) -> tuple[int, int]:
 
 def run(args: argparse.Namespace) -> int:
     """Draw the map and the overlay."""
+    overlay = args.overlay or args.out.with_name(f'{args.out.stem}_overlay.png')
+    if overlay.resolve() == args.out.resolve():
+        raise InputError('map', '--overlay', overlay, 'another file than --out')
     regions, background = load_regions(args.polygons)
     image = None if args.image is None else _first_image(args.image)
     if args.size is None and image is None:
@@ -62,7 +65,6 @@ def run(args: argparse.Namespace) -> int:
         raise InputError(args.image, 'size', f'{image.shape[1]}x{image.shape[0]} px',
                          f'{width}x{height} px as --size says')
     labels = draw_map(regions, width, height, background)
-    overlay = args.overlay or args.out.with_name(f'{args.out.stem}_overlay.png')
     field = DistanceField(labels)
     _write(args.out, labels)
     _write(overlay, draw_field(field, image, args.step))

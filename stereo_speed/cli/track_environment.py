@@ -5,7 +5,10 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import asdict, dataclass, field, replace
+import hashlib
 from pathlib import Path
+import sys
+import tempfile
 from typing import Any, Optional
 
 import numpy as np
@@ -19,14 +22,13 @@ from ..environment.config import EnvironmentConfig, PAPER_LIKELIHOOD
 from ..environment.distance import DistanceField
 from ..environment.tracker import MonocularTracker, TRACKERS
 from ..errors import InputError
-from ..io.mot import check_targets, load_map, load_targets, SUMMARY, write_targets
+from ..io.mot import (
+    ANNOTATED, check_targets, load_map, load_targets, SUMMARY, write_targets)
 from ..io.results import software_versions
-from ..io.video import Frame, read_frames, video_hash
+from ..io.video import Frame, frames_missing, read_frames, video_hash
 from ..io.video_writer import VideoWriter
 from ..io.whole import prepare_folder
 from ..report.targets import draw_targets
-
-ANNOTATED = 'annotated.avi'
 
 
 @dataclass
@@ -37,11 +39,13 @@ class Run:
     :param estimates: boxes, in the order of the frames.
     :param ends: how the targets ended.
     :param frames: number of frames of the video.
+    :param missing: number of frames that the file should have beyond these.
     """
 
     estimates: list[TargetEstimate] = field(default_factory=list)
     ends: list[TargetEnd] = field(default_factory=list)
     frames: int = 0
+    missing: int = 0
 
 
 def add_parser(subparsers: Any) -> None:
@@ -79,8 +83,14 @@ def run(args: argparse.Namespace) -> int:
     check_targets(targets, labels.shape[1], labels.shape[0], args.init)
     folder = prepare_folder(args.out)
     (folder / SUMMARY).unlink(missing_ok=True)
-    result = track(args, config, targets, labels)
-    write_targets(folder, result.estimates, result.ends, summary(args, config, result))
+    with tempfile.TemporaryDirectory(prefix='.partial-', dir=folder) as aside:
+        annotated = Path(aside) / ANNOTATED if args.annotate else None
+        result = track(args, config, targets, labels, annotated)
+        write_targets(folder, result.estimates, result.ends, summary(args, config, result),
+                      annotated)
+    if result.missing:
+        print(f'warning: {args.video}: breaks off after {result.frames} frames; the file tells '
+              f'of {result.frames + result.missing}', file=sys.stderr)
     for end in sorted(result.ends, key=lambda e: e.id):
         print(f'target {end.id}: {end.state.value}, frames {end.first_frame} to '
               f'{end.last_frame} ({end.frames} boxes)')
@@ -106,10 +116,11 @@ def make_config(args: argparse.Namespace) -> EnvironmentConfig:
 
 
 def track(args: argparse.Namespace, config: EnvironmentConfig, targets: list[Target],
-          labels: NDArray[np.uint8]) -> Run:
+          labels: NDArray[np.uint8], annotated: Optional[Path]) -> Run:
     """
     Run the tracker over the video.
 
+    :param annotated: video to write; None for none.
     :raises InputError: frames of another size than the map, or a mark in a frame that never
         comes.
     """
@@ -124,11 +135,12 @@ def track(args: argparse.Namespace, config: EnvironmentConfig, targets: list[Tar
             result.estimates += found
             result.ends += tracker.ended()
             result.frames = frame.number
-            if args.annotate:
-                video = video or VideoWriter(args.out / ANNOTATED, frame.image.shape)
+            if annotated is not None:
+                video = video or VideoWriter(annotated, frame.image.shape)
                 video.write(draw_targets(frame.image, found, labels))
         _check_frames(targets, result.frames, args.init)
         result.ends += tracker.finish()
+        result.missing = frames_missing(args.video, result.frames)
         if video is not None:
             video.keep()
     finally:
@@ -161,9 +173,15 @@ def summary(args: argparse.Namespace, config: EnvironmentConfig,
         ends[end.state.value] = ends.get(end.state.value, 0) + 1
     return {'versions': software_versions(), 'tracker': args.tracker, 'seed': args.seed,
             'stride': args.stride, 'parameters': asdict(config), 'frames': result.frames,
-            'ends': ends, 'input_sha256': input_hash(args.video)}
+            'frames_missing': result.missing, 'ends': ends,
+            'input_sha256': input_hash(args.video), 'map_sha256': _sha256(args.map),
+            'init_sha256': _sha256(args.init)}
 
 
 def input_hash(video: Path) -> Optional[str]:
     """Hash the video; a folder is hashed by the files directly in it."""
     return video_hash(video)
+
+
+def _sha256(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()

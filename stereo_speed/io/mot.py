@@ -8,15 +8,16 @@ Boxes are in the MOTChallenge's format: ``frame,id,x,y,w,h,conf,-1,-1,-1``, fram
 from __future__ import annotations
 
 import math
+import os
 from pathlib import Path
-from typing import Any, Iterable, Mapping, Sequence
+from typing import Any, Iterable, Mapping, Optional, Sequence
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from .results import summary_json
-from .whole import csv_text, PathLike, write_whole
+from .whole import csv_text, PathLike, staged
 from ..environment.boxes import Target, TargetEnd, TargetEstimate
 from ..environment.distance import KINDS
 from ..environment.regions import KIND_LEVELS, Region
@@ -25,6 +26,8 @@ from ..fields import Fields, load_yaml
 from ..records import Array
 
 BOXES, TARGETS, ENDS, SUMMARY = 'boxes.txt', 'targets.csv', 'ends.csv', 'summary.json'
+ANNOTATED = 'annotated.avi'
+RUN_FILES = (SUMMARY, BOXES, TARGETS, ENDS, ANNOTATED)  # the first tells that a run is complete
 TARGET_COLUMNS = ('frame', 'id', 'x', 'y', 'w', 'h', 'angle_deg', 'd_px', 'd_rate_px')
 END_COLUMNS = ('id', 'first_frame', 'last_frame', 'frames', 'end')
 _LARGEST = 1e6  # px
@@ -183,14 +186,23 @@ def ends_text(ends: Iterable[TargetEnd]) -> str:
 
 
 def write_targets(out_dir: PathLike, estimates: Sequence[TargetEstimate],
-                  ends: Sequence[TargetEnd], summary: Mapping[str, Any]) -> None:
+                  ends: Sequence[TargetEnd], summary: Mapping[str, Any],
+                  annotated: Optional[Path] = None) -> None:
     """
     Write the files of a run; they appear when whole, ``summary.json`` last.
 
+    Those of an older run there are removed, also those that this one does not have.
+
+    :param annotated: the finished video, which is moved; None for a run without.
     :raises InputError: a folder that cannot be written.
     """
-    write_whole(out_dir, {BOXES: boxes_text(estimates), TARGETS: targets_text(estimates),
-                          ENDS: ends_text(ends), SUMMARY: summary_json(summary)}, (SUMMARY,))
+    texts = {BOXES: boxes_text(estimates), TARGETS: targets_text(estimates),
+             ENDS: ends_text(ends), SUMMARY: summary_json(summary)}
+    with staged(out_dir, RUN_FILES) as aside:
+        for name, text in texts.items():
+            (aside / name).write_bytes(text.encode('utf-8'))
+        if annotated is not None:
+            os.replace(annotated, aside / ANNOTATED)
 
 
 def _fixed(value: float) -> str:

@@ -21,6 +21,7 @@ from ..errors import BagError, InputError
 
 IMAGE_SUFFIXES = ('.png', '.jpg', '.jpeg', '.bmp', '.tif', '.tiff', '.ppm')
 _BAG_SUFFIXES = ('.mcap', '.db3', '.bag')
+_MOST_FRAMES = 1e9  # files that do not know how many tell huge numbers, or negative ones
 _WANTED = 'a video file, a folder of images, or a bag'
 
 
@@ -56,6 +57,24 @@ def read_frames(path: Union[str, Path], topic: Optional[str] = None) -> Iterator
     else:
         frames = _folder_frames(path) if path.is_dir() else _file_frames(path)
     return _checked(frames, path)
+
+
+def frames_missing(path: Union[str, Path], frames: int) -> int:
+    """
+    Tell how many frames a video file should have beyond those that could be read.
+
+    :param frames: number of frames read.
+    :return: 0 for folders and bags, where the file does not tell, and for a single frame: what
+        files tell is not exact.
+    """
+    path = Path(path)
+    if not path.is_file() or is_bag(path):
+        return 0
+    capture = cv2.VideoCapture(str(path))
+    told = capture.get(cv2.CAP_PROP_FRAME_COUNT)
+    capture.release()
+    missing = round(told) - frames if 0 < told < _MOST_FRAMES else 0
+    return missing if missing > 1 else 0
 
 
 def is_bag(path: Path) -> bool:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 import json
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,6 +16,7 @@ import pytest
 from stereo_speed.cli.main import main
 from stereo_speed.environment.boxes import envelope, Target, TargetEstimate, TargetState
 from stereo_speed.evaluation.environment import kept_share, score_target, TargetScore
+from stereo_speed.io.video_writer import VideoWriter
 
 SIZE = (26.0, 13.0)
 FRAMES = 36
@@ -92,6 +94,40 @@ def test_stride_and_annotated_video(scene, tmp_path):
     assert np.abs(images[0].astype(float) - plain).max() > 60  # the box is drawn
 
 
+def test_files_of_an_older_run_do_not_outlive_it(scene, tmp_path):
+    assert track(scene, tmp_path, '--annotate', '--particles', '20') == 0
+    assert (tmp_path / 'annotated.avi').is_file()
+    assert track(scene, tmp_path, '--particles', '20') == 0
+    assert sorted(p.name for p in tmp_path.iterdir()) == [
+        'boxes.txt', 'ends.csv', 'summary.json', 'targets.csv']
+
+
+def test_summary_names_what_went_in(scene, tmp_path):
+    assert track(scene, tmp_path, '--particles', '20') == 0
+    summary = json.loads((tmp_path / 'summary.json').read_text())
+    for name, path in (('map', scene.map), ('init', scene.init)):
+        assert summary[f'{name}_sha256'] == hashlib.sha256(path.read_bytes()).hexdigest()
+    assert summary['frames_missing'] == 0
+
+
+def test_video_that_breaks_off_is_told(scene, tmp_path, capsys):
+    whole, part = tmp_path / 'whole.avi', tmp_path / 'part.avi'
+    writer = VideoWriter(whole, (200, 240, 3))
+    for number in range(1, FRAMES + 1):
+        writer.write(cv2.imread(str(scene.video / f'{number}.png')))
+    writer.keep()
+    data = whole.read_bytes()
+    part.write_bytes(data[:len(data) // 2])
+    for path in (whole, part):
+        assert main(['track-environment', str(path), '--map', str(scene.map), '--init',
+                     str(scene.init), '--out', str(tmp_path / 'out'), '--particles', '20']) == 0
+        error = capsys.readouterr().err
+        found = json.loads((tmp_path / 'out' / 'summary.json').read_text())
+        missing = found['frames_missing']
+        assert found['frames'] + missing == FRAMES and (missing > 0) is (path == part)
+        assert ('breaks off after' in error) is (path == part)
+
+
 def test_a_target_that_stays_away_is_reported_as_lost(road, tmp_path, capsys):
     away = write_scene(tmp_path, road, SimpleNamespace(RED=(40, 40, 210)), range(12, 40), 40)
     config = tmp_path / 'config.yaml'
@@ -162,6 +198,16 @@ def test_map_of_polygons(tmp_path):
     wanted[5:10, 10:20] = 255
     np.testing.assert_array_equal(drawn, wanted)
     assert cv2.imread(str(tmp_path / 'm_overlay.png')).shape == (20, 40, 3)
+
+
+def test_overlay_is_not_written_over_the_map(tmp_path, capsys):
+    polygons = tmp_path / 'polygons.yaml'
+    polygons.write_text('stereo_speed_map: 1\nregions:\n- kind: pathway\n'
+                        '  polygon: [[9.5, 4.5], [19.5, 4.5], [19.5, 9.5]]\n')
+    assert main(['map', str(polygons), '--size', '40x20', '--out', str(tmp_path / 'm.png'),
+                 '--overlay', str(tmp_path / 'sub' / '..' / 'm.png')]) == 2
+    one_line(capsys, ['--overlay', 'm.png', '--out'])
+    assert not (tmp_path / 'm.png').exists()
 
 
 def _other_map(scene, folder):

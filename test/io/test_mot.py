@@ -216,6 +216,7 @@ def test_folder_of_a_run(tmp_path):
     out = tmp_path / 'out'
     out.mkdir()
     (out / 'summary.json').write_text('old')
+    (out / 'annotated.avi').write_text('of an older run')
     (out / 'photo.png').write_text('mine')
     end = TargetEnd(id=1, first_frame=1, last_frame=2, frames=2, state=TargetState.STREAM_ENDED)
     write_targets(out, [estimate(2), estimate(1)], [end], {'seed': 3})
@@ -225,6 +226,10 @@ def test_folder_of_a_run(tmp_path):
     assert (out / 'targets.csv').read_text() == targets_text([estimate(1), estimate(2)])
     assert (out / 'ends.csv').read_text() == ends_text([end])
     assert json.loads((out / 'summary.json').read_text())['seed'] == 3
+    (tmp_path / 'video').write_text('of this run')
+    write_targets(out, [estimate(2)], [end], {'seed': 4}, tmp_path / 'video')
+    assert (out / 'annotated.avi').read_text() == 'of this run'
+    assert not (tmp_path / 'video').exists()
     with pytest.raises(InputError, match='photo.png: output folder'):
         write_targets(out / 'photo.png', [], [], {})
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from stereo_speed.errors import BagError, InputError
-from stereo_speed.io.video import image_files, is_bag, read_frames, video_hash
+from stereo_speed.io.video import (
+    frames_missing, image_files, is_bag, read_frames, video_hash)
 from stereo_speed.io.video_writer import VideoWriter
 
 COUNT = 12
@@ -71,6 +72,19 @@ def test_folder_file_and_bags_read_the_same(tmp_path, bags, frames):
     # and no frame is mistaken for its neighbour
     gaps = np.array([[np.abs(f.image.astype(int) - g).mean() for g in frames] for f in found])
     np.testing.assert_array_equal(gaps.argmin(axis=1), np.arange(COUNT))
+
+
+def test_frames_missing_of_a_file_that_breaks_off(tmp_path, bags, frames):
+    path = as_file(tmp_path / 'video.avi', frames)
+    assert [frames_missing(path, n) for n in (COUNT + 1, COUNT, COUNT - 1, COUNT - 2)] == [
+        0, 0, 0, 2]  # one is within what files tell
+    data = path.read_bytes()
+    path.write_bytes(data[:int(0.8 * len(data))])
+    read = len(list(read_frames(path)))
+    assert 0 < read < COUNT - 1 and frames_missing(path, read) == COUNT - read
+    # these do not tell
+    assert frames_missing(as_folder(tmp_path / 'folder', frames), 1) == 0
+    assert frames_missing(as_bag(bags, tmp_path / 'mcap', frames), 1) == 0
 
 
 def test_folder_is_in_natural_order(tmp_path, frames):
