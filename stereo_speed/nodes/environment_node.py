@@ -3,13 +3,17 @@
 """
 ``environment_node``: the images of one camera in, the marked targets out.
 
-It runs the same tracker as ``track-environment``. Frames are counted from 1 since the start or
-the last jump of time, as ``frame`` of the targets file means them.
+It runs the same tracker as ``track-environment``. Frames are numbered from 1 since the start or
+the last jump of time, as ``frame`` of the targets file means them; their stamps tell how many
+were dropped on the way.
 """
 from __future__ import annotations
 
+from collections import deque
+from statistics import median
 from typing import Any, Optional, Sequence
 
+import rclpy
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import CompressedImage, Image, PointCloud2
@@ -17,7 +21,7 @@ from visualization_msgs.msg import MarkerArray
 
 from .common import Diagnostics, image_message, Parameters, qos_options, RELIABLE, run, stamp_ns
 from .environment_messages import target_deletions, target_markers, tracks_message
-from ..environment.boxes import TargetEnd
+from ..environment.boxes import TargetEnd, TargetState
 from ..environment.config import EnvironmentConfig
 from ..environment.distance import DistanceField
 from ..environment.tracker import MonocularTracker, TRACKERS
@@ -27,6 +31,51 @@ from ..io.mot import check_targets, load_map, load_targets
 from ..report.targets import draw_targets
 
 _TOPIC = 'image_raw'
+_JUMP_NS = 1_000_000_000  # a stamp this far back is time starting anew, not a late image
+_INTERVALS = 31  # the latest ones, whose median is that of the frames
+
+
+class FrameCounter:
+    """
+    Numbers frames by their stamps, so that those dropped on the way count as well.
+
+    The interval of the frames is the median of the latest ones; a gap of k of them, rounded,
+    advances the number by k. Stamps that are not later than the last one have no number.
+
+    ``number`` is that of the last frame, 0 before the first; ``gaps`` and ``dropped`` count the
+    gaps and the frames missing in them, ``repeated`` and ``late`` the stamps left out.
+    """
+
+    def __init__(self) -> None:
+        self.number = self.last_ns = 0
+        self.gaps = self.dropped = self.repeated = self.late = 0
+        self._intervals: deque[int] = deque(maxlen=_INTERVALS)
+
+    def jumps_back(self, ns: int) -> bool:
+        """Tell whether a stamp [ns] is of another time."""
+        return self.number > 0 and ns < self.last_ns - _JUMP_NS
+
+    def start_anew(self) -> None:
+        """Go back to 1; the counts go on."""
+        self.number = self.last_ns = 0
+        self._intervals.clear()
+
+    def step(self, ns: int) -> int:
+        """Give how many frames after the last one a stamp [ns] is: 0 for one to leave out."""
+        if self.number == 0:
+            self.number, self.last_ns = 1, ns
+            return 1
+        interval = ns - self.last_ns
+        if interval <= 0:
+            self.repeated += interval == 0
+            self.late += interval < 0
+            return 0
+        self._intervals.append(interval)
+        frames = max(round(interval / median(self._intervals)), 1)
+        self.gaps += frames > 1
+        self.dropped += frames - 1
+        self.number, self.last_ns = self.number + frames, ns
+        return frames
 
 
 class EnvironmentNode(Node):
@@ -56,7 +105,8 @@ class EnvironmentNode(Node):
         check_targets(self.targets, self.labels.shape[1], self.labels.shape[0], paths['targets'])
         self.map_path = paths['map']
         self.field = DistanceField(self.labels)
-        self.number, self.last_ns, self.resets, self.ends = 0, -1, 0, 0
+        self.counter, self.resets, self.marks_missed = FrameCounter(), 0, 0
+        self.ends = dict.fromkeys(TargetState, 0)
         self.tracker = self._new_tracker()
         self._publish_and_subscribe(transport)
         self.diagnostics = Diagnostics(self, self.state)
@@ -77,7 +127,7 @@ class EnvironmentNode(Node):
     def on_image(self, msg: Any) -> None:
         """Run the tracker on a frame and publish what it says."""
         ns = stamp_ns(msg.header.stamp)
-        if ns <= self.last_ns:
+        if self.counter.jumps_back(ns):
             self.start_anew(ns)
         image = bgr_from_message(msg, _TOPIC)
         if image.shape[:2] != self.labels.shape:
@@ -85,8 +135,12 @@ class EnvironmentNode(Node):
             raise InputError(self.map_path, 'size of the map',
                              f'{self.labels.shape[1]}x{self.labels.shape[0]} px',
                              f'{width}x{height} px as the images')
-        self.number, self.last_ns = self.number + 1, ns
-        estimates = self.tracker.process(self.number, image)
+        frames = self.counter.step(ns)
+        if frames == 0:
+            return
+        if frames > 1:
+            self.on_gap(frames - 1)
+        estimates = self.tracker.process(self.counter.number, image)
         self.tracks.publish(tracks_message(estimates, msg.header))
         drawn = [m for e in estimates for m in target_markers(e, msg.header, self.metres_per_px)]
         for end in self.tracker.ended():
@@ -97,31 +151,58 @@ class EnvironmentNode(Node):
             self.overlay.publish(image_message(draw_targets(image, estimates, self.labels), ns=ns,
                                                frame_id=msg.header.frame_id))
 
+    def on_gap(self, dropped: int) -> None:
+        """
+        Take note of the frames missing before the present one.
+
+        A target marked in one of them is never followed. No target is followed over a gap that
+        is longer than one may be hidden.
+        """
+        last = self.counter.number - 1
+        for target in self.targets:
+            if last - dropped < target.frame <= last:
+                self.marks_missed += 1
+                self.get_logger().warning(f'target {target.id}: its frame {target.frame} never '
+                                          'came; it is not followed')
+        if dropped >= self.config.hidden_frames:
+            for number in list(self.tracker.filters):
+                self.tracker.stop(number)
+
     def start_anew(self, ns: int) -> None:
         """End all targets and count frames from 1: time has jumped back."""
         self.get_logger().warning(
-            f'stamps jumped back from {self.last_ns} to {ns} ns: starting anew')
+            f'stamps jumped back from {self.counter.last_ns} to {ns} ns: starting anew')
         self.close()
-        self.tracker, self.number, self.last_ns = self._new_tracker(), 0, -1
+        self.counter.start_anew()
+        self.tracker = self._new_tracker()
         self.resets += 1
 
     def tell(self, end: TargetEnd) -> None:
         """Log how a target ended."""
-        self.ends += 1
+        self.ends[end.state] += 1
         self.get_logger().info(f'target {end.id}: {end.state.value}, frames {end.first_frame} to '
                                f'{end.last_frame}')
 
     def close(self) -> None:
         """End the targets that are still followed."""
-        for end in self.tracker.finish():
-            self.tell(end)
+        if rclpy.ok():  # else there is no log any more
+            for end in self.tracker.finish():
+                self.tell(end)
 
     def state(self) -> tuple[bytes, str, dict[str, Any]]:
         """Level, message and counts for ``/diagnostics``."""
-        ready = self.number > 0
-        return (b'\x00' if ready else b'\x01'), 'tracking' if ready else 'waiting for images', {
-            'frames': self.number, 'followed': len(self.tracker.filters), 'ended': self.ends,
-            'resets': self.resets}
+        c, ends = self.counter, self.ends
+        level, message = b'\x00', 'tracking'
+        if c.number == 0:
+            level, message = b'\x01', 'waiting for images'
+        elif self.marks_missed:
+            level, message = b'\x01', 'frames with a mark in them never came'
+        return level, message, {
+            'frames': c.number, 'followed': len(self.tracker.filters),
+            'ended': sum(ends.values()), 'lost': ends[TargetState.LOST],
+            'left_view': ends[TargetState.LEFT_VIEW], 'resets': self.resets, 'gaps': c.gaps,
+            'dropped': c.dropped, 'marks_missed': self.marks_missed, 'repeated': c.repeated,
+            'late': c.late}
 
 
 def main(args: Optional[Sequence[str]] = None) -> int:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import csv
+import signal
 import subprocess
 import sys
 import time
@@ -14,16 +15,18 @@ import pytest
 
 pytest.importorskip('rclpy')
 
+from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402, I100
 from sensor_msgs.msg import Image, PointCloud2  # noqa: E402
 from stereo_speed.cli.demo import Process  # noqa: E402
 from stereo_speed.cli.main import main  # noqa: E402
 from stereo_speed.nodes.common import image_message, RELIABLE, stamp_ns  # noqa: E402
 from stereo_speed.nodes.environment_messages import RECORD  # noqa: E402
+from stereo_speed.nodes.environment_node import FrameCounter  # noqa: E402
 from visualization_msgs.msg import MarkerArray  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures('private_graph')
 STARTUP_S, EVENT_S = 60.0, 60.0
-FRAMES, PERIOD_NS = 8, 100_000_000
+FRAMES, PERIOD_NS = 8, 200_000_000  # the whole of it is longer than a late image is
 EARLIER_NS = 10 ** 12  # stamps of what is sent before the video; it jumps back to its own
 BOX = (30, 40, 12, 30)
 
@@ -137,6 +140,63 @@ def test_live_tracks_equal_those_of_the_command_and_a_jump_starts_anew(scene, ca
     outline, text = drawn(camera, FRAMES)[0]
     assert len(outline.points) == 5 and text.text.startswith('3 ')
     assert (camera.overlays[0].height, camera.overlays[0].width) == (120, 160)
+
+
+def test_frames_are_numbered_by_their_stamps():
+    """30 Hz with 3 ms of jitter and one in six dropped: numbers are those of the camera."""
+    rng, counter = np.random.default_rng(8), FrameCounter()
+    there = rng.random(900) > 1 / 6
+    there[:6] = True
+    stamps = (np.arange(900) / 30 + rng.uniform(-1.5e-3, 1.5e-3, 900) + 5) * 1e9
+    for number in np.flatnonzero(there) + 1:
+        counter.step(int(stamps[number - 1]))
+        assert counter.number == number
+    assert counter.dropped == np.sum(~there[:number])
+    assert counter.gaps == np.sum(there[1:] & ~there[:-1])
+
+
+def test_repeated_and_late_stamps_are_left_out():
+    ms, counter = 1_000_000, FrameCounter()
+    assert [counter.step(t * ms) for t in (2000, 2100, 2100, 2200, 2150, 2400, 2500)] == [
+        1, 1, 0, 1, 0, 2, 1]
+    assert (counter.number, counter.repeated, counter.late) == (6, 1, 1)
+    assert not counter.jumps_back(1500 * ms) and counter.jumps_back(1499 * ms)
+    counter.start_anew()
+    assert counter.number == 0 and not counter.jumps_back(0) and counter.step(0) == 1
+
+
+def test_dropped_repeated_and_missed_frames_are_told_and_the_end_is_quiet(scene, camera):
+    """Frames 1 to 3, 3 again, then 5 to 8; target 4 is marked in frame 4, which never comes."""
+    (scene / 'two.yaml').write_text(
+        (scene / 'targets.yaml').read_text() + f'- {{id: 4, frame: 4, box: {list(BOX)}}}\n')
+    told = []
+    camera.create_subscription(DiagnosticArray, '/diagnostics', told.append, 10)
+
+    def values():
+        found = [s for m in told for s in m.status if s.name.startswith('environment_node')]
+        return {v.key: v.value for v in found[-1].values} if found else {}
+    images = dict(enumerate(frames(), 1))
+    command = [sys.executable, '-m', 'stereo_speed.nodes.environment_node', '--ros-args']
+    command += [w for p in parameters(scene, targets=scene / 'two.yaml') for w in ('-p', p)]
+    node = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    try:
+        camera.wait(camera.ready, STARTUP_S)
+        settle(camera)
+        for heard, number in enumerate((1, 2, 3, 5, 6, 7, 8), 1):
+            for _ in range(1 + (number == 3)):
+                camera.images.publish(image_message(images[number], ns=number * PERIOD_NS,
+                                                    frame_id='camera_optical'))
+            camera.wait(lambda: len(of_video(camera.tracks)) == heard, EVENT_S)
+        camera.wait(lambda: values().get('frames') == '8' and values()['resets'] == '1', EVENT_S)
+        node.send_signal(signal.SIGINT)
+        error = node.communicate(timeout=EVENT_S)[1]
+    finally:
+        node.kill()
+    found = values()
+    wanted = {'gaps': 1, 'dropped': 1, 'marks_missed': 1, 'repeated': 1, 'late': 0, 'resets': 1,
+              'lost': 0, 'left_view': 0, 'followed': 1}
+    assert {k: int(found[k]) for k in wanted} == wanted
+    assert node.returncode == 0 and 'rosout' not in error and 'Traceback' not in error, error
 
 
 @pytest.mark.parametrize('more, words', [
