@@ -34,6 +34,7 @@ _ALL = _BACKGROUND + 1
 _RING = (1.15, 1.3)  # sizes of the frames around the box that are its surroundings
 _RING_SAMPLES = 12  # along each side
 _MARK_SAMPLES = (40, 60)  # across and down the marked box
+_OWN = 0.2  # of what stands out in a mark that others must leave free, or it is read with them
 _LOOKS = 2  # at the background in a mark before it is believed
 _MORE = 0.1  # of the mark's background that must have become known for it to be read again
 
@@ -119,6 +120,16 @@ class BinImage:
         left, top = np.maximum(np.rint(box_px[:2]), 0).astype(int)
         right, bottom = np.maximum(np.rint(box_px[:2] + box_px[2:]), 0).astype(int)
         self._cover[top:bottom, left:right] = True
+
+    def background_share(self, mark: Boxes) -> float:
+        """Give the share of a box, one, that looks as the background does: 0 to 1."""
+        look = self.sample(mark, grid_points(*_MARK_SAMPLES))
+        inside = look.bins if look.outside is None else look.bins[~look.outside]
+        return float(np.mean(inside == _BACKGROUND)) if inside.size else 0.0
+
+    def background_changed(self) -> None:
+        """Make the bins anew where they are asked for next."""
+        self._made.clear()
 
     def sample(self, boxes: Boxes, grid: Grid) -> Samples:
         """Look up points of boxes, nearest pixel."""
@@ -227,8 +238,10 @@ class Appearance:
         self.ring = ring_points()
         self.usual, self._noted = 0.0, 0
         self._surround = self._surroundings(frame, mark)
-        self.reference = self._marked(frame, mark)
+        look = _look_at_mark(frame, mark)
+        self.reference = self._histogram(look)
         self._mark, self._known = mark, 0.0
+        self._behind = None if look.covered is None else look.covered[0]
         # until all of its background is known
         self._mark_image = None if frame.background is None else frame.image.copy()
         self._weigh()
@@ -282,39 +295,46 @@ class Appearance:
         self._noted += 1
         self.usual += max(1.0 / self._noted, USUAL_SHARE) * (alike - self.usual)
 
-    def review(self, background: Background, now_px: Array) -> None:
+    def review(self, background: Background, now_px: Array) -> bool:
         """
         Read the mark again when more of the background in it has become known.
 
+        What was behind another target when it was marked still is.
+
         :param now_px: (4,) where the target is now: what is learnt there is not believed.
+        :return: whether it was read again.
         """
         if self._mark_image is None:
-            return
+            return False
         mark = self._mark
         upright = np.concatenate([mark.centre_px[0] - mark.size_px[0] / 2, mark.size_px[0]])
         angle = 0.0 if mark.angle_rad is None else float(mark.angle_rad[0])
         known = background.known(envelope(upright, angle), now_px, _LOOKS)
-        if known >= self._known + _MORE or known == 1.0:
+        again = known >= self._known + _MORE or known == 1.0
+        if again:
             self._known = known
-            self.reference = self._marked(BinImage(self._mark_image, background), mark)
+            look = _look_at_mark(BinImage(self._mark_image, background), mark)
+            if self._behind is not None:
+                look = look._replace(covered=(self._behind & (look.bins != _BACKGROUND)))
+            self.reference = self._histogram(look)
             self._noted = 0  # what was usual was so with the other reference
             self._weigh()
         if known == 1.0:
             self._mark_image = None
+        return again
 
     def renew(self, frame: BinImage, box: Boxes) -> None:
         """Blend the reference with what the target looks like now, by ``adaptation``."""
         share = self.config.adaptation
         if share > 0:
-            self.reference = (1 - share) * self.reference + share * self._marked(frame, box)
+            now = self._histogram(_look_at_mark(frame, box))
+            self.reference = (1 - share) * self.reference + share * now
             self._weigh()
 
-    def _marked(self, frame: BinImage, mark: Boxes) -> Array:
-        """Give the histogram (parts, bins) of one box, finely sampled."""
-        look = frame.sample(mark, grid_points(*_MARK_SAMPLES))
+    def _histogram(self, look: Samples) -> Array:
+        """Give the histogram (parts, bins) of one box, looked at as a mark is."""
         index = _parts(self.config.parts, *_MARK_SAMPLES) * _ALL + look.bins[0]
-        if look.unseen is not None:
-            index = index[~look.unseen[0]]
+        index = index[_to_read(look)]
         counts = np.bincount(index, minlength=self.config.parts * _ALL)
         counts = counts.reshape(self.config.parts, _ALL).astype(np.float64)
         # a part that is wholly outside the image looks like the rest
@@ -371,6 +391,29 @@ class Appearance:
         counts = np.bincount(index.ravel(), minlength=len(bins) * parts * self._count)
         counts = counts.reshape(len(bins), parts, self._count)[..., :-1]
         return counts / np.maximum(counts.sum(axis=-1, keepdims=True), 1), seen, visible
+
+
+def _look_at_mark(frame: BinImage, mark: Boxes) -> Samples:
+    """Look at one box, finely sampled."""
+    return frame.sample(mark, grid_points(*_MARK_SAMPLES))
+
+
+def _to_read(look: Samples) -> NDArray[np.bool_]:
+    """
+    Tell which points (M,) of a mark tell what the target looks like; there always are some.
+
+    A mark that others cover almost wholly is read with them in it: it was marked there, so
+    something of the target shows. One outside the image is read at the edge.
+    """
+    here = np.ones(look.bins.shape[1], dtype=bool)
+    if look.outside is not None and not look.outside[0].all():
+        here = ~look.outside[0]
+    if look.covered is None:
+        return here
+    free = here & ~look.covered[0]
+    stands_out = look.bins[0] != _BACKGROUND
+    enough = np.sum(free & stands_out) >= max(_OWN * np.sum(here & stands_out), 1)
+    return free if enough else here
 
 
 def _parts(count: int, across: int, down: int) -> NDArray[np.intp]:

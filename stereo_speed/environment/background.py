@@ -82,6 +82,11 @@ class Background:
               max(across.start - columns.start, 0):max(across.stop - columns.start, 0)] = False
         return float(known.mean()) if known.size else 1.0
 
+    def forget(self, box_px: Array) -> None:
+        """Take what is in an upright box (4,) as never seen."""
+        x, y, w, h = box_px / _STEP
+        self.seen[_span(y, h, _MARGIN), _span(x, w, _MARGIN)] = 0
+
     def learn(self, image: NDArray[np.uint8], targets: Iterable[TargetEstimate]) -> None:
         """Average a frame in, but for the boxes of the targets."""
         free = np.ones(self.seen.shape, np.float32)

@@ -141,7 +141,8 @@ class EnvironmentMotion:
             velocity, rate = velocity * growth[:, None], rate * growth
             horizon = foot - (foot - horizon) * np.exp(
                 c.horizon_noise * root * rng.standard_normal(count))
-            horizon = np.minimum(horizon, min(self.mark_foot_px, foot.min()) - _SMALLEST_PX)
+            # each above its own foot and that of the mark
+            horizon = np.minimum(horizon, np.minimum(self.mark_foot_px, foot) - _SMALLEST_PX)
             size = size * ((foot - horizon) / (self.mark_foot_px - horizon))[:, None]
         else:
             angle = angle + contour_turn(self.field, old.point_px, point) + np.radians(

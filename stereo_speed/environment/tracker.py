@@ -30,6 +30,7 @@ from ..filtering.weights import normalise_log_weights
 from ..records import Array
 
 TRACKERS = ('environment', 'plain')
+_MOSTLY = 0.8  # of a mark that looks as the background does: the target itself was learnt
 
 
 class TargetFilter:
@@ -179,7 +180,10 @@ class MonocularTracker:
 
     def process(self, number: int, image: NDArray[np.uint8]) -> list[TargetEstimate]:
         """
-        Look at a frame; frames come in order and none is left out.
+        Look at a frame; frames come in order.
+
+        A frame left out makes the step to the next one longer. A target marked in it is never
+        followed.
 
         :param number: of the frame, from 1.
         :param image: (H, W, 3) uint8, BGR.
@@ -240,7 +244,11 @@ class MonocularTracker:
             and known.state is TargetState.TRACKED
 
     def _learn(self, image: NDArray[np.uint8]) -> None:
-        """Learn the background, but for where the targets are or will be marked."""
+        """
+        Learn the background, but for where the targets are.
+
+        Who stands still before the mark is learnt with it; see :meth:`_unlearn`.
+        """
         if self.background is not None:
             self.background.learn(image, [f.estimate for f in self.filters.values()])
 
@@ -270,7 +278,20 @@ class MonocularTracker:
         motion: MotionModel = PlainMotion(c, upright) if self.tracker == 'plain' \
             else EnvironmentMotion(self.field, c, target)
         particles = first_particles(target, c.particles, c.start_speed, horizons, rng)
+        self._unlearn(target, frame)
         return TargetFilter(target, frame, self.field, motion, particles, c, rng)
+
+    def _unlearn(self, target: Target, frame: BinImage) -> None:
+        """
+        Forget the background in a mark that hardly stands out from it.
+
+        Who stood there before was learnt as background. What is behind is learnt when the
+        target has gone, and the mark is then read again.
+        """
+        mark = _one(target.box_px, target.angle_rad, target.upright)
+        if self.background is not None and frame.background_share(mark) > _MOSTLY:
+            self.background.forget(envelope(target.box_px, target.angle_rad))
+            frame.background_changed()
 
 
 def _one(box_px: Array, angle_rad: float, upright: bool) -> Boxes:

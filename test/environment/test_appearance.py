@@ -301,3 +301,46 @@ def test_reviewed_mark_is_that_of_a_known_background():
     assert np.abs(early.reference - late.reference).sum() > 0.5
     early.review(background, np.array([0.0, 0, 10, 10]))
     np.testing.assert_allclose(early.reference, late.reference)
+
+
+@pytest.mark.parametrize('free_px, wanted', [(0, (0.0, 1.0)), (3, (0.15, 0.85)), (8, (1.0, 0.0))])
+def test_mark_is_read_with_its_cover_only_if_little_else_is_left(free_px, wanted):
+    """Of 20 columns, the left ones are free and A, the others covered and B."""
+    image = flat(B)
+    image[:, :60 + free_px] = A
+    frame = BinImage(image)
+    frame.cover(np.array([60.0 + free_px, 0, 80, 100]))
+    mark = boxes((69.5, 49.5, 20, 30))
+    target = Appearance(PAPER, frame, mark)
+    whole = target.reference[0]
+    found = [whole[np.ravel_multi_index((r >> 4, g >> 4, b >> 4), (16,) * 3)]
+             for b, g, r in (A, B)]
+    np.testing.assert_allclose(found, wanted, atol=1e-9)
+    likelihood = target.log_likelihood(BinImage(image), mark)
+    assert all(np.isfinite(v).all() for v in likelihood)
+
+
+def test_mark_that_only_touches_the_image_is_read_at_its_edge():
+    image = flat(B)
+    image[:, 0] = A
+    target = Appearance(PAPER, BinImage(image), boxes((-50.4, 50, 100, 30)))
+    assert target.reference.sum() == pytest.approx(1)
+    assert target.compare(BinImage(image), boxes((0, 50, 0.5, 30)))[0] == pytest.approx(1)
+
+
+def test_reviewed_mark_has_no_colours_of_who_stood_in_front():
+    """A is the target's, B that of the one before its right half, C the ground all about."""
+    background, config = Background(140, 100, 25, 100), replace(PAPER, background_contrast=25.0)
+    there = flat(C)
+    there[30:80, 50:70] = A
+    there[30:80, 60:70] = B
+    frame, mark = BinImage(there, background), boxes((59.5, 49.5, 40, 40))
+    frame.cover(np.array([60.0, 30, 10, 50]))
+    target = Appearance(config, frame, mark)
+    for _ in range(8):
+        background.learn(flat(C), [])
+    assert target.review(background, np.array([110.0, 40, 20, 30]))
+    b = np.ravel_multi_index((90 >> 4, 220 >> 4, 20 >> 4), (16,) * 3)
+    assert target.reference[0, b] == 0
+    assert target.reference[0, 4096] == pytest.approx(2 / 3, abs=0.03)  # and A one third
+    assert not target.review(background, np.array([110.0, 40, 20, 30]))  # once is enough

@@ -72,3 +72,19 @@ def test_who_stops_stays_where_he_is_and_keeps_his_distance(maps):
         if motion is environment:
             np.testing.assert_allclose(after.distance_rate_px[stands], 0, atol=1e-9)
             np.testing.assert_allclose(after.distance_rate_px[~stands], 3, atol=0.05)
+
+
+def test_one_that_strays_far_up_leaves_the_horizons_of_the_others(maps):
+    """Its foot is above all horizons; only its own gives way."""
+    config = replace(STILL, horizon_noise=0.05)
+    target, old = particles((0, 0))
+    old = replace(old, horizon_px=np.full(COUNT, 40.0))  # the feet are at 100
+    field = DistanceField(maps.two_kinds(maps.pixels()[0] - 99.5))
+    motion, points = EnvironmentMotion(field, config, target), old.point_px.copy()
+    points[0, 1] = 20.0
+    near, far = (motion._completed(old, old.velocity_px, p, 1.0, np.random.default_rng(5))
+                 for p in (old.point_px, points))
+    np.testing.assert_array_equal(near.horizon_px[1:], far.horizon_px[1:])
+    np.testing.assert_array_equal(near.size_px[1:], far.size_px[1:])
+    assert far.horizon_px[0] == pytest.approx(17)  # 3 px above its foot
+    assert near.horizon_px[1:].mean() == pytest.approx(40, abs=0.2)

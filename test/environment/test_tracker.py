@@ -227,6 +227,28 @@ def test_nearest_covers_first_also_when_its_turn_is_in_another_frame(road, maps,
         np.testing.assert_array_equal(covers, wanted)
 
 
+@pytest.mark.parametrize('contrast', [0.0, 25.0])
+def test_mark_wholly_inside_that_of_a_nearer_one_is_followed(road, maps, contrast):
+    """All of it is covered in the frame it is marked in, where no background is known."""
+    image = road.image([((150, 120), 0.0, (100, 80), maps.RED)], 1)
+    targets = [Target(id=1, frame=1, box_px=np.array([100.0, 80, 100, 80])),
+               Target(id=2, frame=1, box_px=np.array([120.0, 100, 20, 40]))]
+    found, _ = follow(road, [image] * 4, targets, replace(CONFIG, background_contrast=contrast))
+    assert (2, 2) in found and all(np.isfinite(e.box_px).all() for e in found.values())
+
+
+def test_who_stood_still_before_the_mark_is_no_background(road, maps):
+    """He stands for 30 frames, all of them learnt, is marked in the last and walks off."""
+    size, images, boxes = (16.0, 44.0), [], []
+    for number in range(1, 56):
+        centre = np.array([90.0 + 2.5 * max(number - 30, 0), 110.0])
+        boxes.append(box_of(centre, size))
+        images.append(road.image([(centre, 0.0, size, maps.BLUE)], number))
+    for seed in range(3):
+        found, _ = follow(road, images, [Target(id=1, frame=30, box_px=boxes[29])], seed=seed)
+        assert all(overlap(found[1, n].box_px, boxes[n - 1]) > 0.4 for n in (40, 55))
+
+
 def upright_scene(road, maps, frames):
     """Draw a block that stands upright, walks down and grows: a third of the rows below -20."""
     images, boxes = [], []
