@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -21,7 +22,7 @@ from stereo_speed.cli.demo import Process  # noqa: E402
 from stereo_speed.cli.main import main  # noqa: E402
 from stereo_speed.nodes.common import image_message, RELIABLE, stamp_ns  # noqa: E402
 from stereo_speed.nodes.environment_messages import RECORD  # noqa: E402
-from stereo_speed.nodes.environment_node import FrameCounter  # noqa: E402
+from stereo_speed.nodes.environment_node import EnvironmentNode, FrameCounter  # noqa: E402
 from visualization_msgs.msg import MarkerArray  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures('private_graph')
@@ -163,6 +164,16 @@ def test_repeated_and_late_stamps_are_left_out():
     assert not counter.jumps_back(1500 * ms) and counter.jumps_back(1499 * ms)
     counter.start_anew()
     assert counter.number == 0 and not counter.jumps_back(0) and counter.step(0) == 1
+
+
+@pytest.mark.parametrize('dropped, stopped', [(7, []), (8, [3, 9])])
+def test_nobody_is_followed_over_a_gap_longer_than_one_may_be_hidden(dropped, stopped):
+    found = []
+    node = SimpleNamespace(
+        counter=SimpleNamespace(number=40), targets=[], config=SimpleNamespace(hidden_frames=8),
+        tracker=SimpleNamespace(filters={3: None, 9: None}, stop=found.append))
+    EnvironmentNode.on_gap(node, dropped)
+    assert found == stopped
 
 
 def test_dropped_repeated_and_missed_frames_are_told_and_the_end_is_quiet(scene, camera):
