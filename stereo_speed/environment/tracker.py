@@ -17,8 +17,9 @@ from typing import Optional, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from .appearance import Appearance, BinImage, Boxes, USUAL_SHARE
+from .appearance import Appearance, USUAL_SHARE
 from .background import Background
+from .bins import BinImage, Boxes
 from .boxes import envelope, Target, TargetEnd, TargetEstimate, TargetState
 from .config import EnvironmentConfig
 from .distance import DistanceField

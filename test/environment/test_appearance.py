@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stereo_speed.environment.appearance import (
-    Appearance, BinImage, Boxes, grid_points, ring_points, similarity)
+from stereo_speed.environment.appearance import Appearance, similarity
 from stereo_speed.environment.background import Background
+from stereo_speed.environment.bins import BinImage, Boxes, grid_points, ring_points
 from stereo_speed.environment.boxes import corners
 from stereo_speed.environment.config import EnvironmentConfig, PAPER_LIKELIHOOD
 

@@ -8,8 +8,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from stereo_speed.environment.appearance import BinImage, Boxes, grid_points
 from stereo_speed.environment.background import Background
+from stereo_speed.environment.bins import BinImage, Boxes, grid_points
 
 WIDTH, HEIGHT = 40, 24
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stereo_speed.environment.appearance import BinImage
+from stereo_speed.environment.bins import BinImage
 from stereo_speed.environment.boxes import overlap, Target, TargetEstimate, TargetState
 from stereo_speed.environment.config import EnvironmentConfig, PAPER_LIKELIHOOD
 from stereo_speed.environment.tracker import MonocularTracker
