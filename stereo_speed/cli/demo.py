@@ -38,8 +38,10 @@ from ..units import MPH_MPS
 _ROOT = Path(__file__).resolve().parents[2]
 _START_S, _DELIVERY_S, _STOP_S = 60.0, 30.0, 5.0  # longest waits
 _SETTLE_S = 0.5  # what the listener has discovered, the others have within this time
-_RELIABLE = [f'qos_overrides./{side}/image_raw.subscription.reliability:=reliable'
-             for side in ('left', 'right')]
+# A short bag played once has nothing to spare: what nodes may lose of a camera they may not here.
+RELIABLE_IMAGES, RELIABLE_INFOS = (
+    [f'qos_overrides./{side}/{topic}.subscription.reliability:=reliable'
+     for side in ('left', 'right')] for topic in ('image_raw', 'camera_info'))
 
 Reading = tuple[int, str, float, float]  # stamp ns, vehicle, speed and 1-sigma m/s
 
@@ -138,8 +140,9 @@ def live(sample: Path, site: Path, wanted: int, rate: float, truth: Sequence[tup
 
     with ExitStack() as stack:
         nodes = [stack.enter_context(Process(*command)) for command in (
-            ('stereo_sync_node', *_RELIABLE),
-            ('tracker_node', f'site:={site}', *([] if init is None else [f'init:={init}'])),
+            ('stereo_sync_node', *RELIABLE_IMAGES, *RELIABLE_INFOS),
+            ('tracker_node', f'site:={site}', *RELIABLE_INFOS,
+             *([] if init is None else [f'init:={init}'])),
             ('speed_node',))]
         listener = Listener(on_reading, lambda ns, image: frames.setdefault(ns, image))
         stack.callback(listener.close)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from array import array
 import time
-from typing import Any, Callable, Optional, Sequence
+from typing import Any, Optional, Sequence
 
 import numpy as np
 from rclpy.duration import Duration
@@ -26,6 +26,7 @@ from ..io.images import grey_from_message
 
 _ACK_WAIT = Duration(seconds=10)
 _POLL_S = 0.02
+_SETTLE_S = 0.5  # without another subscriber: all have been discovered
 
 
 class ReplayNode(Node):
@@ -70,7 +71,7 @@ class ReplayNode(Node):
         :raises InputError: nobody subscribes in time, or nothing is left to play.
         """
         if self.wait:
-            self._wait_for(lambda: all(o.get_subscription_count() for o in self.outputs.values()))
+            self._wait_for_subscribers()
         while True:
             if not self._play_once():
                 raise BagError(self.bag.path, 'messages', f'none after {self.start_s} s',
@@ -118,15 +119,25 @@ class ReplayNode(Node):
         out.header.stamp, out.header.frame_id = to_stamp(message.stamp_ns), header.frame_id
         return out
 
-    def _wait_for(self, ready: Callable[[], bool]) -> None:
-        end = time.monotonic() + self.wait_s
-        while not ready():
-            if time.monotonic() > end:
+    def _wait_for_subscribers(self) -> None:
+        """
+        Wait until every topic has subscribers and no more of them turn up for a while.
+
+        Nodes are discovered one by one: the first on a topic need not be the last.
+        """
+        now = since = time.monotonic()
+        end, known = now + self.wait_s, [0]
+        while not all(known) or min(since + _SETTLE_S, end) > now:
+            if now > end:
                 lonely = [o.topic_name for o in self.outputs.values()
                           if not o.get_subscription_count()]
                 raise InputError(self.get_name(), 'subscribers', f'none on {", ".join(lonely)} '
                                  f'after {self.wait_s} s', 'one on each topic')
             time.sleep(_POLL_S)
+            now = time.monotonic()
+            counts = [o.get_subscription_count() for o in self.outputs.values()]
+            if counts != known:
+                known, since = counts, now
 
     @staticmethod
     def _sleep_until(due: float) -> None:

@@ -14,7 +14,8 @@ pytest.importorskip('rclpy')
 
 from sensor_msgs.msg import CameraInfo, Image  # noqa: E402
 
-from stereo_speed.cli.demo import live, Process, read_truth  # noqa: E402
+from stereo_speed.cli.demo import (  # noqa: E402
+    live, Process, read_truth, RELIABLE_IMAGES, RELIABLE_INFOS)
 from stereo_speed.cli.main import main  # noqa: E402
 
 STARTUP_S, EVENT_S = 60.0, 20.0
@@ -61,11 +62,10 @@ def test_a_replay_that_starts_over_gives_a_new_vehicle_and_the_same_speeds(sampl
     from stereo_speed.nodes.demo_listener import Listener
     readings = []
     listener = Listener(lambda *reading: readings.append(reading), lambda *frame: None)
-    reliable = [f'qos_overrides./{side}/image_raw.subscription.reliability:=reliable'
-                for side in ('left', 'right')]
     try:
-        with Process('stereo_sync_node', *reliable), Process('speed_node'), \
-                Process('tracker_node', f'site:={sample / "site.yaml"}',
+        with Process('stereo_sync_node', *RELIABLE_IMAGES, *RELIABLE_INFOS), \
+                Process('speed_node'), \
+                Process('tracker_node', *RELIABLE_INFOS, f'site:={sample / "site.yaml"}',
                         f'init:={sample / "init.yaml"}', 'use_sim_time:=true'):
             assert listener.spin(STARTUP_S, lambda: not listener.missing_wires())
             listener.spin(0.5, lambda: False)
@@ -91,11 +91,10 @@ def test_vehicles_found_on_a_site_refined_at_start_read_as_replay_does(sample, t
     wanted = {int(r['stamp_ns']): r for r in rows if r['state'] == 'confirmed'}
     readings = []
     listener = Listener(lambda *reading: readings.append(reading), lambda *frame: None)
-    reliable = [f'qos_overrides./{side}/image_raw.subscription.reliability:=reliable'
-                for side in ('left', 'right')]
     try:
-        with Process('stereo_sync_node', *reliable), Process('speed_node'), \
-                Process('tracker_node', f'site:={sample / "site.yaml"}',
+        with Process('stereo_sync_node', *RELIABLE_IMAGES, *RELIABLE_INFOS), \
+                Process('speed_node'), \
+                Process('tracker_node', *RELIABLE_INFOS, f'site:={sample / "site.yaml"}',
                         'refine_site_pairs:=12'):
             assert listener.spin(STARTUP_S, lambda: not listener.missing_wires())
             listener.spin(0.5, lambda: False)
@@ -114,11 +113,14 @@ def test_ctrl_c_ends_a_node_after_the_open_passes_are_told(sample):
     from stereo_speed.nodes.demo_listener import Listener
     readings = []
     listener = Listener(lambda *reading: readings.append(reading), lambda *frame: None)
-    command = [sys.executable, '-m', 'stereo_speed.nodes.tracker_node', '--ros-args',
-               '-p', f'site:={sample / "site.yaml"}', '-p', f'init:={sample / "init.yaml"}']
+    command = [sys.executable, '-m', 'stereo_speed.nodes.tracker_node', '--ros-args']
+    for parameter in (f'site:={sample / "site.yaml"}', f'init:={sample / "init.yaml"}',
+                      *RELIABLE_INFOS):
+        command += ['-p', parameter]
     tracker = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     try:
-        with Process('stereo_sync_node'), Process('speed_node'):
+        with Process('stereo_sync_node', *RELIABLE_IMAGES, *RELIABLE_INFOS), \
+                Process('speed_node'):
             assert listener.spin(STARTUP_S, lambda: not listener.missing_wires())
             with Process('replay_node', f'bag:={sample / "bag"}', 'rate:=2', 'loop:=true'):
                 assert listener.spin(STARTUP_S, lambda: len(readings) >= 4)
@@ -162,10 +164,8 @@ def test_sync_pairs_equal_stamps_counts_the_rest_and_survives_a_jump(rig_node):
     def on_diagnostics(msg):
         counts.update({v.key: int(v.value) for s in msg.status for v in s.values})
     rig_node.create_subscription(DiagnosticArray, '/diagnostics', on_diagnostics, 10)
-    reliable = [f'qos_overrides./{side}/image_raw.subscription.reliability:=reliable'
-                for side in ('left', 'right')]
     second = 1_000_000_000
-    with Process('stereo_sync_node', *reliable):
+    with Process('stereo_sync_node', *RELIABLE_IMAGES, *RELIABLE_INFOS):
         rig_node.wait(lambda: all(p.get_subscription_count() for p in rig_node.send.values())
                       and rig_node.count_publishers('/stereo/image_pair'), STARTUP_S)
         for ns in (100 * second, 101 * second, 102 * second):
