@@ -117,7 +117,7 @@ class SpeedPipeline:
             if isinstance(track.tracker, SharesParticles):
                 track.tracker.share(self._share(len(self._tracks)))
         updates = [self._update(track, pair) for track in self._tracks]
-        self._drop_doubtful()
+        self._drop_missing()
         self._drop_doubles()
         updates += self._find(pair)
         self._collect(everything=False)
@@ -239,7 +239,7 @@ class SpeedPipeline:
             width_m=float(across * scale[0]), height_m=float(up * scale[1]),
             left_px=update.quad_left_px, right_px=update.quad_right_px)
 
-    def _drop_doubtful(self) -> None:
+    def _drop_missing(self) -> None:
         """End tracks that miss a pair before they were confirmed; a vehicle is found again."""
         self._tracks = [t for t in self._tracks
                         if t.confirmed or not t.found or t.tracker.ended or _holds(t.last)]

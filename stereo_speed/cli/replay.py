@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import asdict, dataclass, field, replace
-import hashlib
 import math
 from pathlib import Path
 import time
@@ -20,7 +19,8 @@ from ..calibration.report import report, summary as report_summary, told
 from ..config import load_config, TrackerConfig
 from ..errors import InputError
 from ..io.bags import StereoBag
-from ..io.results import software_versions, staged_run, stream_timings, write_run
+from ..io.results import (
+    file_sha256, of_passes, software_versions, staged_run, stream_timings, write_run)
 from ..io.whole import prepare_folder
 from ..paths.site_write import site_text
 from ..pipeline import SpeedPipeline, TRACKERS
@@ -181,9 +181,7 @@ def measure(bag: StereoBag, pipeline: SpeedPipeline, lanes: Mapping[str, LanePat
     result.passes += pipeline.finish()
     result.wall_s += time.perf_counter() - start
     result.passes.sort(key=lambda p: p.track)
-    # Of what was found automatically, only what became a vehicle is told.
-    vehicles = {p.track for p in result.passes}
-    result.updates = [u for u in result.updates if u.track in vehicles]
+    result.updates = of_passes(result.updates, result.passes)
     result.strip = frames.frames()
     return result
 
@@ -230,8 +228,8 @@ def summarize(args: argparse.Namespace, config: TrackerConfig, bag: StereoBag,
         'seed': args.seed,
         'refine_site': args.refine_site,
         'input': {'bag': args.bag.resolve().name, 'bag_sha256': bag.input_hash(),
-                  'site_sha256': _sha256(args.site),
-                  'init_sha256': None if args.init is None else _sha256(args.init)},
+                  'site_sha256': file_sha256(args.site),
+                  'init_sha256': None if args.init is None else file_sha256(args.init)},
         'pairing': bag.pairing,
         'lanes': {lane.name: path_quality(lane) for lane in lanes.values()},
         'timings': stream_timings(result.stamps_ns),
@@ -256,10 +254,6 @@ def print_lanes(lanes: Mapping[str, LanePath]) -> None:
         print(f'{lane.name}: path of {q["length_m"]:.1f} m, picks {q["residual_px"]:.2f} px '
               f'r.m.s. off it, heading ± {q["heading_std_across_deg"]:.4f}° across '
               f'and ± {q["heading_std_up_deg"]:.4f}° up')
-
-
-def _sha256(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def write_all(args: argparse.Namespace, lanes: Mapping[str, LanePath], result: Run,

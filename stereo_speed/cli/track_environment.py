@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import asdict, dataclass, field, replace
-import hashlib
 from pathlib import Path
 import sys
 import tempfile
@@ -24,7 +23,7 @@ from ..environment.tracker import MonocularTracker, TRACKERS
 from ..errors import InputError
 from ..io.mot import (
     ANNOTATED, check_targets, load_map, load_targets, SUMMARY, write_targets)
-from ..io.results import software_versions
+from ..io.results import file_sha256, software_versions
 from ..io.video import Frame, frames_missing, read_frames, video_hash
 from ..io.video_writer import VideoWriter
 from ..io.whole import prepare_folder
@@ -174,14 +173,10 @@ def summary(args: argparse.Namespace, config: EnvironmentConfig,
     return {'versions': software_versions(), 'tracker': args.tracker, 'seed': args.seed,
             'stride': args.stride, 'parameters': asdict(config), 'frames': result.frames,
             'frames_missing': result.missing, 'ends': ends,
-            'input_sha256': input_hash(args.video), 'map_sha256': _sha256(args.map),
-            'init_sha256': _sha256(args.init)}
+            'input_sha256': input_hash(args.video), 'map_sha256': file_sha256(args.map),
+            'init_sha256': file_sha256(args.init)}
 
 
 def input_hash(video: Path) -> Optional[str]:
     """Hash the video; a folder is hashed by the files directly in it."""
     return video_hash(video)
-
-
-def _sha256(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()

@@ -24,7 +24,8 @@ from ..errors import InputError
 from ..evaluation import lane_changes, traffic as evaluation
 from ..evaluation.drives import SITES
 from ..geometry.rig import StereoRig
-from ..io.results import software_versions, staged_run, stream_timings, write_run
+from ..io.results import (
+    of_passes, software_versions, staged_run, stream_timings, write_run)
 from ..io.whole import prepare_folder
 from ..pipeline import SpeedPipeline
 from ..records import PassResult, TrackUpdate
@@ -272,12 +273,10 @@ def _render(config: TrafficConfig, seed: int, queue: Any) -> None:
 def _write(args: argparse.Namespace, result: Measured, tracker: TrackerConfig,
            score: evaluation.TrafficScore) -> None:
     """Write the truth and the files of the run, all of them or none."""
-    vehicles = {p.track for p in result.passes}
-    updates = [u for u in result.updates if u.track in vehicles]
     counts = {k: v for k, v in asdict(score).items() if isinstance(v, int)}
     with staged_run(args.out) as aside:
         write_truth(result.truth, aside / TRUTH, TRAFFIC_COLUMNS)
-        write_run(aside, updates, result.passes, {
+        write_run(aside, of_passes(result.updates, result.passes), result.passes, {
             'versions': software_versions(), 'parameters': asdict(tracker), 'seed': args.seed,
             'traffic': {k: getattr(args, k) for k in (
                 'minutes', 'vehicles', 'fps', 'lanes', 'receding', 'light', 'rig', 'lines')},

@@ -30,6 +30,7 @@ PAIR_TOPIC = 'stereo/image_pair'
 # Between our own nodes nothing may be lost, or live and offline speeds would differ.
 RELIABLE = QoSProfile(depth=50, reliability=ReliabilityPolicy.RELIABLE)
 BAD_INPUT = 2
+JUMP_NS = 1_000_000_000  # a stamp this far back is time starting anew, not a late image
 
 
 def qos_options() -> QoSOverridingOptions:

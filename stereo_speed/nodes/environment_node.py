@@ -19,7 +19,8 @@ from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import CompressedImage, Image, PointCloud2
 from visualization_msgs.msg import MarkerArray
 
-from .common import Diagnostics, image_message, Parameters, qos_options, RELIABLE, run, stamp_ns
+from .common import (
+    Diagnostics, image_message, JUMP_NS, Parameters, qos_options, RELIABLE, run, stamp_ns)
 from .environment_messages import target_deletions, target_markers, tracks_message
 from ..environment.boxes import TargetEnd, TargetState
 from ..environment.config import EnvironmentConfig
@@ -31,7 +32,6 @@ from ..io.mot import check_targets, load_map, load_targets
 from ..report.targets import draw_targets
 
 _TOPIC = 'image_raw'
-_JUMP_NS = 1_000_000_000  # a stamp this far back is time starting anew, not a late image
 _INTERVALS = 31  # the latest ones, whose median is that of the frames
 
 
@@ -53,7 +53,7 @@ class FrameCounter:
 
     def jumps_back(self, ns: int) -> bool:
         """Tell whether a stamp [ns] is of another time."""
-        return self.number > 0 and ns < self.last_ns - _JUMP_NS
+        return self.number > 0 and ns < self.last_ns - JUMP_NS
 
     def start_anew(self) -> None:
         """Go back to 1; the counts go on."""

@@ -16,13 +16,11 @@ from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
 from .common import (
-    Diagnostics, PAIR_TOPIC, Parameters, qos_options, RELIABLE, run, stamp_ns)
+    Diagnostics, JUMP_NS, PAIR_TOPIC, Parameters, qos_options, RELIABLE, run, stamp_ns)
 from .pair import pair_message
 from ..errors import CalibrationError, InputError
 from ..io.images import grey_from_message
 from ..sync import PairMatcher
-
-_JUMP_NS = 1_000_000_000  # a stamp this far back is time starting anew, not a late image
 
 
 class StereoSyncNode(Node):
@@ -67,7 +65,7 @@ class StereoSyncNode(Node):
         :raises InputError: an image that cannot be decoded, or not of the calibration's size.
         """
         ns = stamp_ns(msg.header.stamp)
-        if ns < self.last_ns[side] - _JUMP_NS:
+        if ns < self.last_ns[side] - JUMP_NS:
             self.reset(side, ns)
         self.last_ns[side] = max(ns, self.last_ns[side])
         topic = f'{side}/image_raw'

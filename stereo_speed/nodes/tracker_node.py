@@ -204,8 +204,7 @@ class TrackerNode(Node):
             'waiting for camera_info' if self.rig is None else 'waiting to refine the site')
         return (b'\x00' if ready else b'\x01'), message, {
             'pairs': self.index, 'passes': self.passes, 'resets': self.resets,
-            'repeated': self.repeated,
-            'waiting': len(self.waiting)}
+            'repeated': self.repeated, 'waiting': len(self.waiting)}
 
 
 def main(args: Optional[Sequence[str]] = None) -> int:

@@ -85,7 +85,6 @@ class ConstrainedTracker:
         self.first_ns = self.last_ns = self.seen_ns = pair.stamp_ns
         self.stamps_ns: list[int] = []  # of the pairs it was seen in
         self.width_px = 0.0
-        self.coasting = False
         self._told: Optional[TrackUpdate] = None
         self._end = ''
 
@@ -110,14 +109,13 @@ class ConstrainedTracker:
         if self._out_of_view():
             self._end = LEFT_VIEW
             return None
-        before = self.particles.copy(), self.log_weights.copy()
+        predicted, last = (self.particles.copy(), self.log_weights.copy()), self._told
         posterior = self._refine(pair) if self._weigh(pair) else None
         if posterior is None:
-            self.particles, self.log_weights = before
+            self.particles, self.log_weights = predicted
         else:
             self.posterior, self.seen_ns = posterior, pair.stamp_ns
-        again, self.coasting = self.coasting, posterior is None or not posterior.clear[-1]
-        if self.coasting:
+        if posterior is None or not posterior.clear[-1]:
             if self._is_lost(pair.stamp_ns):
                 self._end = LOST
                 return None
@@ -125,10 +123,9 @@ class ConstrainedTracker:
         self.stamps_ns.append(pair.stamp_ns)
         self._update_reference(pair)
         # What braked out of sight shows its speed only in the second pair that it is seen in.
-        confirmed = len(self.stamps_ns) >= _CONFIRM_PAIRS and not again
-        before = self._told
+        confirmed = len(self.stamps_ns) >= _CONFIRM_PAIRS and not _coasts(last)
         update = self._report(pair, TrackState.CONFIRMED if confirmed else TrackState.TENTATIVE)
-        if before is not None and not _may_follow(update, before):
+        if last is not None and not _may_follow(update, last):
             return replace(update, state=TrackState.TENTATIVE)
         return update
 
@@ -192,7 +189,7 @@ class ConstrainedTracker:
         """
         weights = normalise_log_weights(self.log_weights)
         guess, cov = mean_and_covariance(weights, self.particles)
-        posterior = self.refiner.add(pair, guess, again=self.coasting)
+        posterior = self.refiner.add(pair, guess, again=_coasts(self._told))
         if posterior is None:
             return None
         if not posterior.clear[-1]:
@@ -264,6 +261,11 @@ class ConstrainedTracker:
             axes=turned(frame, self._heading_rad()), quad_left_px=left[0],
             quad_right_px=right[0])
         return self._told
+
+
+def _coasts(update: Optional[TrackUpdate]) -> bool:
+    """Say whether the vehicle was not wholly seen in a pair."""
+    return update is not None and update.state is TrackState.COASTING
 
 
 def _may_follow(update: TrackUpdate, before: TrackUpdate) -> bool:

@@ -10,9 +10,9 @@ errors of the heading of the path: 5 n + m + 2 numbers.
 Every model of motion is a Gaussian prior over them.  *Cruising* and *steady*: the speed is a
 Wiener process, of a small rate and of the paper's (2012, eq. 24).  *Changing speed*: the
 acceleration is one.  *Changing lanes*: beside the drift across the path (eq. 27) there is a rate
-that persists, an Ornstein-Uhlenbeck process.  Each on a
-smooth ride, where the height above the path is known to millimetres and so the rows of the images
-tell the range, or on a rough one.  The images then say which it was, by their evidence.
+that persists, an Ornstein-Uhlenbeck process.  Each on a smooth ride, where the height above the
+path is known to millimetres and so the rows of the images tell the range, or on a rough one.  The
+images then say which it was, by their evidence.
 """
 from __future__ import annotations
 
@@ -222,7 +222,8 @@ class PassMotion:
         The road carries the vehicle: it drifts little, and bounces on its springs.
         """
         step = np.diff(np.eye(len(times_s)), axis=0)
-        return self._beside(state, 1, ride_m ** 2 * (np.diag(np.diff(times_s)) + step @ step.T))
+        drift = np.diag(max(ride_m, _LEAST_RATE) ** 2 * np.diff(times_s))
+        return self._beside(state, 1, drift + ride_m ** 2 * step @ step.T)
 
     def _beside(self, state: Array, axis: int, moves: Array) -> NormalEquations:
         """
