@@ -1,16 +1,24 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What tests share: a pass on a bend; of nodes, a graph of their own and a stand-in."""
+"""What tests share: a pass on a bend, roads as picked, small bags, a ROS graph of their own."""
 from __future__ import annotations
 
+from dataclasses import dataclass
 import os
 from pathlib import Path
 import time
+from typing import Any, Callable, Optional
 
+import cv2
 import numpy as np
 import pytest
-from stereo_speed.sim.config import circle_config
-from stereo_speed.sim.sequence import simulate
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import StoragePlugin, Writer
+from stereo_speed.geometry.camera import Camera
+from stereo_speed.geometry.rig import StereoRig
+from stereo_speed.lab.sim.config import circle_config
+from stereo_speed.lab.sim.sequence import simulate
+import yaml
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -51,3 +59,129 @@ def stand_in(private_graph):
     executor.shutdown(timeout_sec=1.0)
     node.destroy_node()
     rclpy.shutdown(context=context)
+
+
+OFFSETS_M = {'edge_right': -1.75, 'line_0': 1.75, 'edge_left': 5.25}
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A rig, picks by line, and the true lane: points, arc lengths and tangents."""
+
+    rig: StereoRig
+    lines: dict
+    lane_m: np.ndarray
+    s_m: np.ndarray
+    tangent: np.ndarray
+
+
+def make_rig(distorted=False):
+    """Make a rig; the distorted one is not parallel either."""
+    k = np.array([[1500.0, 0.0, 511.5], [0.0, 1500.0, 383.5], [0.0, 0.0, 1.0]])
+    d = (-0.21, 0.12, 1e-3, -7e-4) if distorted else ()
+    cameras = [Camera(name=n, width_px=1024, height_px=768, K=k, D=d, model='plumb_bob')
+               for n in ('left', 'right')]
+    r, t = ((0.004, -0.02, 0.003), (-0.5, 0.006, 0.01)) if distorted else ((0, 0, 0), (-0.5, 0, 0))
+    return StereoRig(*cameras, cv2.Rodrigues(np.array(r, dtype=float))[0], np.array(t))
+
+
+def build_scene(curvature=0.0, grade=0.0, seed=0, std_px=0.3, distorted=False):
+    """Make a road of constant curvature (1/m) and grade, 120 m or 65 m long, seen from ahead."""
+    rng, rig = np.random.default_rng(seed), make_rig(distorted)
+    s = np.linspace(0, 120 if curvature < 0.02 else 65, 2401)
+    psi = curvature * s
+    tangent = np.stack([np.cos(psi), np.sin(psi), np.full(s.shape, grade)], -1)
+    tangent /= np.linalg.norm(tangent, axis=-1, keepdims=True)
+    way = np.cumsum((tangent[1:] + tangent[:-1]) / 2 * np.diff(s)[:, None], axis=0)
+    points = np.concatenate([np.zeros((1, 3)), way])
+    left = np.stack([-np.sin(psi), np.cos(psi), np.zeros(s.shape)], -1)
+    eye = points[-1] + 14 * tangent[-1] - 8 * left[-1] + [0, 0, 6.0]
+    z = 0.45 * points[1200] + 0.55 * points[-1] - eye
+    z /= np.linalg.norm(z)
+    x = np.cross(z, [0, 0, 1.0])
+    x /= np.linalg.norm(x)
+    axes = np.stack([x, np.cross(z, x), z])
+    lines = {name: _picked(rig, (points + o * left - eye) @ axes.T, rng, std_px)
+             for name, o in OFFSETS_M.items()}
+    lane = (points - eye) @ axes.T
+    seen = rig.left.project(lane)[1] & (lane[:, 2] < 80)
+    return Scene(rig, lines, lane[seen], s[seen] - s[seen][0], (tangent @ axes.T)[seen])
+
+
+def _picked(rig, points, rng, std_px):
+    """Pick 14 points of a line in each view, evenly along the image curve, with scatter."""
+    out = []
+    for uv, valid in zip(rig.project(points)[:2], rig.project(points)[2:]):
+        uv = uv[valid & (points[:, 2] < 90)]
+        along = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(uv, axis=0), axis=-1))])
+        at = np.linspace(0, along[-1], 14)
+        exact = np.stack([np.interp(at, along, uv[:, i]) for i in (0, 1)], -1)
+        out.append(exact + rng.normal(0, std_px, exact.shape))
+    return tuple(out)
+
+
+@pytest.fixture(scope='session')
+def make_scene():
+    """Give the maker of scenes: (curvature, grade, seed, std_px, distorted) to Scene."""
+    return build_scene
+
+
+SAMPLE = ROOT / 'sample' / 'straight55'
+PAIRS = 4
+
+Change = Callable[[str, int, Any], Optional[Any]]
+
+
+def _same(topic: str, number: int, msg: Any) -> Any:
+    return msg
+
+
+@pytest.fixture(scope='session')
+def sample() -> Path:
+    """Folder of the sample: bag, site.yaml, init.yaml, truth.csv."""
+    return SAMPLE
+
+
+@pytest.fixture(scope='session')
+def rewrite() -> Callable[..., Path]:
+    """
+    Give the function that rewrites the first pairs of the sample's bag.
+
+    Its ``change(topic, number, msg)`` gives the message to write, or None to leave it out.
+    """
+    def write(folder: Path, change: Change = _same, pairs: int = PAIRS) -> Path:
+        with AnyReader([SAMPLE / 'bag']) as reader, \
+                Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+            out, numbers = {}, dict.fromkeys((c.topic for c in reader.connections), 0)
+            for source, log_time_ns, data in reader.messages():
+                number = numbers[source.topic]
+                numbers[source.topic] += 1
+                msg = reader.deserialize(data, source.msgtype)
+                msg = change(source.topic, number, msg) if number < pairs else None
+                if msg is None:
+                    continue
+                if source.topic not in out:
+                    out[source.topic] = writer.add_connection(
+                        source.topic, source.msgtype, typestore=reader.typestore)
+                writer.write(out[source.topic], log_time_ns,
+                             reader.typestore.serialize_cdr(msg, source.msgtype))
+        return folder
+    return write
+
+
+@pytest.fixture(scope='session')
+def short_bag(rewrite, tmp_path_factory) -> Path:
+    """Give the first pairs of the sample."""
+    return rewrite(tmp_path_factory.mktemp('short') / 'bag')
+
+
+@pytest.fixture
+def edited(tmp_path) -> Callable[[str, Callable[[dict], None]], Path]:
+    """Give the function that edits a copy of one of the sample's YAML files."""
+    def edit(name: str, change: Callable[[dict], None]) -> Path:
+        data = yaml.safe_load((SAMPLE / name).read_text())
+        change(data)
+        path = tmp_path / name
+        path.write_text(yaml.safe_dump(data))
+        return path
+    return edit

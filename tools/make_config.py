@@ -12,8 +12,8 @@ import textwrap
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from stereo_speed.config import TrackerConfig  # noqa: E402
-from stereo_speed.environment.config import EnvironmentConfig  # noqa: E402
+from stereo_speed.core.config import TrackerConfig  # noqa: E402
+from stereo_speed.monocular.config import MonocularConfig  # noqa: E402
 
 HEAD = '# Parameters of the tracker for `replay --config`; these are the defaults.\n'
 ENVIRONMENT_HEAD = ('# Parameters of the monocular tracker for `track-environment --config`; these'
@@ -57,9 +57,9 @@ def _yaml(value: object) -> str:
 def main() -> None:
     """Write the files."""
     config = ROOT / 'config'
-    (config / 'environment.yaml').write_text(ENVIRONMENT_HEAD + parameters('', EnvironmentConfig))
+    (config / 'environment.yaml').write_text(ENVIRONMENT_HEAD + parameters('', MonocularConfig))
     (config / 'environment.params.yaml').write_text(
-        NODE_HEAD + parameters('    ', EnvironmentConfig))
+        NODE_HEAD + parameters('    ', MonocularConfig))
     (ROOT / 'config' / 'tracker.yaml').write_text(HEAD + parameters(''))
     path = ROOT / 'config' / 'stereo_speed.params.yaml'
     text = path.read_text()

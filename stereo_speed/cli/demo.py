@@ -24,16 +24,16 @@ import numpy as np
 
 from .replay import measure, print_table, Run
 from .site import refined_from_bag, write_pictures, write_site
-from ..calibration.report import report, told
-from ..config import TrackerConfig
-from ..errors import StereoSpeedError
+from ..core.config import TrackerConfig
+from ..core.errors import StereoSpeedError
+from ..core.records import TrackState
+from ..core.units import MPH_MPS
 from ..io.bags import StereoBag
-from ..pipeline import SpeedPipeline
-from ..records import TrackState
+from ..pipeline.pipeline import SpeedPipeline
 from ..report.overlay import strip
 from ..report.plots import write_plots
-from ..site import lane_paths, load_site
-from ..units import MPH_MPS
+from ..site.lane_paths import lane_paths, load_site
+from ..site.refine.report import report, summary_lines
 
 _ROOT = Path(__file__).resolve().parents[2]
 _START_S, _DELIVERY_S, _STOP_S = 60.0, 30.0, 5.0  # longest waits
@@ -95,7 +95,7 @@ def _refined_site(sample: Path, out: Path) -> Path:
     """Refine the clicked site by the images; give the file it is in."""
     refined = refined_from_bag(load_site(sample / 'site.yaml'), sample / 'bag')
     print('the site, refined by the images of the bag:')
-    for line in told(refined, report(refined)):
+    for line in summary_lines(refined, report(refined)):
         print(line)
     write_site(out / 'site.yaml', refined.site)
     write_pictures(out, 'site', refined)

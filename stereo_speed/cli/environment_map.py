@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .options import number_in
-from ..environment.distance import DistanceField
-from ..environment.regions import draw_map
-from ..errors import InputError
+from ..core.errors import InputError
+from ..io.atomic import write_whole
 from ..io.mot import load_regions
 from ..io.video import IMAGE_SUFFIXES, read_frames
-from ..io.whole import write_whole
+from ..monocular.distance import DistanceField
+from ..monocular.regions import draw_map
 from ..report.targets import draw_field
 
 _LARGEST = 16384

@@ -12,26 +12,31 @@ from __future__ import annotations
 import argparse
 import importlib
 import logging
+from pathlib import Path
 import sys
 from typing import NoReturn, Optional, Sequence
 
 from .. import __version__
-from ..errors import StereoSpeedError
+from ..core.errors import StereoSpeedError
 
 COMMANDS = {
-    'replay': 'measure the vehicles of a stereo bag, offline',
-    'site': 'refine or check a site from the images of a bag',
-    'simulate': 'write a simulated pass: bag, site, init and truth',
-    'accuracy': 'tabulate errors on simulated passes with exact truth',
-    'evaluate': 'compare trackers on sequences with truth; the tables of the papers',
-    'traffic': 'measure simulated traffic with exact truth, and tabulate',
-    'track-environment': 'follow marked targets through the video of one camera',
-    'map': 'draw the map of a scene from polygons',
-    'bench': 'time the tracker',
-    'demo': 'play the sample bag through the live nodes and print the readings',
+    'replay': ('stereo_speed.cli.replay', 'measure the vehicles of a stereo bag, offline'),
+    'site': ('stereo_speed.cli.site', 'refine or check a site from the images of a bag'),
+    'track-environment': ('stereo_speed.cli.track_environment',
+                          'follow marked targets through the video of one camera'),
+    'map': ('stereo_speed.cli.environment_map', 'draw the map of a scene from polygons'),
+    'demo': ('stereo_speed.cli.demo',
+             'play the sample bag through the live nodes and print the readings'),
+    'simulate': ('stereo_speed.lab.cli.simulate',
+                 'write a simulated pass: bag, site, init and truth'),
+    'accuracy': ('stereo_speed.lab.cli.accuracy',
+                 'tabulate errors on simulated passes with exact truth'),
+    'evaluate': ('stereo_speed.lab.cli.evaluate',
+                 'compare trackers on sequences with truth; the tables of the papers'),
+    'traffic': ('stereo_speed.lab.cli.traffic',
+                'measure simulated traffic with exact truth, and tabulate'),
+    'bench': ('stereo_speed.lab.cli.bench', 'time the tracker'),
 }
-# Modules and functions of another name than their command
-MODULES = {'track-environment': 'track_environment', 'map': 'environment_map'}
 INPUT_ERROR = 2
 INTERRUPTED = 130
 
@@ -54,10 +59,9 @@ def build_parser(command: Optional[str]) -> argparse.ArgumentParser:
                     description='Ground speed of vehicles from a stereo pair.')
     parser.add_argument('--version', action='version', version=f'stereo_speed {__version__}')
     subparsers = parser.add_subparsers(metavar='COMMAND', required=True)
-    for name, text in COMMANDS.items():
+    for name, (module, text) in COMMANDS.items():
         if name == command:
-            module = MODULES.get(name, name)
-            importlib.import_module(f'.{module}', __package__).add_parser(subparsers)
+            importlib.import_module(module).add_parser(subparsers)
         else:
             subparsers.add_parser(name, help=text)
     return parser
@@ -96,51 +100,6 @@ def _refuse(line: str) -> int:
     return INPUT_ERROR
 
 
-def replay() -> int:
-    """Run ``replay`` as an executable of its own."""
-    return main(['replay', *sys.argv[1:]])
-
-
-def site() -> int:
-    """Run ``site`` as an executable of its own."""
-    return main(['site', *sys.argv[1:]])
-
-
-def simulate() -> int:
-    """Run ``simulate`` as an executable of its own."""
-    return main(['simulate', *sys.argv[1:]])
-
-
-def accuracy() -> int:
-    """Run ``accuracy`` as an executable of its own."""
-    return main(['accuracy', *sys.argv[1:]])
-
-
-def evaluate() -> int:
-    """Run ``evaluate`` as an executable of its own."""
-    return main(['evaluate', *sys.argv[1:]])
-
-
-def traffic() -> int:
-    """Run ``traffic`` as an executable of its own."""
-    return main(['traffic', *sys.argv[1:]])
-
-
-def track_environment() -> int:
-    """Run ``track-environment`` as an executable of its own."""
-    return main(['track-environment', *sys.argv[1:]])
-
-
-def environment_map() -> int:
-    """Run ``map`` as an executable of its own."""
-    return main(['map', *sys.argv[1:]])
-
-
-def bench() -> int:
-    """Run ``bench`` as an executable of its own."""
-    return main(['bench', *sys.argv[1:]])
-
-
-def demo() -> int:
-    """Run ``demo`` as an executable of its own."""
-    return main(['demo', *sys.argv[1:]])
+def run_executable() -> int:
+    """Run the command that the executable is named after, as under ``ros2 run``."""
+    return main([Path(sys.argv[0]).stem, *sys.argv[1:]])

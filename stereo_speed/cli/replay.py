@@ -14,19 +14,19 @@ import cv2
 import numpy as np
 from tqdm import tqdm
 
-from ..calibration.refine import refine_site, RefinedSite
-from ..calibration.report import report, summary as report_summary, told
-from ..config import load_config, TrackerConfig
-from ..errors import InputError
+from ..core.config import load_config, TrackerConfig
+from ..core.errors import InputError
+from ..core.records import PassResult, TrackUpdate, Verdict
+from ..core.units import KMH_MPS, MPH_MPS
+from ..io.atomic import prepare_folder
 from ..io.bags import StereoBag
 from ..io.results import (
     file_sha256, of_passes, software_versions, staged_run, stream_timings, write_run)
-from ..io.whole import prepare_folder
-from ..paths.site_write import site_text
-from ..pipeline import SpeedPipeline, TRACKERS
-from ..records import PassResult, TrackUpdate, Verdict
-from ..site import InitMark, lane_paths, LanePath, load_init, load_site
-from ..units import KMH_MPS, MPH_MPS
+from ..pipeline.pipeline import SpeedPipeline, TRACKERS
+from ..site.lane_paths import InitialFront, lane_paths, LanePath, load_init, load_site
+from ..site.refine.refiner import refine_site, RefinedSite
+from ..site.refine.report import report, summary as report_summary, summary_lines
+from ..site.write import site_text
 
 REFINED_SITE = 'site.yaml'
 
@@ -115,7 +115,7 @@ def run(args: argparse.Namespace) -> int:
         if args.refine_site:
             refined = refine_site(site, bag.rig, bag.pairs())
             figures = report(refined)
-            print('\n'.join(told(refined, figures)))
+            print('\n'.join(summary_lines(refined, figures)))
             site = refined.site
         config = replace(config, **site.tolerances)
         bag.rig = site.corrected_rig(bag.rig)
@@ -148,7 +148,7 @@ def _config(args: argparse.Namespace) -> TrackerConfig:
         raise InputError('replay', '--particles', error.found, error.wanted) from None
 
 
-def _check_frames(marks: Sequence[InitMark], pairs: int, where: Path) -> None:
+def _check_frames(marks: Sequence[InitialFront], pairs: int, where: Path) -> None:
     """Refuse a mark in a pair that never comes."""
     for index, mark in enumerate(marks):
         if mark.frame >= pairs:

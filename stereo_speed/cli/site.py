@@ -9,14 +9,14 @@ from typing import Any, Optional
 
 import cv2
 
-from ..calibration.picture import picture
-from ..calibration.refine import refine_site, RefinedSite
-from ..calibration.report import report, told
-from ..errors import InputError
+from ..core.errors import InputError
+from ..io.atomic import write_whole
 from ..io.bags import StereoBag
-from ..io.whole import write_whole
-from ..paths.site_write import site_text
-from ..site import load_site, Site
+from ..site.lane_paths import load_site, Site
+from ..site.refine.picture import picture
+from ..site.refine.refiner import refine_site, RefinedSite
+from ..site.refine.report import report, summary_lines
+from ..site.write import site_text
 
 
 def add_parser(subparsers: Any) -> None:
@@ -63,7 +63,7 @@ def _check(args: argparse.Namespace) -> int:
 def _refined(args: argparse.Namespace, name: str) -> RefinedSite:
     """Refine the site, print the report and draw the pictures, named after a site file."""
     refined = refined_from_bag(load_site(args.site), args.bag, args.left, args.right)
-    for line in told(refined, report(refined)):
+    for line in summary_lines(refined, report(refined)):
         print(line)
     if args.pictures is not None:
         shown = write_pictures(args.pictures, name, refined)

@@ -15,18 +15,18 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from .options import number_in
-from ..config import load_config
-from ..environment.boxes import Target, TargetEnd, TargetEstimate
-from ..environment.config import EnvironmentConfig, PAPER_LIKELIHOOD
-from ..environment.distance import DistanceField
-from ..environment.tracker import MonocularTracker, TRACKERS
-from ..errors import InputError
+from ..core.config import load_config
+from ..core.errors import InputError
+from ..io.atomic import prepare_folder
 from ..io.mot import (
     ANNOTATED, check_targets, load_map, load_targets, SUMMARY, write_targets)
 from ..io.results import file_sha256, software_versions
 from ..io.video import Frame, frames_missing, read_frames, video_hash
 from ..io.video_writer import VideoWriter
-from ..io.whole import prepare_folder
+from ..monocular.boxes import Target, TargetEnd, TargetEstimate
+from ..monocular.config import MonocularConfig, PAPER_LIKELIHOOD
+from ..monocular.distance import DistanceField
+from ..monocular.tracker import MonocularTracker, TRACKERS
 from ..report.targets import draw_targets
 
 
@@ -97,13 +97,13 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def make_config(args: argparse.Namespace) -> EnvironmentConfig:
+def make_config(args: argparse.Namespace) -> MonocularConfig:
     """
     Put the parameters together: the file's, then what the other options say.
 
     :raises InputError: a value out of bounds.
     """
-    config = load_config(args.config, EnvironmentConfig) if args.config else EnvironmentConfig()
+    config = load_config(args.config, MonocularConfig) if args.config else MonocularConfig()
     if args.likelihood == 'paper':
         config = replace(config, **PAPER_LIKELIHOOD)
     if args.particles is None:
@@ -114,7 +114,7 @@ def make_config(args: argparse.Namespace) -> EnvironmentConfig:
         raise InputError('track-environment', '--particles', error.found, error.wanted) from None
 
 
-def track(args: argparse.Namespace, config: EnvironmentConfig, targets: list[Target],
+def track(args: argparse.Namespace, config: MonocularConfig, targets: list[Target],
           labels: NDArray[np.uint8], annotated: Optional[Path]) -> Run:
     """
     Run the tracker over the video.
@@ -164,7 +164,7 @@ def _check_frames(targets: list[Target], frames: int, where: object) -> None:
                              f'at most {frames}, the number of frames')
 
 
-def summary(args: argparse.Namespace, config: EnvironmentConfig,
+def summary(args: argparse.Namespace, config: MonocularConfig,
             result: Run) -> dict[str, Any]:
     """Tell what the files depend on; nothing that changes when the run is repeated."""
     ends: dict[str, int] = {}

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..config import check_bounds, parameter
+from ..core.config import check_bounds, parameter
 
 
 @dataclass(frozen=True)

@@ -18,15 +18,15 @@ from typing import Mapping, NamedTuple, Optional, Sequence
 import numpy as np
 
 from .config import DetectorConfig
-from .faces import Face, FaceFinder
+from .front_refiner import FrontHypothesis, FrontRefiner
 from .lane_geometry import LaneGeometry
-from .motion import find_motion, Motion, moved, moving_half
-from .records import Detection, Earlier, Occupied
-from .scan import LaneScan, Seed
-from .views import PairViews, region_of
+from .plane_sweep import PlaneSweep, Proposal
+from .pyramid import PairPyramids, region_of
+from .records import Detection, Earlier, TrackedRegion
+from .temporal_match import find_motion, Motion, moved, moving_half
+from ..core.records import Array, StereoPair
 from ..geometry.rig import StereoRig
-from ..records import Array, StereoPair
-from ..site import LanePath
+from ..site.lane_paths import LanePath
 
 _MATCH_PX = 0.1  # 1-sigma of the disparity of a face
 _AXIS_M = 0.03  # 1-sigma of its middle
@@ -55,8 +55,8 @@ class _Candidate(NamedTuple):
     """A face of a lane that stands upright, among others."""
 
     lane: int
-    finder: FaceFinder
-    face: Face
+    finder: FrontRefiner
+    face: FrontHypothesis
     place: _Place
     others: list[_Place]
 
@@ -66,7 +66,7 @@ class _Found:
     """A verified face of a lane, its upper and its lower edge."""
 
     lane: int
-    face: Face
+    face: FrontHypothesis
     motion: Motion
     place: _Place
     heights_m: Array
@@ -77,7 +77,7 @@ class _Found:
         return min(self.face.cross_ncc, self.face.symmetry, self.motion.ncc)
 
 
-class VehicleDetector:
+class PlaneSweepDetector:
     """
     Finds vehicles pair after pair; see the module's docstring.
 
@@ -91,24 +91,24 @@ class VehicleDetector:
         self.rig, self.lanes, self.config = rig, dict(lanes), config
         self._names = list(self.lanes)
         self._geometry = [LaneGeometry(rig, lane) for lane in self.lanes.values()]
-        self._scans = [LaneScan(g, config) for g in self._geometry]
+        self._scans = [PlaneSweep(g, config) for g in self._geometry]
         self._finders = [
-            (FaceFinder(g, config.face_low_m, config.face_high_m, config.least_width_m),
-             FaceFinder(g, config.tall_low_m, config.tall_high_m, config.tall_width_m))
+            (FrontRefiner(g, config.face_low_m, config.face_high_m, config.least_width_m),
+             FrontRefiner(g, config.tall_low_m, config.tall_high_m, config.tall_width_m))
             for g in self._geometry]
         self._regions = (
             region_of([scan.pixels[0] for scan in self._scans],
                       (rig.left.width_px, rig.left.height_px)),
             region_of([scan.pixels[1] for scan in self._scans],
                       (rig.right.width_px, rig.right.height_px)))
-        self._past: deque[PairViews] = deque()
+        self._past: deque[PairPyramids] = deque()
         self._noise, self._turn = 2.0, 0
 
     def reset(self) -> None:
         """Forget the earlier pairs, as after a jump back of time."""
         self._past.clear()
 
-    def update(self, pair: StereoPair, occupied: Sequence[Occupied] = ()) -> list[Detection]:
+    def update(self, pair: StereoPair, occupied: Sequence[TrackedRegion] = ()) -> list[Detection]:
         """
         Take in a pair and find the vehicles that no track holds.
 
@@ -120,7 +120,7 @@ class VehicleDetector:
         if self._past and (pair.stamp_ns - self._past[-1].stamp_ns) * 1e-9 \
                 < self.config.interval_s:
             return []
-        now = PairViews.of(pair, self._regions)
+        now = PairPyramids.of(pair, self._regions)
         found: list[_Found] = []
         self._learn_noise(now)
         past = self._references(now.stamp_ns)
@@ -140,13 +140,13 @@ class VehicleDetector:
                 return False
         return True
 
-    def _references(self, stamp_ns: int) -> list[PairViews]:
+    def _references(self, stamp_ns: int) -> list[PairPyramids]:
         """Give the youngest pair that is old enough; now and then, for the slow, an older too."""
         self._turn += 1
         ages_s = [self.config.reference_s]
         if self._turn % _LONG_EVERY == 0:
             ages_s.append(self.config.long_reference_s)
-        out: list[PairViews] = []
+        out: list[PairPyramids] = []
         for age_s in ages_s if self._past else ():
             old = [v for v in self._past if (stamp_ns - v.stamp_ns) * 1e-9 >= age_s]
             one = old[-1] if old else self._past[0]
@@ -154,16 +154,16 @@ class VehicleDetector:
                 out.append(one)
         return out
 
-    def _since(self, before: PairViews) -> tuple[StereoPair, ...]:
+    def _since(self, before: PairPyramids) -> tuple[StereoPair, ...]:
         return tuple(v.pair for v in self._past if v.stamp_ns >= before.stamp_ns)
 
-    def _remember(self, now: PairViews) -> None:
+    def _remember(self, now: PairPyramids) -> None:
         self._past.append(now)
         keep_ns = self.config.long_reference_s * 1e9
         while len(self._past) > 2 and now.stamp_ns - self._past[1].stamp_ns > keep_ns:
             self._past.popleft()
 
-    def _learn_noise(self, now: PairViews) -> None:
+    def _learn_noise(self, now: PairPyramids) -> None:
         """Estimate the noise of a grey value from how most pixels differ from a pair ago."""
         if not self._past:
             return
@@ -173,7 +173,7 @@ class VehicleDetector:
         noise = spread / 0.6745 / np.sqrt(2)
         self._noise += _NOISE_SHARE * (noise - self._noise)
 
-    def _search(self, lane: int, now: PairViews, past: Sequence[PairViews],
+    def _search(self, lane: int, now: PairPyramids, past: Sequence[PairPyramids],
                 taken: Sequence[_Place]) -> list[_Found]:
         """Find and verify the faces of a lane."""
         seeds = self._scans[lane].seeds(now, past[-1], self._noise)
@@ -193,7 +193,7 @@ class VehicleDetector:
                     out.append(one)
         return out
 
-    def _came(self, one: _Candidate, now: PairViews, past: Sequence[PairViews]
+    def _came(self, one: _Candidate, now: PairPyramids, past: Sequence[PairPyramids]
               ) -> Optional[_Found]:
         """Find in which of the earlier pairs a face was seen, further back along its lane."""
         for before in past:
@@ -209,12 +209,12 @@ class VehicleDetector:
                               one.finder.heights_m[[0, -1]], self._since(before))
         return None
 
-    def _held(self, lane: int, seed: Seed, taken: Sequence[_Place]) -> bool:
+    def _held(self, lane: int, seed: Proposal, taken: Sequence[_Place]) -> bool:
         """Say whether a seed is on a vehicle that a track holds."""
         place = self._place(lane, seed.s_m, seed.x_m, 0.0)
         return any(self._overlap(lane, place, other) for other in taken)
 
-    def _upright(self, face: Face, finder: FaceFinder, now: PairViews) -> bool:
+    def _upright(self, face: FrontHypothesis, finder: FrontRefiner, now: PairPyramids) -> bool:
         """Say whether a face stands on its plane and looks like one."""
         c = self.config
         doubt = max(1 - face.cross_ncc, _LEAST_DOUBT)
@@ -227,7 +227,7 @@ class VehicleDetector:
         return _Place(self._geometry[lane].points(
             np.array([s_m]), np.array([x_m]), height)[0, 0, 0], half_m)
 
-    def _held_place(self, held: Occupied) -> _Place:
+    def _held_place(self, held: TrackedRegion) -> _Place:
         path = self.lanes[held.lane].path
         s = np.array(held.s_m)
         return _Place(path.position(s) + held.lateral_m * path.frame(s)[:, 1],

@@ -15,9 +15,9 @@ from functools import lru_cache
 
 import numpy as np
 
+from ..core.records import Array
 from ..geometry.rig import StereoRig
-from ..records import Array
-from ..site import LanePath
+from ..site.lane_paths import LanePath
 
 _HEIGHT_M = 0.5  # where rates are taken
 _STEP_M = 0.5

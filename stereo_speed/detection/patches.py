@@ -9,7 +9,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from .views import Patches
+from .pyramid import Patches
 
 Floats = NDArray[np.float64]
 

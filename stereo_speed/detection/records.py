@@ -8,7 +8,7 @@ from typing import Optional
 
 import numpy as np
 
-from ..records import Array, StereoPair
+from ..core.records import Array, StereoPair
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -62,7 +62,7 @@ class Detection:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Occupied:
+class TrackedRegion:
     """
     A place that a track already holds, predicted for the pair.
 

@@ -10,8 +10,8 @@ import math
 import numpy as np
 
 from .distortion import Distortion, equidistant, invert, largest_radius, polynomial
-from ..errors import CalibrationError
-from ..records import Array
+from ..core.errors import CalibrationError
+from ..core.records import Array
 
 # Numbers of coefficients that each model takes; fewer than it can have are zeros.
 MODELS = {

@@ -12,7 +12,7 @@ from typing import Callable
 
 import numpy as np
 
-from ..records import Array
+from ..core.records import Array
 
 Distortion = Callable[[Array], Array]
 

@@ -10,8 +10,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from .camera import Camera
-from ..errors import CalibrationError
-from ..records import Array
+from ..core.errors import CalibrationError
+from ..core.records import Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,10 +16,10 @@ from .camera_info import check_image_size, rig_from_info, same_calibration
 from .images import grey_from_message
 from .recording import hash_files, RawMessage, Recording, WHOLE
 from .topics import choose_topics, SIDES, StereoTopics
-from ..errors import BagError
+from ..core.errors import BagError
+from ..core.pair_matcher import choose_tolerance_ns, plan_pairs
+from ..core.records import StereoPair
 from ..geometry.rig import StereoRig
-from ..records import StereoPair
-from ..sync import choose_tolerance_ns, plan_pairs
 
 _log = logging.getLogger(__name__)
 
@@ -54,7 +54,7 @@ class StereoBag:
     :param left: left image topic; None finds it by type and name.
     :param right: right image topic; None finds it by type and name.
     :param tolerance_ns: largest gap between the header stamps of a pair, ns; None lets
-        :func:`stereo_speed.sync.choose_tolerance_ns` decide.
+        :func:`stereo_speed.core.pair_matcher.choose_tolerance_ns` decide.
     :raises BagError: on entering, when the bag cannot be used.
     :raises CalibrationError: on entering, when its calibration cannot be used.
     """

@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import CalibrationError
+from ..core.errors import CalibrationError
+from ..core.records import Array
 from ..geometry.camera import Camera
 from ..geometry.rig import StereoRig
-from ..records import Array
 
 
 def _numbers(msg: Any, field: str, where: object) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .images import grey_from_message
-from ..errors import BagError
+from ..core.errors import BagError
 
 Colour = NDArray[np.uint8]
 _CHANNELS = {'bgr8': 3, 'rgb8': 3, 'bgra8': 4, 'rgba8': 4}

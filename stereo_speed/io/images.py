@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import BagError
+from ..core.errors import BagError
 
 # OpenCV names a mosaic by its second row, second column; ROS by its first row.
 _BAYER = {

@@ -16,14 +16,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from .atomic import csv_text, PathLike, staged
 from .results import summary_json
-from .whole import csv_text, PathLike, staged
-from ..environment.boxes import Target, TargetEnd, TargetEstimate
-from ..environment.distance import KINDS
-from ..environment.regions import KIND_LEVELS, Region
-from ..errors import InputError, SiteError
-from ..fields import Fields, load_yaml
-from ..records import Array
+from ..core.errors import InputError, SiteError
+from ..core.records import Array
+from ..core.strict_yaml import StrictMapping, load_yaml
+from ..monocular.boxes import Target, TargetEnd, TargetEstimate
+from ..monocular.distance import KINDS
+from ..monocular.regions import KIND_LEVELS, Region
 
 BOXES, TARGETS, ENDS, SUMMARY = 'boxes.txt', 'targets.csv', 'ends.csv', 'summary.json'
 ANNOTATED = 'annotated.avi'
@@ -39,11 +39,11 @@ def load_targets(path: PathLike) -> list[Target]:
 
     :raises SiteError: names the field, what was found and what was wanted.
     """
-    top = Fields(path, '', load_yaml(path, 'environment_targets'),
+    top = StrictMapping(path, '', load_yaml(path, 'environment_targets'),
                  ('environment_targets', 'targets'))
     targets: list[Target] = []
     for index, item in enumerate(top.listed('targets')):
-        fields = Fields(path, f'targets[{index}]', item, ('id', 'frame', 'box', 'angle_deg'))
+        fields = StrictMapping(path, f'targets[{index}]', item, ('id', 'frame', 'box', 'angle_deg'))
         target = _target(fields)
         if target.id in [t.id for t in targets]:
             raise fields.error('id', f'{target.id} again', 'an id of its own for each target')
@@ -51,7 +51,7 @@ def load_targets(path: PathLike) -> list[Target]:
     return targets
 
 
-def _target(fields: Fields) -> Target:
+def _target(fields: StrictMapping) -> Target:
     number, frame = fields.integer('id'), fields.integer('frame')
     if frame < 1:
         raise fields.error('frame', frame, 'the number of a frame, from 1')
@@ -65,7 +65,7 @@ def _target(fields: Fields) -> Target:
     return Target(id=number, frame=frame, box_px=np.array(values), angle_rad=math.radians(angle))
 
 
-def _number(fields: Fields, key: str, value: Any) -> float:
+def _number(fields: StrictMapping, key: str, value: Any) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float)) \
             or not math.isfinite(value) or abs(value) > _LARGEST:
         raise fields.error(key, repr(value), 'a finite number')
@@ -114,18 +114,18 @@ def load_regions(path: PathLike) -> tuple[list[Region], str]:
     :return: the regions, in the order they are drawn, and the kind of the rest.
     :raises SiteError: names the field, what was found and what was wanted.
     """
-    top = Fields(path, '', load_yaml(path, 'stereo_speed_map'),
+    top = StrictMapping(path, '', load_yaml(path, 'stereo_speed_map'),
                  ('stereo_speed_map', 'background', 'regions'))
     background = _kind(top, 'background') if 'background' in top else 'accessible'
     regions = []
     for index, item in enumerate(top.listed('regions')):
-        fields = Fields(path, f'regions[{index}]', item, ('kind', 'polygon'))
+        fields = StrictMapping(path, f'regions[{index}]', item, ('kind', 'polygon'))
         regions.append(Region(kind=_kind(fields, 'kind'),
                               polygon_px=fields.points('polygon', 2, 3)))
     return regions, background
 
 
-def _kind(fields: Fields, key: str) -> str:
+def _kind(fields: StrictMapping, key: str) -> str:
     kind = fields.text(key)
     if kind not in KIND_LEVELS:
         raise fields.error(key, repr(kind), ', '.join(KIND_LEVELS))

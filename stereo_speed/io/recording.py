@@ -16,7 +16,7 @@ from typing import Any, Collection, Iterator, NamedTuple, Optional, Union
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import get_typestore, Stores
 
-from ..errors import BagError, StereoSpeedError
+from ..core.errors import BagError, StereoSpeedError
 
 _STORAGE = ('.mcap', '.db3', '.bag')
 WHOLE = "a whole, readable bag ('mcap recover' or 'ros2 bag reindex' may repair it)"

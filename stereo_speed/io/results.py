@@ -23,9 +23,9 @@ import cv2
 import numpy as np
 import scipy
 
-from .whole import csv_text, PathLike, staged, write_whole
-from ..records import PassResult, TrackUpdate
-from ..units import seconds
+from .atomic import csv_text, PathLike, staged, write_whole
+from ..core.records import PassResult, TrackUpdate
+from ..core.units import seconds
 
 TRACKS, PASSES, SUMMARY = 'tracks.csv', 'passes.csv', 'summary.json'
 TRACK_COLUMNS = ('stamp_ns', 'track', 'lane', 'state', 'speed_mps', 'speed_std_mps',

@@ -17,7 +17,7 @@ import numpy as np
 from .colour import bgr_from_message, Colour
 from .recording import hash_files, Recording
 from .topics import IMAGE_TYPES
-from ..errors import BagError, InputError
+from ..core.errors import BagError, InputError
 
 IMAGE_SUFFIXES = ('.png', '.jpg', '.jpeg', '.bmp', '.tif', '.tiff', '.ppm')
 _BAG_SUFFIXES = ('.mcap', '.db3', '.bag')

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError
+from ..core.errors import InputError
 
 _CODEC = 'MJPG'  # OpenCV writes it by itself, wherever it runs
 

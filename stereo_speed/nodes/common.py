@@ -23,8 +23,8 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import Image
 
-from ..config import TrackerConfig
-from ..errors import InputError, StereoSpeedError
+from ..core.config import TrackerConfig
+from ..core.errors import InputError, StereoSpeedError
 
 PAIR_TOPIC = 'stereo/image_pair'
 # Between our own nodes nothing may be lost, or live and offline speeds would differ.

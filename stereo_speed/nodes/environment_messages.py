@@ -13,7 +13,7 @@ from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker
 
-from ..environment.boxes import corners, TargetEstimate, TargetState
+from ..monocular.boxes import corners, TargetEstimate, TargetState
 
 # One point per target. x, y, z come first, so that any viewer shows the points: the middle of
 # the box's lower edge. All in px of the raw image, but the angle.

@@ -22,13 +22,13 @@ from visualization_msgs.msg import MarkerArray
 from .common import (
     Diagnostics, image_message, JUMP_NS, Parameters, qos_options, RELIABLE, run, stamp_ns)
 from .environment_messages import target_deletions, target_markers, tracks_message
-from ..environment.boxes import TargetEnd, TargetState
-from ..environment.config import EnvironmentConfig
-from ..environment.distance import DistanceField
-from ..environment.tracker import MonocularTracker, TRACKERS
-from ..errors import InputError
+from ..core.errors import InputError
 from ..io.colour import bgr_from_message
 from ..io.mot import check_targets, load_map, load_targets
+from ..monocular.boxes import TargetEnd, TargetState
+from ..monocular.config import MonocularConfig
+from ..monocular.distance import DistanceField
+from ..monocular.tracker import MonocularTracker, TRACKERS
 from ..report.targets import draw_targets
 
 _TOPIC = 'image_raw'
@@ -93,7 +93,7 @@ class EnvironmentNode(Node):
         transport = p.get('image_transport', 'raw', "'raw' or 'compressed' images")
         self.metres_per_px = p.get('marker_metres_per_px', 0.01, 'size of a pixel in the markers '
                                    '[m]', 1e-6, 1e3)
-        self.config = p.config(EnvironmentConfig)
+        self.config = p.config(MonocularConfig)
         for name, value in paths.items():
             if not value:
                 raise InputError(where, name, 'nothing', f'the path of the {name} file')

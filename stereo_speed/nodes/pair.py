@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import Image
 
 from .common import image_message, PAIR_TOPIC, stamp_ns
-from ..errors import InputError
+from ..core.errors import InputError
+from ..core.records import StereoPair
 from ..io.images import grey_from_message
-from ..records import StereoPair
 
 _STAMP = struct.Struct('<q')
 

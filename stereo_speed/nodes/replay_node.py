@@ -20,7 +20,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
 from .common import image_message, Parameters, qos_options, RELIABLE, run, to_stamp
-from ..errors import BagError, InputError
+from ..core.errors import BagError, InputError
 from ..io.bags import BagMessage, StereoBag
 from ..io.images import grey_from_message
 

@@ -18,9 +18,9 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from .common import (
     Diagnostics, JUMP_NS, PAIR_TOPIC, Parameters, qos_options, RELIABLE, run, stamp_ns)
 from .pair import pair_message
-from ..errors import CalibrationError, InputError
+from ..core.errors import CalibrationError, InputError
+from ..core.pair_matcher import PairMatcher
 from ..io.images import grey_from_message
-from ..sync import PairMatcher
 
 
 class StereoSyncNode(Node):

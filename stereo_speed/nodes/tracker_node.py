@@ -24,16 +24,16 @@ from .common import (Diagnostics, image_message, PAIR_TOPIC, Parameters, qos_opt
                      run, stamp_ns)
 from .messages import deletions, markers, odometry, path_markers
 from .pair import pair_from_message
-from ..calibration.refine import refine_site
-from ..calibration.report import report, told
-from ..errors import CalibrationError, InputError
+from ..core.errors import CalibrationError, InputError
+from ..core.records import PassResult, StereoPair, TrackUpdate
+from ..core.units import KMH_MPS, MPH_MPS
 from ..geometry.rig import StereoRig
 from ..io.camera_info import rig_from_info, same_calibration
-from ..pipeline import SpeedPipeline, TRACKERS
-from ..records import PassResult, StereoPair, TrackUpdate
+from ..pipeline.pipeline import SpeedPipeline, TRACKERS
 from ..report.overlay import draw
-from ..site import lane_paths, load_init, load_site
-from ..units import KMH_MPS, MPH_MPS
+from ..site.lane_paths import lane_paths, load_init, load_site
+from ..site.refine.refiner import refine_site
+from ..site.refine.report import report, summary_lines
 
 _WAITING_PAIRS = 50  # pairs kept until both calibrations have come
 MOST_REFINE_PAIRS = 200
@@ -128,7 +128,7 @@ class TrackerNode(Node):
         if self.refine_pairs:
             pairs = [pair_from_message(msg, k) for k, msg in enumerate(self.waiting)]
             refined = refine_site(site, rig, pairs)
-            for line in told(refined, report(refined)):
+            for line in summary_lines(refined, report(refined)):
                 self.get_logger().info(line)
             site = refined.site
         rig = site.corrected_rig(rig)

@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from .plots import COLOURS, new_figure, show_legend
-from ..records import Array
-from ..units import MPH_MPS
+from ..core.records import Array
+from ..core.units import MPH_MPS
 
 _DPI = 110
 _MARKS = 'osD^vPX*'

@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.records import Array, StereoPair, TrackState, TrackUpdate
+from ..core.units import KMH_MPS, MPH_MPS
 from ..geometry.rig import StereoRig
-from ..records import Array, StereoPair, TrackState, TrackUpdate
-from ..site import LanePath
-from ..units import KMH_MPS, MPH_MPS
+from ..site.lane_paths import LanePath
 
 Image = NDArray[np.uint8]
 

@@ -15,9 +15,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 import numpy as np
 
-from ..records import Array, PassResult, TrackState, TrackUpdate, Verdict
-from ..site import LanePath
-from ..units import KMH_MPS, MPH_MPS, NS_S
+from ..core.records import Array, PassResult, TrackState, TrackUpdate, Verdict
+from ..core.units import KMH_MPS, MPH_MPS, NS_S
+from ..site.lane_paths import LanePath
 
 # Vehicle name to rows of (stamp in ns, speed in m/s).
 Truth = Mapping[str, Sequence[tuple[int, float]]]

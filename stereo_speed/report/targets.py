@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .overlay import colour_of
-from ..environment.boxes import corners, TargetEstimate, TargetState
-from ..environment.distance import DistanceField, INACCESSIBLE, PATHWAY
+from ..monocular.boxes import corners, TargetEstimate, TargetState
+from ..monocular.distance import DistanceField, INACCESSIBLE, PATHWAY
 
 Image = NDArray[np.uint8]
 _SHIFT = 4  # fractional bits of the coordinates given to OpenCV

@@ -18,23 +18,23 @@ from typing import Optional
 
 import numpy as np
 
-from .acquire import acquire
 from .front import Front, turned
+from .initialise import place_front
 from .likelihood import Reference, score
-from .looks import inside, lag_s, LookSampler
-from .motion import PassPrior
-from .outcome import calibration_share, conclude, live_std, MAX_ACCELERATION_MPS2, Pass
-from .refine import PassRefiner, Posterior
-from ..config import TrackerConfig
-from ..features.haar import CELLS, PartGrid
-from ..filtering.particle_filter import weigh
-from ..filtering.resampling import systematic
-from ..filtering.weights import (
+from .motion_prior import PassPrior
+from .observation import inside, lag_s, ObservationSampler
+from .pass_result import calibration_share, conclude, live_std, MAX_ACCELERATION_MPS2, Pass
+from .window import PhotometricWindow, Posterior
+from ..core.config import TrackerConfig
+from ..core.records import (
+    Array, LEFT_VIEW, LOST, PassResult, StereoPair, STREAM_ENDED, TrackState, TrackUpdate)
+from ..estimation.particle_filter import weigh
+from ..estimation.resampling import systematic
+from ..estimation.weights import (
     DegenerateWeightsError, mean_and_covariance, normalise_log_weights)
 from ..geometry.rig import StereoRig
-from ..records import (
-    Array, LEFT_VIEW, LOST, PassResult, StereoPair, STREAM_ENDED, TrackState, TrackUpdate)
-from ..site import InitMark, LanePath
+from ..site.lane_paths import InitialFront, LanePath
+from ..vision.haar import CELLS, PartGrid
 
 _CONFIRM_PAIRS = 3  # pairs before a reading is worth publishing
 _LOST_AFTER_S = 1.5  # long enough for a pole, and for a camera that is gone for a second
@@ -60,23 +60,23 @@ class ConstrainedTracker:
     :param rng: source of all randomness.
     """
 
-    def __init__(self, *, rig: StereoRig, lane: LanePath, config: TrackerConfig, mark: InitMark,
+    def __init__(self, *, rig: StereoRig, lane: LanePath, config: TrackerConfig, mark: InitialFront,
                  pair: StereoPair, track: int, rng: np.random.Generator) -> None:
         self.rig, self.lane, self.config, self.track, self.rng = rig, lane, config, track, rng
         self.grid = PartGrid(config.parts, CELLS)
         fine = PartGrid(config.parts, config.samples_per_part)
         self.expected_mps = lane.speed_limit_mps or config.initial_speed_mps
         later_m = self.expected_mps * lag_s(pair, config.trigger_tolerance_s)
-        start = acquire(rig, lane.path, mark, pair, fine, later_m)
+        start = place_front(rig, lane.path, mark, pair, fine, later_m)
         self.front: Front = start.front
-        sampler = LookSampler(rig, start.front, fine.unit_xy, fine.shape,
+        sampler = ObservationSampler(rig, start.front, fine.unit_xy, fine.shape,
                               config.trigger_tolerance_s)
         prior = PassPrior(
             s_m=float(start.pose[0]), s_std_m=start.s_std_m, offset_m=start.pose[1:],
             offset_slope=start.offset_slope, speed_mps=self.expected_mps,
             speed_std_mps=2 * config.initial_speed_std * self.expected_mps,
             heading_std_rad=np.asarray(lane.heading_std_rad))
-        self.refiner = PassRefiner(sampler, prior, config)
+        self.refiner = PhotometricWindow(sampler, prior, config)
         self.particles = self._first_particles(start.pose, start.offset_slope,
                                                _START_STD_PX / abs(start.disparity_slope))
         self.log_weights = np.zeros(config.particles)

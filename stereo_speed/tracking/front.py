@@ -18,10 +18,10 @@ import math
 
 import numpy as np
 
+from ..core.records import Array
 from ..geometry.camera import Camera
 from ..geometry.rig import StereoRig
-from ..paths.base import Path
-from ..records import Array
+from ..road.path import Path
 
 
 def plane_points(path: Path, poses: Array, plane_xy_m: Array, heading_rad: float = 0.0,

@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .front import quad_grid
-from ..config import TrackerConfig
-from ..features.haar import PartGrid
-from ..features.ncc import ncc
-from ..records import Array
+from ..core.config import TrackerConfig
+from ..core.records import Array
+from ..vision.haar import PartGrid
+from ..vision.ncc import ncc
 
 Patches = NDArray[np.float32]
 

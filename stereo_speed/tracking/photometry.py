@@ -21,9 +21,9 @@ from typing import Optional, Sequence
 
 import numpy as np
 
-from .looks import Look
-from ..features.ncc import ncc as correlation
-from ..records import Array
+from .observation import Observation
+from ..core.records import Array
+from ..vision.ncc import ncc as correlation
 
 _INDEPENDENT = 0.35  # share of independent samples after the low-pass of a look
 _MATCH_FLOOR_PX = 0.0125  # systematic matching error of one look between the views
@@ -75,9 +75,9 @@ class PassPhotometry:
 
     def __init__(self, basis: Array) -> None:
         self.basis = np.ascontiguousarray(basis.T)
-        self._cross: dict[int, tuple[Look, Array, Array]] = {}
+        self._cross: dict[int, tuple[Observation, Array, Array]] = {}
 
-    def __call__(self, looks: Sequence[Look], counts: Optional[Array] = None) -> Photometry:
+    def __call__(self, looks: Sequence[Observation], counts: Optional[Array] = None) -> Photometry:
         """
         Write down the cross and the temporal terms of the looks.
 
@@ -101,7 +101,7 @@ class PassPhotometry:
         return Photometry(H, g + H @ at, cross, texture)
 
 
-def _cross_term(look: Look, basis: Array) -> tuple[Array, Array]:
+def _cross_term(look: Observation, basis: Array) -> tuple[Array, Array]:
     """
     Agreement of the left and the right patch of one pair: (3 + m, 3 + m) and (3 + m,).
 
@@ -120,7 +120,7 @@ def _cross_term(look: Look, basis: Array) -> tuple[Array, Array]:
     return weight * both @ both.T, -weight * both @ flat
 
 
-def _add_temporal_terms(looks: Sequence[Look], counts: Array, patches: Array, basis: Array,
+def _add_temporal_terms(looks: Sequence[Observation], counts: Array, patches: Array, basis: Array,
                         H: Array, g: Array) -> Array:
     """Add the agreement with the texture to H and g; the NCC of each look with it."""
     n, m = len(looks), len(basis)
@@ -158,7 +158,7 @@ def _add_temporal_terms(looks: Sequence[Look], counts: Array, patches: Array, ba
     return ncc
 
 
-def _temporal_weights(looks: Sequence[Look], residual: Array, J: Array, ncc: Array) -> Array:
+def _temporal_weights(looks: Sequence[Observation], residual: Array, J: Array, ncc: Array) -> Array:
     """Weight (n,) of a grey value of each look: its noise, and not beyond the floor."""
     pixels = np.array([look.pixels for look in looks])
     shift_px = np.array([look.shift_px[0, 1] for look in looks])

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..records import Array
+from ..core.records import Array
 
 NODES = (8, 4)  # across and down the front
 STD_M = 0.04  # of the relief at a node

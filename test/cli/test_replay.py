@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 from stereo_speed.cli.main import main
 from stereo_speed.cli.replay import EvenSampler
+from stereo_speed.core.units import MPH_MPS
 from stereo_speed.io.results import PASS_COLUMNS, TRACK_COLUMNS
-from stereo_speed.site import load_site
-from stereo_speed.units import MPH_MPS
+from stereo_speed.site.lane_paths import load_site
 
 
 @pytest.fixture(scope='module')
@@ -83,10 +83,10 @@ def test_options(run, out, capsys):
     assert not list(other.glob('*.png'))
     assert json.loads((other / 'summary.json').read_text())['parameters']['particles'] == 150
     assert (other / 'tracks.csv').read_bytes() != (out / 'tracks.csv').read_bytes()
-    told = capsys.readouterr().out
-    assert 'mph' in told
-    assert 'km/h' in told
-    assert 'ms per pair' in told
+    printed = capsys.readouterr().out
+    assert 'mph' in printed
+    assert 'km/h' in printed
+    assert 'ms per pair' in printed
 
 
 def test_a_later_run_leaves_nothing_of_an_older_one(tmp_path, sample, short_bag):
@@ -155,7 +155,7 @@ def test_a_refined_site_is_kept_and_never_overwrites_the_one_it_came_from(tmp_pa
     assert 'overwrite' in capsys.readouterr().err
     assert site.read_bytes() == (sample / 'site.yaml').read_bytes()
     assert main([*args, str(tmp_path / 'out')]) == 0
-    told = json.loads((tmp_path / 'out' / 'summary.json').read_text())['refinement']
-    assert set(told['turn_deg']) == {'pan', 'tilt', 'roll'}
-    assert all(max(px) < 0.15 for px in told['residual_px'].values())
+    printed = json.loads((tmp_path / 'out' / 'summary.json').read_text())['refinement']
+    assert set(printed['turn_deg']) == {'pan', 'tilt', 'roll'}
+    assert all(max(px) < 0.15 for px in printed['residual_px'].values())
     assert load_site(tmp_path / 'out' / 'site.yaml').correction is not None

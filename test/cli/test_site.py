@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from stereo_speed.cli.main import main
-from stereo_speed.site import load_site
+from stereo_speed.site.lane_paths import load_site
 import yaml
 
 
@@ -14,9 +14,9 @@ def test_refine_writes_a_site_that_can_be_used(sample, short_bag, tmp_path, caps
     out, pictures = tmp_path / 'new' / 'near.yaml', tmp_path / 'pictures'
     assert main(['site', 'refine', str(short_bag), '--site', str(sample / 'site.yaml'),
                  '--out', str(out), '--pictures', str(pictures)]) == 0
-    told = capsys.readouterr().out
+    printed = capsys.readouterr().out
     for word in ('edge_right', 'residual px', 'mph at the limit', 'epipolar', 'only 4 pairs'):
-        assert word in told
+        assert word in printed
     site, rough = load_site(out), load_site(sample / 'site.yaml')
     assert site.lanes == rough.lanes and list(site.lines) == list(rough.lines)
     assert all(line.left_std_px is not None and np.median(line.left_std_px) < 0.06

@@ -9,11 +9,11 @@ import cv2
 import numpy as np
 import pytest
 from stereo_speed.geometry.rig import StereoRig
-from stereo_speed.sim.config import circle_config, RIGS, straight_config
-from stereo_speed.sim.sequence import simulate
-from stereo_speed.sim.traffic import TrafficStream
-from stereo_speed.sim.traffic_config import traffic_config
-from stereo_speed.site import lane_paths, load_site
+from stereo_speed.lab.sim.config import circle_config, RIGS, straight_config
+from stereo_speed.lab.sim.sequence import simulate
+from stereo_speed.lab.sim.traffic import TrafficStream
+from stereo_speed.lab.sim.traffic_config import traffic_config
+from stereo_speed.site.lane_paths import lane_paths, load_site
 import yaml
 
 cv2.setNumThreads(1)

@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from stereo_speed.core.errors import InputError
 from stereo_speed.detection.config import DetectorConfig
-from stereo_speed.detection.detector import VehicleDetector
+from stereo_speed.detection.detector import PlaneSweepDetector
 from stereo_speed.detection.draw import draw_detections
-from stereo_speed.detection.records import Occupied
-from stereo_speed.errors import InputError
+from stereo_speed.detection.records import TrackedRegion
 
 
 def offset_m(found, row, drive):
@@ -24,13 +24,13 @@ def offset_m(found, row, drive):
 
 def held(found):
     """Give the place of a detection as a track that holds it would."""
-    return Occupied(lane=found.lane, s_m=found.s_m, lateral_m=found.lateral_m,
+    return TrackedRegion(lane=found.lane, s_m=found.s_m, lateral_m=found.lateral_m,
                     width_m=found.width_m, height_m=found.height_m, left_px=found.left_px,
                     right_px=found.right_px)
 
 
 def first_pair_found(drive, config=DetectorConfig()):
-    detector = VehicleDetector(drive.rig, drive.lanes, config)
+    detector = PlaneSweepDetector(drive.rig, drive.lanes, config)
     for pair in drive.pairs:
         found = detector.update(pair, ())
         if found:
@@ -86,7 +86,7 @@ def test_a_face_that_was_hidden_in_part_is_found_a_pair_later(straight):
 
 
 def test_a_held_vehicle_is_not_found_again(straight):
-    detector = VehicleDetector(straight.rig, straight.lanes, DetectorConfig())
+    detector = PlaneSweepDetector(straight.rig, straight.lanes, DetectorConfig())
     tracked = ()
     for pair in straight.pairs:
         found = detector.update(pair, tracked)
@@ -94,7 +94,7 @@ def test_a_held_vehicle_is_not_found_again(straight):
             assert found == []
         speed = straight.truth[pair.stamp_ns][0]['path_speed']
         places = found or [replace_s(tracked[0], 0.0)] if tracked or found else []
-        tracked = tuple(replace_s(held(p) if not isinstance(p, Occupied) else p, 0.2 * speed)
+        tracked = tuple(replace_s(held(p) if not isinstance(p, TrackedRegion) else p, 0.2 * speed)
                         for p in places)
     assert tracked
 
@@ -104,7 +104,7 @@ def replace_s(place, ahead_m):
 
 
 def test_what_stands_still_is_no_vehicle(straight):
-    detector = VehicleDetector(straight.rig, straight.lanes, DetectorConfig())
+    detector = PlaneSweepDetector(straight.rig, straight.lanes, DetectorConfig())
     rng = np.random.default_rng(0)
     base = straight.pairs[2]
     for k in range(6):
@@ -129,7 +129,7 @@ def test_pairs_that_come_too_fast_are_left_out(straight):
 
 
 def test_reset_forgets(straight):
-    detector = VehicleDetector(straight.rig, straight.lanes, DetectorConfig())
+    detector = PlaneSweepDetector(straight.rig, straight.lanes, DetectorConfig())
     detector.update(straight.pairs[0], ())
     detector.reset()
     assert detector.update(straight.pairs[1], ()) == []
@@ -145,7 +145,7 @@ def test_brighter_and_darker_pairs_do_not_matter(straight):
 
 
 def test_only_vehicles_are_found_in_traffic(traffic):
-    detector = VehicleDetector(traffic.rig, traffic.lanes, DetectorConfig())
+    detector = PlaneSweepDetector(traffic.rig, traffic.lanes, DetectorConfig())
     found = {}
     for pair in traffic.pairs:
         rows = traffic.truth[pair.stamp_ns]

@@ -6,7 +6,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from stereo_speed.errors import CalibrationError
+from stereo_speed.core.errors import CalibrationError
 from stereo_speed.geometry.camera import Camera
 
 K = np.array([[1500.0, 0.0, 511.5], [0.0, 1490.0, 383.5], [0.0, 0.0, 1.0]])

@@ -6,7 +6,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from stereo_speed.errors import CalibrationError
+from stereo_speed.core.errors import CalibrationError
 from stereo_speed.geometry.camera import Camera
 from stereo_speed.geometry.rig import StereoRig
 

@@ -61,7 +61,7 @@ class Messages:
 
 
 def calibration(side):
-    """Fields of a CameraInfo: f = 20 px, baseline 0.5 m."""
+    """StrictMapping of a CameraInfo: f = 20 px, baseline 0.5 m."""
     tx = -10.0 if side == 'right' else 0.0
     return {
         'height': SIZE[1], 'width': SIZE[0], 'distortion_model': 'plumb_bob',

@@ -8,7 +8,7 @@ import shutil
 import numpy as np
 import pytest
 
-from stereo_speed.errors import BagError, CalibrationError
+from stereo_speed.core.errors import BagError, CalibrationError
 from stereo_speed.io.bags import StereoBag
 
 KINDS = ['mcap', 'sqlite', 'ros1']

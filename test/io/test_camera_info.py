@@ -5,7 +5,7 @@ import cv2
 import numpy as np
 import pytest
 
-from stereo_speed.errors import CalibrationError
+from stereo_speed.core.errors import CalibrationError
 from stereo_speed.io.camera_info import (
     camera_from_info, check_image_size, rig_from_info, same_calibration)
 

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from stereo_speed.errors import BagError
+from stereo_speed.core.errors import BagError
 from stereo_speed.io.colour import bgr_from_message, bgr_of_grey
 
 COLOUR = {'bgr8': (3, None), 'rgb8': (3, 'RGB2BGR'), 'bgra8': (4, 'BGRA2BGR'),

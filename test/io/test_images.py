@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from stereo_speed.errors import BagError
+from stereo_speed.core.errors import BagError
 from stereo_speed.io.images import grey_from_message
 
 COLOUR = {'bgr8': (3, 'BGR'), 'rgb8': (3, 'RGB'), 'bgra8': (4, 'BGRA'), 'rgba8': (4, 'RGBA')}

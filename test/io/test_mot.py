@@ -9,14 +9,14 @@ import cv2
 import numpy as np
 import pytest
 
-from stereo_speed.config import load_config
-from stereo_speed.environment.boxes import Target, TargetEnd, TargetEstimate, TargetState
-from stereo_speed.environment.config import EnvironmentConfig
-from stereo_speed.environment.regions import draw_map
-from stereo_speed.errors import InputError, SiteError
+from stereo_speed.core.config import load_config
+from stereo_speed.core.errors import InputError, SiteError
 from stereo_speed.io.mot import (
     boxes_text, check_targets, ends_text, load_map, load_regions, load_targets, load_truth,
     targets_text, write_targets)
+from stereo_speed.monocular.boxes import Target, TargetEnd, TargetEstimate, TargetState
+from stereo_speed.monocular.config import MonocularConfig
+from stereo_speed.monocular.regions import draw_map
 
 TARGETS = """environment_targets: 1
 targets:
@@ -235,12 +235,12 @@ def test_folder_of_a_run(tmp_path):
 
 
 def test_config_there_and_back(tmp_path):
-    assert load_config(written(tmp_path, '{}'), EnvironmentConfig) == EnvironmentConfig()
+    assert load_config(written(tmp_path, '{}'), MonocularConfig) == MonocularConfig()
     found = load_config(
-        written(tmp_path, 'particles: 300\nprior_noise: 0.1\n'), EnvironmentConfig)
-    assert found == EnvironmentConfig(particles=300, prior_noise=0.1)
+        written(tmp_path, 'particles: 300\nprior_noise: 0.1\n'), MonocularConfig)
+    assert found == MonocularConfig(particles=300, prior_noise=0.1)
     for text, told in (('particles: 5', 'particles: found 5'), ('lambda_c: 1', 'key: found lamb'),
                        ('- 1', 'top level: found list'), ('a: [', 'file: found'),
                        ('prior_noise: .nan', 'prior_noise'), ('particles: many', 'particles')):
         with pytest.raises(InputError, match=rf'file\.yaml: {told}'):
-            load_config(written(tmp_path, text), EnvironmentConfig)
+            load_config(written(tmp_path, text), MonocularConfig)

@@ -8,12 +8,12 @@ import math
 import numpy as np
 import pytest
 
-from stereo_speed.config import TrackerConfig
-from stereo_speed.errors import InputError
+from stereo_speed.core.config import TrackerConfig
+from stereo_speed.core.errors import InputError
+from stereo_speed.core.records import PassResult, SpeedBudget, TrackState, TrackUpdate, Verdict
+from stereo_speed.io.atomic import prepare_folder
 from stereo_speed.io.results import (
     passes_csv, software_versions, stream_timings, summary_json, tracks_csv, write_run)
-from stereo_speed.io.whole import prepare_folder
-from stereo_speed.records import PassResult, SpeedBudget, TrackState, TrackUpdate, Verdict
 
 
 def update(stamp_ns, track, speed_mps=24.5872, lane='near, slow'):

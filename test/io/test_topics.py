@@ -3,7 +3,7 @@
 """Topics found by type and name."""
 import pytest
 
-from stereo_speed.errors import BagError
+from stereo_speed.core.errors import BagError
 from stereo_speed.io.topics import choose_topics, side_of
 
 I, C, INFO = (f'sensor_msgs/msg/{n}' for n in ('Image', 'CompressedImage', 'CameraInfo'))

@@ -5,7 +5,7 @@ import cv2
 import numpy as np
 import pytest
 
-from stereo_speed.errors import BagError, InputError
+from stereo_speed.core.errors import BagError, InputError
 from stereo_speed.io.video import (
     frames_missing, image_files, is_bag, read_frames, video_hash)
 from stereo_speed.io.video_writer import VideoWriter

@@ -8,7 +8,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
-from stereo_speed.config import load_config, TrackerConfig
+from stereo_speed.core.config import load_config, TrackerConfig
 import yaml
 
 ROOT = Path(__file__).resolve().parents[2]

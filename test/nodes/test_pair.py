@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from stereo_speed.errors import InputError
+from stereo_speed.core.errors import InputError
 from stereo_speed.io.images import grey_from_message
 from stereo_speed.nodes.common import image_message
 from stereo_speed.nodes.pair import pair_from_message, pair_message

@@ -7,10 +7,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from stereo_speed.core.records import PassResult, StereoPair, TrackState, TrackUpdate, Verdict
 from stereo_speed.geometry.camera import Camera
 from stereo_speed.geometry.rig import StereoRig
-from stereo_speed.paths.base import StraightPath
-from stereo_speed.records import PassResult, StereoPair, TrackState, TrackUpdate, Verdict
+from stereo_speed.road.path import StraightPath
 
 STEP_NS = 200_000_000
 SPEED_MPS = 20.0

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from stereo_speed.records import TrackState
+from stereo_speed.core.records import TrackState
 from stereo_speed.report.overlay import colour_of, draw, label, strip
 
 

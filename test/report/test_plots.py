@@ -8,9 +8,9 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from stereo_speed.records import Verdict
+from stereo_speed.core.records import Verdict
+from stereo_speed.core.units import MPH_MPS
 from stereo_speed.report import overlay, plots
-from stereo_speed.units import MPH_MPS
 
 
 def texts(axes) -> str:

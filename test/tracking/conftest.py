@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 import pytest
 
-from stereo_speed.sim.config import straight_config
-from stereo_speed.sim.sequence import simulate
+from stereo_speed.lab.sim.config import straight_config
+from stereo_speed.lab.sim.sequence import simulate
 
 cv2.setNumThreads(1)
 

@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from stereo_speed.config import TrackerConfig
-from stereo_speed.errors import InputError
-from stereo_speed.pipeline import SpeedPipeline
-from stereo_speed.records import TrackState, Verdict
-from stereo_speed.sim import simulate, straight_config, VehicleConfig
-from stereo_speed.site import InitMark, lane_paths, load_init, load_site
-from stereo_speed.tracking import constrained, refine
+from stereo_speed.core.config import TrackerConfig
+from stereo_speed.core.errors import InputError
+from stereo_speed.core.records import TrackState, Verdict
+from stereo_speed.lab.sim import simulate, straight_config, VehicleConfig
+from stereo_speed.pipeline.pipeline import SpeedPipeline
+from stereo_speed.site.lane_paths import InitialFront, lane_paths, load_init, load_site
+from stereo_speed.tracking import constrained, window as refine
 import yaml
 
 
@@ -169,14 +169,14 @@ def test_long_passes_are_thinned_without_losing_stamps(straight, tmp_path, monke
 
 def test_marks_outside_the_image_are_refused(straight, tmp_path):
     lanes, marks = prepare(straight, tmp_path)
-    outside = InitMark(0, marks[0].left_px, marks[0].right_px + [900, 0])
+    outside = InitialFront(0, marks[0].left_px, marks[0].right_px + [900, 0])
     with pytest.raises(InputError, match='right_image'):
         SpeedPipeline(straight.rig, lanes, TrackerConfig(), [outside])
 
 
 def test_marks_on_different_things_are_refused(straight, tmp_path):
     lanes, marks = prepare(straight, tmp_path)
-    wrong = InitMark(0, marks[0].left_px, marks[0].right_px + [0.0, 60.0])
+    wrong = InitialFront(0, marks[0].left_px, marks[0].right_px + [0.0, 60.0])
     pipeline = SpeedPipeline(straight.rig, lanes, TrackerConfig(), [wrong])
     with pytest.raises(InputError, match='left and right|correlation'):
         pipeline.process(straight.pairs[0])

@@ -9,7 +9,7 @@ import pytest
 
 from stereo_speed.geometry.camera import Camera
 from stereo_speed.geometry.rig import StereoRig
-from stereo_speed.paths.base import SplinePath, StraightPath
+from stereo_speed.road.path import SplinePath, StraightPath
 from stereo_speed.tracking.front import back_project, Front, plane_points, quad_grid
 
 

@@ -6,9 +6,9 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from stereo_speed.config import TrackerConfig
-from stereo_speed.features.haar import PartGrid
+from stereo_speed.core.config import TrackerConfig
 from stereo_speed.tracking.likelihood import Reference, sample_quads, score
+from stereo_speed.vision.haar import PartGrid
 
 GRID, CONFIG = PartGrid(), TrackerConfig()
 

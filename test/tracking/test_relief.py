@@ -8,16 +8,16 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from stereo_speed.config import TrackerConfig
-from stereo_speed.features.haar import PartGrid
-from stereo_speed.paths.base import StraightPath
-from stereo_speed.pipeline import SpeedPipeline
-from stereo_speed.sim import simulate, straight_config, VehicleConfig
-from stereo_speed.site import lane_paths, load_init, load_site
+from stereo_speed.core.config import TrackerConfig
+from stereo_speed.lab.sim import simulate, straight_config, VehicleConfig
+from stereo_speed.pipeline.pipeline import SpeedPipeline
+from stereo_speed.road.path import StraightPath
+from stereo_speed.site.lane_paths import lane_paths, load_init, load_site
 from stereo_speed.tracking.front import plane_points
-from stereo_speed.tracking.looks import normalised_change
+from stereo_speed.tracking.observation import normalised_change
 from stereo_speed.tracking.photometry import PassPhotometry, Photometry
 from stereo_speed.tracking.relief import NODES, relief_basis, STD_M as RELIEF_STD_M
+from stereo_speed.vision.haar import PartGrid
 import yaml
 
 

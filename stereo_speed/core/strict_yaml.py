@@ -1,0 +1,131 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Strict reading of small YAML files: every key known, every number finite, every fault named."""
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any, Mapping, Sequence, Union
+
+import numpy as np
+import yaml
+
+from .errors import SiteError
+from .records import Array
+
+
+class _StrictLoader(yaml.SafeLoader):
+    """YAML that refuses a key given twice."""
+
+    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
+        """Build a mapping; the plain loader would keep the last of two equal keys."""
+        seen = set()
+        for key_node, _ in node.value if isinstance(node, yaml.MappingNode) else ():
+            key = self.construct_object(key_node, deep=True)
+            if isinstance(key, (list, dict)):
+                break  # what the plain loader refuses by itself
+            if key in seen:
+                raise yaml.constructor.ConstructorError(
+                    None, None, f'key {key!r} given twice', key_node.start_mark)
+            seen.add(key)
+        return super().construct_mapping(node, deep)
+
+
+def load_yaml(path: Union[str, Path], version_key: str) -> Mapping[str, Any]:
+    """
+    Read a YAML mapping that says its kind and version, as ``version_key: 1``.
+
+    :raises SiteError: unreadable, no mapping, or another kind or version.
+    """
+    try:
+        data = yaml.load(Path(path).read_text(encoding='utf-8'), _StrictLoader)
+    except (OSError, UnicodeDecodeError, yaml.YAMLError, ValueError, RecursionError) as error:
+        raise SiteError(path, 'file', ' '.join(str(error).split()), 'readable YAML') from None
+    if not isinstance(data, Mapping):
+        raise SiteError(path, 'top level', kind(data), f'a mapping with {version_key}: 1')
+    version = data.get(version_key)
+    if version != 1 or isinstance(version, bool):
+        found = 'nothing' if version is None else repr(version)
+        raise SiteError(path, version_key, found, '1')
+    return data
+
+
+def kind(value: Any) -> str:
+    """Name the kind of a YAML value as a person would."""
+    names = {dict: 'a mapping', list: 'a list', str: f'{value!r}', type(None): 'nothing'}
+    return names.get(type(value), repr(value))
+
+
+class StrictMapping:
+    """
+    One mapping of a file, read key by key.
+
+    :param where: the file.
+    :param what: place of the mapping in it, such as ``lanes[0]``; empty at the top.
+    :param data: the mapping.
+    :param known: the keys it may have.
+    :raises SiteError: when it is no mapping or has other keys.
+    """
+
+    def __init__(self, where: object, what: str, data: Any, known: Sequence[str]) -> None:
+        self.where, self.what = where, what
+        if not isinstance(data, Mapping):
+            raise SiteError(where, what, kind(data), 'a mapping with ' + ', '.join(known))
+        self.data = data
+        for key in data:
+            if key not in known:
+                raise SiteError(where, self.name(str(key)), f'unknown key {key}',
+                                'one of ' + ', '.join(known))
+
+    def name(self, key: str) -> str:
+        """Name a key with its place in the file."""
+        return f'{self.what}.{key}' if self.what else key
+
+    def __contains__(self, key: str) -> bool:
+        """Say whether the key is given."""
+        return key in self.data
+
+    def error(self, key: str, found: object, wanted: str) -> SiteError:
+        """Make the error for a key."""
+        return SiteError(self.where, self.name(key), found, wanted)
+
+    def text(self, key: str) -> str:
+        """Give a text that is not empty."""
+        value = self.data.get(key)
+        if not isinstance(value, str) or not value.strip():
+            raise self.error(key, kind(value), 'a name')
+        return value
+
+    def integer(self, key: str) -> int:
+        """Give an integer from 0."""
+        value = self.data.get(key)
+        if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+            raise self.error(key, kind(value), 'an integer from 0')
+        return value
+
+    def listed(self, key: str) -> list[Any]:
+        """Give a list that is not empty."""
+        value = self.data.get(key)
+        if not isinstance(value, list) or not value:
+            raise self.error(key, 'an empty list' if value == [] else kind(value), 'a list')
+        return value
+
+    def points(self, key: str, width: int, least: int) -> Array:
+        """
+        Give (n, width) points, all finite.
+
+        :param least: the fewest that will do.
+        """
+        rows = self.listed(key)
+        wanted = f'{width} finite numbers'
+        for i, row in enumerate(rows):
+            if not isinstance(row, list) or len(row) != width:
+                found = f'{len(row)} values' if isinstance(row, list) else kind(row)
+                raise self.error(f'{key}[{i}]', found, wanted)
+            for value in row:
+                if isinstance(value, bool) or not isinstance(value, (int, float)) \
+                        or not math.isfinite(value) or abs(value) > 1e9:
+                    raise self.error(f'{key}[{i}]', kind(value), wanted)
+        if len(rows) < least:
+            raise self.error(key, f'{len(rows)} points', f'at least {least}')
+        return np.array(rows, dtype=np.float64)

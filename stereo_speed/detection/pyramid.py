@@ -1,0 +1,111 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Image pyramids, sampled at the level that suits the spacing of the samples."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.records import Array, StereoPair
+
+Patches = NDArray[np.float32]
+Region = tuple[int, int, int, int]  # first column and row, and those after the last
+
+LEVELS = 4
+_MARGIN_PX = 40
+_MAX_ROWS = 1 << 14  # cv2.remap takes maps of fewer than 32768 rows
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """
+    One image at full, half, quarter and eighth size.
+
+    :param levels: float32 grey images, the first of full size.
+    :param origin_px: column and row of the image where they begin.
+    """
+
+    levels: tuple[Patches, ...]
+    origin_px: tuple[int, int]
+
+    @classmethod
+    def of(cls, image: NDArray[Any], region: Region) -> View:
+        """Build the pyramid of a region of an image."""
+        u0, v0, u1, v1 = region
+        levels = [image[v0:v1, u0:u1].astype(np.float32)]
+        for _ in range(LEVELS - 1):
+            levels.append(np.asarray(cv2.pyrDown(levels[-1]), dtype=np.float32))
+        return cls(tuple(levels), (u0, v0))
+
+    def sample(self, uv_px: NDArray[np.float32], level: int) -> Patches:
+        """
+        Sample one level; what lies outside repeats the border.
+
+        :param uv_px: (..., W, 2) full-size pixels, finite.
+        """
+        scale = np.float32(0.5 ** level)
+        shift = (0.5 - np.array(self.origin_px, np.float32)) * scale - np.float32(0.5)
+        shift = shift.astype(np.float32)
+        flat: Any = uv_px.reshape(-1, *uv_px.shape[-2:]) * scale + shift
+        out = np.empty(flat.shape[:2], np.float32)
+        for k in range(0, len(flat), _MAX_ROWS):
+            out[k:k + _MAX_ROWS] = cv2.remap(
+                self.levels[level], flat[k:k + _MAX_ROWS], None,  # type: ignore[call-overload]
+                cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        return out.reshape(uv_px.shape[:-1])
+
+
+@dataclass(frozen=True, eq=False)
+class PairPyramids:
+    """
+    Both views of a pair.
+
+    :param pair: the pair itself.
+    :param stamp_ns: of the left image.
+    :param right_lag_s: from the left to the right stamp.
+    :param left: left view.
+    :param right: right view.
+    """
+
+    pair: StereoPair
+    stamp_ns: int
+    right_lag_s: float
+    left: View
+    right: View
+
+    @classmethod
+    def of(cls, pair: StereoPair, regions: tuple[Region, Region]) -> PairPyramids:
+        """Build the pyramids of a region of each image."""
+        return cls(pair, pair.stamp_ns, (pair.right_stamp_ns - pair.stamp_ns) * 1e-9,
+                   View.of(pair.left, regions[0]), View.of(pair.right, regions[1]))
+
+
+def region_of(pixels: Sequence[Patches], size: tuple[int, int]) -> Region:
+    """
+    Bound pixels by a region of an image, with a margin for the coarsest level.
+
+    :param pixels: arrays (..., 2); what is far outside the image does not count.
+    :param size: width and height of the image.
+    """
+    last = np.array(size)
+    low, high = last.copy(), np.zeros(2, int)
+    for uv in pixels:
+        flat = uv.reshape(-1, 2)
+        flat = flat[((flat > -_MARGIN_PX) & (flat < last + _MARGIN_PX)).all(axis=1)]
+        if len(flat):
+            low = np.minimum(low, flat.min(axis=0).astype(int) - _MARGIN_PX)
+            high = np.maximum(high, flat.max(axis=0).astype(int) + _MARGIN_PX)
+    low, high = np.clip(low, 0, last - 1), np.clip(high, 1, last)
+    low = np.minimum(low, high - 1)
+    return int(low[0]), int(low[1]), int(high[0]), int(high[1])
+
+
+def level_of(step_px: Array) -> NDArray[np.int64]:
+    """Give the level whose pixels are the next finer than steps (...,) of full-size pixels."""
+    with np.errstate(invalid='ignore'):
+        levels = np.floor(np.log2(np.maximum(np.nan_to_num(step_px, nan=1.0), 1.0)))
+    return np.clip(levels, 0, LEVELS - 1).astype(np.int64)

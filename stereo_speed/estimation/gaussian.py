@@ -1,0 +1,106 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Gaussian priors and linear measurements as normal equations."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from scipy.linalg import lapack
+
+from ..core.records import Array
+
+
+class NormalEquations:
+    """Normal equations of a least-squares problem, filled row by row."""
+
+    def __init__(self, size: int) -> None:
+        self.H, self.g = np.zeros((size, size)), np.zeros(size)
+
+    def __add__(self, other: NormalEquations) -> NormalEquations:
+        """Put together what both say."""
+        both = NormalEquations(len(self.g))
+        both.H, both.g = self.H + other.H, self.g + other.g
+        return both
+
+    def row(self, columns: list[int], values: list[float], rest: float, std: float) -> None:
+        """Add ``values . x[columns] = rest`` with a 1-sigma."""
+        self.rows([columns], [values], np.array([std]), rest)
+
+    def rows(self, columns: Any, values: Any, std: Array, rest: float = 0.0) -> None:
+        """
+        Add several rows at once.
+
+        :param columns: (r, c) indices of the unknowns of each row.
+        :param values: (r, c) or (c,) their factors.
+        :param std: (r,) 1-sigma of each row.
+        """
+        at = np.asarray(columns)
+        scaled = np.broadcast_to(np.asarray(values, float), at.shape) / std[:, None]
+        np.add.at(self.H, (at[:, :, None], at[:, None, :]),
+                  scaled[:, :, None] * scaled[:, None, :])
+        if rest:
+            np.add.at(self.g, at, scaled * (rest / std)[:, None])
+
+    def correlated(self, columns: Any, values: Any, covariance: Array) -> None:
+        """
+        Add several rows whose errors belong together; they rest at 0.
+
+        :param columns: (r, c) indices of the unknowns of each row.
+        :param values: (r, c) their factors.
+        :param covariance: (r, r) of the rows.
+        """
+        at = np.asarray(columns)
+        j = np.zeros((len(at), len(self.g)))
+        np.put_along_axis(j, at, np.asarray(values, float), axis=1)
+        self.H += j.T @ np.linalg.solve(covariance, j)
+
+
+@dataclass(frozen=True, eq=False)
+class Conditioned:
+    """
+    A Gaussian after measurements.
+
+    :param mean: of the unknowns.
+    :param log_evidence: of the measurements, up to what does not depend on the prior.
+    :param factor: lower Cholesky factor of the information.
+    """
+
+    mean: Array
+    log_evidence: float
+    factor: Array
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Give the covariance of the unknowns."""
+        half = lapack.dpotri(self.factor, lower=1)[0]  # its lower triangle
+        whole = half + half.T
+        np.fill_diagonal(whole, np.diag(half))
+        return np.asarray(whole)
+
+
+def condition(prior: NormalEquations, H: Array, g: Array) -> Conditioned:
+    """
+    Condition a Gaussian prior on linear measurements of its first unknowns.
+
+    :param H: (m, m) information of the measurements about the first m unknowns.
+    :param g: (m,) information times measurement.
+    """
+    m = len(g)
+    total, right = prior.H.copy(), prior.g.copy()
+    total[:m, :m] += H
+    right[:m] += g
+    before, factor = _factor(prior.H), _factor(total)
+    mean = lapack.dpotrs(factor, right, lower=1)[0]
+    log_det = 2 * float(np.log(np.diag(before) / np.diag(factor)).sum())
+    return Conditioned(mean, 0.5 * (log_det + float(right @ mean)), factor)
+
+
+def _factor(information: Array) -> Array:
+    """Give the lower Cholesky factor of a symmetric positive definite matrix."""
+    factor, failed = lapack.dpotrf(information, lower=1)
+    if failed:
+        raise np.linalg.LinAlgError('information matrix not positive definite')
+    return np.asarray(factor)

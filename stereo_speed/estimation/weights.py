@@ -1,0 +1,45 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Weights of particles, kept as logarithms until they are summed (2012, eq. 1-3)."""
+from __future__ import annotations
+
+import numpy as np
+
+from ..core.records import Array
+
+
+class DegenerateWeightsError(ValueError):
+    """All particles are impossible, or a weight is not a number."""
+
+
+def normalise_log_weights(log_weights: Array) -> Array:
+    """
+    Weights that sum to one.
+
+    :param log_weights: (N,) unnormalised; -inf is an impossible particle.
+    :return: (N,).
+    :raises DegenerateWeightsError: any NaN or +inf, or all -inf.
+    """
+    top = np.max(log_weights)
+    if not np.isfinite(top):
+        raise DegenerateWeightsError(f'largest log weight is {top}')
+    weights = np.exp(log_weights - top)
+    return weights / weights.sum()
+
+
+def effective_sample_size(weights: Array) -> float:
+    """Kish's effective sample size 1 / sum w^2 of normalised weights, from 1 to N."""
+    return float(1.0 / np.sum(np.square(weights)))
+
+
+def mean_and_covariance(weights: Array, states: Array) -> tuple[Array, Array]:
+    """
+    Posterior mean (eq. 3) and covariance of weighted particles.
+
+    :param weights: (N,) normalised.
+    :param states: (N, D).
+    :return: (D,) and (D, D).
+    """
+    mean = weights @ states
+    centred = states - mean
+    return mean, (weights[:, None] * centred).T @ centred

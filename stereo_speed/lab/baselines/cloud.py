@@ -1,0 +1,178 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+A front followed by particles: the loop that both particle filters of the baselines share.
+
+Predict, weigh, resample (2012, eq. 1-3); tell the mean and the covariance.  What a state is, how
+it moves and how the images score it is each filter's own.
+"""
+from __future__ import annotations
+
+from abc import abstractmethod
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .common import Baseline, Reading
+from .constant_velocity import directional_rate, Gaussian, Transition, transition
+from .speed_profile import Profile, smoothed_profile
+from ...core.records import Array, StereoPair
+from ...estimation.particle_filter import weigh
+from ...estimation.weights import (
+    DegenerateWeightsError, mean_and_covariance, normalise_log_weights)
+
+_LEAST_SPREAD = 1e-6  # a cloud collapsed onto a point still has some width, m^2 or m^2/s^2
+
+
+class CloudTracker(Baseline):
+    """
+    Follow a front by particles; see the module's docstring and :class:`Baseline`.
+
+    Subclasses fill ``states`` (N, D).
+    """
+
+    states: Array
+    freedom: int  # unknowns of a state that are free of one another
+
+    def __init__(self, **keywords: Any) -> None:
+        super().__init__(**keywords)
+        self.log_weights = np.zeros(self.config.particles)
+        self.filtered: list[Gaussian] = []
+        self.steps: list[Transition] = []
+        self.seen: list[bool] = []
+        self._dt_s = 0.0
+
+    # -- what each filter does --------------------------------------------------------------
+
+    @abstractmethod
+    def _move(self, dt_s: float) -> None:
+        """Move the particles on, with noise."""
+
+    @abstractmethod
+    def _score(self, pair: StereoPair, lag_s: float) -> Array:
+        """(N,) log-likelihood of a pair; -inf where the front would not be seen."""
+
+    @abstractmethod
+    def _accept(self, pair: StereoPair, lag_s: float) -> bool:
+        """Check the mean state against the pair, and learn from it when it is the vehicle."""
+
+    @abstractmethod
+    def _quads(self, states: Array, lag_s: float = 0.0) -> tuple[Array, Array]:
+        """(N, 4, 2) corners in the left view, and in the right one ``lag_s`` later, raw px."""
+
+    @abstractmethod
+    def _axes(self, states: Array) -> Array:
+        """(N, 3, 3) heading, left and up."""
+
+    @abstractmethod
+    def _centres(self, states: Array) -> Array:
+        """(N, 3) centres of the front, m."""
+
+    @abstractmethod
+    def _velocities(self, states: Array) -> Array:
+        """(N, 3) their velocities, m/s."""
+
+    # -- the loop ---------------------------------------------------------------------------
+
+    def _predict(self, dt_s: float) -> None:
+        """Predict (2012, eq. 9 or 24)."""
+        self._dt_s = dt_s
+        if dt_s > 0:
+            self._move(dt_s)
+
+    def _observe(self, pair: StereoPair, lag_s: float) -> bool:
+        """Weigh, resample, learn; the cloud as predicted when the vehicle is not seen."""
+        before = self.states.copy(), self.log_weights.copy()
+        seen = self._weigh(pair, lag_s) and self._accept(pair, lag_s)
+        if not seen:
+            self.states, self.log_weights = before
+        self._remember(seen)
+        return seen
+
+    def _weigh(self, pair: StereoPair, lag_s: float) -> bool:
+        try:
+            found = weigh(self.log_weights, self._score(pair, lag_s), self.config.resample_ess,
+                          self.rng)
+        except DegenerateWeightsError:
+            return False
+        if found.resampled:
+            self._spread(found.weights, found.ancestors)
+        self.log_weights = found.log_weights
+        return True
+
+    def _spread(self, weights: Array, ancestors: NDArray[np.intp]) -> None:
+        """
+        Resample with a Gaussian kernel, shrunk so that the cloud's moments stay.
+
+        (Liu and West 2001 shrink; Musso, Oudjane and Le Gland 2001 give the width.)
+        """
+        mean, cov = mean_and_covariance(weights, self.states)
+        n, dim = len(self.states), self.freedom
+        h = (4 / (n * (dim + 2))) ** (1 / (dim + 4))
+        values, vectors = np.linalg.eigh(cov)
+        root = vectors * np.sqrt(np.maximum(values, 0.0))
+        noise = self.rng.standard_normal(self.states.shape) @ root.T
+        self.states = mean + np.sqrt(1 - h * h) * (self.states[ancestors] - mean) + h * noise
+
+    def _remember(self, seen: bool) -> None:
+        """Keep the cloud's moments for the whole pass."""
+        mean, cov = self._moments()
+        if self.filtered:
+            tries = self.config.manoeuvre_probability
+            along = np.sqrt((1 - tries) * self.config.speed_rate_std ** 2
+                            + tries * self.settings.along_rate_std ** 2)
+            rate = directional_rate(
+                mean[3:] + 1e-6, self._mean_axes()[:, 2], float(along),
+                self.settings.turn_rate_std, self.settings.climb_rate_std)
+            self.steps.append(transition(self._dt_s, rate))
+        self.filtered.append(Gaussian(mean, cov + _LEAST_SPREAD * np.eye(6)))
+        self.seen.append(seen)
+
+    def _manoeuvres(self, usual_std: float, unusual_std: float) -> Array:
+        """
+        Draw the deviation of each particle's noise: a few of them try a manoeuvre.
+
+        Without them a cloud has no particle where a braking vehicle goes, and never recovers.
+
+        :return: (N,).
+        """
+        tries = self.rng.random(len(self.states)) < self.config.manoeuvre_probability
+        return np.where(tries, max(usual_std, unusual_std), usual_std)
+
+    # -- what is told -----------------------------------------------------------------------
+
+    def _moments(self) -> tuple[Array, Array]:
+        """Mean (6,) and covariance of place and velocity."""
+        both = np.hstack([self._centres(self.states), self._velocities(self.states)])
+        return mean_and_covariance(normalise_log_weights(self.log_weights), both)
+
+    def _mean_axes(self) -> Array:
+        """Rotation (3, 3) nearest to the mean of the particles' axes."""
+        mean = np.tensordot(normalise_log_weights(self.log_weights), self._axes(self.states), 1)
+        u, _, v = np.linalg.svd(mean)
+        return np.asarray(u @ v)
+
+    def _mean_quads(self, lag_s: float = 0.0) -> tuple[Array, Array]:
+        """Mean quads (1, 4, 2): the 2-D sub-states' posterior means (eq. 3)."""
+        weights = normalise_log_weights(self.log_weights)
+        left, right = self._quads(self.states, lag_s)
+        return _mean(weights, left)[None], _mean(weights, right)[None]
+
+    def _reading(self) -> Reading:
+        mean, cov = self._moments()
+        left, right = self._mean_quads()
+        return Reading(mean[:3], cov[:3, :3], mean[3:], cov[3:, 3:], self._mean_axes(),
+                       (left[0], right[0]))
+
+    def _profile(self) -> Profile:
+        return smoothed_profile(self.filtered, self.steps, self.seen)
+
+
+def _mean(weights: Array, quads: Array) -> Array:
+    """Weighted mean (4, 2) of the quads (N, 4, 2) that are in front of the camera."""
+    w = weights * np.isfinite(quads).all(axis=(1, 2))
+    total = w.sum()
+    if not total > 0:
+        return np.full((4, 2), np.nan)
+    return np.tensordot(w / total, np.where(w[:, None, None] > 0, quads, 0.0), 1)

@@ -1,0 +1,210 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+What all baselines share: the life of a track, what is told of it, and the verdict on its pass.
+
+A baseline knows the place and the velocity of the front in 3-D; only to tell where along the
+lane and how far beside it that is, is the lane's path used.
+"""
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+import math
+from typing import Optional
+
+import numpy as np
+
+from .settings import BaselineSettings
+from .speed_profile import Profile
+from ...core.config import TrackerConfig
+from ...core.records import (
+    Array, LEFT_VIEW, LOST, PassResult, StereoPair, STREAM_ENDED, TrackState, TrackUpdate, Verdict)
+from ...geometry.rig import StereoRig
+from ...site.lane_paths import InitialFront, LanePath
+from ...tracking.initialise import place_front
+from ...tracking.observation import inside, lag_s
+from ...tracking.pass_result import calibration_share, live_std
+from ...vision.haar import PartGrid
+
+NEVER_SEEN, TOO_FEW_FEATURES = 'never_seen', 'too_few_features'
+
+_CONFIRM_PAIRS = 3
+_LOST_AFTER_S = 1.5
+_MIN_PAIRS = 4
+_MIN_WIDTH_PX, _FAR_WIDTH_PX = 20.0, 40.0
+_MAX_SPEED_MPS = 90.0
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """
+    What a baseline knows after a pair.
+
+    :param position_m: (3,) centre of the front, left optical frame.
+    :param position_cov: (3, 3) m^2.
+    :param velocity_mps: (3,) of the centre.
+    :param velocity_cov: (3, 3) m^2/s^2.
+    :param axes: (3, 3) columns are heading, left and up.
+    :param quads: (4, 2) corners in the left and in the right raw view, px.
+    """
+
+    position_m: Array
+    position_cov: Array
+    velocity_mps: Array
+    velocity_cov: Array
+    axes: Array
+    quads: tuple[Array, Array]
+
+    @property
+    def speed_mps(self) -> float:
+        """Length of the velocity."""
+        return float(np.linalg.norm(self.velocity_mps))
+
+    @property
+    def speed_std_mps(self) -> float:
+        """1-sigma of the speed."""
+        along = self.velocity_mps / max(self.speed_mps, 1e-9)
+        return math.sqrt(max(float(along @ self.velocity_cov @ along), 0.0))
+
+
+class Baseline(ABC):
+    """
+    Follow one marked vehicle; what is done with the images is left to each baseline.
+
+    :param rig: the cameras.
+    :param lane: the lane; its path places the first front, and tells s and the offset.
+    :param config: parameters shared with the constrained tracker.
+    :param mark: the front as marked in ``pair``.
+    :param pair: the first pair.
+    :param track: number of the track.
+    :param rng: source of all randomness.
+    :param settings: parameters of the baselines.
+    """
+
+    unseen_reason = NEVER_SEEN  # why a pass without a look is rejected
+
+    def __init__(self, *, rig: StereoRig, lane: LanePath, config: TrackerConfig, mark: InitialFront,
+                 pair: StereoPair, track: int, rng: np.random.Generator,
+                 settings: BaselineSettings = BaselineSettings()) -> None:
+        self.rig, self.lane, self.config, self.track, self.rng = rig, lane, config, track, rng
+        self.settings = settings
+        self.grid = PartGrid(config.parts, config.samples_per_part)
+        self.expected_mps = lane.speed_limit_mps or config.initial_speed_mps
+        later_m = self.expected_mps * lag_s(pair, config.trigger_tolerance_s)
+        self.start = place_front(rig, lane.path, mark, pair, self.grid, later_m)
+        self.first_ns = self.last_ns = self.seen_ns = pair.stamp_ns
+        self.stamps_ns: list[int] = []  # of the pairs it was seen in
+        self.missed = 0
+        self.width_px = 0.0
+        self.calibration = calibration_share(rig, lane, config)
+        self._end = ''
+
+    # -- what each baseline does ------------------------------------------------------------
+
+    @abstractmethod
+    def _predict(self, dt_s: float) -> None:
+        """Carry the state to the time of the next pair."""
+
+    @abstractmethod
+    def _observe(self, pair: StereoPair, lag_s: float) -> bool:
+        """Take in a pair; False, and the state as predicted, when the vehicle is not seen."""
+
+    @abstractmethod
+    def _reading(self) -> Reading:
+        """Tell the state."""
+
+    @abstractmethod
+    def _profile(self) -> Profile:
+        """Measure the speeds in the pairs it was seen in, from all of them; at least two."""
+
+    # -- the protocol -----------------------------------------------------------------------
+
+    @property
+    def ended(self) -> bool:
+        """Whether the pass is over: out of view, or lost for too long."""
+        return bool(self._end)
+
+    def update(self, pair: StereoPair) -> Optional[TrackUpdate]:
+        """Take in one pair, in order of stamps; None once the pass has ended."""
+        if self._end:
+            return None
+        self._predict((pair.stamp_ns - self.last_ns) * 1e-9)
+        self.last_ns = pair.stamp_ns
+        quads = self._reading().quads
+        if not (inside(self.rig.left, quads[0]) and inside(self.rig.right, quads[1])):
+            self._end = LEFT_VIEW
+            return None
+        if not self._observe(pair, lag_s(pair, self.config.trigger_tolerance_s)):
+            self.missed += 1
+            if (pair.stamp_ns - self.seen_ns) * 1e-9 > _LOST_AFTER_S:
+                self._end = LOST
+                return None
+            return self._tell(pair, TrackState.COASTING)
+        self.seen_ns = pair.stamp_ns
+        self.stamps_ns.append(pair.stamp_ns)
+        confirmed = len(self.stamps_ns) >= _CONFIRM_PAIRS
+        return self._tell(pair, TrackState.CONFIRMED if confirmed else TrackState.TENTATIVE)
+
+    def result(self) -> PassResult:
+        """Measure the pass from all its pairs, or say why it cannot be measured."""
+        if len(self.stamps_ns) < 2:
+            reason = 'too_few_pairs' if self.stamps_ns else self.unseen_reason
+            return self._result(reason, None)
+        profile = self._profile()
+        return self._result(self._reason(profile), profile)
+
+    # -- the parts --------------------------------------------------------------------------
+
+    def _first_velocity(self) -> tuple[Array, float]:
+        """Velocity to begin with, that of the speed limit along the lane, and its 1-sigma."""
+        tangent = self.lane.path.tangent(np.array(self.start.pose[0]))
+        return (self.expected_mps * tangent,
+                2 * self.config.initial_speed_std * self.expected_mps)
+
+    def _tell(self, pair: StereoPair, state: TrackState) -> TrackUpdate:
+        reading = self._reading()
+        if state is not TrackState.COASTING:
+            self.width_px = max(self.width_px, float(np.ptp(reading.quads[0][:, 0])))
+        path, speed = self.lane.path, reading.speed_mps
+        s_m = path.arc_length(reading.position_m)
+        offset = (reading.position_m - path.position(s_m)) @ path.frame(s_m)
+        return TrackUpdate(
+            stamp_ns=pair.stamp_ns, track=self.track, lane=self.lane.name, state=state,
+            speed_mps=speed,
+            speed_std_mps=live_std(reading.speed_std_mps, speed, self.calibration),
+            s_m=float(s_m), lateral_m=float(offset[1]), position_m=reading.position_m,
+            position_cov_m2=reading.position_cov, axes=reading.axes,
+            quad_left_px=reading.quads[0], quad_right_px=reading.quads[1])
+
+    def _reason(self, profile: Profile) -> str:
+        """Why a pass is rejected, snake_case; empty when it is measured."""
+        if len(self.stamps_ns) < _MIN_PAIRS:
+            return self.unseen_reason if self.missed > len(self.stamps_ns) else 'too_few_pairs'
+        if self.width_px < _MIN_WIDTH_PX:
+            return 'too_far'
+        speed, mean = profile.speed_mps, float(profile.speed_mps.mean())
+        if not (np.isfinite(speed).all() and 0 < speed.min() and speed.max() < _MAX_SPEED_MPS):
+            return 'implausible'
+        std = math.hypot(profile.mean_std_mps, self.calibration * mean)
+        if not std < max(self.config.max_speed_std_share * mean, self.config.max_speed_std_mps):
+            return 'too_far' if self.width_px < _FAR_WIDTH_PX else 'uncertain'
+        return ''
+
+    def _result(self, reason: str, profile: Optional[Profile]) -> PassResult:
+        stamps = self.stamps_ns or [self.first_ns]
+        speed = std = None
+        smoothed: dict[int, float] = {}
+        smoothed_std: dict[int, float] = {}
+        if profile is not None:
+            speed = float(profile.speed_mps.mean())
+            std = math.hypot(profile.mean_std_mps, self.calibration * speed)
+            stds = np.hypot(profile.std_mps, self.calibration * profile.speed_mps)
+            smoothed = dict(zip(stamps, profile.speed_mps.tolist()))
+            smoothed_std = dict(zip(stamps, stds.tolist()))
+        # A rejected pass keeps its figures: baselines are there to be compared, not to fine.
+        return PassResult(
+            track=self.track, lane=self.lane.name, first_ns=stamps[0], last_ns=stamps[-1],
+            pairs=len(self.stamps_ns), speed_mps=speed, speed_std_mps=std,
+            verdict=Verdict.REJECTED if reason else Verdict.MEASURED, reason=reason,
+            smoothed=smoothed, smoothed_std=smoothed_std, end=self._end or STREAM_ENDED)

@@ -1,0 +1,170 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+``multimodal``: particles weighed by disparity, colour and gradient cues.
+
+R. Munoz-Salinas, M. Garcia-Silvente, R. Medina Carnicer, "Adaptive multi-modal stereo people
+tracking without background modelling", J. Visual Communication and Image Representation 19(2),
+2008, with the two changes that the 2012 paper makes to compare it (Section V-A): the front is a
+quadrangle, and the depth map is taken against the front's plane, which stands across the path.
+The dynamics are those of our tracker (2012, eq. 24, 27), as the paper has it; its models of
+manoeuvres become the share of particles that try one.
+
+- Disparity: semi-global matching around the front; the median difference to the particle's
+  plane (the mean in their paper: background at the front's edges would bias it).  Its weight in
+  the likelihood is the share of the particles' fronts that has a disparity at all, the confidence
+  that gives the method its name of adaptive.
+- Colour: histograms in both views against references that adapt.  The images carry grey levels
+  only, and so do the histograms.
+- Gradient: across the outline of the front in both views, against the best of the particles.
+"""
+from __future__ import annotations
+
+from typing import Any, Optional
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .cloud import CloudTracker
+from .cues import histograms, likeness, outline_gradient
+from .rectify import Rectifier
+from ...core.records import Array, StereoPair
+from ...tracking.front import plane_points
+from ...vision.haar import PartGrid
+
+_LEAST_LIKENESS = 0.7
+_LEARN = 0.1  # share of a pair in the references: histograms do not change with the scale
+_SPAN_PX = 6.0  # disparities looked for beyond those of the particles
+_MARGIN_PX = 8
+_LEAST_SHARE = 0.1  # of the front that must have a disparity
+_GRID = np.stack(np.meshgrid((np.arange(8) + 0.5) / 8 - 0.5, (np.arange(5) + 0.5) / 5 - 0.5),
+                 axis=-1).reshape(-1, 2)  # samples of the front, as shares of its size
+_STEP_M = np.array([0.05, 0.0, 0.0])  # of the central differences along the path
+_TAIL = 0.01  # share of far-off particles that do not widen the region looked at
+
+
+class MultimodalTracker(CloudTracker):
+    """
+    Particles of (s, a, b, v) with the cues of the module's docstring; see :class:`Baseline`.
+
+    Resampled particles are spread by the same kernel as those of ``unconstrained``.
+    """
+
+    freedom = 4
+
+    def __init__(self, **keywords: Any) -> None:
+        super().__init__(**keywords)
+        n, limit, pose = self.config.particles, self.expected_mps, self.start.pose
+        ds = self.start.s_std_m * self.rng.standard_normal(n)
+        speed = limit * (1 + self.config.initial_speed_std * self.rng.standard_normal(n))
+        speed[: n // 4] = self.rng.uniform(0.0, 2.5 * limit, n // 4)
+        self.states = np.column_stack([
+            pose[0] + ds, pose[1:] + ds[:, None] * self.start.offset_slope,
+            np.maximum(speed, 0.0)])
+        self.coarse = PartGrid(self.config.parts, 4)
+        self.rectifier = Rectifier(self.rig)
+        size = np.ptp(self.start.front.corners_m, axis=0)
+        self.samples_m = _GRID * size
+        self.references: Optional[tuple[Array, Array]] = None
+
+    # -- the filter's steps -----------------------------------------------------------------
+
+    def _move(self, dt_s: float) -> None:
+        """Random-walk speed along the path, drift across and above it (eq. 24, 27)."""
+        c, root = self.config, np.sqrt(dt_s)
+        s, a, b, v = self.states.T
+        noise = self.rng.standard_normal((3, len(s))) * root
+        v_next = v + self._manoeuvres(c.speed_rate_std, self.settings.along_rate_std) * noise[2]
+        across = self._manoeuvres(c.drift_across_std_m, c.manoeuvre_across_std_m)
+        self.states = np.column_stack([
+            s + 0.5 * (v + v_next) * dt_s, a + across * noise[0],
+            b + c.drift_up_std_m * noise[1], v_next])
+
+    def _score(self, pair: StereoPair, lag_s: float) -> Array:
+        """Fuse the cues: the product of their likelihoods."""
+        quads = self._quads(self.states, lag_s)
+        shown = np.asarray(np.isfinite(np.concatenate(quads, axis=1)).all(axis=(1, 2)))
+        if not shown.any():
+            return np.full(len(shown), -np.inf)
+        fill = int(np.argmax(shown))
+        total = np.zeros(len(shown))
+        for view, image in enumerate((pair.left, pair.right)):
+            q = np.where(shown[:, None, None], quads[view], quads[view][fill])
+            if self.references is not None:
+                same = likeness(self._histograms(image, q), self.references[view])
+                total -= self.settings.lambda_colour * (1 - same)  # squared distance
+            edge = outline_gradient(image, q)
+            total -= self.settings.lambda_gradient * np.square(
+                1 - edge / max(float(edge.max()), 1e-6))
+        total += self._depth_score(pair, lag_s)
+        return np.where(shown, total, -np.inf)
+
+    def _depth_score(self, pair: StereoPair, lag_s: float) -> Array:
+        """(N,) log-likelihood of the disparity map."""
+        points = plane_points(self.lane.path, self.states[:, :3], self.samples_m)
+        late = points + lag_s * self._velocities(self.states)[:, None]
+        uv, expected = self.rectifier.project(points, late)
+        ahead = np.asarray(np.isfinite(expected).all(axis=1))
+        if not ahead.any():
+            return np.zeros(len(ahead))
+        low = np.floor(np.quantile(uv[ahead].min(axis=1), _TAIL, axis=0)) - _MARGIN_PX
+        high = np.ceil(np.quantile(uv[ahead].max(axis=1), 1 - _TAIL, axis=0)) + _MARGIN_PX
+        span = np.quantile(expected[ahead], [_TAIL, 1 - _TAIL])
+        found = self.rectifier.disparity(pair.left, pair.right, low, high,
+                                         (span[0] - _SPAN_PX, span[1] + _SPAN_PX))
+        off = _nearest(found, uv - low) - expected
+        share = np.isfinite(off).mean(axis=1)
+        enough = share > _LEAST_SHARE
+        if not enough.any():
+            return np.zeros(len(enough))
+        square = np.square(np.nanmedian(off[enough], axis=1) / self.settings.disparity_std_px)
+        score = np.full(len(off), -0.5 * float(square.max()))  # no depth is no merit
+        score[enough] = -0.5 * square
+        return score * float(share.mean())
+
+    def _accept(self, pair: StereoPair, lag_s: float) -> bool:
+        """Look at the mean state: blend it into the references, or disown it."""
+        found = [self._histograms(image, q)[0] for image, q in
+                 zip((pair.left, pair.right), self._mean_quads(lag_s))]
+        if self.references is None:
+            self.references = found[0], found[1]
+            return True
+        if min(float(likeness(f, g)) for f, g in zip(found, self.references)) < _LEAST_LIKENESS:
+            return False
+        left, right = (_LEARN * f + (1 - _LEARN) * g for f, g in zip(found, self.references))
+        self.references = left, right
+        return True
+
+    def _histograms(self, image: NDArray[Any], quads: Array) -> Array:
+        most = 255.0 if image.dtype == np.uint8 else float(max(int(image.max()), 255))
+        return histograms(image, quads, self.coarse, most)
+
+    # -- geometry ---------------------------------------------------------------------------
+
+    def _quads(self, states: Array, lag_s: float = 0.0) -> tuple[Array, Array]:
+        later = None
+        if lag_s:
+            later = states[:, :3].copy()
+            later[:, 0] += lag_s * states[:, 3]
+        return self.start.front.corners(self.rig, states[:, :3], 0.0, later)
+
+    def _axes(self, states: Array) -> Array:
+        return self.lane.path.frame(states[:, 0])
+
+    def _centres(self, states: Array) -> Array:
+        return plane_points(self.lane.path, states[:, :3], np.zeros((1, 2)))[:, 0]
+
+    def _velocities(self, states: Array) -> Array:
+        ahead, behind = (plane_points(self.lane.path, states[:, :3] + step, np.zeros((1, 2)))
+                         for step in (_STEP_M, -_STEP_M))
+        return np.asarray(states[:, 3:4] * (ahead - behind)[:, 0] / (2 * _STEP_M[0]))
+
+
+def _nearest(image: NDArray[np.float32], uv: Array) -> Array:
+    """Look up the nearest pixels of places (..., 2); NaN outside."""
+    safe = np.where(np.isfinite(uv), uv, -1e6)
+    out = np.full(uv.shape[:-1], np.nan)
+    u, v = (np.rint(safe[..., k]).astype(int) for k in (0, 1))
+    inside = (u >= 0) & (v >= 0) & (u < image.shape[1]) & (v < image.shape[0])
+    out[inside] = image[v[inside], u[inside]]
+    return out

@@ -1,0 +1,124 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Points on a vehicle's front in both views, the common part of all their sources.
+
+A source finds points in a pair near where the front is expected, matches them left to right, and
+knows those again that it found before.
+"""
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.records import Array, StereoPair
+from ...geometry.rig import StereoRig
+
+_MARGIN_PX = 12
+
+
+@dataclass(frozen=True, eq=False)
+class Aim:
+    """
+    Where to look.
+
+    :param left: (4, 2) expected corners of the front in the raw left view, px.
+    :param right: (4, 2) the same in the raw right view.
+    :param before: (4, 2) its corners in the left view of the last pair it was seen in.
+    :param slack_px: how far off the expectation may be.
+    """
+
+    left: Array
+    right: Array
+    before: Array
+    slack_px: float
+
+    @property
+    def width_px(self) -> float:
+        """Width of the expected front."""
+        return float(np.ptp(self.left[:, 0]))
+
+
+@dataclass(frozen=True, eq=False)
+class Points:
+    """
+    Points of one pair.
+
+    :param ids: (n,) the same number for the same point, from pair to pair.
+    :param left: (n, 2) raw left pixels.
+    :param right: (n, 2) raw right pixels; NaN where there is no match.
+    """
+
+    ids: NDArray[np.int64]
+    left: Array
+    right: Array
+
+    @property
+    def matched(self) -> NDArray[np.bool_]:
+        """(n,) which are matched in both views."""
+        return np.asarray(np.isfinite(self.right).all(axis=1))
+
+    def only(self, keep: NDArray[np.bool_]) -> Points:
+        """Give some of the points."""
+        return Points(self.ids[keep], self.left[keep], self.right[keep])
+
+
+class PointSource(Protocol):
+    """Finds points in pair after pair."""
+
+    def observe(self, pair: StereoPair, aim: Aim) -> Points:
+        """Find the points of a pair, those already known among them."""
+
+
+def cut(image: NDArray[Any], corners: Array, margin_px: float
+        ) -> tuple[NDArray[np.uint8], Array]:
+    """
+    Cut out a region, as 8 bits.
+
+    :param corners: (n, 2) points to be within, px.
+    :return: the crop and (2,) its origin in the image, px.
+    """
+    size = np.array(image.shape[1::-1])
+    margin = int(np.ceil(margin_px)) + _MARGIN_PX
+    first = np.clip(np.floor(corners.min(axis=0)).astype(int) - margin, 0, size - 2)
+    last = np.clip(np.ceil(corners.max(axis=0)).astype(int) + margin + 1, first + 2, size)
+    crop = image[first[1]:last[1], first[0]:last[0]]
+    if crop.dtype != np.uint8:  # by the whole image's maximum, so that crops compare
+        crop = np.round(crop * (255.0 / max(int(image.max()), 255))).astype(np.uint8)
+    return np.ascontiguousarray(crop), first.astype(float)
+
+
+def near_quad(uv: Array, quad: Array, slack_px: float) -> NDArray[np.bool_]:
+    """(n,) which points (n, 2) lie in a quad, or outside it by no more than the slack."""
+    outline = np.ascontiguousarray(quad, dtype=np.float32)[:, None]
+    return np.array([cv2.pointPolygonTest(outline, (float(u), float(v)), True) >= -slack_px
+                     for u, v in uv], dtype=bool)
+
+
+def off_epipolar_px(rig: StereoRig, left: Array, right: Array) -> Array:
+    """(n,) distances of right pixels (n, 2) from the epipolar lines of the left ones, px."""
+    if not len(left):
+        return np.zeros(0)
+    lines = rig.epipolar_lines_right(left)
+    off = np.abs(np.sum(lines * rig.right.rays(right), axis=1))
+    return np.asarray(off / np.hypot(lines[:, 0], lines[:, 1]) * float(rig.right.K[1, 1]))
+
+
+def carry(uv: Array, source: Array, target: Array) -> Array:
+    """Map pixels (n, 2) by the homography that takes one quad (4, 2) to another."""
+    if not len(uv):
+        return np.zeros((0, 2))
+    h = homography(source, target)
+    out = np.column_stack([uv, np.ones(len(uv))]) @ h.T
+    return np.asarray(out[:, :2] / out[:, 2:], np.float64)
+
+
+def homography(source: Array, target: Array) -> Array:
+    """(3, 3) that takes one quad (4, 2) to another."""
+    return np.asarray(cv2.getPerspectiveTransform(
+        np.ascontiguousarray(source, dtype=np.float32),
+        np.ascontiguousarray(target, dtype=np.float32)), dtype=np.float64)

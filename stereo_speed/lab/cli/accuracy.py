@@ -1,0 +1,65 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""``accuracy``: measure simulated passes of many kinds with exact truth, and tabulate."""
+from __future__ import annotations
+
+import argparse
+import sys
+from typing import Any
+
+import numpy as np
+
+from ..evaluation.accuracy import (
+    accuracy_jobs, accuracy_table, gather, measure_job, passes_table, rejections,
+    silently_wrong)
+from ..evaluation.runner import failures, run_jobs
+from ...cli.options import add_job_options, number_in
+from ...core.config import TrackerConfig
+from ...io.atomic import write_whole
+
+
+def add_parser(subparsers: Any) -> None:
+    """Add the ``accuracy`` command."""
+    parser = subparsers.add_parser('accuracy', help='tabulate errors on simulated passes',
+                                   description=__doc__)
+    add = parser.add_argument
+    add('--passes', type=number_in(int, 1, 100000), default=200,
+        help='passes, drawn over speeds, roads, rigs, heights and noise (default: 200)')
+    add('--seed', type=number_in(int, 0, 2 ** 31), default=0, help='another set of passes')
+    add('--particles', type=int, default=TrackerConfig().particles)
+    lines = parser.add_mutually_exclusive_group()
+    lines.add_argument('--lines', choices=('picked', 'refined', 'exact'), default='refined',
+                       help='how the lines of the site are known (default: refined)')
+    lines.add_argument('--picked', action='store_const', const='picked', dest='lines',
+                       help='picks of 0.3 px scatter as they are')
+    lines.add_argument('--refine', action='store_const', const='refined', dest='lines',
+                       help='picks refined by the images of the pass')
+    add('--pan-deg', type=number_in(float, -1, 1), default=0.0, metavar='DEG',
+        help='the right camera has turned this far, to either side, since its calibration')
+    add('--tolerances', action='store_true',
+        help='calibration and stamps are off within the tolerances the tracker allows for')
+    add_job_options(parser)
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure the passes that are not measured yet, print the table, write the files."""
+    TrackerConfig(particles=args.particles)  # refuse before the work begins
+    jobs = accuracy_jobs(args.passes, seed=args.seed, site=args.lines, pan_deg=args.pan_deg,
+                         tolerances=args.tolerances, changes={'particles': args.particles})
+    results = run_jobs(jobs, measure_job, out_dir=args.out, workers=args.jobs,
+                       description='accuracy')
+    passes = gather(jobs, results)
+    table = accuracy_table(passes)
+    if args.out is not None:
+        write_whole(args.out, {'accuracy.md': table.markdown(), 'accuracy.csv': table.csv(),
+                               'passes.csv': passes_table(passes).csv()})
+    print(table.markdown())
+    reasons = ', '.join(f'{n} {reason}' for reason, n in rejections(passes).items())
+    print(f'lines {args.lines}, {args.particles} particles; not measured: {reasons or "none"}; '
+          f'measured, more than 0.1 mph and 2 σ off: {silently_wrong(passes)}; '
+          f'{np.nanmedian([p.cpu_ms for p in passes]):.1f} ms of one core per pair')
+    failed = failures(results)
+    for line in failed:
+        print(f'failed: {line}', file=sys.stderr)
+    return 1 if failed else 0

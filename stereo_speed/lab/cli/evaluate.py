@@ -1,0 +1,219 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""``evaluate``: run trackers over sequences with truth, tabulate and plot; redo the papers'."""
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+import sys
+from typing import Any, Optional, Sequence
+
+from ..evaluation.comparison import comparison_table
+from ..evaluation.drives import SITES
+from ..evaluation.experiments import (
+    Experiment, LINES, plan, Runs, sequence_experiment, Source, track_job)
+from ..evaluation.paper_tables import (
+    checks, checks_text, contest_table, paper_table, PaperPlan)
+from ..evaluation.runner import failures, run_jobs
+from ..evaluation.sequences import find_sequence, SEQUENCES
+from ..evaluation.tables import Table
+from ...cli.options import add_job_options, number_in
+from ...core.config import TrackerConfig
+from ...core.errors import InputError
+from ...io.atomic import prepare_folder, write_whole
+from ...pipeline.pipeline import TRACKERS
+
+_FILES = ('site.yaml', 'init.yaml', 'truth.csv')
+_OTHERS = 'evaluate_monocular'  # the monocular trackers, on videos
+
+
+def add_parser(subparsers: Any) -> None:
+    """Add the ``evaluate`` command."""
+    parser = subparsers.add_parser(
+        'evaluate', help='compare trackers on sequences with truth', description=__doc__)
+    add = parser.add_argument
+    add('bags', nargs='*', type=Path, metavar='BAG',
+        help='folder with bag/, site.yaml, init.yaml and truth.csv, as simulate writes it; or '
+             'a bag with --site and --truth')
+    add('--site', type=Path, help='site file of a bag')
+    add('--init', type=Path, help='init file of a bag')
+    add('--truth', type=Path, help='truth.csv of a bag')
+    add('--left', metavar='TOPIC', help='topic of the left images')
+    add('--right', metavar='TOPIC', help='topic of the right images')
+    add('--sequences', type=_sequences, default=[], metavar='NAMES',
+        help='simulated sequences, with commas, or all: ' + ', '.join(SEQUENCES))
+    add('--trackers', type=_trackers, default=None, metavar='NAMES',
+        help='with commas (default: all): ' + ', '.join(TRACKERS))
+    add('--seeds', type=number_in(int, 1, 1000), default=None, metavar='K',
+        help='runs of each (default: 10; 20 of each cell of the tables of the paper)')
+    add('--particles', type=number_in(int, 20, 20000), nargs='+', metavar='N', default=None,
+        help='numbers of particles (default: those of the paper)')
+    add('--lines', choices=SITES, default=LINES,
+        help=f'how the lines of simulated sites are known (default: {LINES})')
+    add('--paper', action='store_true', help='run the tables of Zhu et al. (2012) again')
+    add('--quick', action='store_true', help='with --paper: a small part of it')
+    add_job_options(parser)
+    if _has_others():
+        import_module(f'.{_OTHERS}', __package__).add_options(parser)
+    parser.set_defaults(run=run)
+
+
+def _has_others() -> bool:
+    return find_spec(f'{__package__}.{_OTHERS}') is not None
+
+
+def _sequences(text: str) -> list[str]:
+    return _names(text, tuple(SEQUENCES))
+
+
+def _trackers(text: str) -> list[str]:
+    return _names(text, tuple(TRACKERS))
+
+
+def _names(text: str, known: Sequence[str]) -> list[str]:
+    names = list(known) if text == 'all' else [name.strip() for name in text.split(',')]
+    for name in names:
+        if name not in known:
+            raise argparse.ArgumentTypeError(
+                f'found {name!r}, wanted some of {", ".join(known)}')
+    return list(dict.fromkeys(names))
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run what is asked for; what was run before with the same parameters is kept."""
+    if getattr(args, 'video', None):
+        return int(import_module(f'.{_OTHERS}', __package__).run(args) or 0)
+    if args.out is None:
+        raise InputError('evaluate', '--out', 'nothing', 'a folder for the results')
+    if not (args.paper or args.bags or args.sequences):
+        raise InputError('evaluate', 'arguments', 'no sequence',
+                         '--paper, --sequences NAMES or a BAG with truth')
+    if args.paper and (args.bags or args.sequences or args.particles):
+        raise InputError('evaluate', '--paper', 'other sequences or particles as well',
+                         'either one')
+    prepare_folder(args.out)
+    return _paper(args) if args.paper else _compare(args)
+
+
+def _paper(args: argparse.Namespace) -> int:
+    """Run the paper's tables again."""
+    wanted = PaperPlan(trackers=tuple(args.trackers or TRACKERS), lines=args.lines)
+    if args.quick:
+        wanted = wanted.quick()
+    if args.seeds:
+        wanted = replace(wanted, table_seeds=range(args.seeds), compare_seeds=range(args.seeds))
+    jobs = plan(wanted.cells(), wanted.table_seeds)
+    known = {job.key for job in jobs}
+    jobs += [j for j in plan(wanted.contests(), wanted.compare_seeds) if j.key not in known]
+    results = run_jobs(sorted(jobs, key=lambda job: job.group), track_job, out_dir=args.out,
+                       workers=args.jobs, description='evaluate --paper')
+    runs = Runs(results)
+    tables = {f'table_{t.name.split()[1].strip(")").replace("(", "")}': paper_table(
+        wanted, t, runs) for t in wanted.tables}
+    tables.update({s: contest_table(wanted, s, runs) for s in wanted.compared})
+    found = checks(wanted, runs)
+    text = f'**Checks**\n\n{checks_text(found)}'
+    _write(args.out, tables, text)
+    _paper_plots(args.out, wanted, runs)
+    return _report(args.out, failures(results))
+
+
+def _paper_plots(out: Path, wanted: PaperPlan, runs: Runs) -> None:
+    """Draw the speeds of each sequence, and the errors of the tables that vary particles."""
+    from ..evaluation.pictures import draw_errors, draw_speeds, paper_curves
+
+    for name in wanted.compared:
+        draw_speeds(out / f'speed_{name}.png', find_sequence(name).title,
+                    [wanted.contest(name, t) for t in wanted.trackers],
+                    wanted.compare_seeds[0], runs)
+    curves = [c for t in wanted.tables if t.particles is None
+              for c in paper_curves(wanted, t, runs)]
+    draw_errors(out / 'error_particles.png', 'Error of the last reading', 'particles N', curves)
+
+
+def _compare(args: argparse.Namespace) -> int:
+    """Run trackers over bags and simulated sequences."""
+    seeds = range(args.seeds or 10)
+    trackers = args.trackers or list(TRACKERS)
+    groups = [[sequence_experiment(name, t, lines=args.lines, particles=n) for t in trackers
+               for n in args.particles or [None]] for name in args.sequences]
+    groups += [[Experiment(source=source, tracker=t, changes=_particles(n)) for t in trackers
+                for n in args.particles or [TrackerConfig().particles]]
+               for source in _sources(args)]
+    results = run_jobs(plan([e for group in groups for e in group], seeds), track_job,
+                       out_dir=args.out, workers=args.jobs, description='evaluate')
+    runs = Runs(results)
+    _write(args.out, {_file_name(i, group): comparison_table(group, seeds, runs)
+                      for i, group in enumerate(groups)})
+    _plots(args.out, groups, seeds, runs)
+    return _report(args.out, failures(results))
+
+
+def _particles(count: int) -> dict[str, int]:
+    TrackerConfig(particles=count)  # refuse before the work begins
+    return {'particles': count}
+
+
+def _file_name(number: int, group: Sequence[Experiment]) -> str:
+    """Name the files of a source; bags of one name are told apart by their number."""
+    source = group[0].source
+    return source.name if source.sequence else f'{number}_{source.name}'
+
+
+def _sources(args: argparse.Namespace) -> list[Source]:
+    """Find the files of the bags."""
+    if len(args.bags) > 1 and (args.site or args.init or args.truth):
+        raise InputError('evaluate', 'BAG', f'{len(args.bags)} bags with --site, --init or '
+                         '--truth', 'one bag')
+    sources = []
+    for bag in args.bags:
+        folder = bag / 'bag' if (bag / 'bag').exists() else bag / 'bag.bag'
+        whole = folder.exists()
+        found = [bag / name if whole else None for name in _FILES]
+        site, init, truth = (given or there for given, there in zip(
+            (args.site, args.init, args.truth), found))
+        for option, path in (('--site', site), ('--truth', truth)):
+            if path is None:
+                raise InputError(bag, option, 'nothing', f'a file, or a folder with {_FILES[0]} '
+                                 f'and {_FILES[2]} beside bag/')
+        files = {'bag': folder if whole else bag, 'site': site, 'truth': truth, 'init': init,
+                 'left': args.left, 'right': args.right}
+        for name in ('bag', 'site', 'truth', 'init'):
+            path = files[name]
+            if path is not None and not path.exists():
+                raise InputError(path, name, 'no such file', 'a file that is there')
+        sources.append(Source(files={k: str(v) for k, v in files.items() if v is not None}))
+    return sources
+
+
+def _plots(out: Path, groups: Sequence[Sequence[Experiment]], seeds: range, runs: Runs) -> None:
+    """Draw the speeds of each source, and the errors over the particles if these vary."""
+    from ..evaluation.pictures import draw_errors, draw_speeds, particle_curves
+
+    for i, group in enumerate(groups):
+        name = _file_name(i, group)
+        most = max(e.changes['particles'] for e in group)
+        draw_speeds(out / f'speed_{name}.png', name,
+                    [e for e in group if e.changes['particles'] == most], seeds[0], runs)
+        if len({e.changes['particles'] for e in group}) > 1:
+            draw_errors(out / f'error_{name}.png', f'{name}: r.m.s. error of the readings',
+                        'particles N', particle_curves(group, seeds, runs, lambda f: f.rms_mps))
+
+
+def _write(out: Path, tables: dict[str, Table], more: Optional[str] = None) -> None:
+    """Write and print the tables."""
+    text = '\n'.join([table.markdown() for table in tables.values()] + [more or ''])
+    write_whole(out, {'evaluation.md': text,
+                      **{f'{name}.csv': table.csv() for name, table in tables.items()}})
+    print(text)
+
+
+def _report(out: Path, failed: Sequence[str]) -> int:
+    """Tell where everything is, and what failed."""
+    print(f'in {out}')
+    for line in failed:
+        print(f'failed: {line}', file=sys.stderr)
+    return 1 if failed else 0

@@ -1,0 +1,98 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""``evaluate --video``: the monocular tracker against ground truth, with and without the map."""
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+import sys
+from typing import Any, Sequence
+
+from ..evaluation.monocular import (
+    kept_share, plan_jobs, run_scene, Scene, scores_of, Setting, summary_table, target_table)
+from ..evaluation.runner import failures, Result, run_jobs
+from ...cli.options import number_in
+from ...core.errors import InputError
+from ...io.atomic import prepare_folder, write_whole
+from ...monocular.config import MonocularConfig, PAPER_LIKELIHOOD
+from ...monocular.tracker import TRACKERS
+
+_PARTICLES = {'environment': (150,), 'plain': (150, 300)}  # what the paper compares
+_STRIDES = (1, 2, 3)
+_SEEDS = 25
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add what a video needs beside the options of ``evaluate``."""
+    group = parser.add_argument_group(
+        'videos of one camera', 'with --init the targets and --truth their boxes in the '
+        "MOTChallenge's format; --seeds and --particles as above")
+    group.add_argument('--video', type=Path, help='video file, folder of images, or bag')
+    group.add_argument('--map', type=Path, metavar='PNG', help='map of the scene')
+    group.add_argument('--strides', type=number_in(int, 1, 1000), nargs='+', metavar='K',
+                       default=list(_STRIDES), help='strides (default: 1 2 3)')
+    group.add_argument('--likelihood', choices=('default', 'paper'), default='default',
+                       help='paper: one histogram of the box as marked')
+
+
+def run(args: argparse.Namespace) -> int:
+    """Compare the trackers on one video; write and print the tables and draw the plot."""
+    for option in ('map', 'init', 'truth', 'out'):
+        if getattr(args, option) is None:
+            raise InputError('evaluate --video', f'--{option}', 'nothing', {
+                'map': 'the map of the scene', 'init': 'the targets file',
+                'truth': "boxes in the MOTChallenge's format",
+                'out': 'a folder for the results'}[option])
+    if getattr(args, 'trackers', None) or getattr(args, 'bags', None):
+        raise InputError('evaluate --video', '--trackers or BAG', 'given',
+                         'neither: environment and plain are compared on the video')
+    scene = Scene(video=str(args.video), map=str(args.map), init=str(args.init),
+                  truth=str(args.truth))
+    settings = make_settings(args)
+    changes = dict(PAPER_LIKELIHOOD) if args.likelihood == 'paper' else {}
+    folder = prepare_folder(args.out)
+    jobs = plan_jobs(scene, settings, args.seeds or _SEEDS, changes)
+    results = run_jobs(jobs, run_scene, out_dir=folder, workers=args.jobs,
+                       description='evaluate --video')
+    _write(folder, args.video.stem, settings, results)
+    failed = failures(results)
+    for line in failed:
+        print(f'failed: {line}', file=sys.stderr)
+    return 1 if failed else 0
+
+
+def make_settings(args: argparse.Namespace) -> list[Setting]:
+    """Give every tracker with its numbers of particles and every stride."""
+    settings = []
+    for tracker in TRACKERS:
+        for particles in args.particles or _PARTICLES[tracker]:
+            MonocularConfig(particles=particles)  # refuse before the work begins
+            settings += [Setting(tracker=tracker, particles=particles, stride=stride)
+                         for stride in dict.fromkeys(args.strides)]
+    return settings
+
+
+def _write(folder: Path, name: str, settings: Sequence[Setting],
+           results: Sequence[Result]) -> None:
+    """Write and print the tables, and draw the plot."""
+    tables = {'settings': summary_table(f'{name}: what is kept', settings, results),
+              'targets': target_table(f'{name}: each target', settings, results)}
+    text = '\n'.join(table.markdown() for table in tables.values())
+    write_whole(folder, {'evaluation.md': text,
+                         **{f'{kind}.csv': table.csv() for kind, table in tables.items()}})
+    _draw(folder / 'kept.png', name, settings, results)
+    print(tables['settings'].markdown())
+    print(f'in {folder}')
+
+
+def _draw(path: Path, name: str, settings: Sequence[Setting],
+          results: Sequence[Result]) -> None:
+    from ...report.track_survival import draw_kept, KeptCurve  # matplotlib, where it is needed
+
+    curves: dict[str, dict[str, list[Any]]] = {}
+    for index, setting in enumerate(settings):
+        share, error = kept_share(scores_of(results, index))
+        curve = curves.setdefault(setting.label, {'strides': [], 'shares': [], 'errors': []})
+        for key, value in zip(curve, (setting.stride, share, error)):
+            curve[key].append(value)
+    draw_kept(path, name, [KeptCurve(name=label, **curve) for label, curve in curves.items()])

@@ -1,0 +1,143 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""``simulate``: write a simulated pass as a bag with its site, marks and truth."""
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Callable
+
+import numpy as np
+
+from ..sim import (
+    circle_config, RIGS, RoadConfig, SimConfig, simulate, straight_config, VehicleConfig)
+from ...core.errors import InputError
+from ...core.units import MPH_MPS, parse_speed
+
+STORAGES = ('mcap', 'sqlite3', 'ros1')  # as in sim.write, which needs rosbags
+
+
+def _speed(text: str) -> float:
+    try:
+        return parse_speed(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def _limit(text: str) -> str:
+    _speed(text)
+    return text
+
+
+def _bounded(kind: Callable[[str], Any], low: float, high: float) -> Callable[[str], Any]:
+    def parse(text: str) -> Any:
+        value = kind(text)
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f'{text} is not in [{low:g}, {high:g}]')
+        return value
+    parse.__name__ = kind.__name__
+    return parse
+
+
+def add_parser(subparsers: Any) -> None:
+    """
+    Add the command to the command line.
+
+    :param subparsers: what ``ArgumentParser.add_subparsers`` gave.
+    """
+    parser = subparsers.add_parser('simulate', help='write a simulated pass with exact truth',
+                                   description=__doc__)
+    add = parser.add_argument
+    add('--out', type=Path, required=True, help='folder to write; must not exist')
+    add('--speed', type=_speed, default=_speed('55 mph'), help="'55 mph', '80 km/h' or '22 m/s'")
+    add('--accel', type=_bounded(float, -12, 12), default=0.0, help='acceleration, m/s^2')
+    add('--path', default='straight',
+        help='straight, circle:RADIUS_M or clothoid:CURVATURE:CURVATURE:LENGTH_M (1/m; positive '
+             'turns left)')
+    add('--grade', type=_bounded(float, -0.2, 0.2), default=0.0, help='rise over distance')
+    add('--lanes', type=int, choices=(1, 2, 3), default=2)
+    add('--lane', type=int, default=0, help='lane of the vehicle, 0 the rightmost')
+    add('--lane-change', type=_bounded(float, -8, 8), default=0.0, metavar='M',
+        help='go this far to the left, from 0.6 s to 2.8 s')
+    add('--start', type=_bounded(float, 5, 200), help='distance of the first front, m')
+    add('--near', type=_bounded(float, 4, 100), help='distance at which the pass ends, m')
+    add('--pairs', type=_bounded(int, 1, 2000), help='most pairs')
+    add('--fps', type=_bounded(float, 0.1, 200), default=5.0)
+    add('--jitter', type=_bounded(float, 0, 1), default=0.0, help='unevenness of the stamps, s')
+    add('--drop', type=int, nargs='*', default=[], metavar='PAIR', help='pairs that get lost')
+    add('--noise', type=_bounded(float, 0, 50), default=2.0, help='sensor noise, grey levels')
+    add('--exposure', type=_bounded(float, 0.05, 2), default=1.0, help='1 day, 0.35 dusk')
+    add('--rig', choices=sorted(RIGS), default='parallel')
+    add('--rig-moved', type=_bounded(float, -10, 10), nargs=3, default=(0.0, 0.0, 0.0),
+        metavar=('PAN', 'TILT', 'ROLL'),
+        help='degrees by which the right camera has turned since its calibration')
+    add('--gap', type=_bounded(float, 0, 1000), nargs=2, metavar=('FROM', 'TO'),
+        help='time, s, in which no pair arrives')
+    add('--camera-height', type=_bounded(float, 0.5, 30), default=4.0, help='m above the road')
+    add('--front-height', type=_bounded(float, 0.3, 3), default=0.8, help='m')
+    add('--speed-limit', type=_limit, default='45 mph', help='as in the site file')
+    add('--seed', type=_bounded(int, 0, 2 ** 63), default=0)
+    add('--storage', choices=STORAGES, default='mcap')
+    add('--encoding', default='mono8', help='of raw images: mono8, bgr8, bayer_rggb8, mono16, …')
+    add('--compressed', action='store_true', help='JPEG messages instead of raw ones')
+    parser.set_defaults(run=run)
+
+
+def _pass(text: str) -> SimConfig:
+    """Turn ``--path`` into a pass with its usual distances."""
+    kind, *numbers = text.split(':')
+    try:
+        values = [float(number) for number in numbers]
+    except ValueError:
+        values = []
+    if kind == 'straight' and not numbers:
+        return straight_config()
+    if kind == 'circle' and len(values) == 1 and 5 <= abs(values[0]) < 1e6:
+        return circle_config(radius_m=values[0])
+    if kind == 'clothoid' and len(values) == 3 and max(map(abs, values[:2])) <= 0.2 \
+            and 1 <= values[2] <= 1000:
+        road = RoadConfig(
+            curvature_start=values[0], curvature_end=values[1], clothoid_m=values[2])
+        return circle_config(road=road)
+    raise InputError('simulate', '--path', text,
+                     'straight, circle:RADIUS_M or clothoid:CURVATURE:CURVATURE:LENGTH_M')
+
+
+def make_config(args: argparse.Namespace) -> SimConfig:
+    """
+    Turn parsed arguments into what to simulate.
+
+    :raises InputError: an argument that cannot be drawn.
+    """
+    config = _pass(args.path)
+    change = ((0.6, 0.0), (2.8, args.lane_change)) if args.lane_change else ()
+    vehicle = VehicleConfig(
+        speed_mps=args.speed, accel_mps2=args.accel, lane=args.lane, lateral_knots=change,
+        front_height_m=args.front_height)
+    return replace(
+        config, vehicles=(vehicle,), rig=RIGS[args.rig],
+        road=replace(config.road, grade=args.grade, lanes=args.lanes),
+        start_m=args.start or config.start_m, near_m=args.near or config.near_m,
+        pairs=args.pairs, fps=args.fps, stamp_jitter_s=args.jitter, drop=tuple(args.drop),
+        noise_grey=args.noise, exposure=args.exposure, camera_height_m=args.camera_height,
+        speed_limit=args.speed_limit, name=args.out.name, rig_moved_deg=tuple(args.rig_moved),
+        gaps_s=(tuple(args.gap),) if args.gap else ())
+
+
+def run(args: argparse.Namespace) -> int:
+    """
+    Simulate and write.
+
+    :param args: parsed arguments.
+    :return: exit status.
+    :raises InputError: an argument that cannot be drawn, or a folder that is taken.
+    """
+    # Only writing needs rosbags.
+    from ..sim.write import write_bag
+
+    sequence = simulate(make_config(args), np.random.default_rng(args.seed))
+    folder = write_bag(sequence, args.out, args.storage, args.encoding, args.compressed)
+    print(f'{folder}: {len(sequence.pairs)} pairs, {args.path}, '
+          f'{args.speed / MPH_MPS:.1f} mph ({args.speed * 3.6:.1f} km/h)')
+    return 0

@@ -1,0 +1,72 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Tables as Markdown, for people, and as CSV, for programs."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+from typing import Optional, Sequence, Union
+
+from ...core.units import MPH_MPS
+from ...io.atomic import csv_text
+
+Cell = Union[str, int, float, None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Table:
+    """
+    A table.
+
+    :param title: what it shows.
+    :param columns: names, with units.
+    :param rows: a cell for each column: texts as they are, None and NaN as a dash.
+    :param digits: decimals of each column's floats, in Markdown; CSV has five.
+    :param note: a line below it.
+    """
+
+    title: str
+    columns: Sequence[str]
+    rows: Sequence[Sequence[Cell]]
+    digits: Union[int, Sequence[int]] = 2
+    note: str = ''
+
+    def markdown(self) -> str:
+        """Write it for people."""
+        digits = [self.digits] * len(self.columns) if isinstance(self.digits, int) \
+            else list(self.digits)
+        lines = [f'**{self.title}**', ''] if self.title else []
+        lines += [_line(self.columns), '|' + '---|' * len(self.columns)]
+        lines += [_line([shown(cell, n) for cell, n in zip(row, digits)]) for row in self.rows]
+        return '\n'.join(lines + (['', self.note] if self.note else [])) + '\n'
+
+    def csv(self) -> str:
+        """Write it for programs."""
+        return csv_text(self.columns, [
+            ['' if _missing(c) else f'{c:.5f}' if isinstance(c, float) else c for c in row]
+            for row in self.rows])
+
+
+def shown(cell: Cell, digits: int) -> str:
+    """Write a cell for people."""
+    if _missing(cell):
+        return '-'
+    return f'{cell:.{digits}f}' if isinstance(cell, float) else str(cell)
+
+
+def mph(speed_mps: Optional[float]) -> Optional[float]:
+    """Turn m/s into mph; None stays None."""
+    return None if speed_mps is None else speed_mps / MPH_MPS
+
+
+def signed(speed_mps: float, digits: int = 3) -> str:
+    """Write a speed difference in mph with its sign."""
+    return '-' if not math.isfinite(speed_mps) else f'{speed_mps / MPH_MPS:+.{digits}f}'
+
+
+def _missing(cell: Cell) -> bool:
+    return cell is None or isinstance(cell, float) and not math.isfinite(cell)
+
+
+def _line(cells: Sequence[object]) -> str:
+    return '| ' + ' | '.join(str(cell).replace('|', '\\|') for cell in cells) + ' |'

@@ -1,0 +1,109 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""What is true of the vehicles of a sequence: read from ``truth.csv`` or from a simulation."""
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+from decimal import Decimal, InvalidOperation
+from pathlib import Path
+from typing import Any, Mapping, Sequence, Union
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.errors import InputError
+from ...core.records import Array
+
+SAME_NS = 2000  # truth is told in whole microseconds, stamps may have been cut or rounded to them
+_PLACE = ('x', 'y', 'z')
+
+
+@dataclass(frozen=True, eq=False)
+class VehicleTruth:
+    """
+    What is true of a vehicle.
+
+    :param vehicle: its number.
+    :param stamps_ns: (n,) ascending.
+    :param speed_mps: (n,) ground speed.
+    :param position_m: (n, 3) centre of its front, left optical frame; NaN where it is not told.
+    """
+
+    vehicle: int
+    stamps_ns: NDArray[np.int64]
+    speed_mps: Array
+    position_m: Array
+
+    def at(self, stamps_ns: Sequence[int]) -> NDArray[np.int64]:
+        """Find the rows of stamps; -1 where nothing is told of one."""
+        wanted = np.asarray(stamps_ns, dtype=np.int64)
+        row = np.clip(np.searchsorted(self.stamps_ns, wanted), 1, len(self.stamps_ns) - 1) \
+            if len(self.stamps_ns) > 1 else np.zeros(len(wanted), dtype=np.int64)
+        before = np.maximum(row - 1, 0)
+        row = np.where(np.abs(self.stamps_ns[before] - wanted)
+                       < np.abs(self.stamps_ns[row] - wanted), before, row)
+        return np.where(np.abs(self.stamps_ns[row] - wanted) <= SAME_NS, row, -1)
+
+    def speed_at(self, stamps_ns: Sequence[int]) -> Array:
+        """Return the true speeds at stamps, m/s; NaN where they are not told."""
+        row = self.at(stamps_ns)
+        return np.where(row < 0, np.nan, self.speed_mps[row])
+
+
+def truth_of_rows(rows: Sequence[Mapping[str, Any]]) -> tuple[VehicleTruth, ...]:
+    """
+    Gather rows by vehicle, in the order of the vehicles' numbers.
+
+    :param rows: with ``stamp_ns``, ``vehicle``, ``speed`` and, where known, ``x``, ``y``, ``z``.
+    """
+    out = []
+    for vehicle in sorted({int(row['vehicle']) for row in rows}):
+        mine = sorted((row for row in rows if int(row['vehicle']) == vehicle),
+                      key=lambda row: int(row['stamp_ns']))
+        out.append(VehicleTruth(
+            vehicle, np.array([row['stamp_ns'] for row in mine], dtype=np.int64),
+            np.array([row['speed'] for row in mine], dtype=float),
+            np.array([[row.get(c, np.nan) for c in _PLACE] for row in mine], dtype=float)))
+    return tuple(out)
+
+
+def read_truth(path: Union[str, Path]) -> tuple[VehicleTruth, ...]:
+    """
+    Read ``truth.csv``.
+
+    Columns ``stamp`` (s) and ``speed`` (m/s), and where known ``vehicle``, ``x``, ``y`` and
+    ``z`` (m); others are passed over.
+
+    :raises InputError: names the line and column at fault.
+    """
+    try:
+        text = Path(path).read_text(encoding='utf-8')
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(path, 'file', error, 'a readable truth.csv') from None
+    reader = csv.DictReader(text.splitlines())
+    for name in ('stamp', 'speed'):
+        if name not in (reader.fieldnames or ()):
+            raise InputError(path, 'columns', ','.join(reader.fieldnames or ()) or 'none',
+                             f'a column {name}')
+    rows = [_row(path, number, row) for number, row in enumerate(reader, start=2)]
+    if not rows:
+        raise InputError(path, 'rows', 'none', 'a row for each vehicle and pair')
+    return truth_of_rows(rows)
+
+
+def _row(path: Union[str, Path], number: int, row: Mapping[str, Any]) -> dict[str, Any]:
+    """Turn the texts of a line into numbers."""
+    def parse(name: str) -> Decimal:
+        try:
+            value = Decimal(row[name])
+        except (InvalidOperation, TypeError, ValueError):
+            value = Decimal('nan')
+        if not value.is_finite():
+            raise InputError(path, f'line {number}, {name}', repr(row[name]), 'a finite number')
+        return value
+    known = [c for c in ('speed', *_PLACE) if row.get(c) not in (None, '')]
+    out: dict[str, Any] = {c: float(parse(c)) for c in {'speed', *known}}
+    # Exact: a stamp in ns has more digits than a float.
+    return {**out, 'stamp_ns': int(parse('stamp') * 10 ** 9),
+            'vehicle': int(parse('vehicle')) if row.get('vehicle') else 0}

@@ -1,0 +1,57 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+A space curve from its two image curves, and motion along it (Zhu 2012, eq. 25-27).
+"""
+from __future__ import annotations
+
+import numpy as np
+
+from ...core.records import Array
+from ...geometry.rig import StereoRig
+from ...road.curve_matching import match_curves
+from ...road.path import CAMERA_UP, Path, SplinePath
+
+
+def curved_path(
+        rig: StereoRig, left_px: Array, right_px: Array, up: Array = CAMERA_UP) -> SplinePath:
+    """
+    Reconstruct one line from its picks in the two raw views, without any smoothing.
+
+    :param left_px: (n, 2) raw picks in order along travel.
+    :param right_px: (m, 2) raw picks in order along travel.
+    :param up: (3,) rough up direction.
+    """
+    return SplinePath(match_curves(rig, left_px, right_px).points_m, up)
+
+
+def chord_step(path: Path, s_m: Array, chord_m: Array) -> Array:
+    """
+    Give the arc lengths (...,) ahead of ``s_m`` at the given straight distance (eq. 25).
+
+    :param s_m: (...,) arc lengths now.
+    :param chord_m: (...,) distances covered, m; 0 stays.
+    """
+    s_m, chord_m = np.broadcast_arrays(np.asarray(s_m, float), np.asarray(chord_m, float))
+    start, ahead = path.position(s_m), s_m + chord_m
+    for _ in range(20):
+        across = path.position(ahead) - start
+        distance = np.linalg.norm(across, axis=-1)
+        slope = np.sum(across * path.tangent(ahead), axis=-1) / np.where(distance, distance, 1.0)
+        step = np.where(distance > 0, (chord_m - distance) / np.maximum(slope, 0.1), 0.0)
+        ahead = ahead + step
+        if not np.any(np.abs(step) > 1e-10):
+            break
+    return ahead
+
+
+def motion_along(path: Path, s0_m: Array, s1_m: Array) -> tuple[Array, Array]:
+    """
+    Give rotation (..., 3, 3) and translation (..., 3) that carry the path's frame (eq. 26, 27).
+
+    :param s0_m: (...,) arc lengths before.
+    :param s1_m: (...,) arc lengths after.
+    """
+    rotation = path.frame(s1_m) @ np.swapaxes(path.frame(s0_m), -1, -2)
+    carried = (rotation @ path.position(s0_m)[..., None])[..., 0]
+    return rotation, path.position(s1_m) - carried

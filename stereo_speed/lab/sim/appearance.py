@@ -1,0 +1,274 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Bodies of traffic: sizes of the kinds of vehicles, and their textured faces."""
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Callable, Optional
+
+import cv2
+import numpy as np
+
+from .planes import Plane, Texture
+from .scene import FrontPose
+from .texture import Canvas, front_texture, Image, octaves
+from ...core.records import Array
+
+TEXEL_M = 0.01  # of all faces but the front and the rear
+DIRT = 4  # texels are the finest of the dirt
+GLASS = (24.0, 48.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class BodyConfig:
+    """
+    Size of a body; the tracked face (front, or rear of a receding vehicle) is flat.
+
+    :param kind: its name.
+    :param length_m: from front to rear, m.
+    :param width_m: of body, front and rear, m.
+    :param roof_m: height of the roof, or of the load's top, above the road, m.
+    :param face_m: height of the flat front, m.
+    :param rear_m: height of the flat rear, m.
+    :param clearance_m: height of both lower edges above the road, m.
+    :param bonnet_m: length of the bonnet; 0 for none.
+    :param screen_m: length of the slanting windscreen, seen from above; 0 for none.
+    :param cab_m: length of a cab lower than the load; 0 for none.
+    """
+
+    kind: str = 'car'
+    length_m: float = 4.4
+    width_m: float = 1.8
+    roof_m: float = 1.46
+    face_m: float = 0.8
+    rear_m: float = 0.85
+    clearance_m: float = 0.25
+    bonnet_m: float = 1.1
+    screen_m: float = 0.7
+    cab_m: float = 0.0
+
+
+BODIES = {
+    'car': BodyConfig(),
+    'suv': BodyConfig(kind='suv', length_m=4.7, width_m=1.9, roof_m=1.72, face_m=0.9, rear_m=1.0,
+                      clearance_m=0.28, bonnet_m=1.0, screen_m=0.6),
+    'van': BodyConfig(kind='van', length_m=5.6, width_m=2.0, roof_m=2.45, face_m=0.95,
+                      rear_m=2.1, clearance_m=0.3, bonnet_m=0.55, screen_m=0.85),
+    'truck': BodyConfig(kind='truck', length_m=9.5, width_m=2.45, roof_m=3.5, face_m=2.35,
+                        rear_m=2.9, clearance_m=0.4, bonnet_m=0.0, screen_m=0.0, cab_m=2.0),
+}
+
+
+def draw_body_size(kind: str, rng: np.random.Generator) -> BodyConfig:
+    """
+    Draw a vehicle of a kind: no two are quite of one size.
+
+    :param kind: one of ``BODIES``.
+    :param rng: source of randomness.
+    """
+    body = BODIES[kind]
+    length, width, height = rng.normal(1.0, (0.05, 0.025, 0.03))
+    return replace(
+        body, length_m=body.length_m * length, width_m=body.width_m * width,
+        roof_m=body.roof_m * height, face_m=body.face_m * height, rear_m=body.rear_m * height,
+        clearance_m=body.clearance_m * rng.uniform(0.85, 1.15))
+
+
+def _finish(canvas: Canvas, rng: np.random.Generator, texel_m: float, shade: float = 0.15,
+            grain: float = 4.0) -> Image:
+    """Reduce a drawing to its texels, with a shade from top to bottom and some dirt."""
+    rows, columns = (max(round(side / texel_m), 2)
+                     for side in (canvas.height_m, canvas.width_m))
+    image = cv2.resize(canvas.image, (columns, rows), interpolation=cv2.INTER_AREA)
+    image = image * np.linspace(1 + shade, 1 - shade, rows, dtype=np.float32)[:, None]
+    coarse = octaves(rng, -(-rows // DIRT) + 1, -(-columns // DIRT) + 1, 1)
+    dirt = cv2.resize(coarse, None, fx=DIRT, fy=DIRT, interpolation=cv2.INTER_LINEAR)
+    image += np.float32(grain) * np.asarray(dirt, np.float32)[:rows, :columns]
+    image = cv2.GaussianBlur(image, (0, 0), 1.0, borderType=cv2.BORDER_REPLICATE)
+    return np.clip(image, 5, 250).astype(np.float32)
+
+
+def rear_texture(rng: np.random.Generator, width_m: float, height_m: float,
+                 paint: float) -> Image:
+    """
+    Make the rear of a vehicle, as the camera behind it sees it.
+
+    :param rng: source of randomness.
+    :param width_m: width, m.
+    :param height_m: height, m.
+    :param paint: grey level of the body.
+    """
+    canvas = Canvas(width_m, height_m, paint)
+    top = max(0.0, 1 - 0.85 / height_m)  # above this a tall rear has doors
+    if top > 0.3:
+        for x0, x1 in ((0.07, 0.47), (0.53, 0.93)):
+            canvas.box(x0, 0.08, x1, max(top * 0.6, 0.2), rng.uniform(*GLASS))
+        canvas.box(0.495, 0.03, 0.505, 0.95, paint * 0.4)
+
+    def y(share: float) -> float:
+        return top + (1 - top) * share
+    canvas.box(0, y(0.0), 1, y(0.05), paint * 1.15)
+    lamp, tall = rng.uniform(0.09, 0.17), rng.uniform(0.18, 0.32)
+    upper = rng.uniform(0.1, 0.22)
+    for side in (0.0, 1.0):
+        x0, x1 = sorted((abs(side - 0.02), abs(side - 0.02 - lamp)))
+        canvas.box(x0, y(upper), x1, y(upper + tall), rng.uniform(48, 75))
+        x0, x1 = sorted((abs(side - 0.03), abs(side - 0.02 - lamp * 0.55)))
+        canvas.box(x0, y(upper + 0.02), x1, y(upper + tall * 0.5), rng.uniform(110, 170))
+    half, tall = 0.26 / width_m, 0.055 / height_m
+    plate = y(rng.uniform(0.36, 0.5))
+    canvas.box(0.5 - half, plate - tall, 0.5 + half, plate + tall, rng.uniform(190, 230))
+    for x in np.linspace(0.5 - 0.8 * half, 0.5 + 0.8 * half, 7):
+        canvas.box(x, plate - 0.6 * tall, x + 0.06 * half, plate + 0.5 * tall, 35)
+    canvas.box(0.0, y(0.66), 1.0, y(0.69), paint * 0.5)
+    canvas.box(0.04, y(0.76), 0.96, y(0.9), rng.uniform(25, 60))
+    canvas.disc(0.5, y(0.2), rng.uniform(0.03, 0.05), rng.uniform(150, 220))
+    return _finish(canvas, rng, 0.004, grain=6.0)
+
+
+def _side(rng: np.random.Generator, body: BodyConfig, paint: float) -> Texture:
+    """Make the left side; the front is at the texture's left."""
+    canvas = Canvas(body.length_m, body.roof_m, paint * 0.72, TEXEL_M)
+    mask = Canvas(body.length_m, body.roof_m, 0.0, TEXEL_M)
+
+    def at(back_m: float, up_m: float) -> tuple[float, float]:
+        return back_m / body.length_m, 1 - up_m / body.roof_m
+    L, low, roof = body.length_m, body.clearance_m, body.roof_m
+    top = low + body.face_m
+    if body.cab_m:
+        outline = [at(0, low), at(0, top), at(body.cab_m, top), at(body.cab_m, roof), at(L, roof),
+                   at(L, low)]
+        canvas.box(*at(0.45, top - 0.35), *at(body.cab_m - 0.35, top - 1.0), rng.uniform(*GLASS))
+        canvas.polygon([at(body.cab_m, 1.1), at(L, 1.1), at(L, roof), at(body.cab_m, roof)],
+                       rng.uniform(70, 190))
+    else:
+        screen, back = body.bonnet_m + body.screen_m, L - (0.5 if body.kind == 'car' else 0.1)
+        outline = [at(0, low), at(0, top), at(body.bonnet_m, top + 0.1), at(screen, roof),
+                   at(back - 0.1, roof), at(L, low + body.rear_m), at(L, low)]
+        glass, sill, head = rng.uniform(*GLASS), roof - 0.48, roof - 0.08
+        if body.kind == 'van':
+            canvas.polygon([at(screen - 0.35, sill), at(screen + 0.05, head),
+                            at(screen + 0.8, head), at(screen + 0.8, sill)], glass)
+        else:
+            middle = (screen + back) / 2
+            canvas.polygon([at(screen - 0.3, sill), at(screen + 0.08, head),
+                            at(middle - 0.05, head), at(middle - 0.05, sill)], glass)
+            canvas.polygon([at(middle + 0.05, sill), at(middle + 0.05, head),
+                            at(back - 0.2, head), at(back + 0.05, sill)], glass)
+        for x in (screen - 0.2, (screen + back) / 2, back - 0.3):
+            canvas.box(*at(x - 0.01, low + 0.1), *at(x + 0.01, sill), paint * 0.4)
+    canvas.box(*at(0, low + 0.28), *at(L, low + 0.2), paint * 0.5)
+    mask.polygon(outline, 1.0)
+    wheel = 0.31 if not body.cab_m else 0.48
+    for x in ((0.85, L - 0.85) if not body.cab_m else (1.1, L - 2.3, L - 1.2)):
+        for picture, level in ((mask, 1.0), (canvas, 20.0)):
+            picture.disc(*at(x, wheel), wheel, level)
+        canvas.disc(*at(x, wheel), 0.55 * wheel, rng.uniform(60, 130))
+    grey = _finish(canvas, rng, TEXEL_M)
+    alpha = cv2.resize(mask.image, grey.shape[::-1], interpolation=cv2.INTER_AREA)
+    return Texture.of(grey, np.asarray(alpha, np.float32))
+
+
+def _flipped(texture: Texture) -> Texture:
+    """Mirror a texture left to right."""
+    columns, rows = texture.size
+    alpha = texture.alpha or [np.ones_like(texture.grey[0])]
+    share = alpha[0][:rows, :columns]
+    grey = texture.grey[0][:rows, :columns] / np.maximum(share, 1e-3)
+    return Texture.of(np.ascontiguousarray(grey[:, ::-1]), np.ascontiguousarray(share[:, ::-1]))
+
+
+def _sheet(rng: np.random.Generator, width_m: float, length_m: float, paint: float,
+           frame: Optional[float] = None) -> Texture:
+    """Make a bonnet or roof, or a pane in its frame with what the sky puts on it."""
+    canvas = Canvas(width_m, max(length_m, 0.05), paint if frame is None else frame, 2 * TEXEL_M)
+    if frame is not None:
+        canvas.polygon([(0.1, 0.06), (0.9, 0.06), (0.96, 0.95), (0.04, 0.95)], paint)
+        x = rng.uniform(0.1, 0.5)
+        canvas.polygon([(x, 0.1), (x + 0.25, 0.1), (x + 0.12, 0.9), (x - 0.03, 0.9)],
+                       paint * rng.uniform(1.2, 2.2))
+    else:
+        canvas.box(0.03, 0.04, 0.035, 0.96, paint * 0.7)
+        canvas.box(0.965, 0.04, 0.97, 0.96, paint * 0.7)
+    return Texture.of(_finish(canvas, rng, 2 * TEXEL_M, 0.06, 2.0))
+
+
+class BodyLook:
+    """
+    What a vehicle looks like.
+
+    :param body: its size.
+    :param rear: make the textured rear instead of the front the tracked face.
+    :param rng: source of its textures.
+    """
+
+    def __init__(self, body: BodyConfig, rear: bool, rng: np.random.Generator) -> None:
+        self.body, self.rear = body, rear
+        face = (body.width_m, body.rear_m if rear else body.face_m)
+        front = front_texture(rng, body.width_m, body.face_m)
+        paint = float(np.median(front)) if body.kind != 'truck' else rng.uniform(60, 170)
+        self.face = Texture.of(rear_texture(rng, *face, paint) if rear else front)
+        self.under = Texture.plain(22.0)
+        left = _side(rng, body, paint)
+        self.sides = (_flipped(left), left)  # right and left
+        width = body.width_m
+        long = body.length_m
+        self.roof = _sheet(rng, width, long, paint * 1.08)
+        self.bonnet = _sheet(rng, width, max(body.bonnet_m, 0.5), paint * 1.03)
+        self.screen = _sheet(rng, width, 1.0, rng.uniform(*GLASS), paint * 0.8)
+        self.load = Texture.plain(paint * 0.9)
+
+    def planes(self, pose: FrontPose) -> list[Plane]:
+        """
+        Place the faces in the order of drawing, the tracked face last.
+
+        :param pose: place of the tracked face: of the front, or of the rear when receding.
+        """
+        body = self.body
+        # A frame at the front, whatever is tracked: back, left, up.
+        front = body.length_m if self.rear else 0.0
+
+        def at(back: float, left: float, up: float) -> Array:
+            return np.asarray(pose.ground_m + pose.axes @ np.array([front - back, left, up]))
+        along, left, up = pose.axes.T
+        half, low, roof, long = body.width_m / 2, body.clearance_m, body.roof_m, body.length_m
+        planes = [Plane(at(long, -half, roof), along * long, -up * roof, self.sides[0]),
+                  Plane(at(0, half, roof), -along * long, -up * roof, self.sides[1])]
+        if self.rear:
+            planes += [Plane(at(long, half - 0.1, low), -left * 2 * (half - 0.1), -up * 0.8 * low,
+                             self.under)]
+            planes += self._tops(at)
+            planes.append(Plane(at(long, half, low + body.rear_m), -left * 2 * half,
+                                -up * body.rear_m, self.face, True))
+            return planes
+        planes += [Plane(at(0, 0.1 - half, low), left * 2 * (half - 0.1), -up * 0.8 * low,
+                         self.under)]
+        planes += self._tops(at)
+        planes.append(Plane(at(0, -half, low + body.face_m), left * 2 * half, -up * body.face_m,
+                            self.face, True))
+        return planes
+
+    def _tops(self, at: Callable[[float, float, float], Array]) -> list[Plane]:
+        """Place roof, windscreen and bonnet, or what a receding vehicle shows above its rear."""
+        body = self.body
+        half, long, roof = body.width_m / 2, body.length_m, body.roof_m
+        top = body.clearance_m + body.face_m
+
+        def sloping(back0: float, up0: float, back1: float, up1: float, texture: Texture,
+                    ) -> Plane:
+            """Span from the upper edge (0) to the lower (1), read from ahead or above."""
+            corner = at(back0, -half, up0)
+            return Plane(corner, at(back0, half, up0) - corner, at(back1, -half, up1) - corner,
+                         texture)
+        if body.cab_m:
+            return [sloping(long, roof, body.cab_m, roof, self.roof),
+                    sloping(body.cab_m, roof, body.cab_m, top, self.load),
+                    sloping(body.cab_m, top, 0, top, self.roof)]
+        screen = body.bonnet_m + body.screen_m
+        end = long - (0.6 if body.kind == 'car' else 0.2)
+        corner = at(end, half, roof)
+        rear = Plane(corner, at(end, -half, roof) - corner,
+                     at(long, half, body.clearance_m + body.rear_m) - corner, self.screen)
+        return [rear, sloping(end, roof, screen, roof, self.roof),
+                sloping(screen, roof, body.bonnet_m, top + 0.1, self.screen),
+                sloping(body.bonnet_m, top + 0.1, 0, top, self.bonnet)]

@@ -1,0 +1,276 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""What a simulated pass is made of; every length in metres, every time in seconds."""
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+import math
+from typing import Any, Optional
+
+from .props import (
+    LightConfig, ParkedConfig, PersonConfig, PoleConfig, TreeConfig)
+from ...core.errors import InputError
+from ...core.units import parse_speed
+
+Knots = tuple[tuple[float, float], ...]
+KINDS = ('', 'car', 'suv', 'van', 'truck')
+
+
+@dataclass(frozen=True, kw_only=True)
+class RigConfig:
+    """
+    The stereo rig.
+
+    :param width_px: image width of both cameras, px.
+    :param height_px: image height of both cameras, px.
+    :param f_px: focal length of the left camera, px.
+    :param right_f_px: focal length of the right camera, px; None for the same.
+    :param baseline_m: distance of the two centres, m.
+    :param left_rotation_deg: rotation vector of the left camera against the rig's base frame
+        (x along the baseline, z forward), degrees about x, y and z.
+    :param right_rotation_deg: the same of the right camera.
+    :param model: distortion model: ``plumb_bob``, ``rational_polynomial`` or ``equidistant``.
+    :param left_coefficients: D of the left camera; empty for zeros.
+    :param right_coefficients: D of the right camera; empty for zeros.
+    """
+
+    width_px: int = 1024
+    height_px: int = 768
+    f_px: float = 1800.0
+    right_f_px: Optional[float] = None
+    baseline_m: float = 0.5
+    left_rotation_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    right_rotation_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    model: str = 'plumb_bob'
+    left_coefficients: tuple[float, ...] = ()
+    right_coefficients: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class RoadConfig:
+    """
+    The road, in travel direction.
+
+    Its curvature is ``curvature_start`` up to the vehicle's start, then changes evenly over
+    ``clothoid_m`` to ``curvature_end``; positive turns left.
+
+    :param curvature_start: curvature of the road's right lane path, 1/m.
+    :param curvature_end: the same at the end of the clothoid, 1/m.
+    :param clothoid_m: length over which the curvature changes, m.
+    :param grade: rise over plan distance along the road, positive uphill in travel direction.
+    :param lanes: number of lanes, 1 to 3; lane 0 is the rightmost.
+    :param lane_width_m: distance of two painted lines, centre to centre, m.
+    :param paint_width_m: width of a painted line, m.
+    :param dash_m: length of a dash of the inner lines, m.
+    :param gap_m: gap between two dashes, m.
+    :param receding: lanes whose vehicles drive the other way and show their rears.
+    """
+
+    curvature_start: float = 0.0
+    curvature_end: float = 0.0
+    clothoid_m: float = 40.0
+    grade: float = 0.0
+    lanes: int = 2
+    lane_width_m: float = 3.7
+    paint_width_m: float = 0.15
+    dash_m: float = 3.0
+    gap_m: float = 6.0
+    receding: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class VehicleConfig:
+    """
+    One vehicle: a flat textured front that moves with the frame of its lane's path.
+
+    :param speed_mps: path speed at the start, m/s.
+    :param accel_mps2: constant acceleration along the path, m/s^2; the speed stops at zero.
+    :param speed_knots: (time s, path speed m/s) pairs, linear in between and constant outside;
+        they take the place of the two fields above.
+    :param lane: index of its lane, 0 the rightmost.
+    :param lateral_knots: (time s, offset m) pairs, positive to the left of travel, with smooth
+        steps in between; empty for none.
+    :param head_start_m: how far along the lane it is at the first stamp, m; negative is farther
+        away than ``SimConfig.start_m``.
+    :param front_width_m: width of the front, m.
+    :param front_height_m: height of the front, m.
+    :param clearance_m: height of the front's lower edge above the road, m.
+    :param body: draw a plain bonnet, windscreen, roof, sides and shadow behind the front.
+    :param texture_contrast: scale of the front's grey-level detail; 1 is that of a real car.
+    :param relief_m: standard deviation of the front's depth: grilles lie deeper than bumpers.
+    :param kind: ``car``, ``suv``, ``van`` or ``truck`` for a textured body of that kind behind
+        the front; empty for the plain one.
+    """
+
+    speed_mps: float = 24.58720
+    accel_mps2: float = 0.0
+    speed_knots: Knots = ()
+    lane: int = 0
+    lateral_knots: Knots = ()
+    head_start_m: float = 0.0
+    front_width_m: float = 1.8
+    front_height_m: float = 0.8
+    clearance_m: float = 0.25
+    body: bool = True
+    texture_contrast: float = 1.0
+    relief_m: float = 0.0
+    kind: str = ''
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimConfig:
+    """
+    A simulated stereo sequence; what is random comes from the generator given beside it.
+
+    :param vehicles: the vehicles.
+    :param road: the road.
+    :param rig: the rig.
+    :param start_m: distance of the first front from the camera, along the chord of the pass, m.
+    :param near_m: distance at which the pass ends, the same way, m.
+    :param camera_height_m: height of the left camera above the road at the pass's end, m.
+    :param camera_side_m: place of the camera beside the chord of the right lane's pass, positive
+        to the right of travel, m; None for 5 m on straight roads and 0 m on curved ones.
+    :param camera_pitch_deg: downward pitch of the rig, degrees; None aims at the pass.
+    :param camera_yaw_deg: rotation of the rig to its right, away from the middle of the pass,
+        degrees.
+    :param pairs: most pairs; None for as many as there are until ``near_m``.
+    :param fps: nominal pair rate, 1/s.
+    :param stamp_jitter_s: standard deviation of the exposure times about the nominal ones, s;
+        the stamps tell the true times.
+    :param right_stamp_jitter_s: largest error of the right stamps, which do not tell the true
+        times, s.
+    :param drop: indices of pairs that get lost.
+    :param noise_grey: standard deviation of the sensor noise, grey levels.
+    :param right_gain: gain of the right view against the left one.
+    :param right_offset_grey: offset of the right view against the left one, grey levels.
+    :param exposure: brightness of the scene, 1 is daylight, 0.35 is dusk.
+    :param picks: picks on each painted line and view.
+    :param pick_std_px: scatter of the picks, px.
+    :param init_std_px: scatter of the marked corners, px.
+    :param speed_limit: as in the site file.
+    :param name: name of the site.
+    :param origin_ns: first stamp, ns.
+    :param rig_moved_deg: pan to the right, tilt upwards and roll clockwise, degrees, by which
+        the right camera has turned about its own centre since the calibration: the images, the
+        picks and the marks are those of the turned camera, ``rig`` and ``CameraInfo`` those of
+        the calibration.
+    :param gaps_s: times from and to which no pair arrives, s.
+    :param right_delay_s: how much later the right camera exposes, as its stamps tell, s.
+    :param poles: poles between camera and road.
+    :param people: who walks beside the road.
+    :param trees: trees in the wind.
+    :param parked: parked vehicles.
+    :param light: the light on the scene; None for an even sky.
+    """
+
+    vehicles: tuple[VehicleConfig, ...] = (VehicleConfig(),)
+    road: RoadConfig = RoadConfig()
+    rig: RigConfig = RigConfig()
+    start_m: float = 72.0
+    near_m: float = 17.5
+    camera_height_m: float = 4.0
+    camera_side_m: Optional[float] = None
+    camera_pitch_deg: Optional[float] = None
+    camera_yaw_deg: float = 0.0
+    pairs: Optional[int] = None
+    fps: float = 5.0
+    stamp_jitter_s: float = 0.0
+    right_stamp_jitter_s: float = 0.0
+    drop: tuple[int, ...] = ()
+    noise_grey: float = 2.0
+    right_gain: float = 1.0
+    right_offset_grey: float = 0.0
+    exposure: float = 1.0
+    picks: int = 14
+    pick_std_px: float = 0.3
+    init_std_px: float = 0.7
+    speed_limit: str = '45 mph'
+    name: str = 'simulated'
+    origin_ns: int = 1_700_000_000_000_000_000
+    rig_moved_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    gaps_s: Knots = ()
+    right_delay_s: float = 0.0
+    poles: tuple[PoleConfig, ...] = ()
+    people: tuple[PersonConfig, ...] = ()
+    trees: tuple[TreeConfig, ...] = ()
+    parked: tuple[ParkedConfig, ...] = ()
+    light: Optional[LightConfig] = None
+
+    @property
+    def staged(self) -> bool:
+        """Whether there is more to draw than plain approaching vehicles on an empty road."""
+        return bool(self.poles or self.people or self.trees or self.parked or self.light
+                    or self.road.receding or any(v.kind for v in self.vehicles))
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be drawn."""
+        _want(1 <= self.road.lanes <= 3, 'road.lanes', self.road.lanes, '1, 2 or 3')
+        for vehicle in self.vehicles:
+            _want(0 <= vehicle.lane < self.road.lanes, 'vehicle.lane', vehicle.lane,
+                  f'a lane below {self.road.lanes}')
+            _want(vehicle.front_width_m > 0 and vehicle.front_height_m > 0,
+                  'vehicle front', (vehicle.front_width_m, vehicle.front_height_m),
+                  'a positive width and height in m')
+            _want(vehicle.kind in KINDS, 'vehicle.kind', vehicle.kind, 'one of ' + repr(KINDS))
+        _want(all(0 <= lane < self.road.lanes for lane in self.road.receding), 'road.receding',
+              self.road.receding, f'lanes below {self.road.lanes}')
+        _want(len(self.vehicles) > 0, 'vehicles', 0, 'at least one')
+        _want(self.start_m > self.near_m > 0, 'start_m, near_m', (self.start_m, self.near_m),
+              'start_m > near_m > 0')
+        _want(self.fps > 0 and math.isfinite(self.fps), 'fps', self.fps, 'a positive rate')
+        _want(self.noise_grey >= 0, 'noise_grey', self.noise_grey, 'not negative')
+        _want(self.rig.baseline_m > 0, 'rig.baseline_m', self.rig.baseline_m, 'positive')
+        _want(self.camera_height_m > 0, 'camera_height_m', self.camera_height_m, 'positive')
+        _want(self.picks >= 2, 'picks', self.picks, 'at least 2')
+        _want(len(self.rig_moved_deg) == 3 and all(abs(a) <= 10 for a in self.rig_moved_deg),
+              'rig_moved_deg', self.rig_moved_deg, 'pan, tilt and roll of at most 10 degrees')
+
+
+def _want(condition: bool, what: str, found: object, wanted: str) -> None:
+    if not condition:
+        raise InputError('simulation', what, found, wanted)
+
+
+def straight_config(speed: str = '55 mph', **changes: Any) -> SimConfig:
+    """
+    Build a straight pass at a constant speed, from 72 m to 17.5 m.
+
+    :param speed: as in the site file.
+    :param changes: fields of :class:`SimConfig`.
+    """
+    config = SimConfig(vehicles=(VehicleConfig(speed_mps=parse_speed(speed)),))
+    return replace(config, **changes)
+
+
+def circle_config(speed: str = '36 mph', radius_m: float = 41.0, **changes: Any) -> SimConfig:
+    """
+    Build a pass on a circle at a constant speed, from 48 m to 16 m.
+
+    :param speed: as in the site file.
+    :param radius_m: radius of the right lane's path, m; negative turns right.
+    :param changes: fields of :class:`SimConfig`.
+    """
+    curvature = 1 / radius_m
+    config = SimConfig(
+        vehicles=(VehicleConfig(speed_mps=parse_speed(speed)),),
+        road=RoadConfig(curvature_start=curvature, curvature_end=curvature),
+        start_m=48.0, near_m=16.0)
+    return replace(config, **changes)
+
+
+CONVERGING = RigConfig(
+    left_rotation_deg=(0.3, 0.8, -0.4), right_rotation_deg=(-0.2, -0.7, 0.5))
+DISTORTED = RigConfig(
+    left_rotation_deg=(0.3, 0.8, -0.4), right_rotation_deg=(-0.2, -0.7, 0.5),
+    right_f_px=1785.0,
+    left_coefficients=(-0.22, 0.15, 4e-4, -3e-4, 0.0),
+    right_coefficients=(-0.20, 0.11, -3e-4, 5e-4, 0.0))
+RATIONAL = replace(
+    DISTORTED, model='rational_polynomial',
+    left_coefficients=(0.18, -0.12, 4e-4, -3e-4, 0.02, 0.40, -0.05, 0.01),
+    right_coefficients=(0.15, -0.10, -3e-4, 5e-4, 0.01, 0.36, -0.04, 0.01))
+EQUIDISTANT = replace(
+    DISTORTED, model='equidistant',
+    left_coefficients=(0.02, -0.01, 0.003, 0.0), right_coefficients=(0.015, -0.008, 0.002, 0.0))
+RIGS = {'parallel': RigConfig(), 'converging': CONVERGING, 'distorted': DISTORTED,
+        'rational': RATIONAL, 'equidistant': EQUIDISTANT}

@@ -1,0 +1,197 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Things that stand on the road or beside it, ready to be painted in the right order."""
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Optional
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from .planes import Eye, Plane
+from .texture import Image
+from ...core.records import Array
+
+Box = tuple[int, int, int, int]
+
+
+@dataclass(frozen=True, eq=False)
+class Footprint:
+    """
+    What a thing covers, in road coordinates.
+
+    :param along_m: least and greatest distance ahead of the camera, along the road.
+    :param across_m: least and greatest distance to the left of the camera, across the road.
+    """
+
+    along_m: tuple[float, float]
+    across_m: tuple[float, float]
+
+    def behind(self, other: Footprint) -> int:
+        """Return 1 when the other one may hide this, -1 when this may hide it, 0 for neither."""
+        for mine, its in ((self.along_m, other.along_m), (self.across_m, other.across_m)):
+            # With a line between both, the one on the camera's side of it is in front.
+            if mine[1] <= its[0]:
+                return 0 if mine[1] <= 0 <= its[0] else -1 if its[0] > 0 else 1
+            if its[1] <= mine[0]:
+                return 0 if its[1] <= 0 <= mine[0] else 1 if mine[0] > 0 else -1
+        return 1 if self.along_m[0] > other.along_m[0] else -1
+
+
+@dataclass(frozen=True, eq=False)
+class Sprite:
+    """
+    A picture that stays in its place in a view.
+
+    :param box: first and last column and row (half open).
+    :param colour: grey times cover.
+    :param alpha: cover.
+    """
+
+    box: Box
+    colour: Image
+    alpha: Image
+
+    def paint(self, image: Image) -> None:
+        """Paint it over an image, in place."""
+        u0, u1, v0, v1 = self.box
+        target = image[v0:v1, u0:u1]
+        target *= 1 - self.alpha
+        target += self.colour
+
+
+@dataclass(frozen=True, eq=False)
+class Item:
+    """
+    Something to be painted.
+
+    :param footprint: for the order.
+    :param planes: its faces, left optical frame, in the order of drawing.
+    :param hull_m: (n, 3) points whose hull is its silhouette.
+    :param sprites: left and right picture in place of the faces; None for what moves.
+    :param vehicle: number of the vehicle, or None.
+    :param face_m: (4, 3) corners of the tracked face of a vehicle.
+    :param lamps_m: (n, 3) lit lamps.
+    :param lamp_size_m: radius of their glow.
+    """
+
+    footprint: Footprint
+    planes: list[Plane]
+    hull_m: Array
+    sprites: Optional[tuple[Optional[Sprite], Optional[Sprite]]] = None
+    vehicle: Optional[int] = None
+    face_m: Optional[Array] = None
+    lamps_m: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    lamp_size_m: float = 0.22
+
+
+def faces(eye: Eye, plane: Plane) -> bool:
+    """Say whether a plane turns the side with its texture to a camera."""
+    return bool((eye.centre_m - plane.corner_m) @ plane.normal > 0)
+
+
+def paint(image: Image, eye: Eye, side: int, item: Item) -> None:
+    """
+    Paint an item into an image, in place.
+
+    :param side: 0 left, 1 right.
+    """
+    if item.sprites is not None:
+        sprite = item.sprites[side]
+        if sprite is not None:
+            sprite.paint(image)
+        return
+    for plane in item.planes:
+        if faces(eye, plane):
+            eye.draw(image, plane)
+
+
+def sprite_of(eye: Eye, item: Item) -> Optional[Sprite]:
+    """Turn an item that does not move into a picture; None where it is out of view."""
+    box = eye.box(eye.project(item.hull_m), 4)
+    if box is None:
+        return None
+    u0, u1, v0, v1 = box
+    pictures = []
+    for grey in (0.0, 255.0):
+        image = np.full((eye.size[1], eye.size[0]), grey, np.float32)
+        paint(image, eye, 0, item)
+        pictures.append(image[v0:v1, u0:u1].copy())
+    return Sprite(box, pictures[0], 1 - (pictures[1] - pictures[0]) / np.float32(255))
+
+
+def in_order(items: list[Item]) -> list[Item]:
+    """Sort items so that none is painted over one that hides it."""
+    left = sorted(items, key=lambda item: -item.footprint.along_m[0])
+    out: list[Item] = []
+    while left:
+        # The farthest that hides none of the others; boxes seen from a point have no cycles.
+        free = next((a for a in left if not any(
+            b is not a and a.footprint.behind(b.footprint) < 0 for b in left)), left[0])
+        left.remove(free)
+        out.append(free)
+    return out
+
+
+def glow(image: Image, eye: Eye, item: Item, strength: float) -> None:
+    """Add the light of an item's lamps, in place."""
+    view = eye.view
+    for lamp in item.lamps_m:
+        z = float((view.R @ lamp + view.t)[2])
+        uv = eye.project(lamp[None])
+        if z < 2.0 or not len(uv):
+            continue
+        sigma = max(item.lamp_size_m * view.camera.K[0, 0] / z / 2, 1.0)
+        reach = np.array([[-1.0, -1.0], [0.0, 0.0], [1.0, 1.0]]) * 3.2 * sigma
+        box = eye.box(uv + reach, 0)
+        if box is None:
+            continue
+        u0, u1, v0, v1 = box
+        row = np.exp(-np.square((np.arange(u0, u1) - uv[0, 0]) / sigma) / 2)
+        column = np.exp(-np.square((np.arange(v0, v1) - uv[0, 1]) / sigma) / 2)
+        image[v0:v1, u0:u1] += (strength * np.outer(column, row)).astype(np.float32)
+
+
+class Visibility:
+    """
+    How much of each tracked face is seen in a view.
+
+    :param eye: the view.
+    """
+
+    def __init__(self, eye: Eye) -> None:
+        self.eye = eye
+        self._mask: NDArray[np.int16] = np.zeros((eye.size[1], eye.size[0]), np.int16)
+
+    def shares(self, items: list[Item]) -> dict[int, float]:
+        """
+        Return the share seen of each vehicle's face; what is outside the image is not.
+
+        :param items: in the order of painting.
+        """
+        mask, eye = self._mask, self.eye
+        mask[:] = 0
+        areas: dict[int, tuple[float, Box]] = {}
+        for item in items:
+            hull = eye.project(item.hull_m)
+            if len(hull) >= 3:
+                _fill(mask, np.asarray(cv2.convexHull(hull.astype(np.float32)), float)[:, 0], 0)
+            if item.vehicle is None or item.face_m is None:
+                continue
+            uv = eye.project(item.face_m)
+            box = eye.box(uv)
+            if len(uv) == 4 and box is not None:
+                areas[item.vehicle] = float(cv2.contourArea(uv.astype(np.float32))), box
+                _fill(mask, uv, item.vehicle + 1)
+        shares = {}
+        for number, (area, (u0, u1, v0, v1)) in areas.items():
+            count = np.count_nonzero(mask[v0:v1, u0:u1] == number + 1)
+            shares[number] = float(min(count / max(area, 1.0), 1.0))
+        return shares
+
+
+def _fill(mask: NDArray[np.int16], uv: Array, value: int) -> None:
+    corners = np.clip(np.asarray(uv, dtype=float), -1e4, 1e4)
+    cv2.fillConvexPoly(mask, np.round(corners * 16).astype(np.int32), value, cv2.LINE_8, 4)

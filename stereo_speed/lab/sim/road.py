@@ -1,0 +1,151 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The simulated road in its world frame.
+
+World: x along the right lane's path at station 0, y to its left, z up. A point of the road is
+named by its station (plan arc length along the right lane's path, m) and its offset from that
+path (positive to the left of travel, m); its height is grade x station.
+"""
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.interpolate import CubicHermiteSpline
+from scipy.spatial import cKDTree
+
+from .config import RoadConfig
+from ...core.records import Array
+
+FROM_M, TO_M, STEP_M = -260.0, 420.0, 0.1
+CELL_M = 0.5  # of the raster that starts the search for a point's station
+
+
+class Road:
+    """
+    The road's surface.
+
+    :param config: its shape.
+    """
+
+    def __init__(self, config: RoadConfig) -> None:
+        self.config = config
+        middle = config.clothoid_m / 2
+        curvature = max(abs(config.curvature_start), abs(config.curvature_end))
+        # A full circle would meet itself: leave a gap on the far side.
+        half = min(200.0, 2.2 / curvature) if curvature else 250.0
+        self.from_m, self.to_m = middle - half, middle + half
+
+    @property
+    def curved(self) -> bool:
+        """Whether it bends anywhere."""
+        return bool(self.config.curvature_start or self.config.curvature_end)
+
+    def curvature(self, station_m: ArrayLike) -> Array:
+        """Return the curvature of the right lane's path, 1/m."""
+        c = self.config
+        share = np.clip(np.asarray(station_m) / c.clothoid_m, 0.0, 1.0)
+        return c.curvature_start + (c.curvature_end - c.curvature_start) * share
+
+    def heading(self, station_m: ArrayLike) -> Array:
+        """Return the heading of the right lane's path, rad, anticlockwise from x."""
+        c = self.config
+        s = np.asarray(station_m, dtype=float)
+        inside = np.clip(s, 0.0, c.clothoid_m)
+        beyond = s - inside
+        change = c.curvature_end - c.curvature_start
+        ramp = c.curvature_start * inside + change * inside ** 2 / (2 * c.clothoid_m)
+        return ramp + np.where(beyond < 0, c.curvature_start, c.curvature_end) * beyond
+
+    @cached_property
+    def _table(self) -> CubicHermiteSpline:
+        nodes = np.arange(round(FROM_M / STEP_M), round(TO_M / STEP_M) + 1) * STEP_M
+        gauss, weight = np.polynomial.legendre.leggauss(4)
+        h = self.heading(nodes[:-1, None] + (gauss + 1) * STEP_M / 2)
+        steps = np.stack([np.cos(h) @ weight, np.sin(h) @ weight], axis=1) * STEP_M / 2
+        xy = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
+        xy -= xy[round(-FROM_M / STEP_M)]
+        h = self.heading(nodes)
+        return CubicHermiteSpline(nodes, xy, np.stack([np.cos(h), np.sin(h)], axis=1))
+
+    def position(self, station_m: ArrayLike, offset_m: ArrayLike = 0.0) -> Array:
+        """Return points of the surface, (..., 3) in the world, m."""
+        s = np.asarray(station_m, dtype=float)
+        h, n = self.heading(s), np.asarray(offset_m, dtype=float)
+        xy = self._table(s) + n[..., None] * np.stack([-np.sin(h), np.cos(h)], axis=-1)
+        return np.concatenate([xy, (self.config.grade * s)[..., None]], axis=-1)
+
+    def frame(self, station_m: float, offset_m: float) -> Array:
+        """Return the columns [along, left, up] (3, 3) at a point of the surface, world."""
+        h = float(self.heading(station_m))
+        plan = 1.0 - float(self.curvature(station_m)) * offset_m
+        along = np.array([plan * np.cos(h), plan * np.sin(h), self.config.grade])
+        along /= np.linalg.norm(along)
+        left = np.array([-np.sin(h), np.cos(h), 0.0])
+        return np.stack([along, left, np.cross(along, left)], axis=1)
+
+    def length_per_station(self, station_m: ArrayLike, offset_m: float) -> Array:
+        """Return d(arc length of the line at this offset)/d(station)."""
+        plan = 1.0 - self.curvature(station_m) * offset_m
+        return np.hypot(plan, self.config.grade)
+
+    def station(self, xy_m: Array) -> tuple[Array, Array]:
+        """
+        Find the station and offset of plan points.
+
+        :param xy_m: (..., 2) world, m.
+        :return: station (...,) and offset (...,), m; far from the road only roughly.
+        """
+        curvature = self.config.curvature_start
+        x, y = xy_m[..., 0], xy_m[..., 1]
+        if curvature != self.config.curvature_end:
+            return self._search(xy_m)
+        if curvature == 0:
+            return x, y
+        radius = 1 / curvature
+        middle = self.config.clothoid_m / 2 * curvature
+        # The angle is taken about the road's middle, so that its jump lies in the gap.
+        c, s = np.cos(middle), np.sin(middle)
+        across, along = radius - y, x
+        angle = np.arctan2((along * c - across * s) * np.sign(radius),
+                           (along * s + across * c) * np.sign(radius))
+        return (angle + middle) * radius, radius - np.hypot(x, y - radius) * np.sign(radius)
+
+    @cached_property
+    def _raster(self) -> tuple[Array, Array]:
+        nodes = np.arange(self.from_m, self.to_m, CELL_M)
+        points = self._table(nodes)
+        low, high = points.min(axis=0) - 20.0, points.max(axis=0) + 20.0
+        cells = np.ceil((high - low) / CELL_M).astype(int)
+        grid = np.stack(np.meshgrid(*(low[i] + (np.arange(cells[i]) + 0.5) * CELL_M
+                                      for i in (0, 1)), indexing='ij'), axis=-1)
+        return nodes[cKDTree(points).query(grid)[1]], low
+
+    def _search(self, xy_m: Array) -> tuple[Array, Array]:
+        """Find the stations where no closed form exists: raster, then Newton's steps."""
+        raster, low = self._raster
+        cell = ((xy_m - low) / CELL_M).astype(int)
+        last = np.array(raster.shape) - 1
+        cell = np.clip(cell, 0, last)
+        s = raster[cell[..., 0], cell[..., 1]]
+        offset = np.zeros_like(s)
+        for _ in range(3):
+            h = self.heading(s)
+            gap = xy_m - self._table(s)
+            ahead = gap[..., 0] * np.cos(h) + gap[..., 1] * np.sin(h)
+            offset = gap[..., 1] * np.cos(h) - gap[..., 0] * np.sin(h)
+            slope = np.maximum(1.0 - self.curvature(s) * offset, 0.2)
+            s = np.clip(s + ahead / slope, FROM_M, TO_M)
+        return s, offset
+
+    def line_offsets(self) -> dict[str, float]:
+        """Return the offset of each painted line from the right lane's path, m, by name."""
+        c = self.config
+        names = ['edge_right', *(f'line_{i}' for i in range(c.lanes - 1)), 'edge_left']
+        return {name: (i - 0.5) * c.lane_width_m for i, name in enumerate(names)}
+
+    def lane_offset(self, lane: int) -> float:
+        """Return the offset of a lane's path from the right lane's path, m."""
+        return lane * self.config.lane_width_m

@@ -1,0 +1,234 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""What stands and walks beside the road, as items to be painted."""
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from .appearance import BODIES, BodyLook
+from .items import Footprint, Item, sprite_of
+from .planes import Eye, Plane, Texture
+from .props import ParkedConfig, PersonConfig, PoleConfig, TreeConfig
+from .scene import FrontPose, SimScene
+from .texture import Canvas, Image, octaves
+from ...core.records import Array
+
+PERSON_TEXEL_M = 0.012
+TREE_TEXEL_M = 0.03
+STRIDE_M = 1.5  # two steps
+
+
+class Ground:
+    """
+    Places of the world in the left optical frame.
+
+    :param scene: the scene.
+    """
+
+    def __init__(self, scene: SimScene) -> None:
+        self.scene = scene
+        self.up = scene.left_R_world @ np.array([0.0, 0.0, 1.0])
+        chord = scene.chord
+        self._ahead, self._left = -chord, np.array([chord[1], -chord[0], 0.0])
+
+    def at(self, station_m: float, offset_m: float) -> Array:
+        """Return a point (3,) of the road's surface."""
+        return self.scene.to_left(self.scene.road.position(station_m, offset_m))
+
+    def axes(self, station_m: float, offset_m: float, away: bool = False) -> Array:
+        """Return columns along travel, left and up (3, 3); ``away`` for the other direction."""
+        frame = self.scene.road.frame(station_m, offset_m)
+        if away:
+            frame = frame * [-1.0, -1.0, 1.0]
+        return self.scene.left_R_world @ frame
+
+    def towards_camera(self, foot: Array) -> Array:
+        """Return the horizontal unit vector (3,) to the right of a thing that faces the camera."""
+        sight = foot - (foot @ self.up) * self.up
+        right = np.cross(sight, self.up)
+        return np.asarray(right / np.linalg.norm(right))
+
+    def footprint(self, points_m: Array) -> Footprint:
+        """Return what points (n, 3) of the left frame cover on the ground."""
+        world = points_m @ self.scene.left_R_world
+        along, across = world @ self._ahead, world @ self._left
+        return Footprint((float(along.min()), float(along.max())),
+                         (float(across.min()), float(across.max())))
+
+
+def billboard(ground: Ground, foot: Array, width_m: float, height_m: float,
+              texture: Texture) -> Item:
+    """Stand a picture upright on the ground, facing the camera."""
+    right = ground.towards_camera(foot)
+    plane = Plane(foot - right * width_m / 2 + ground.up * height_m, right * width_m,
+                  -ground.up * height_m, texture)
+    return Item(ground.footprint(foot + np.outer([-0.5, 0.5], right * width_m)), [plane],
+                plane.outline_m)
+
+
+def pole(ground: Ground, config: PoleConfig, eyes: tuple[Eye, Eye]) -> Item:
+    """Make a pole; its shading makes it round."""
+    scene = ground.scene
+    chord = scene.chord
+    world = scene.centre_world_m - chord * config.ahead_m + config.right_m * np.array(
+        [-chord[1], chord[0], 0.0])
+    station, _ = scene.road.station(world[:2])
+    world[2] = scene.road.config.grade * float(station)
+    shade = np.cos(np.linspace(-1.3, 1.1, 16))
+    grey = np.tile(config.grey * (0.45 + 0.75 * shade), (16, 1)).astype(np.float32)
+    item = billboard(ground, scene.to_left(world), 2 * config.radius_m, config.height_m,
+                     Texture.of(grey))
+    return _still(item, eyes)
+
+
+def parked(ground: Ground, config: ParkedConfig, eyes: tuple[Eye, Eye],
+           rng: np.random.Generator) -> Item:
+    """Make a parked vehicle."""
+    look = BodyLook(BODIES[config.kind], False, rng)
+    foot = ground.at(config.station_m, config.offset_m)
+    axes = ground.axes(config.station_m, config.offset_m)
+    item = vehicle_item(ground, look, FrontPose(foot, axes, np.zeros((4, 3)), foot))
+    return _still(Item(item.footprint, item.planes, item.hull_m), eyes)
+
+
+def _still(item: Item, eyes: tuple[Eye, Eye]) -> Item:
+    return Item(item.footprint, item.planes, item.hull_m,
+                (sprite_of(eyes[0], item), sprite_of(eyes[1], item)))
+
+
+def body_box(look: BodyLook, pose: FrontPose) -> Array:
+    """Return the corners (8, 3) of a vehicle's box, the four of its footprint first."""
+    body = look.body
+    back, front = (0.0, body.length_m) if look.rear else (-body.length_m, 0.0)
+    half = body.width_m / 2
+    return pose.ground_m + np.array([
+        (x, y, z) for z in (0.0, body.roof_m)
+        for x, y in ((back, -half), (front, -half), (front, half), (back, half))]) @ pose.axes.T
+
+
+def vehicle_item(ground: Ground, look: BodyLook, pose: FrontPose, number: int = -1,
+                 lit: bool = False) -> Item:
+    """
+    Make a vehicle at its place.
+
+    :param pose: of its tracked face.
+    :param number: of the vehicle; negative for none.
+    :param lit: its lamps are on.
+    """
+    body = look.body
+    corners = body_box(look, pose)
+    hull = _silhouette(look, pose)
+    lamps = np.zeros((0, 3))
+    if lit:
+        up = body.clearance_m + (0.35 if look.rear else 0.42)
+        side = body.width_m / 2 - 0.25
+        lamps = pose.ground_m + np.array([(0, -side, up), (0, side, up)]) @ pose.axes.T
+    return Item(ground.footprint(corners[:4]), look.planes(pose), hull,
+                vehicle=number if number >= 0 else None,
+                face_m=pose.corners_m if number >= 0 else None, lamps_m=lamps,
+                lamp_size_m=0.1 if look.rear else 0.22)
+
+
+def _silhouette(look: BodyLook, pose: FrontPose) -> Array:
+    """Return points (n, 3) whose hull the body fills but for its wheel houses."""
+    body = look.body
+    half, low, roof, long = body.width_m / 2, body.clearance_m, body.roof_m, body.length_m
+    top = low + body.face_m
+    screen = body.cab_m or body.bonnet_m + body.screen_m
+    outline = [(0, 0.1), (0, top), (screen, roof), (long - 0.5, roof), (long, low + body.rear_m),
+               (long, 0.1)]
+    front = long if look.rear else 0.0
+    return pose.ground_m + np.array([(front - back, side, up) for back, up in outline
+                                     for side in (-half, half)]) @ pose.axes.T
+
+
+class Person:
+    """
+    A person who walks; the legs and arms swing.
+
+    :param config: who and where.
+    :param rng: source of the clothes.
+    """
+
+    def __init__(self, config: PersonConfig, rng: np.random.Generator) -> None:
+        self.config = config
+        self.greys = rng.uniform((30, 25, 90), (180, 110, 160))  # coat, trousers, skin
+        self.phase = float(rng.uniform(0, 2 * np.pi))
+
+    def place(self, t_s: float) -> float:
+        """Return the station, m, at a time."""
+        c = self.config
+        gone = c.speed_mps * t_s
+        if c.turns_m is None:
+            return c.station_m + gone
+        # To and fro between both ends of the beat.
+        return c.station_m + abs((gone + c.turns_m) % (4 * c.turns_m) - 2 * c.turns_m) - c.turns_m
+
+    def item(self, ground: Ground, t_s: float) -> Item:
+        """Make the picture at a time."""
+        c = self.config
+        width = 0.62 * c.height_m
+        angle = 2 * np.pi * c.speed_mps * t_s / STRIDE_M + self.phase
+        grey, alpha = (Canvas(width, c.height_m, level, PERSON_TEXEL_M)
+                       for level in (float(self.greys[0]), 0.0))
+        swing = 0.16 * np.sin(angle)
+        parts = [([(0.42, 0.5), (0.5, 0.5), (0.53 + swing, 1.0), (0.44 + swing, 1.0)], 1),
+                 ([(0.5, 0.5), (0.58, 0.5), (0.55 - swing, 1.0), (0.46 - swing, 1.0)], 1),
+                 ([(0.36, 0.19), (0.42, 0.2), (0.42 - swing, 0.52), (0.35 - swing, 0.52)], 0),
+                 ([(0.58, 0.2), (0.64, 0.19), (0.65 + swing, 0.52), (0.58 + swing, 0.52)], 0),
+                 ([(0.38, 0.17), (0.62, 0.17), (0.6, 0.54), (0.4, 0.54)], 0)]
+        for outline, cloth in parts:
+            grey.polygon(outline, float(self.greys[cloth]))
+            alpha.polygon(outline, 1.0)
+        for canvas, level in ((grey, float(self.greys[2])), (alpha, 1.0)):
+            canvas.disc(0.5, 0.085, 0.075 * c.height_m, level)
+        half = (grey.image.shape[1] // 2, grey.image.shape[0] // 2)
+        texture = Texture.of(*(np.asarray(cv2.resize(canvas.image, half,
+                                                     interpolation=cv2.INTER_AREA), np.float32)
+                               for canvas in (grey, alpha)))
+        return billboard(ground, ground.at(self.place(t_s), c.offset_m), width, c.height_m,
+                         texture)
+
+
+class Tree:
+    """
+    A tree; its crown sways, more at the top, and its leaves flutter.
+
+    :param config: where, how tall and how restless.
+    :param rng: source of its shape.
+    """
+
+    def __init__(self, config: TreeConfig, rng: np.random.Generator) -> None:
+        self.config = config
+        self.width_m = 0.75 * config.height_m
+        rows, columns = (round(side / TREE_TEXEL_M) for side in (config.height_m, self.width_m))
+        y, x = np.mgrid[0:rows, 0:columns].astype(np.float32)
+        x, y = (x + 0.5) / columns, (y + 0.5) / rows
+        rim = 0.16 * octaves(rng, rows, columns, 6)
+        crown = 1 - np.hypot((x - 0.5) / 0.4, (y - 0.4) / 0.34) + 0.8 * rim
+        alpha = np.clip(crown * 9, 0, 1)
+        alpha = np.maximum(alpha, (np.abs(x - 0.5) < 0.025 + 0.01 * y) & (y > 0.5))
+        grey = np.clip(58 - 26 * (y - 0.3) + 13 * octaves(rng, rows, columns, 4), 12, 120)
+        self.grey, self.alpha = grey.astype(np.float32), alpha.astype(np.float32)
+        self.flutter = octaves(rng, rows, columns, 16)
+        self.place = (x * columns - 0.5, y * rows - 0.5, np.clip(1 - y, 0, 1) ** 1.5)
+        self.phase = float(rng.uniform(0, 2 * np.pi))
+
+    def item(self, ground: Ground, t_s: float) -> Item:
+        """Make the picture at a time."""
+        c = self.config
+        angle = 2 * np.pi * t_s / c.period_s + self.phase
+        swing = c.sway_m / TREE_TEXEL_M * (0.7 * np.sin(angle) + 0.3 * np.sin(2.7 * angle + 1.0))
+        leaves = 1.2 * np.sin(6.1 * angle)
+        x, y, high = self.place
+        at = ((x - np.float32(swing) * high + np.float32(leaves) * self.flutter).astype(
+            np.float32), y)
+        grey, alpha = (_moved(picture, at) for picture in (self.grey, self.alpha))
+        return billboard(ground, ground.at(c.station_m, c.offset_m), self.width_m, c.height_m,
+                         Texture.of(grey, alpha))
+
+
+def _moved(picture: Image, at: tuple[Image, Image]) -> Image:
+    return np.asarray(cv2.remap(picture, *at, cv2.INTER_LINEAR,
+                                borderMode=cv2.BORDER_CONSTANT, borderValue=0.0), np.float32)

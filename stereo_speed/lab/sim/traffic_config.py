@@ -1,0 +1,115 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""What simulated traffic is made of; every length in metres, every time in seconds."""
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from .appearance import BodyConfig, draw_body_size
+from .config import RoadConfig, SimConfig
+from .props import (
+    DAY, DUSK, LightConfig, OVERCAST, ParkedConfig, PersonConfig, PoleConfig, TreeConfig)
+from ...core.errors import InputError
+from ...core.units import MPH_MPS
+
+LIGHTS: dict[str, tuple[LightConfig, float, float]] = {  # light, exposure, noise in grey levels
+    'day': (DAY, 1.0, 2.0), 'overcast': (OVERCAST, 0.85, 2.0), 'dusk': (DUSK, 0.35, 3.0)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrafficConfig:
+    """
+    A stream of traffic.
+
+    :param scene: road, rig, rate, noise, light and what stands about; its vehicles do not count.
+    :param minutes: length of the stream.
+    :param vehicles: how many enter the road.
+    :param lane_speeds_mps: mean of the speeds liked in each lane, m/s.
+    :param lane_shares: share of the vehicles in each lane; need not sum to 1.
+    :param speed_std_mps: scatter of the speeds liked, m/s.
+    :param kinds: share of each kind of vehicle; need not sum to 1.
+    :param follow_share: share that comes on the heels of another.
+    :param headway_s: least and greatest time gap that a follower keeps, s.
+    :param change_share: share that means to change lanes.
+    :param change_s: shortest and longest lane change, s.
+    :param brake_share: share that brakes or accelerates in view.
+    :param hardest_g: greatest planned acceleration, g.
+    :param before_s: vehicles enter from this long before the stream, s.
+    :param clear_s: and until this long before its end, s.
+    """
+
+    scene: SimConfig = SimConfig(fps=10.0)
+    minutes: float = 10.0
+    vehicles: int = 200
+    lane_speeds_mps: tuple[float, ...] = tuple(
+        mph * MPH_MPS for mph in (45.0, 53.0, 60.0))
+    lane_shares: tuple[float, ...] = (0.4, 0.35, 0.25)
+    speed_std_mps: float = 2.0
+    kinds: tuple[tuple[str, float], ...] = (
+        ('car', 0.5), ('suv', 0.24), ('van', 0.14), ('truck', 0.12))
+    follow_share: float = 0.3
+    headway_s: tuple[float, float] = (0.9, 1.8)
+    change_share: float = 0.1
+    change_s: tuple[float, float] = (2.0, 6.0)
+    brake_share: float = 0.15
+    hardest_g: float = 0.6
+    before_s: float = 12.0
+    clear_s: float = 20.0
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot drive."""
+        lanes = self.scene.road.lanes
+        for name in ('lane_speeds_mps', 'lane_shares'):
+            if len(getattr(self, name)) < lanes:
+                raise InputError('traffic', name, getattr(self, name), f'{lanes} values')
+        for name, good in (('minutes', self.minutes > 0), ('vehicles', self.vehicles >= 1),
+                           ('hardest_g', 0.15 <= self.hardest_g <= 0.6),
+                           ('headway_s', 0.5 <= self.headway_s[0] <= self.headway_s[1]),
+                           ('change_s', 1.0 <= self.change_s[0] <= self.change_s[1])):
+            if not good:
+                raise InputError('traffic', name, getattr(self, name), 'a value that can be')
+
+    def same_way(self, lane: int, other: int) -> bool:
+        """Say whether there is another lane of that number that runs the same way."""
+        road = self.scene.road
+        return (0 <= other < road.lanes
+                and (lane in road.receding) == (other in road.receding))
+
+    def draw_body(self, rng: np.random.Generator) -> BodyConfig:
+        """Draw a vehicle's body."""
+        share = np.array([s for _, s in self.kinds])
+        kind = self.kinds[int(rng.choice(len(share), p=share / share.sum()))][0]
+        return draw_body_size(kind, rng)
+
+
+def traffic_config(light: str = 'day', lanes: int = 3, receding: int = 0, fps: float = 10.0,
+                   minutes: float = 10.0, vehicles: int = 200, **changes: Any) -> TrafficConfig:
+    """
+    Build a stream by a road of several lanes, with people, trees, a parked car and a pole.
+
+    :param light: one of ``LIGHTS``.
+    :param lanes: number of lanes.
+    :param receding: how many of them, from the left, carry oncoming traffic that shows its rears.
+    :param fps: pairs per second.
+    :param changes: fields of :class:`SimConfig`.
+    """
+    if light not in LIGHTS:
+        raise InputError('traffic', 'light', light, 'one of ' + ', '.join(LIGHTS))
+    sun, exposure, noise = LIGHTS[light]
+    road = RoadConfig(lanes=lanes, receding=tuple(range(lanes - receding, lanes)))
+    left_m = (lanes - 0.5) * road.lane_width_m
+    scene = SimConfig(
+        road=road, fps=fps, light=sun, exposure=exposure, noise_grey=noise, right_gain=1.03,
+        right_offset_grey=1.5, name=f'traffic_{light}', camera_height_m=6.0,
+        poles=(PoleConfig(ahead_m=14.0, right_m=1.8),),
+        people=(PersonConfig(station_m=12.0, offset_m=-4.2, turns_m=25.0),
+                PersonConfig(station_m=36.0, offset_m=left_m + 2.6, speed_mps=-1.2,
+                             height_m=1.68, turns_m=30.0)),
+        trees=(TreeConfig(station_m=4.0, offset_m=left_m + 6.0),
+               TreeConfig(station_m=-40.0, offset_m=left_m + 9.0, height_m=9.0, period_s=3.3),
+               TreeConfig(station_m=-55.0, offset_m=-8.0, height_m=8.0, period_s=2.9)),
+        parked=(ParkedConfig(station_m=20.0, offset_m=-4.5),))
+    return TrafficConfig(scene=replace(scene, **changes), minutes=minutes, vehicles=vehicles)

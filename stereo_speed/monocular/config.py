@@ -1,0 +1,106 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Every number of the monocular tracker one can set, once: default, unit, bounds and meaning.
+
+Lengths of the motion are shares of the target's size, the square root of the area of its box, so
+that image resolution and distance do not change the filter; times are frames of the video.
+"""
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Mapping
+
+from ..core.config import check_bounds, parameter
+
+
+@dataclass(frozen=True)
+class MonocularConfig:
+    """Parameters of the monocular tracker, with and without the environment."""
+
+    particles: int = parameter(150, 10, 100000, '', 'number of particles N')
+
+    lambda_b: float = parameter(
+        20.0, 0.0, 1e4, '', 'weight lambda_b of the Bhattacharyya distance, eq. 23')
+    surround_weight: float = parameter(
+        4.0, 0.0, 100.0, '', 'how far colours that the surroundings of the marked box share '
+        'count less; 0 as in the paper')
+    contrast_weight: float = parameter(
+        5.0, 0.0, 1e4, '', 'weight of the contrast with the surroundings of the box; 0 as in '
+        'the paper')
+    parts: int = parameter(
+        3, 1, 6, '', 'parts of the box from top to bottom with a histogram each; 1 as in the '
+        'paper')
+    samples_across: int = parameter(9, 2, 64, '', 'samples of the image across a box')
+    samples_down: int = parameter(15, 2, 64, '', 'samples of the image down a box')
+    background_contrast: float = parameter(
+        25.0, 0.0, 255.0, 'levels', 'a pixel that differs by less from the background, which is '
+        'learnt as the frames come, is none of a target; 0 as in the paper: all are taken alike')
+    background_frames: float = parameter(100.0, 1.0, 1e5, 'frames', 'time over which it is learnt')
+    adaptation: float = parameter(
+        0.0, 0.0, 1.0, '', 'share of the reference renewed in each frame that is seen well; 0 as '
+        'in the paper')
+
+    start_speed: float = parameter(
+        0.1, 0.0, 2.0, '1/frame', 'spread of the first velocity, per axis')
+    velocity_noise: float = parameter(
+        0.012, 0.0, 1.0, '1/frame', 'random walk of the velocity, per axis and square root of a '
+        'frame; with position_noise it makes sigma_m and sigma_n of eq. 19')
+    position_noise: float = parameter(
+        0.01, 0.0, 1.0, '', 'scatter of the position, per axis and square root of a frame')
+    stop_chance: float = parameter(
+        0.03, 0.0, 1.0, '1/frame', 'chance that a target stops; 0 as in the paper')
+    start_chance: float = parameter(
+        0.03, 0.0, 1.0, '1/frame', 'chance that one that stands sets off, with a velocity as at '
+        'the mark; 0 as in the paper')
+    angle_noise_deg: float = parameter(
+        2.0, 0.0, 90.0, 'deg', 'sigma_theta of eq. 19, per square root of a frame')
+    size_noise: float = parameter(
+        0.01, 0.0, 0.5, '', 'random walk of the logarithm of width and height, per square root of '
+        'a frame')
+    size_rate_noise: float = parameter(
+        0.002, 0.0, 0.5, '1/frame', 'random walk of their rates; without the environment')
+
+    prior_noise: float = parameter(
+        0.05, 1e-4, 10.0, '1/frame', 'sigma_e of the environment prior, eq. 20, per frame')
+    prior_rounds: int = parameter(
+        15, 1, 1000, '', 'most rounds of accept-reject; what is not accepted by then has its '
+        'weight multiplied by its chance of acceptance')
+    mark_ratio: float = parameter(
+        0.25, 0.01, 1.0, '', "expected height of a target as a share of the camera's, both above "
+        'the ground; tells where the horizon lies')
+    mark_ratio_spread: float = parameter(0.5, 0.01, 3.0, '', 'spread of the logarithm of it')
+    mark_height_spread: float = parameter(
+        0.2, 0.01, 2.0, '', 'spread of the logarithm of the heights of the targets among '
+        'themselves, as they are marked')
+    horizon_noise: float = parameter(
+        0.003, 0.0, 0.5, '', 'random walk of the logarithm of the distance to the horizon, per '
+        'square root of a frame')
+    width_spread: float = parameter(
+        0.12, 0.0, 1.0, '', 'spread of the logarithm of the width about that of the perspective')
+    height_spread: float = parameter(
+        0.06, 0.0, 1.0, '', 'spread of the logarithm of the height about it')
+    spread_frames: float = parameter(10.0, 1.0, 1e4, 'frames', 'time in which they wander')
+
+    covering: int = parameter(
+        1, 0, 1, '', 'whether upright targets hide those behind them; 0 as in the paper')
+    unseen_share: float = parameter(
+        0.4, 0.0, 1.0, '', 'similarity that counts for what is not seen, as a share of the '
+        'usual: no box counts less')
+    hidden_evidence: float = parameter(
+        0.4, 0.0, 1.0, '', 'a target is hidden when its box stands out from its surroundings by '
+        'less than this share of what is usual')
+    hidden_frames: float = parameter(
+        40.0, 0.0, 1e6, 'frames', 'a target hidden for longer is lost')
+    least_visible: float = parameter(
+        0.35, 0.0, 1.0, '', 'a target has left the view when less than this share of its box is '
+        'in the image')
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+
+
+# What the paper's likelihood is, eq. 23-24: one histogram of the box, kept as marked.
+PAPER_LIKELIHOOD: Mapping[str, Any] = {
+    'surround_weight': 0.0, 'contrast_weight': 0.0, 'parts': 1, 'adaptation': 0.0,
+    'background_contrast': 0.0, 'covering': 0}

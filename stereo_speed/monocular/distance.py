@@ -1,0 +1,205 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The distance field of a scene and the frame along its contours (2010, Section III, eq. 8-10).
+
+Boundaries are the curves between regions of different kind. They are found to a fraction of a
+pixel: each region's mask is smoothed a little and its level one half traced through the grid, as
+the paper smooths its boundaries before use. The field is computed once; looking up is bilinear.
+"""
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from ..core.records import Array
+
+PATHWAY, ACCESSIBLE, INACCESSIBLE = 255, 128, 0  # grey levels of a map
+KINDS = (PATHWAY, ACCESSIBLE, INACCESSIBLE)
+_SMOOTHING_PX = 2.0  # of the masks; takes the pixel steps out of a boundary
+_NEAR_PX = 8.0  # to the boundary, where it is taken as a line between its points
+_NEIGHBOURS = 5  # of a pixel among the boundary's points
+_JOINED_PX2 = 2.5  # neighbours on one curve, not two curves, are no farther apart
+_GRADIENT_PX = 1.5  # of the field before its gradient is taken
+
+
+class DistanceField:
+    """
+    Signed distance to the region boundaries, and contour tangent and normal, at any point.
+
+    Coordinates are pixels, (x, y), the centre of the top-left pixel at (0, 0). Pathways have
+    negative, other accessible regions positive and inaccessible regions infinite distance (eq.
+    10). A map without boundaries is allowed: its distance is the image's diagonal everywhere.
+
+    :param labels: (H, W) uint8 of 255 pathway, 128 accessible, 0 inaccessible.
+    """
+
+    def __init__(self, labels: NDArray[np.uint8]) -> None:
+        self.labels = np.ascontiguousarray(labels)
+        self.height, self.width = labels.shape
+        self.boundary_px = boundary_points(self.labels)
+        self.unsigned_px = _unsigned(self.labels.shape, self.boundary_px)
+        sign = np.where(labels == PATHWAY, -1.0, 1.0)
+        # finite everywhere, so that it can be interpolated; infinity is added by the look-up
+        self.signed_px = (sign * self.unsigned_px).astype(np.float32)
+        rows, columns = np.gradient(_softened(self.signed_px))
+        slope_y, slope_x = np.gradient(self.signed_px)
+        # opposite gradients, as beside a ridge, agree once their angles are doubled
+        steep = np.maximum(_softened(slope_x ** 2 + slope_y ** 2), 1e-6)
+        self._doubled = np.stack([_softened(slope_x ** 2 - slope_y ** 2) / steep,
+                                  _softened(2.0 * slope_x * slope_y) / steep], axis=-1)
+        # side by side, so that one look-up serves all three
+        self._layers = np.stack([self.signed_px, columns, rows], axis=-1)
+
+    def inside(self, xy_px: Array) -> NDArray[np.bool_]:
+        """Tell which points (..., 2) lie within the image."""
+        x, y = xy_px[..., 0], xy_px[..., 1]
+        return (x >= -0.5) & (y >= -0.5) & (x <= self.width - 0.5) & (y <= self.height - 0.5)
+
+    def accessible(self, xy_px: Array) -> NDArray[np.bool_]:
+        """Tell which points (..., 2) are not in an inaccessible region; beyond the image all."""
+        column = np.rint(xy_px[..., 0]).astype(np.intp)
+        row = np.rint(xy_px[..., 1]).astype(np.intp)
+        within = (column >= 0) & (row >= 0) & (column < self.width) & (row < self.height)
+        label = self.labels[row.clip(0, self.height - 1), column.clip(0, self.width - 1)]
+        return (label != INACCESSIBLE) | ~within
+
+    def distance(self, xy_px: Array) -> Array:
+        """
+        Give the weighted distance d (eq. 10) at points.
+
+        :param xy_px: (..., 2); beyond the image the nearest pixel of its edge counts.
+        :return: (...), px; infinite in inaccessible regions.
+        """
+        return np.where(self.accessible(xy_px), self.level(xy_px), np.inf)
+
+    def level(self, xy_px: Array) -> Array:
+        """Give the distance as :meth:`distance` does, but finite and positive where that is not."""  # noqa: E501
+        return self._sample(self.signed_px[..., None], xy_px)[..., 0]
+
+    def gradient(self, xy_px: Array) -> Array:
+        """
+        Give the gradient of d at points: the contour's normal, shorter where there is none.
+
+        Its length is 1 but near ridges of the field, where two boundaries are equally near: there
+        the contour has no tangent and the length falls towards 0.
+
+        :param xy_px: (..., 2).
+        :return: (..., 2), along x and y.
+        """
+        return self._sample(self._layers[..., 1:], xy_px)
+
+    def look(self, xy_px: Array) -> tuple[Array, Array]:
+        """Give level (...) and gradient (..., 2) together, at the price of one."""
+        found = self._sample(self._layers, xy_px)
+        return found[..., 0], found[..., 1:]
+
+    def normal(self, xy_px: Array) -> Array:
+        """Find the way (..., 2) of larger d, of length 1; zeros where none is."""
+        gradient = self.gradient(xy_px)
+        length = np.linalg.norm(gradient, axis=-1, keepdims=True)
+        return gradient / np.where(length > 1e-6, length, np.inf)
+
+    def tangent(self, xy_px: Array) -> Array:
+        """Find the way (..., 2) along the contour: the normal, turned from x towards y."""
+        normal = self.normal(xy_px)
+        return np.stack([-normal[..., 1], normal[..., 0]], axis=-1)
+
+    def course(self, xy_px: Array) -> Array:
+        """
+        Give the contours' orientation, which ridges between parallel boundaries have too.
+
+        :param xy_px: (..., 2).
+        :return: (..., 2) along x and y: the normal with its angle doubled, of length 1 where all
+            contours about a point run alike and towards 0 where they do not.
+        """
+        return self._sample(self._doubled, xy_px)
+
+    def _sample(self, image: NDArray[np.float32], xy_px: Array) -> Array:
+        """Interpolate the layers (H, W, C) of an image between the four pixels around each point."""  # noqa: E501
+        x = np.clip(xy_px[..., 0], 0.0, self.width - 1.0)
+        y = np.clip(xy_px[..., 1], 0.0, self.height - 1.0)
+        column = np.minimum(x.astype(np.intp), max(self.width - 2, 0))
+        row = np.minimum(y.astype(np.intp), max(self.height - 2, 0))
+        right, below = min(1, self.width - 1), min(1, self.height - 1)
+        fx, fy = (x - column)[..., None], (y - row)[..., None]
+        upper = image[row, column] * (1 - fx) + image[row, column + right] * fx
+        lower = image[row + below, column] * (1 - fx) + image[row + below, column + right] * fx
+        return np.asarray(upper * (1 - fy) + lower * fy)
+
+
+def _softened(image: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Take the pixels' steps out of a field."""
+    return np.asarray(cv2.GaussianBlur(image, (0, 0), _GRADIENT_PX,
+                                       borderType=cv2.BORDER_REPLICATE), dtype=np.float32)
+
+
+def boundary_points(labels: NDArray[np.uint8]) -> Array:
+    """
+    Trace the boundaries between the regions, to a fraction of a pixel.
+
+    :param labels: (H, W) uint8.
+    :return: (n, 2) points where boundaries cross the lines of the pixel grid, px.
+    """
+    found = [np.zeros((0, 2))]
+    present = [kind for kind in KINDS if np.any(labels == kind)]
+    # two kinds share one boundary; three need two of the masks, but all three cost little
+    for kind in present[:1] if len(present) == 2 else present if len(present) > 2 else ():
+        mask = (labels == kind).astype(np.float32)
+        soft = cv2.GaussianBlur(mask, (0, 0), _SMOOTHING_PX,
+                                borderType=cv2.BORDER_REPLICATE) - 0.5
+        found += [_crossings(soft), _crossings(soft.T)[:, ::-1]]
+    return np.concatenate(found)
+
+
+def _crossings(field: NDArray[np.float32]) -> Array:
+    """Give the points (n, 2), as (x, y), where a field changes sign along its rows."""
+    left, right = field[:, :-1], field[:, 1:]
+    row, column = np.nonzero((left < 0) != (right < 0))
+    a, b = left[row, column], right[row, column]
+    return np.stack([column + a / (a - b), row.astype(np.float64)], axis=-1)
+
+
+def _unsigned(shape: tuple[int, ...], boundary_px: Array) -> Array:
+    """
+    Give each pixel's distance to the boundary (eq. 9), px.
+
+    Near it, the boundary is taken as straight between neighbouring points.
+    """
+    height, width = shape
+    if len(boundary_px) < 2:
+        return np.full((height, width), float(np.hypot(height, width)))
+    off_boundary = np.full((height, width), 255, np.uint8)
+    column, row = np.rint(boundary_px).astype(np.intp).T
+    off_boundary[row, column] = 0
+    about = cv2.distanceTransform(off_boundary, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    best = np.empty((height, width))
+    tree = cKDTree(boundary_px)
+    far = about >= _NEAR_PX  # there the points are dense enough by themselves
+    best[far] = tree.query(_pixels(far))[0]
+    best[~far] = _near_distance(tree, _pixels(~far), boundary_px)
+    return best
+
+
+def _pixels(mask: NDArray[np.bool_]) -> Array:
+    """Give the centres (n, 2), as (x, y), of the pixels of a mask."""
+    return np.argwhere(mask)[:, ::-1].astype(np.float64)
+
+
+def _near_distance(tree: cKDTree, pixels: Array, boundary_px: Array) -> Array:
+    """
+    Give the distance (n,) of pixels to the lines from their nearest point to those next to it.
+
+    Where three kinds of region are, most points are there twice, once from each side.
+    """
+    distance, near = tree.query(pixels, k=min(_NEIGHBOURS, len(boundary_px)))
+    a = boundary_px[near[:, :1]]
+    along = boundary_px[near[:, 1:]] - a
+    length2 = np.maximum(np.sum(along ** 2, axis=-1), 1e-12)
+    offset = pixels[:, None] - a
+    share = np.clip(np.sum(offset * along, axis=-1) / length2, 0.0, 1.0)
+    gap = np.linalg.norm(offset - share[..., None] * along, axis=-1)
+    gap[length2 > _JOINED_PX2] = np.inf
+    return np.asarray(np.minimum(distance[:, 0], gap.min(axis=-1)))

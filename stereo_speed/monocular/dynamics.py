@@ -1,0 +1,84 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The adaptive dynamics (2010, Section IV.B, eq. 15-19): motion that keeps to the contours.
+
+Everything here is deterministic: it gives the mean of eq. 19, to which a filter adds its noise.
+"""
+from __future__ import annotations
+
+import numpy as np
+
+from .distance import DistanceField
+from ..core.records import Array
+
+_ROUNDS = 3  # of the search for the crossing of circle and contour
+_LARGEST_TURN_RAD = 0.3  # of each of them
+_SURE, _UNSURE = 0.9, 0.5  # length of the gradient where the contour counts fully, and not at all
+_AHEAD, _ASIDE = 0.8, 0.5  # cosine of the turn that is believed fully, and not at all
+
+
+def certainty(gradient: Array) -> Array:
+    """
+    Tell how well the contour is known: 0 on a ridge of the field, 1 away from it.
+
+    :param gradient: (N, 2) of the field, or its course.
+    """
+    length = np.hypot(gradient[:, 0], gradient[:, 1])
+    return np.asarray(np.clip((length - _UNSURE) / (_SURE - _UNSURE), 0.0, 1.0))
+
+
+def contour_velocity(field: DistanceField, point_px: Array, velocity_px: Array,
+                     distance_rate_px: Array, frames: float) -> Array:
+    """
+    Give the velocity that keeps its length and meets the contour expected (eq. 15-16).
+
+    The contour is that of ``d + d_rate * frames``; of the two points of the circle that are on
+    it, the one ahead is taken. Where the field is too bent for it, where there is no contour
+    (ridges), or where it would ask for a sharp turn, the velocity stays more and more as it was.
+
+    :param point_px: (N, 2).
+    :param velocity_px: (N, 2), px per frame.
+    :param distance_rate_px: (N,), px per frame.
+    :param frames: time to the next look.
+    :return: (N, 2), px per frame.
+    """
+    speed = np.linalg.norm(velocity_px, axis=-1)
+    radius = np.maximum(speed * frames, 1e-9)
+    level, gradient = field.look(point_px)
+    wanted = level + distance_rate_px * frames
+    # first guess: exact where the contours are straight and parallel
+    side = np.sign(gradient[:, 0] * velocity_px[:, 1] - gradient[:, 1] * velocity_px[:, 0])
+    across = np.arccos(np.clip(distance_rate_px * frames / radius, -1.0, 1.0))
+    bearing = np.arctan2(gradient[:, 1], gradient[:, 0]) + np.where(side < 0, -across, across)
+    for _ in range(_ROUNDS):
+        ahead = np.stack([np.cos(bearing), np.sin(bearing)], axis=-1)
+        there = point_px + radius[:, None] * ahead
+        level, slope = field.look(there)
+        # derivative of d along the circle, per radian
+        turn = radius * (slope[:, 1] * ahead[:, 0] - slope[:, 0] * ahead[:, 1])
+        steep = np.abs(turn) > 0.2 * radius
+        step = np.where(steep, (wanted - level) / np.where(steep, turn, 1.0), 0.0)
+        bearing = bearing + np.clip(step, -_LARGEST_TURN_RAD, _LARGEST_TURN_RAD)
+    along = np.stack([np.cos(bearing), np.sin(bearing)], axis=-1)
+    heading = velocity_px / np.maximum(speed, 1e-9)[:, None]
+    trust = certainty(gradient) * np.clip(
+        (np.sum(along * heading, axis=-1) - _ASIDE) / (_AHEAD - _ASIDE), 0.0, 1.0)
+    mixed = trust[:, None] * along + (1.0 - trust[:, None]) * heading
+    length = np.linalg.norm(mixed, axis=-1, keepdims=True)
+    return np.asarray(speed[:, None] * mixed / np.maximum(length, 1e-9))
+
+
+def contour_turn(field: DistanceField, from_px: Array, to_px: Array) -> Array:
+    """
+    Give the angle by which the contour's tangent turns from points to points (eq. 17-18).
+
+    :param from_px: (N, 2).
+    :param to_px: (N, 2).
+    :return: (N,) rad, in [-pi/2, pi/2]: a tangent has no direction; less where contours about
+        the point run different ways.
+    """
+    before, after = field.course(from_px), field.course(to_px)
+    turn = np.arctan2(after[:, 1], after[:, 0]) - np.arctan2(before[:, 1], before[:, 0])
+    trust = np.minimum(certainty(before), certainty(after))
+    return np.asarray(trust * np.arctan2(np.sin(turn), np.cos(turn)) / 2.0)

@@ -1,0 +1,102 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The points of a space curve from its two image curves (Zhu 2012, Section IV-C).
+
+The two views are picked independently: each point of the left curve is matched with the place
+where its epipolar line crosses the right curve. How well that place is known depends on how
+squarely the two cross.
+"""
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Optional
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from ..core.records import Array
+from ..geometry.rig import StereoRig
+
+_SAMPLES = 400  # along the right image curve
+_MIN_SINE = 0.06  # of the angle between epipolar line and curve; below it there is no match
+
+
+@dataclass(frozen=True, eq=False)
+class CurveMatches:
+    """
+    Points of one image curve matched across the views.
+
+    :param left_px: (n, 2) raw pixels.
+    :param right_px: (n, 2) raw pixels.
+    :param sine: (n,) of the angle between the epipolar line and the right curve.
+    :param points_m: (n, 3) triangulated.
+    """
+
+    left_px: Array
+    right_px: Array
+    sine: Array
+    points_m: Array
+
+    def depth_std_m(self, rig: StereoRig, pick_std_px: float) -> Array:
+        """
+        Give the 1-sigma depth errors (n,) for picks of the given scatter.
+
+        :param pick_std_px: 1-sigma of a pick across its line.
+        """
+        z = self.points_m[:, 2]
+        return z * z / (rig.left.K[0, 0] * rig.baseline_m) * 1.5 * pick_std_px / self.sine
+
+
+def image_spline(uv_px: Array) -> CubicSpline:
+    """
+    Lay a curve through picks, parametrised from 0 to 1 by chord length.
+
+    :param uv_px: (n, 2) raw pixels, n >= 2.
+    """
+    chord = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(uv_px, axis=0), axis=-1))])
+    kind = 'not-a-knot' if len(uv_px) > 3 else 'natural'
+    return CubicSpline(chord / chord[-1], uv_px, bc_type=kind)
+
+
+def match_curves(
+        rig: StereoRig, left_px: Array, right_px: Array,
+        at: Optional[Array] = None) -> CurveMatches:
+    """
+    Match a left image curve with a right one along epipolar lines.
+
+    :param left_px: (n, 2) raw picks in order.
+    :param right_px: (m, 2) raw picks in order.
+    :param at: (k, 2) raw pixels of the left curve to match; the picks unless given.
+    """
+    left_px = np.asarray(left_px if at is None else at, dtype=np.float64)
+    curve = image_spline(np.asarray(right_px, dtype=np.float64))
+    t = np.linspace(0.0, 1.0, _SAMPLES)
+    right_rays = rig.right.rays(curve(t))
+    lines = rig.epipolar_lines_right(left_px)
+    lines /= np.linalg.norm(lines[:, :2], axis=-1, keepdims=True)
+    value = lines @ right_rays.T  # (k, samples), 0 where the epipolar line crosses the curve
+    rows, columns = np.nonzero(value[:, :-1] * value[:, 1:] <= 0)
+    before, after = value[rows, columns], value[rows, columns + 1]
+    with np.errstate(divide='ignore', invalid='ignore'):
+        crossing = t[columns] + np.where(before != after, before / (before - after), 0.0) / (
+            _SAMPLES - 1)
+    along = np.diff(right_rays[:, :2], axis=0)[columns]
+    sine = np.abs(after - before) / np.linalg.norm(along, axis=-1)
+    matched = curve(crossing)
+    points = rig.triangulate(left_px[rows], matched)
+    good = np.isfinite(points).all(axis=-1) & (sine > _MIN_SINE)
+    kept = _one_each(rows[good], crossing[good], len(left_px))
+    chosen = np.nonzero(good)[0][kept]
+    return CurveMatches(left_px[rows[chosen]], matched[chosen], sine[chosen], points[chosen])
+
+
+def _one_each(rows: Array, crossing: Array, count: int) -> list[int]:
+    """Where an epipolar line crosses twice, keep the crossing at the like share of the curve."""
+    kept = []
+    for row in range(count):
+        candidates = np.nonzero(rows == row)[0]
+        if candidates.size:
+            share = row / max(count - 1, 1)
+            kept.append(int(candidates[np.argmin(np.abs(crossing[candidates] - share))]))
+    return kept

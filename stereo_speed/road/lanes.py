@@ -1,0 +1,150 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""The paths of lanes: the middle of two lines of a fitted road, or of surveyed ones."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Optional
+
+import numpy as np
+
+from .fit import RoadFit
+from .model import NODES, Weights
+from .path import Path, SplinePath, StraightPath, unit
+from ..core.records import Array
+
+SURVEY_OFFSET_STD_M = 0.02  # of surveyed points, across and up
+SURVEY_HEADING_STD_RAD = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class LanePath:
+    """
+    The path of a lane and how well it is known.
+
+    :param name: of the lane.
+    :param path: along travel.
+    :param speed_limit_mps: None where the site file gives none.
+    :param heading_std_rad: (2,) 1-sigma of the direction in the middle, across (P) and up (B).
+    :param offset_std_m: (2,) 1-sigma of the position in the middle, across (P) and up (B).
+    :param residual_px: root mean square distance of the picks from the lines; 0 for surveys.
+    :param scale_std: 1-sigma of the length along the path, as a share: what it does to the speed
+        of a pass over the whole path, where near looks weigh most.
+    :param scale_profile: arc lengths (n,) in m and the 1-sigma (n,) of the length there, as a
+        share; errors are the same one along the path, only larger farther away. None: it is
+        ``scale_std`` everywhere.
+    """
+
+    name: str
+    path: Path
+    speed_limit_mps: Optional[float]
+    heading_std_rad: Array
+    offset_std_m: Array
+    residual_px: float
+    scale_std: float = 0.0
+    scale_profile: Optional[tuple[Array, Array]] = None
+
+    def scale_std_at(self, s_m: Array) -> Array:
+        """
+        Give the 1-sigma of the length along the path, as a share, at arc lengths (...,).
+
+        Its errors at different places are one and the same error: they do not average out.
+        """
+        s_m = np.asarray(s_m, dtype=np.float64)
+        if self.scale_profile is None:
+            return np.full(s_m.shape, self.scale_std)
+        return np.interp(s_m, *self.scale_profile)
+
+
+def lane_of_road(name: str, fit: RoadFit, lines: tuple[int, ...],
+                 speed_limit_mps: Optional[float], *, away: bool = False) -> LanePath:
+    """
+    Lay a lane's path midway between its lines, or along its one line.
+
+    It runs from the first pick of these lines to the last, or back.
+
+    :param fit: the road.
+    :param lines: numbers of the lane's lines in the fit, one or two.
+    :param away: travel runs against the order of the picks in the fit.
+    """
+    ranges = np.array([fit.line_range_m(i) for i in lines])
+    s = np.linspace(ranges[:, 0].min(), ranges[:, 1].max(), NODES)
+    points, frames = _lane(fit, fit.x, lines, s[::-1] if away else s)
+    if fit.problem.model.turns == 0 and fit.problem.model.bends == 0:
+        path: Path = StraightPath(
+            points[0], points[-1] - points[0], s[-1] - s[0], frames[0, :, 2])
+    else:
+        path = SplinePath(points, frames[:, :, 2])
+    heading_std, offset_std = _spread(fit, lines, s[NODES // 2])
+    square = np.mean(fit.residual_px[list(lines)]**2)
+    return LanePath(name, path, speed_limit_mps, heading_std, offset_std, float(np.sqrt(square)))
+
+
+def _lane(fit: RoadFit, x: Array, lines: tuple[int, ...], s_m: Array) -> tuple[Array, Array]:
+    """Give a lane's points (..., n, 3) and frames (..., n, 3, 3) at reference arc lengths."""
+    model = fit.problem.model
+    points, frames = model.reference(x)
+    offset = model.offsets(x)[..., list(lines)].mean(axis=-1)[..., None, None]
+    weights = Weights.at(model.s_m, s_m)
+    axes = np.stack([weights(frames[..., i]) for i in range(3)], axis=-1)
+    return weights(points) + offset * axes[..., 1], axes
+
+
+def _spread(fit: RoadFit, lines: tuple[int, ...], middle_m: float) -> tuple[Array, Array]:
+    """
+    Carry the fit's covariance to direction and position, across and up, in the middle.
+
+    Sliding along the path is no error of it: a point that slides by ds takes its direction from
+    ``T(s)`` to ``T(s + ds)``, which is subtracted.
+    """
+    steps, h = fit.problem.steps, 0.5
+    both = fit.x + np.concatenate([np.diag(steps), -np.diag(steps)])
+    points, frames = _lane(fit, both, lines, np.array([middle_m]))
+    near, axes = _lane(fit, fit.x, lines, middle_m + np.array([-h, 0.0, h]))
+    bend = (axes[2] - axes[0])[:, 0] / np.linalg.norm(near[2] - near[0])
+
+    def slope(values: Array) -> Array:
+        return (values[:len(steps)] - values[len(steps):]) / (2 * steps[:, None])
+
+    position, direction = slope(points[:, 0]), slope(frames[:, 0, :, 0])
+    direction = direction - np.outer(position @ axes[1][:, 0], bend)
+    stds = [np.sqrt(np.einsum('ij,ik,kj->j', v, fit.covariance, v))
+            for v in (direction @ axes[1][:, 1:], position @ axes[1][:, 1:])]
+    return stds[0], stds[1]
+
+
+def surveyed_path(points_m: Array) -> SplinePath:
+    """
+    Lay a smooth path through surveyed points.
+
+    :param points_m: (n, 3) in order along travel.
+    """
+    return SplinePath(points_m)
+
+
+def between(right: Path, left: Path) -> SplinePath:
+    """
+    Lay a path midway between two lines of any kind; its up is square to both.
+
+    :param right: the line on the driver's right.
+    :param left: the line on the driver's left.
+    """
+    s = np.linspace(0.0, right.length_m, max(8, int(np.ceil(right.length_m))))
+    on_right = right.position(s)
+    s_left = left.arc_length(on_right)
+    on_left = left.position(s_left)
+    tangent = unit(right.tangent(s) + left.tangent(s_left))
+    up = np.cross(tangent, unit(on_left - on_right))
+    return SplinePath((on_right + on_left) / 2, up)
+
+
+def lane_of_paths(name: str, paths: tuple[Path, ...], speed_limit_mps: Optional[float],
+                  residual_px: float = 0.0) -> LanePath:
+    """
+    Make a lane from surveyed paths, one or (right, left).
+
+    :param paths: one path, or those of the right and the left line.
+    """
+    path = paths[0] if len(paths) == 1 else between(*paths)
+    return LanePath(name, path, speed_limit_mps, np.full(2, SURVEY_HEADING_STD_RAD),
+                    np.full(2, SURVEY_OFFSET_STD_M), residual_px)

@@ -1,0 +1,243 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+What a path is, and the two kinds there are.
+
+A path knows position, tangent and frame at arc length ``s``, and the arc length of a point. The
+frame's columns are T along travel, P to the left of travel and B up; it is right-handed. Both
+ends go on as straight lines, so that a vehicle may come from before the first pick and leave
+after the last.
+"""
+from __future__ import annotations
+
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from ..core.records import Array
+
+# Where nothing says better, in the left optical frame.
+CAMERA_UP: Array = np.array([0.0, -1.0, 0.0])
+
+
+@runtime_checkable
+class Path(Protocol):
+    """A line in space that vehicles follow, by arc length in m, in the left optical frame."""
+
+    @property
+    def length_m(self) -> float:
+        """Arc length between the two ends."""
+
+    def position(self, s_m: Array) -> Array:
+        """Give the points (..., 3) at arc lengths (...,)."""
+
+    def tangent(self, s_m: Array) -> Array:
+        """Give the unit directions of travel (..., 3) at arc lengths (...,)."""
+
+    def frame(self, s_m: Array) -> Array:
+        """Give the frames (..., 3, 3) at arc lengths (...,): columns T, P left, B up."""
+
+    def arc_length(self, points_m: Array) -> Array:
+        """Give the arc lengths (...,) of the nearest points of the path to points (..., 3)."""
+
+
+def unit(vectors: Array) -> Array:
+    """
+    Scale vectors to length 1.
+
+    :param vectors: (..., 3).
+    """
+    vectors = np.asarray(vectors, dtype=np.float64)
+    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+
+
+def frame_of(tangent: Array, up: Array) -> Array:
+    """
+    Build frames (..., 3, 3) with columns T, P left, B up from directions and rough ups.
+
+    :param tangent: (..., 3) unit.
+    :param up: (..., 3) or (3,), not parallel to the tangent; made orthogonal to it.
+    """
+    tangent = np.asarray(tangent, dtype=np.float64)
+    left = unit(_cross(np.broadcast_to(up, tangent.shape), tangent))
+    return np.stack([tangent, left, _cross(tangent, left)], axis=-1)
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """Cross product (..., 3); frames are asked for so often that np.cross is too slow."""
+    out = np.empty(a.shape)
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        out[..., i] = a[..., j] * b[..., k] - a[..., k] * b[..., j]
+    return out
+
+
+def rotation_minimising_up(points_m: Array, tangents: Array, up: Array) -> Array:
+    """
+    Carry an up vector along a curve without turning about it (double reflection, Wang 2008).
+
+    :param points_m: (n, 3) along the curve.
+    :param tangents: (n, 3) unit tangents there.
+    :param up: (3,) at the first point.
+    """
+    carried = np.empty_like(tangents)
+    carried[0] = frame_of(tangents[0], up)[:, 2]
+    for i in range(len(points_m) - 1):
+        v1 = points_m[i + 1] - points_m[i]
+        c1 = v1 @ v1
+        up_l = carried[i] - 2 / c1 * (v1 @ carried[i]) * v1
+        tangent_l = tangents[i] - 2 / c1 * (v1 @ tangents[i]) * v1
+        v2 = tangents[i + 1] - tangent_l
+        carried[i + 1] = up_l - 2 / (v2 @ v2) * (v2 @ up_l) * v2
+    return carried
+
+
+class StraightPath:
+    """
+    A straight line.
+
+    :param origin_m: (3,) the point at ``s = 0``.
+    :param direction: (3,) direction of travel, any length.
+    :param length_m: to the far end.
+    :param up: (3,) rough up direction.
+    """
+
+    def __init__(self, origin_m: Array, direction: Array, length_m: float,
+                 up: Array = CAMERA_UP) -> None:
+        self._origin_m = np.array(origin_m, dtype=np.float64)
+        self._direction = unit(direction)
+        self._frame = frame_of(self._direction, np.asarray(up, dtype=np.float64))
+        self._length_m = float(length_m)
+
+    @property
+    def length_m(self) -> float:
+        """Arc length between the two ends."""
+        return self._length_m
+
+    def position(self, s_m: Array) -> Array:
+        """Give the points (..., 3) at arc lengths (...,)."""
+        return self._origin_m + np.asarray(s_m, dtype=np.float64)[..., None] * self._direction
+
+    def tangent(self, s_m: Array) -> Array:
+        """Give the unit directions of travel (..., 3) at arc lengths (...,)."""
+        return np.broadcast_to(self._direction, np.shape(s_m) + (3,)).copy()
+
+    def frame(self, s_m: Array) -> Array:
+        """Give the frames (..., 3, 3) at arc lengths (...,): columns T, P left, B up."""
+        return np.broadcast_to(self._frame, np.shape(s_m) + (3, 3)).copy()
+
+    def arc_length(self, points_m: Array) -> Array:
+        """Give the arc lengths (...,) of the feet of points (..., 3)."""
+        return (np.asarray(points_m, dtype=np.float64) - self._origin_m) @ self._direction
+
+
+class SplinePath:
+    """
+    A smooth curve through points: a cubic spline, parametrised by its own arc length.
+
+    :param points_m: (n, 3) in order along travel, n >= 2, no two in a row the same.
+    :param up: (3,) or (n, 3) rough up directions at the points; None carries the camera's up
+        along without turning.
+    :param spacing_m: between the knots of the arc-length form.
+    """
+
+    def __init__(self, points_m: Array, up: Array | None = CAMERA_UP,
+                 spacing_m: float = 0.5) -> None:
+        points_m = np.asarray(points_m, dtype=np.float64)
+        raw, chord = _through(points_m)
+        fine = np.unique(np.concatenate([chord, np.linspace(
+            0.0, chord[-1], max(8, int(np.ceil(4 * chord[-1] / spacing_m))))]))
+        s = np.concatenate([[0.0], np.cumsum(_lengths(raw, fine))])
+        self._length_m = float(s[-1])
+        count = max(5, int(np.ceil(self._length_m / spacing_m)) + 1)
+        self._knots_m = np.linspace(0.0, self._length_m, count)
+        # The map from arc length to chord parameter, with its exact slope at every node.
+        slope = 1 / np.linalg.norm(raw(fine, 1), axis=-1)
+        chords = _hermite(s, fine, slope, self._knots_m)
+        self._curve = CubicSpline(self._knots_m, raw(chords))
+        self._slope, self._bend = self._curve.derivative(), self._curve.derivative(2)
+        self._ends = self._curve([0.0, self._length_m]), unit(self._slope([0.0, self._length_m]))
+        self._up = self._ups(up, chord, chords)
+
+    def _ups(self, up: Array | None, chord: Array, chords: Array) -> CubicSpline | Array:
+        """Make the rough ups: one vector, or a spline in arc length."""
+        if up is None:
+            knots = self._knots_m
+            ups = rotation_minimising_up(
+                self._curve(knots), self.tangent(knots), CAMERA_UP)
+            return CubicSpline(knots, ups)
+        up = np.asarray(up, dtype=np.float64)
+        if up.ndim == 1:
+            return unit(up)
+        kind = 'not-a-knot' if len(up) > 3 else 'natural'
+        return CubicSpline(self._knots_m, unit(CubicSpline(chord, up, bc_type=kind)(chords)))
+
+    @property
+    def length_m(self) -> float:
+        """Arc length between the two ends."""
+        return self._length_m
+
+    def _beyond(self, s_m: Array) -> tuple[Array, Array]:
+        """Split arc lengths into the part on the curve and the part beyond its ends."""
+        s_m = np.asarray(s_m, dtype=np.float64)
+        on = np.clip(s_m, 0.0, self._length_m)
+        return on, s_m - on
+
+    def position(self, s_m: Array) -> Array:
+        """Give the points (..., 3) at arc lengths (...,)."""
+        on, beyond = self._beyond(s_m)
+        ends = np.where((beyond < 0)[..., None], self._ends[1][0], self._ends[1][1])
+        return self._curve(on) + beyond[..., None] * ends
+
+    def tangent(self, s_m: Array) -> Array:
+        """Give the unit directions of travel (..., 3) at arc lengths (...,)."""
+        return unit(self._slope(self._beyond(s_m)[0]))
+
+    def frame(self, s_m: Array) -> Array:
+        """Give the frames (..., 3, 3) at arc lengths (...,): columns T, P left, B up."""
+        on = self._beyond(s_m)[0]
+        up = self._up(on) if callable(self._up) else self._up
+        return frame_of(self.tangent(on), up)
+
+    def arc_length(self, points_m: Array) -> Array:
+        """Give the arc lengths (...,) of the nearest points of the path to points (..., 3)."""
+        points_m = np.asarray(points_m, dtype=np.float64)
+        knots = self._curve(self._knots_m)
+        # |p - k|^2 without the |p|^2, which is the same for every knot
+        nearest = np.argmin(
+            np.sum(knots * knots, axis=-1) - 2 * points_m @ knots.T, axis=-1)
+        s = self._knots_m[nearest]
+        for _ in range(8):
+            offset = points_m - self.position(s)
+            on, beyond = self._beyond(s)
+            bend = np.where((beyond == 0)[..., None], self._bend(on), 0.0)
+            step = np.sum(offset * self.tangent(s), axis=-1) / np.maximum(
+                1 - np.sum(offset * bend, axis=-1), 0.2)
+            s = s + step
+            if not np.any(np.abs(step) > 1e-10):
+                break
+        return s
+
+
+def _through(points_m: Array) -> tuple[CubicSpline, Array]:
+    """Lay a cubic spline through points, by chord length."""
+    chord = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points_m, axis=0), axis=-1))])
+    kind = 'not-a-knot' if len(points_m) > 3 else 'natural'
+    return CubicSpline(chord, points_m, bc_type=kind), chord
+
+
+def _lengths(curve: CubicSpline, nodes: Array) -> Array:
+    """Integrate the arc length between nodes (n,) by three-point Gauss quadrature: (n - 1,)."""
+    half, middle = np.diff(nodes) / 2, (nodes[1:] + nodes[:-1]) / 2
+    x = np.sqrt(0.6)
+    speeds = [np.linalg.norm(curve(middle + k * half, 1), axis=-1) for k in (-x, 0.0, x)]
+    return half * (5 * speeds[0] + 8 * speeds[1] + 5 * speeds[2]) / 9
+
+
+def _hermite(x: Array, y: Array, slope: Array, at: Array) -> Array:
+    """Interpolate y(x) with its slopes given."""
+    i = np.clip(np.searchsorted(x, at, side='right') - 1, 0, len(x) - 2)
+    h = x[i + 1] - x[i]
+    t = (at - x[i]) / h
+    return (y[i] * (1 + 2 * t) * (1 - t)**2 + y[i + 1] * t * t * (3 - 2 * t)
+            + h * t * (1 - t) * (slope[i] * (1 - t) - slope[i + 1] * t))

@@ -1,0 +1,58 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Faults of picked lines that can be seen in one image: disorder and crossings."""
+from __future__ import annotations
+
+from typing import Optional
+
+import numpy as np
+
+from ..core.records import Array
+
+
+def turned_back(points: Array) -> Optional[int]:
+    """
+    Find a point that lies behind the one before it; None if there is none.
+
+    A curve may bend back once, seen at a grazing angle; a point out of order turns the line
+    twice in a row, or at its very end.
+
+    :param points: (n, 2) or (n, 3) in order along travel.
+    """
+    steps = np.diff(points, axis=0)
+    length = np.linalg.norm(steps, axis=-1)
+    if np.any(length == 0):
+        return int(np.argmin(length)) + 1
+    unit = steps / length[:, None]
+    cosine = np.sum(unit[1:] * unit[:-1], axis=-1)
+    twice = np.nonzero((cosine[1:] < -0.5) & (cosine[:-1] < -0.5))[0]
+    if twice.size:
+        return int(twice[0]) + 2
+    if len(cosine) and cosine[-1] < -0.9:
+        return len(points) - 1
+    return 1 if len(cosine) and cosine[0] < -0.9 else None
+
+
+def crossing(a: Array, b: Array) -> Optional[tuple[int, int]]:
+    """
+    Find segments of two polylines that cross inside both; None if there are none.
+
+    :param a: (n, 2).
+    :param b: (m, 2); may be ``a`` itself, where neighbours do not count.
+    """
+    p, r = a[:-1, None], np.diff(a, axis=0)[:, None]
+    q, s = b[None, :-1], np.diff(b, axis=0)[None]
+    det = _cross(r, s)
+    with np.errstate(divide='ignore', invalid='ignore'):
+        t, u = _cross(q - p, s) / det, _cross(q - p, r) / det
+        hit = (det != 0) & (t > 0) & (t < 1) & (u > 0) & (u < 1)
+    if a is b:
+        i, j = np.indices(hit.shape)
+        hit &= np.abs(i - j) > 1
+    found = np.argwhere(hit)
+    return (int(found[0][0]), int(found[0][1])) if len(found) else None
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """Cross product of 2-D vectors (..., 2)."""
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]

@@ -1,0 +1,116 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+What stands still: a clean image of each view, from a few pairs or from many.
+
+The median over time survives whatever passes in fewer than half of the pairs; the mean of the
+values near it has less noise than the median itself, and no steps of whole grey levels.
+"""
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.errors import InputError
+from ...core.records import Array, StereoPair
+
+MOST_PAIRS = 31
+MOST_BYTES = 128 * 2**20  # of kept images of one view
+_BLOCK_ROWS = 64
+_GATE = 2.5  # sigmas of the noise within which values count for the mean
+
+
+@dataclass(frozen=True, eq=False)
+class Background:
+    """
+    One view without its traffic.
+
+    :param image: (H, W) float32 grey levels.
+    :param noise_grey: 1-sigma of one image's noise, grey levels.
+    :param pairs: number of images it was made of.
+    """
+
+    image: NDArray[np.float32]
+    noise_grey: float
+    pairs: int
+
+
+def spread_pairs(pairs: Iterable[StereoPair], most: int = MOST_PAIRS) -> list[StereoPair]:
+    """
+    Keep at most so many pairs of a stream of any length, evenly spread over it.
+
+    :param pairs: the stream; read to its end.
+    :param most: how many to keep, 2 or more.
+    """
+    kept: list[StereoPair] = []
+    step = 1
+    for number, pair in enumerate(pairs):
+        if number % step:
+            continue
+        if not kept:
+            most = max(min(most, MOST_BYTES // pair.left.nbytes), 2)
+        kept.append(pair)
+        if len(kept) > 2 * most:
+            kept, step = kept[::2], 2 * step
+    chosen = np.round(np.linspace(0, len(kept) - 1, min(most, len(kept)))).astype(int)
+    return [kept[i] for i in chosen]
+
+
+def clean_background(images: list[NDArray[np.generic]], where: object) -> Background:
+    """
+    Make the background of one view.
+
+    :param images: (H, W) uint8 or uint16, all of one size; 16-bit ones are scaled to 0 to 255.
+    :param where: what they come from, for the error.
+    :raises InputError: without images.
+    """
+    if not images:
+        raise InputError(where, 'pairs', 'none', 'at least one pair of images')
+    scale = 1.0 if images[0].dtype == np.uint8 else 1 / 257
+    out = np.empty(images[0].shape, np.float32)
+    spreads = []
+    for top in range(0, len(out), _BLOCK_ROWS):
+        rows = slice(top, top + _BLOCK_ROWS)
+        block = np.stack([image[rows] for image in images]).astype(np.float32) * scale
+        middle = np.median(block, axis=0)
+        off = np.abs(block - middle)
+        spread = _spread(off, len(images))
+        spreads.append(spread)
+        # between two far values, both count
+        near = off <= np.maximum(max(_GATE * spread, 1.0), off.min(axis=0))
+        out[rows] = (block * near).sum(axis=0) / near.sum(axis=0)
+    noise = float(np.median(spreads)) if len(images) > 2 else _noise_of_one(out)
+    return Background(out, noise, len(images))
+
+
+def _spread(off: NDArray[np.float32], count: int) -> float:
+    """Give the noise of a block from deviations from its median; half a level at least."""
+    lost = max(count - 1, 1) / count  # a few values hug their own median
+    return max(1.4826 * float(np.median(off)) / lost, 0.5) if count > 2 else np.inf
+
+
+def _noise_of_one(image: NDArray[np.float32]) -> float:
+    """Guess the noise of one image from second differences along its rows."""
+    second = image[:, 2:] - 2 * image[:, 1:-1] + image[:, :-2]
+    return max(1.4826 * float(np.median(np.abs(second))) / np.sqrt(6.0), 0.5)
+
+
+def backgrounds(pairs: Iterable[StereoPair], where: object = 'pairs'
+                ) -> tuple[Background, Background]:
+    """
+    Make the backgrounds of both views from a stream of pairs.
+
+    :param pairs: few or many.
+    :param where: what they come from, for the error.
+    """
+    kept = spread_pairs(pairs)
+    return (clean_background([pair.left for pair in kept], where),
+            clean_background([pair.right for pair in kept], where))
+
+
+def as_picture(background: Background) -> Array:
+    """Give a background as (H, W) uint8."""
+    return np.clip(np.rint(background.image), 0, 255).astype(np.uint8)

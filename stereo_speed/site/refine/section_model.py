@@ -1,0 +1,215 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Models of the grey profile across a line: a painted band, or the edge of a kerb.
+
+A band has a level on each side and its own, between two edges a known width apart; an edge has
+two levels. Both are blurred by the pixel and the lens. The place is found by Gauss-Newton
+together with the levels, all cuts at once.
+"""
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Optional
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+from scipy.special import ndtr
+
+from ...core.records import Array
+
+BAND, EDGE = 'band', 'edge'
+MARGIN_PX = 4.0  # of road on either side of the paint
+_STEPS = 6
+_SIDES_ALIKE = 0.1  # 1-sigma of the difference between both sides, as a share of the contrast
+
+
+@dataclass(frozen=True)
+class Shape:
+    """
+    What the profiles of one line have in common.
+
+    :param kind: ``band`` or ``edge``.
+    :param width_m: of the band; 0 for an edge.
+    :param blur_px: 1-sigma of the blur, across the line in the image.
+    :param sign: 1 for a band lighter than the road, or an edge lighter on the left; else -1.
+    """
+
+    kind: str
+    width_m: float
+    blur_px: float
+    sign: int
+
+    def half_window_m(self, px_per_m: Array) -> Array:
+        """Give how far (n,) from the middle of the line a profile is looked at."""
+        half = self.width_m / 2
+        return half + np.maximum(MARGIN_PX / px_per_m, 0.8 * half)
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """
+    Where profiles have their line.
+
+    :param across_m: (n,) m from where it was expected, positive to the left.
+    :param contrast: (n,) grey levels, positive where the sign is the shape's.
+    :param rms: (n,) of what the model leaves, grey levels.
+    :param std_m: (n,) 1-sigma of ``across_m`` from what the model leaves.
+    """
+
+    across_m: Array
+    contrast: Array
+    rms: Array
+    std_m: Array
+
+
+def fit_profiles(shape: Shape, across_m: Array, grey: Array, px_per_m: Array, start_m: Array,
+                 noise_grey: float) -> Places:
+    """
+    Find the line in each profile.
+
+    :param across_m: (n, k) places.
+    :param grey: (n, k) levels; NaN does not count.
+    :param px_per_m: (n,) image scale across the line.
+    :param start_m: (n,) expected places, right to about half the band or the blur.
+    :param noise_grey: 1-sigma of a level, texture included; weighs the levels' prior.
+    """
+    valid = np.isfinite(grey)
+    values = np.where(valid, grey, 0.0)
+    weight = (valid & (np.abs(across_m - start_m[:, None])
+                       <= shape.half_window_m(px_per_m)[:, None])).astype(float)
+    blur = (shape.blur_px / px_per_m)[:, None]
+    at, reach = start_m.copy(), np.maximum(shape.width_m / 2, 2.0 / px_per_m)
+    level = np.full(len(at), 10.0)
+    for step in range(_STEPS + 1):
+        basis, slope = _basis(shape, across_m - at[:, None], blur)
+        a = np.concatenate([basis, (level[:, None] * slope)[..., None]], axis=-1)
+        if step == 0:
+            a = basis
+        ridge = _ridge(shape, a.shape[-1], level, noise_grey)
+        normal = np.einsum('nki,nk,nkj->nij', a, weight, a) + ridge
+        right = np.einsum('nki,nk,nk->ni', a, weight, values)
+        solution = np.linalg.solve(normal, right[..., None])[..., 0]
+        level = solution[:, basis.shape[-1] - 1]
+        if step:
+            move = np.clip(solution[:, -1], -0.5 * reach, 0.5 * reach)
+            at = np.clip(at + np.nan_to_num(move), start_m - reach, start_m + reach)
+    fitted = np.einsum('nki,ni->nk', basis, solution[:, :basis.shape[-1]])
+    count = weight.sum(axis=-1)
+    rms = np.sqrt(np.sum(weight * (values - fitted)**2, axis=-1) / np.maximum(count - 4, 1))
+    std = np.sqrt(np.maximum(np.linalg.inv(normal)[:, -1, -1], 0)) * np.maximum(rms, 1e-3)
+    bad = count < 8
+    return Places(np.where(bad, np.nan, at), np.where(bad, 0.0, shape.sign * level), rms, std)
+
+
+def _basis(shape: Shape, x: Array, blur: Array) -> tuple[Array, Array]:
+    """
+    Give the levels' shapes (n, k, m), the contrast's last, and its derivative by the place.
+
+    :param x: (n, k) m from the place.
+    :param blur: (n, 1) m.
+    """
+    def edge(z: Array) -> tuple[Array, Array]:
+        return ndtr(z / blur), np.exp(-0.5 * (z / blur)**2) / (blur * np.sqrt(2 * np.pi))
+    one, half = np.ones_like(x), shape.width_m / 2
+    if shape.kind == EDGE:
+        rise, slope = edge(x)
+        return np.stack([one, rise - 0.5], axis=-1), -slope
+    (rise, up), (fall, down) = edge(x + half), edge(x - half)
+    # both sides may differ; half the step lies at either edge
+    return np.stack([one, (rise + fall) / 2 - 0.5, rise - fall], axis=-1), down - up
+
+
+def _ridge(shape: Shape, size: int, level: Array, noise_grey: float) -> Array:
+    """Weigh the priors (n, size, size): sides alike, and nothing singular."""
+    out = np.tile(1e-9 * np.eye(size), (len(level), 1, 1))
+    if shape.kind == BAND:
+        alike = np.maximum(_SIDES_ALIKE * np.abs(level), 1.0)
+        out[:, 1, 1] += (noise_grey / alike)**2
+    return out
+
+
+def tuned(shape: Shape, across_m: Array, grey: Array, px_per_m: Array, start_m: Array,
+          noise_grey: float, width_m: Optional[float] = None) -> Shape:
+    """
+    Find the width and the blur that the profiles of a line agree on.
+
+    :param width_m: the width, where it is known.
+    """
+    def of(x: Array) -> Shape:
+        width = float(np.exp(x[1])) if len(x) > 1 else (width_m or 0.0)
+        return replace(shape, blur_px=float(np.exp(x[0])), width_m=width)
+
+    window = np.abs(across_m - start_m[:, None]) <= shape.half_window_m(px_per_m)[:, None]
+    grey = np.where(window, grey, np.nan)  # the same samples for every width
+
+    def cost(x: Array) -> float:
+        if not (np.log(0.2) <= x[0] <= np.log(4.0)) or (
+                len(x) > 1 and not np.log(0.03) <= x[1] <= np.log(0.8)):
+            return 1e9
+        places = fit_profiles(of(x), across_m, grey, px_per_m, start_m, noise_grey)
+        return float(np.mean(np.log(places.rms**2 + 0.25)))
+
+    start = [np.log(shape.blur_px)]
+    if shape.kind == BAND and width_m is None:
+        start.append(np.log(shape.width_m))
+    found = minimize(cost, start, method='Nelder-Mead', options={
+        'maxfev': 45, 'xatol': 0.01, 'fatol': 1e-4, 'initial_simplex': _simplex(start)})
+    return of(found.x)
+
+
+def _simplex(start: list[float]) -> Array:
+    """Spread a first simplex by about a fifth."""
+    return np.array(start) + np.vstack([np.zeros(len(start)), 0.2 * np.eye(len(start))])
+
+
+def detect(across_m: Array, grey: Array, px_per_m: Array, width_m: float
+           ) -> tuple[Array, NDArray[np.generic]]:
+    """
+    Look for a band, or for an edge with ``width_m = 0``, anywhere on each cut.
+
+    A band must differ from both its sides, so that edges are no bands.
+
+    :param across_m: (n, k) evenly spaced places on each cut.
+    :param grey: (n, k) levels.
+    :return: contrasts (n, k) of a light and (n, k) of a dark band, or a left-light and a
+        right-light edge, at each place; -inf where it does not fit on the cut.
+    """
+    step = (across_m[:, 1] - across_m[:, 0])[:, None]
+    known = np.isfinite(grey)
+    summed = _running(np.where(known, grey, 0.0)), _running(known.astype(float))
+    place = np.arange(across_m.shape[1])[None, :] + 0.5
+    gap = 0.7 / px_per_m[:, None] / step
+    flank = np.maximum(2.5 / px_per_m, width_m / 2)[:, None] / step
+    half = width_m / 2 / step
+
+    def mean(low: Array, high: Array) -> Array:
+        total, count = (_at(s, high) - _at(s, low) for s in summed)
+        inside = (low >= 0) & (high <= across_m.shape[1]) & (count > 0.9 * (high - low))
+        return np.where(inside, total / np.maximum(count, 1e-9), np.nan)
+
+    left = mean(place + half + gap, place + half + gap + flank)
+    right = mean(place - half - gap - flank, place - half - gap)
+    if width_m == 0:
+        light, dark = left - right, right - left
+    else:
+        inner = np.minimum(gap, 0.3 * half)
+        middle = mean(place - half + inner, place + half - inner)
+        light = middle - np.maximum(left, right)
+        dark = np.minimum(left, right) - middle
+    return np.nan_to_num(light, nan=-np.inf), np.nan_to_num(dark, nan=-np.inf)
+
+
+def _running(values: Array) -> Array:
+    """Sum up along cuts: (n, k + 1)."""
+    return np.concatenate([np.zeros((len(values), 1)), np.cumsum(values, axis=1)], axis=1)
+
+
+def _at(summed: Array, index: Array) -> Array:
+    """Read running sums between samples."""
+    index = np.clip(index, 0, summed.shape[1] - 1.000001)
+    low = index.astype(int)
+    rows = np.arange(len(summed))[:, None]
+    share = index - low
+    return summed[rows, low] * (1 - share) + summed[rows, low + 1] * share

@@ -1,0 +1,61 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""In which lane a vehicle is: that of each reading, and from which to which a pass went."""
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Mapping
+
+import numpy as np
+
+from ..core.records import PassResult, TrackUpdate, Verdict
+from ..site.lane_paths import LanePath
+
+_HYSTERESIS_M = 0.3  # a lane is left when the next is nearer by this
+_OFF_ROAD_M = 3.0  # further than this from the middle of every lane is off the road
+_OFF_SHARE = 0.5  # a pass off the road in more than this share of its pairs was not on a path
+
+
+class LaneAssigner:
+    """
+    Follows one track through the lanes of a site.
+
+    :param lanes: lane name to lane path.
+    """
+
+    def __init__(self, lanes: Mapping[str, LanePath]) -> None:
+        self.lanes = lanes
+        self.first = self.current = ''
+        self.pairs = self.off_road = 0
+
+    def place(self, update: TrackUpdate) -> TrackUpdate:
+        """Tell the lane a vehicle is in, and its place along and beside that lane's path."""
+        places = {name: _place(lane, update) for name, lane in self.lanes.items()}
+        nearest = min(places, key=lambda name: abs(places[name][1]))
+        self.current = self.current or update.lane
+        gain = abs(places[self.current][1]) - abs(places[nearest][1])
+        if gain > _HYSTERESIS_M:
+            self.current = nearest
+        self.first = self.first or self.current
+        self.pairs += 1
+        self.off_road += abs(places[nearest][1]) > _OFF_ROAD_M
+        if self.current == update.lane:
+            return update
+        s_m, lateral_m = places[self.current]
+        return replace(update, lane=self.current, s_m=s_m, lateral_m=lateral_m)
+
+    def conclude(self, result: PassResult) -> PassResult:
+        """Tell from which lane to which a pass went; reject one beside the road."""
+        result = replace(result, lane=self.first or result.lane,
+                         lane_to=self.current or result.lane)
+        if result.verdict is Verdict.MEASURED and self.off_road > _OFF_SHARE * self.pairs:
+            return result.rejected('off_path')
+        return result
+
+
+def _place(lane: LanePath, update: TrackUpdate) -> tuple[float, float]:
+    """Arc length along a lane's path and offset to its left, m."""
+    s_m = float(lane.path.arc_length(update.position_m))
+    at = np.array(s_m)
+    left = lane.path.frame(at)[:, 1]
+    return s_m, float((update.position_m - lane.path.position(at)) @ left)

@@ -1,0 +1,186 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+One look at the front: its patch in both views at a pose, and how it changes with the pose.
+
+Particles are sampled coarsely and fast; the refinement needs looks that are right to hundredths
+of a pixel, so they go through the exact lens model and cubic B-splines.
+"""
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from .front import Front, plane_points
+from .likelihood import crop_for
+from .relief import relief_basis
+from ..core.records import Array, StereoPair
+from ..geometry.camera import Camera
+from ..geometry.rig import StereoRig
+
+# Marked corners are a pixel off, and what lies beyond the front's edges moves otherwise: only the
+# inner share of the quad is looked at.
+_INNER = 0.94
+_STEP_M = 1e-4  # of the differences of the geometry: a curved way bends by far less over it
+_BLUR_STEPS = 0.6  # low-pass of every look, in grid steps, so that near and far looks compare
+
+
+@dataclass(frozen=True, eq=False)
+class Observation:
+    """
+    A linearised look at the front in one pair.
+
+    :param pose: (3,) s, a, b where it was taken, m.
+    :param heading_rad: heading of the vehicle against the path it was taken with.
+    :param relief: (M,) relief of the front it was taken with, m at the nodes.
+    :param patches: (2, G) left and right patch, zero mean and unit variance.
+    :param jacobian: (2, 3, G) derivatives of the patches by the pose, 1/m.
+    :param relief_jacobian: (2, G) derivatives of each sample by its own relief, 1/m.
+    :param pixels: pixels the patch covers in the image, at most one a grid sample.
+    :param shift_px: (2, 3) speed of the front's centre in each view by the pose, px/m.
+    :param disparity_px: (3,) change of its disparity by the pose, px/m.
+    :param right_m: how far it had gone along the path when the right view was exposed, m.
+    :param skew_px: how far the front moves in the right view between the two stamps where these
+        are not taken at their word, px.
+    """
+
+    pose: Array
+    heading_rad: float
+    relief: Array
+    patches: Array
+    jacobian: Array
+    relief_jacobian: Array
+    pixels: float
+    shift_px: Array
+    disparity_px: Array
+    right_m: float
+    skew_px: float
+
+
+class _View(NamedTuple):
+    """What one view adds to a look, as told there."""
+
+    patch: Array
+    jacobian: Array
+    relief_jacobian: Array
+
+
+def normalised_change(jacobian: Array, patches: Array) -> Array:
+    """
+    Differentiate patches that are kept at zero mean and unit variance.
+
+    :param jacobian: (..., 3, G) derivatives of the grey values before, per their deviation.
+    :param patches: (..., G).
+    :return: (..., 3, G), without any part along a constant or the patch itself.
+    """
+    jacobian = jacobian - jacobian.mean(axis=-1, keepdims=True)
+    along = jacobian @ patches[..., None] / patches.shape[-1]
+    return np.asarray(jacobian - along * patches[..., None, :])
+
+
+def lag_s(pair: StereoPair, trigger_tolerance_s: float) -> float:
+    """
+    Time from the left to the right exposure, s.
+
+    :param trigger_tolerance_s: stamps that differ by less are of one exposure: 0.
+    """
+    difference_s = (pair.right_stamp_ns - pair.stamp_ns) * 1e-9
+    return difference_s if abs(difference_s) > trigger_tolerance_s else 0.0
+
+
+class ObservationSampler:
+    """
+    Takes looks at one front: fixed grid on its plane, any pose, any pair.
+
+    :param rig: the cameras.
+    :param front: the front.
+    :param unit_xy: (G, 2) grid samples in the unit square.
+    :param grid_shape: rows and columns of the grid.
+    :param trigger_tolerance_s: pairs whose stamps differ by less were exposed at once, and their
+        stamps tell the difference only by mistake; others are two exposures, each at its time.
+    """
+
+    def __init__(self, rig: StereoRig, front: Front, unit_xy: Array,
+                 grid_shape: tuple[int, int], trigger_tolerance_s: float) -> None:
+        self.rig, self.front, self.grid_shape = rig, front, grid_shape
+        self.trigger_tolerance_s = trigger_tolerance_s
+        inner = 0.5 + _INNER * (unit_xy - 0.5)
+        self._plane_m = np.concatenate([front.grid_m(inner), front.corners_m])
+        self._count = len(unit_xy)
+        self.relief_basis = relief_basis(unit_xy)
+
+    def look(self, pair: StereoPair, pose: Array, velocity_mps: Array, heading_rad: float,
+             relief: Array) -> Observation | None:
+        """
+        Take a look with its derivatives; None where the front is not wholly seen.
+
+        :param pose: (3,) s, a, b at the left stamp, m.
+        :param velocity_mps: (3,) their rates, for the right view where it was exposed later.
+        :param heading_rad: heading of the vehicle against the path.
+        :param relief: (M,) relief of the front at its nodes, m.
+        """
+        n, lag = self._count, lag_s(pair, self.trigger_tolerance_s)
+        poses = np.concatenate([pose[None], pose + _STEP_M * np.eye(3)])
+        depth = np.concatenate([self.relief_basis @ relief, np.zeros(4)])
+        points = plane_points(self.front.path, poses, self._plane_m, heading_rad, depth)
+        later = points if lag == 0 else plane_points(
+            self.front.path, poses + lag * velocity_mps, self._plane_m, heading_rad, depth)
+        left, in_left = self.rig.left.project(points)
+        right, in_right = self.rig.right.project(self.rig.to_right(later))
+        if not (in_left[0].all() and in_right[0].all()):
+            return None
+        motion = [(uv[1:] - uv[0]) / _STEP_M for uv in (left, right)]  # (3, M, 2)
+        views = [self._patch(image, uv[0, :n], m[:, :n]) for image, uv, m in
+                 zip((pair.left, pair.right), (left, right), motion)]
+        centre = [m[:, :n].mean(axis=1) for m in motion]  # (3, 2)
+        area = 0.5 * (_area(left[0, n:]) + _area(right[0, n:]))
+        unheeded_s = (pair.right_stamp_ns - pair.stamp_ns) * 1e-9 - lag
+        patches, jacobian, alone = (np.stack(part) for part in zip(*views))
+        return Observation(pose=pose, heading_rad=heading_rad, relief=relief, patches=patches,
+                    jacobian=jacobian, relief_jacobian=alone,
+                    pixels=min(area, float(n)),
+                    shift_px=np.stack([np.linalg.norm(c, axis=1) for c in centre]),
+                    disparity_px=centre[0][:, 0] - centre[1][:, 0],
+                    right_m=lag * float(velocity_mps[0]),
+                    skew_px=float(np.linalg.norm(velocity_mps @ centre[1]) * abs(unheeded_s)))
+
+    def _patch(self, image: NDArray[Any], uv: Array, motion: Array) -> _View:
+        """
+        Sample one view, low-passed to the grid's spacing.
+
+        :param uv: (G, 2) px.
+        :param motion: (3, G, 2) their derivatives by the pose, px/m.
+        """
+        grid = uv.reshape(*self.grid_shape, 2)
+        sigma = [_BLUR_STEPS * float(np.linalg.norm(np.diff(grid, axis=k), axis=-1).mean())
+                 for k in (0, 1)]
+        crop, origin = crop_for(image, uv.min(axis=0) - 3, uv.max(axis=0) + 3, 1.0)
+        size = [2 * math.ceil(3 * s) + 1 for s in sigma]
+        smooth = cv2.GaussianBlur(crop, size[::-1], sigmaX=sigma[1], sigmaY=sigma[0],
+                                  borderType=cv2.BORDER_REPLICATE)
+        at = (uv - origin).T[::-1]
+        spline = ndimage.spline_filter(smooth, 3, np.float64)
+        values = ndimage.map_coordinates(spline, at, order=3, mode='nearest', prefilter=False)
+        u, v = np.ascontiguousarray(at[::-1], dtype=np.float32)[:, None]
+        scale = max(float(values.std()), 1e-6)
+        patch = (values - values.mean()) / scale
+        by_v, by_u = (cv2.remap(slope, u, v, cv2.INTER_LINEAR)[0] / scale
+                      for slope in np.gradient(smooth))
+        jacobian = motion[..., 0] * by_u + motion[..., 1] * by_v  # (3, G)
+        return _View(patch, normalised_change(jacobian, patch), jacobian[0])
+
+
+def inside(camera: Camera, quad: Array) -> bool:
+    """Whether all corners of a (4, 2) quad lie in the camera's image."""
+    return bool(np.isfinite(quad).all() and camera.inside(quad).all())
+
+
+def _area(quad: Array) -> float:
+    x, y = quad[:, 0], quad[:, 1]
+    return float(abs(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))) / 2)

@@ -1,0 +1,242 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""The pipeline's own part: tracks that begin and end by themselves, their lanes and particles."""
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from stereo_speed.core.config import TrackerConfig
+from stereo_speed.core.records import PassResult, TrackState, TrackUpdate, Verdict
+from stereo_speed.detection.records import Detection, Earlier
+from stereo_speed.lab.sim import simulate, straight_config, VehicleConfig
+from stereo_speed.pipeline.pipeline import FEWEST_PARTICLES, SpeedPipeline
+from stereo_speed.road.path import StraightPath
+from stereo_speed.site.lane_paths import lane_paths, LanePath, load_init, load_site
+from stereo_speed.tracking.lane_assigner import LaneAssigner
+import yaml
+
+
+class ScriptedFinder:
+    """Finds what it is told to, in the pairs it is told to; remembers what was occupied."""
+
+    def __init__(self, marks, lane, pairs):
+        self.marks, self.lane, self.pairs, self.occupied = marks, lane, pairs, []
+        self.earlier, self.speed_mps = None, 20.0
+
+    def update(self, pair, occupied):
+        """Give the scripted fronts of this pair."""
+        self.occupied.append(list(occupied))
+        if pair.index not in self.pairs:
+            return []
+        return [Detection(lane=self.lane, left_px=m.left_px, right_px=m.right_px, std_px=0.7,
+                          s_m=0.0, s_std_m=1.0, lateral_m=0.0, width_m=1.8, height_m=0.8,
+                          speed_mps=self.speed_mps, earlier=self.earlier, confidence=0.9)
+                for m in self.marks]
+
+
+@pytest.fixture(scope='module')
+def scene(tmp_path_factory):
+    """Two vehicles side by side, 45 and 50 mph."""
+    folder = tmp_path_factory.mktemp('two')
+    config = replace(straight_config('50 mph'), vehicles=(
+        VehicleConfig(speed_mps=22.352, lane=0), VehicleConfig(speed_mps=20.117, lane=1)))
+    sequence = simulate(config, np.random.default_rng(1))
+    (folder / 'site.yaml').write_text(yaml.safe_dump(dict(sequence.site_exact)))
+    (folder / 'init.yaml').write_text(yaml.safe_dump(dict(sequence.init)))
+    lanes = lane_paths(load_site(folder / 'site.yaml'), sequence.rig)
+    return sequence, lanes, load_init(folder / 'init.yaml')
+
+
+def automatic(scene, marks, pairs, config=TrackerConfig()):
+    sequence, lanes, _ = scene
+    finder = ScriptedFinder(marks, next(iter(lanes)), pairs)
+    return SpeedPipeline(sequence.rig, lanes, config, None, finder=lambda *_: finder), finder
+
+
+def test_found_fronts_become_tracks_and_are_told_as_occupied(scene):
+    sequence, _, marks = scene
+    pipeline, finder = automatic(scene, marks[:1], {0})
+    updates = [u for pair in sequence.pairs for u in pipeline.process(pair)]
+    result, = pipeline.finish()
+    assert len(updates) == len(sequence.pairs) and result.verdict is Verdict.MEASURED
+    assert abs(result.speed_mps - 22.352) < 0.1
+    assert finder.occupied[0] == []
+    held, = finder.occupied[3]
+    now = updates[3]
+    np.testing.assert_array_equal(held.left_px, now.quad_left_px)
+    assert (held.lane, held.s_m) == (now.lane, now.s_m)
+    assert held.width_m == pytest.approx(1.8, rel=0.1)
+
+
+def seen_before(sequence, marks, moved_px=0.0):
+    """Find the front in pair 2 and say where it was in pair 0, in truth or beside it."""
+    now = [project(sequence, marks[0], k) for k in (2, 0)]
+    mark = replace(marks[0], left_px=now[0][0], right_px=now[0][1])
+    earlier = Earlier(pairs=tuple(sequence.pairs[:2]), left_px=now[1][0] + moved_px,
+                      right_px=now[1][1])
+    return mark, earlier
+
+
+def project(sequence, mark, k):
+    """Carry a mark of pair 0 to pair k by the true motion of vehicle 0."""
+    places = [np.array([row[c] for c in 'xyz']) for pair in (sequence.pairs[0], sequence.pairs[k])
+              for row in sequence.truth
+              if row['stamp_ns'] == pair.stamp_ns and row['vehicle'] == 0]
+    rig = sequence.rig
+    corners = rig.triangulate(mark.left_px, mark.right_px)
+    depth = places[0] - corners.mean(axis=0)  # the mark's own error of depth
+    return rig.project(corners + depth + places[1] - places[0])[:2]
+
+
+def test_a_track_starts_where_its_front_was_first_seen(scene):
+    sequence, _, marks = scene
+    mark, earlier = seen_before(sequence, marks)
+    pipeline, finder = automatic(scene, [mark], {2})
+    finder.earlier = earlier
+    updates = [u for pair in sequence.pairs for u in pipeline.process(pair)]
+    result, = pipeline.finish()
+    # Confirmed at once; nothing is told of pairs that are past, but the pass counts them.
+    assert [u.stamp_ns for u in updates] == [p.stamp_ns for p in sequence.pairs[2:]]
+    assert updates[0].state is TrackState.CONFIRMED
+    assert result.pairs == len(sequence.pairs) and result.first_ns == sequence.pairs[0].stamp_ns
+    assert abs(result.speed_mps - 22.352) < 0.1
+
+
+def test_what_left_the_view_is_still_told_as_occupied_and_then_forgotten(scene):
+    sequence, _, marks = scene
+    pipeline, finder = automatic(scene, marks[:1], {0})
+    last_ns = sequence.pairs[-1].stamp_ns
+    blank = np.zeros_like(sequence.pairs[0].left)
+    # 50 mph for 4 s beyond the last pair: it has left.
+    later = [replace(sequence.pairs[-1], index=100, stamp_ns=last_ns + round(k * 1e9),
+                     right_stamp_ns=last_ns + round(k * 1e9), left=blank, right=blank)
+             for k in (0.5, 1, 2, 4)]
+    for pair in [*sequence.pairs, *later]:
+        pipeline.process(pair)
+    assert [r.end for r in pipeline.ended()] == ['left_view']
+    held, = finder.occupied[len(sequence.pairs)]
+    before, = finder.occupied[len(sequence.pairs) - 1]
+    assert held.s_m - before.s_m == pytest.approx(0.5 * 22.352, rel=0.02)
+    assert finder.occupied[-1] == []
+
+
+def test_a_track_that_saw_another_speed_than_its_finder_waits_until_it_may_have_changed(scene):
+    """From 10 to 22.35 m/s, less three times 5 % of 10, at 6 m/s^2: 1.8 s."""
+    sequence, _, marks = scene
+    pipeline, finder = automatic(scene, marks[:1], {0})
+    finder.speed_mps = 10.0
+    updates = [u for pair in sequence.pairs for u in pipeline.process(pair)]
+    ages = [(u.stamp_ns - updates[0].stamp_ns) * 1e-9 for u in updates]
+    assert ages[-1] > 2.0
+    assert all((u.state is TrackState.TENTATIVE) == (age < 1.8) for u, age in zip(updates, ages)
+               if abs(age - 1.8) > 0.15)
+
+
+def test_of_two_tracks_on_a_vehicle_that_which_sees_it_stays(scene):
+    sequence, _, marks = scene
+    pipeline, finder = automatic(scene, marks[:1], {0, 3})
+    for pair in sequence.pairs[:3]:
+        pipeline.process(pair)
+    first, = pipeline._tracks
+    pair = sequence.pairs[3]
+    left, right = project(sequence, marks[0], 3)
+    finder.marks = [replace(marks[0], left_px=left, right_px=right)]
+    pipeline.process(pair)
+    younger = pipeline._tracks[-1]
+    assert younger is not first
+    first.last = replace(younger.last, state=TrackState.COASTING)
+    pipeline._drop_doubles()
+    assert pipeline._tracks == [younger]
+
+
+def test_where_it_was_not_the_track_starts_where_it_is(scene):
+    sequence, _, marks = scene
+    mark, earlier = seen_before(sequence, marks, moved_px=60.0)
+    pipeline, finder = automatic(scene, [mark], {2})
+    finder.earlier = earlier
+    updates = [u for pair in sequence.pairs for u in pipeline.process(pair)]
+    result, = pipeline.finish()
+    assert updates[0].state is TrackState.TENTATIVE
+    assert result.first_ns == sequence.pairs[2].stamp_ns
+
+
+def test_one_vehicle_keeps_one_track_however_often_it_is_found(scene):
+    sequence, lanes, marks = scene
+    pipeline, finder = automatic(scene, [marks[0], marks[0]], {0})
+    updates = [u for pair in sequence.pairs for u in pipeline.process(pair)]
+    result, = pipeline.finish()
+    assert {u.track for u in updates[2:]} == {0} and result.track == 0
+
+
+def test_what_is_never_confirmed_is_no_vehicle(scene):
+    sequence, _, marks = scene
+    pipeline, _ = automatic(scene, marks[:1], {0})
+    for pair in sequence.pairs[:2]:
+        assert [u.state for u in pipeline.process(pair)] == [TrackState.TENTATIVE]
+    assert pipeline.finish() == []
+
+
+def test_a_found_front_on_which_the_views_disagree_is_left_alone(scene):
+    sequence, _, marks = scene
+    wrong = replace(marks[0], right_px=marks[0].right_px + [0.0, 60.0])
+    pipeline, _ = automatic(scene, [wrong], {0})
+    assert pipeline.process(sequence.pairs[0]) == [] and pipeline.finish() == []
+
+
+@pytest.mark.parametrize('particles', [30, 900])
+def test_one_track_has_the_particles_that_were_asked_for(scene, particles):
+    config = TrackerConfig(particles=particles, particle_budget=500)
+    sequence, lanes, marks = scene
+    pipeline = SpeedPipeline(sequence.rig, lanes, config, marks[:1])
+    pipeline.process(sequence.pairs[0])
+    assert [len(t.tracker.particles) for t in pipeline._tracks] == [particles]
+
+
+def test_tracks_share_the_particles_there_are(scene):
+    sequence, lanes, marks = scene
+    config = TrackerConfig(particles=400, particle_budget=500)
+    pipeline = SpeedPipeline(sequence.rig, lanes, config, marks)
+    pipeline.process(sequence.pairs[0])
+    counts = [len(t.tracker.particles) for t in pipeline._tracks]
+    assert sum(counts) <= 500 and min(counts) >= FEWEST_PARTICLES
+    for pair in sequence.pairs[1:]:
+        pipeline.process(pair)
+    assert all(abs(r.speed_mps - v) < 0.1 for r, v in zip(pipeline.finish(), (22.352, 20.117)))
+
+
+def lane(name, x_m):
+    """Lay a lane that comes along -z, ``x_m`` to the right of the camera."""
+    path = StraightPath(np.array([x_m, 2.0, 60.0]), np.array([0.0, 0, -1]), 50.0)
+    return LanePath(name, path, None, np.full(2, 1e-3), np.full(2, 0.01), 0.0)
+
+
+def update_at(x_m, z_m):
+    return TrackUpdate(
+        stamp_ns=0, track=0, lane='right', state=TrackState.CONFIRMED, speed_mps=20.0,
+        speed_std_mps=0.1, s_m=60 - z_m, lateral_m=x_m, position_m=np.array([x_m, 1.2, z_m]),
+        position_cov_m2=np.eye(3), axes=np.eye(3), quad_left_px=np.zeros((4, 2)),
+        quad_right_px=np.zeros((4, 2)))
+
+
+def passed(**changes):
+    return PassResult(0, 'right', 0, 1, 5, 20.0, 0.1, Verdict.MEASURED, '', {}, {}, **changes)
+
+
+def test_lanes_of_a_vehicle_that_moves_over():
+    # Left of travel is +x here: from the lane at x = 0 to the one at 3.6, undecided between.
+    keeper = LaneAssigner({'right': lane('right', 0.0), 'left': lane('left', 3.6)})
+    told = [keeper.place(update_at(x, 40.0)) for x in (0.1, 1.7, 1.9, 2.2, 1.7, 3.5)]
+    assert [u.lane for u in told] == ['right', 'right', 'right', 'left', 'left', 'left']
+    assert told[-1].lateral_m == pytest.approx(-0.1) and told[-1].s_m == pytest.approx(20.0)
+    result = keeper.conclude(passed())
+    assert (result.lane, result.lane_to, result.verdict) == ('right', 'left', Verdict.MEASURED)
+
+
+def test_what_runs_beside_the_road_is_rejected():
+    keeper = LaneAssigner({'right': lane('right', 0.0)})
+    for x in (2.0, 4.0, 5.0, 6.0):
+        keeper.place(update_at(x, 40.0))
+    result = keeper.conclude(passed())
+    assert (result.verdict, result.reason) == (Verdict.REJECTED, 'off_path')

@@ -1,0 +1,153 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""The joint fit against made-up roads of known shape."""
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from stereo_speed.lab.reference.straight_path import straight_path
+from stereo_speed.road.first_guess import guess_road
+from stereo_speed.road.fit import fit_road
+from stereo_speed.road.lanes import lane_of_road
+from stereo_speed.road.model import RoadModel, Weights
+from stereo_speed.road.problem import Picks, RoadProblem
+
+
+def lane_of(scene):
+    """Fit the road; give the fit and its first lane."""
+    fit = fit_road(scene.rig, scene.lines)
+    return fit, lane_of_road('lane', fit, (0, 1), 25.0)
+
+
+def scale_error(path, scene, last_m=np.inf):
+    """Compare arc lengths between the ends of the last stretch of the true lane."""
+    near = scene.s_m >= scene.s_m[-1] - last_m
+    s, true = path.arc_length(scene.lane_m[near]), scene.s_m[near]
+    return (s[-1] - s[0]) / (true[-1] - true[0]) - 1
+
+
+@pytest.mark.parametrize('distorted', [False, True], ids=['ideal', 'distorted, not parallel'])
+def test_straight_road(make_scene, distorted):
+    """With picks of 0.3 px the direction is right to 0.05 degrees."""
+    scene = make_scene(distorted=distorted, grade=-0.03)
+    fit, lane = lane_of(scene)
+    assert fit.problem.model.turns == 0
+    assert np.degrees(np.arccos(lane.path.tangent(0.0) @ scene.tangent[0])) < 0.05
+    assert 0.15 < lane.residual_px < 0.45
+    gap = scene.lane_m - lane.path.position(lane.path.arc_length(scene.lane_m))
+    assert np.linalg.norm(gap, axis=-1).max() < 0.15
+    assert np.all(lane.path.frame(0.0)[:, 2][1] < -0.9)
+    assert lane.heading_std_rad.shape == lane.offset_std_m.shape == (2,)
+
+
+@pytest.mark.parametrize('grade, bends', [(0.0, 0), (0.02, 1)], ids=['level', '2 % grade'])
+def test_curve_of_41_m(make_scene, grade, bends):
+    """A curve that climbs is no plane; the fit finds that out by itself."""
+    scene = make_scene(curvature=1 / 41, grade=grade, seed=5)
+    fit, lane = lane_of(scene)
+    assert fit.problem.model.turns >= 1 and fit.problem.model.bends >= bends
+    assert abs(scale_error(lane.path, scene, 30.0)) < 0.001
+    assert abs(scale_error(lane.path, scene)) < 0.01
+
+
+def test_exact_picks_give_the_road_exactly(make_scene):
+    """Without scatter what is left comes from the picks' interpolation."""
+    scene = make_scene(curvature=1 / 80, std_px=0.0)
+    _, lane = lane_of(scene)
+    assert abs(scale_error(lane.path, scene)) < 1e-4
+    gap = scene.lane_m - lane.path.position(lane.path.arc_length(scene.lane_m))
+    assert np.linalg.norm(gap, axis=-1).max() < 0.02
+    assert lane.residual_px < 0.02
+
+
+def test_claimed_scatter_is_the_scatter(make_scene):
+    """Over 24 draws, errors in the middle have the claimed 1-sigma within sampling error."""
+    scores = []
+    for seed in range(24):
+        scene = make_scene(seed=seed)
+        fit, lane = lane_of(scene)
+        path, middle = lane.path, lane.path.length_m / 2
+        if fit.problem.model.turns:
+            continue
+        at = np.argmin(np.abs(path.arc_length(scene.lane_m) - middle))
+        s = path.arc_length(scene.lane_m[at])
+        axes = path.frame(s)[:, 1:]
+        scores.append(np.concatenate([
+            (scene.lane_m[at] - path.position(s)) @ axes / lane.offset_std_m,
+            scene.tangent[at] @ axes / lane.heading_std_rad]))
+    assert len(scores) >= 22  # a straight road is hardly ever taken for a curve
+    rms = np.sqrt(np.mean(np.square(scores), axis=0))
+    assert np.all((rms > 0.6) & (rms < 1.5)), rms
+
+
+def test_one_straight_line_is_that_of_the_closed_form(make_scene):
+    """Two image lines tell just its unknowns: the fit is that of 2012, eq. 19-21."""
+    scene = make_scene(seed=2)
+    left, right = scene.lines['line_0']
+    fit = fit_road(scene.rig, {'line_0': (left, right)})
+    path = lane_of_road('lane', fit, (0,), None).path
+    alone = straight_path(scene.rig, left, right)
+    assert fit.problem.model.turns == 0
+    assert np.linalg.norm(np.cross(path.tangent(0.0), alone.tangent(0.0))) < 1e-4
+    for s in (0.0, path.length_m):
+        off = path.position(s) - alone.position(0.0)
+        assert np.linalg.norm(np.cross(off, alone.tangent(0.0))) < 0.01  # at 85 m and nearer
+
+
+def test_one_stray_pick_does_little(make_scene):
+    """A pick 15 px off moves the direction by less than 0.1 degrees."""
+    scene = make_scene(seed=3)
+    lines = {name: (left.copy(), right.copy()) for name, (left, right) in scene.lines.items()}
+    lines['line_0'][0][6] += [15.0, 0.0]
+    lane = lane_of_road('lane', fit_road(scene.rig, lines), (0, 1), None)
+    assert np.degrees(np.arccos(lane.path.tangent(0.0) @ scene.tangent[0])) < 0.1
+
+
+def test_single_line(make_scene):
+    """One line gives its direction too; its up is then the camera's."""
+    scene = make_scene()
+    fit = fit_road(scene.rig, {'line_0': scene.lines['line_0']})
+    lane = lane_of_road('lane', fit, (0,), None)
+    off = scene.tangent[0] @ lane.path.frame(0.0)[:, 1:]
+    assert np.all(np.abs(off) < 4 * lane.heading_std_rad)
+    assert np.all(lane.heading_std_rad < np.radians(1.0))
+
+
+def test_jacobian_against_differences(make_scene):
+    """The analytic elimination of the feet gives the derivative of the residuals."""
+    scene = make_scene(curvature=1 / 60)
+    model, x = guess_road(scene.rig, list(scene.lines.values()), 2)
+    model, x = model.within(2, 3, x)
+    problem = RoadProblem(scene.rig, Picks.of(scene.lines), model)
+    got, h = problem.jacobian(x), 1e-5
+    for i in range(model.size):
+        step = np.zeros(model.size)
+        step[i] = h
+        wanted = (problem.residuals(x + step) - problem.residuals(x - step)) / (2 * h)
+        np.testing.assert_allclose(
+            got[:, i], wanted, atol=2e-3 * np.abs(wanted).max(), err_msg=f'parameter {i}')
+
+
+def test_model_hand_worked():
+    """Constant curvature is a circle; frames are rotations; widening changes nothing."""
+    frame = np.array([[0, 1.0, 0], [0, 0, -1], [-1, 0, 0]])
+    model = RoadModel(frame, np.array([0, 2.0, 40]), 30.0, 2, 1, 0)
+    x = np.array([0, 0, 0, 0, -1.0, 2.0, 30.0 / 41])
+    points, frames = model.reference(x)
+    centre = np.array([41.0, 2, 40])  # to the left of travel
+    np.testing.assert_allclose(np.linalg.norm(points - centre, axis=-1), 41, atol=1e-5)
+    np.testing.assert_allclose(
+        frames @ np.swapaxes(frames, -1, -2), np.tile(np.eye(3), (len(points), 1, 1)), atol=1e-12)
+    wide, wide_x = model.within(3, 2, x)
+    np.testing.assert_allclose(wide.reference(wide_x)[0], points)
+    assert model.offsets(x).tolist() == [-1.0, 2.0]
+    at = Weights.at(model.s_m, np.array([1.234, -7.0]))(points)
+    want = 41 * (1 - np.cos(np.array([1.234, -7.0]) / 41))
+    np.testing.assert_allclose(at[:, 0], want, atol=1e-5)
+
+
+def test_views_with_nothing_in_common(make_scene):
+    """Level lines under a level baseline give no road."""
+    flat = np.stack([np.linspace(100, 900, 10), np.full(10, 400.0)], axis=-1)
+    with pytest.raises(ValueError, match='fewer than 3 points in common'):
+        fit_road(make_scene().rig, {'a': (flat, flat - [10, 0])})

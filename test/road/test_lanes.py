@@ -1,0 +1,104 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Lane paths of sites: picked, surveyed and mixed lines, and what is refused."""
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from stereo_speed.core.errors import SiteError
+from stereo_speed.road.lanes import between, surveyed_path
+from stereo_speed.road.path import StraightPath
+from stereo_speed.site.lane_paths import lane_paths, LaneSpec, Site, SiteLine
+
+
+def site_of(lines, *lanes):
+    """Make a site of picked (left, right) or surveyed (points) lines."""
+    made = {name: SiteLine(name, *value) if isinstance(value, tuple) else
+            SiteLine(name, points_m=value) for name, value in lines.items()}
+    lanes = lanes or (('edge_right', 'line_0', None), ('line_0', 'edge_left', None))
+    return Site('site.yaml', 'test', made, tuple(
+        LaneSpec(f'lane_{i}', *names, 20.0) for i, names in enumerate(lanes)))
+
+
+@pytest.fixture(scope='module')
+def scene(make_scene):
+    """Give a straight road."""
+    return make_scene(seed=1)
+
+
+def test_lanes_of_a_picked_site(scene):
+    """Two lanes side by side, 3.5 m apart, s from the first pick."""
+    lanes = lane_paths(site_of(scene.lines), scene.rig)
+    assert list(lanes) == ['lane_0', 'lane_1'] and lanes['lane_0'].speed_limit_mps == 20.0
+    path, other = lanes['lane_0'].path, lanes['lane_1'].path
+    s = path.arc_length(other.position(40.0))
+    across = (other.position(40.0) - path.position(s)) @ path.frame(s)
+    np.testing.assert_allclose(across, [0, 3.5, 0], atol=0.15)
+    first = scene.rig.left.project(path.position(0.0))[0]
+    assert np.linalg.norm(first - scene.lines['edge_right'][0][0]) < 60
+
+
+def test_path_line_and_surveyed_and_mixed(scene):
+    """The same lane from its picked middle, from points and from one line of each kind."""
+    wanted = lane_paths(site_of(scene.lines), scene.rig)['lane_0'].path
+    right_m = np.stack([wanted.position(s) - 1.75 * wanted.frame(s)[:, 1]
+                        for s in np.linspace(5, 60, 12)])
+    site = site_of({'right': right_m, 'line_0': scene.lines['line_0']},
+                   ('right', 'line_0', None), (None, None, 'right'))
+    lanes = lane_paths(site, scene.rig)
+    s = wanted.arc_length(lanes['lane_0'].path.position(np.linspace(5, 50, 5)))
+    np.testing.assert_allclose(
+        lanes['lane_0'].path.position(np.linspace(5, 50, 5)), wanted.position(s), atol=0.1)
+    np.testing.assert_allclose(lanes['lane_1'].path.position(0.0), right_m[0], atol=1e-9)
+    assert lanes['lane_1'].residual_px == 0.0
+    np.testing.assert_allclose(lanes['lane_1'].offset_std_m, 0.02)
+    single = lane_paths(
+        site_of({'line_0': scene.lines['line_0']}, (None, None, 'line_0')), scene.rig)
+    assert single['lane_0'].path.tangent(0.0) @ scene.tangent[0] > np.cos(np.radians(0.2))
+
+
+def test_middle_of_two_lines():
+    """Halfway between, up square to both."""
+    right = StraightPath(np.array([-2.0, 2, 60]), np.array([0.0, 0, -1]), 40.0)
+    left = StraightPath(np.array([2.0, 2, 60]), np.array([0.0, 0, -1]), 40.0)
+    middle = between(right, left)
+    np.testing.assert_allclose(middle.position(10.0), [0, 2, 50], atol=1e-9)
+    np.testing.assert_allclose(middle.frame(10.0)[:, 2], [0, -1, 0], atol=1e-9)
+    assert surveyed_path(np.array([[0.0, 0, 9], [0, 0, 1]])).length_m == pytest.approx(8)
+
+
+def shuffled(uv):
+    """Swap two picks far from each other."""
+    uv = uv.copy()
+    uv[[4, 6]] = uv[[6, 4]]
+    return uv
+
+
+def test_refusals(scene):
+    """Each fault is named with its place."""
+    right, middle, left = (scene.lines[n] for n in ('edge_right', 'line_0', 'edge_left'))
+    near = tuple(uv[-1] + np.linspace(-0.3, 0, 6)[:, None] * (uv[-1] - uv[-2]) for uv in middle)
+    outside = middle[0] + [0.0, 800.0]
+    cases = {
+        r'lines.line_0.left_image\[\d+\]: found a pick behind': {
+            **scene.lines, 'line_0': (shuffled(middle[0]), middle[1])},
+        r'lines.line_0.right_image\[\d+\]: found a pick behind': {
+            **scene.lines, 'line_0': (middle[0], middle[1][::-1])},
+        r'lanes\[0\].right: found edge_right, left of line_0': {
+            'edge_right': left, 'line_0': middle, 'edge_left': right},
+        r'lines.line_0.left_image\[\d+\]: found .*a pixel of the 1024x768 image': {
+            **scene.lines, 'line_0': (outside, middle[1])},
+        r'm, wanted at least 5.0 m of road': {**scene.lines, 'line_0': near},
+    }
+    for match, lines in cases.items():
+        with pytest.raises(SiteError, match=f'site.yaml: .*{match}'):
+            lane_paths(site_of(lines), scene.rig)
+
+
+def test_views_that_disagree_are_refused(scene):
+    """A right view whose line bends otherwise than the left one's cannot be one line."""
+    left, right = scene.lines['line_0']
+    wave = right + np.stack([40 * np.sin(np.arange(14) * 1.7), np.zeros(14)], axis=-1)
+    site = site_of({**scene.lines, 'line_0': (left, wave)})
+    with pytest.raises(SiteError, match='line_0'):
+        lane_paths(site, scene.rig)

@@ -1,0 +1,61 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Backgrounds: traffic gone, noise averaged."""
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from stereo_speed.core.errors import InputError
+from stereo_speed.core.records import StereoPair
+from stereo_speed.site.refine.empty_road import (
+    as_picture, backgrounds, clean_background, spread_pairs)
+
+
+def images(count, rng, noise=2.0, scale=1, dtype=np.uint8):
+    """Make noisy images of a ramp with a bright block that moves on in each."""
+    still = np.tile(np.linspace(60, 120, 160), (120, 1))
+    out = []
+    for i in range(count):
+        image = still + noise * rng.standard_normal(still.shape)
+        image[40:60, 10 * i:10 * i + 12] = 230
+        out.append((np.clip(np.rint(image), 0, 255) * scale).astype(dtype))
+    return still, out
+
+
+@pytest.mark.parametrize('scale, dtype', [(1, np.uint8), (257, np.uint16)])
+def test_traffic_is_gone_and_noise_averaged(scale, dtype):
+    still, found = images(12, np.random.default_rng(0), scale=scale, dtype=dtype)
+    background = clean_background(found, 'test')
+    off = background.image - still
+    assert np.abs(off).max() < 5
+    # better than the median, whose noise is 1.25 times that of the mean
+    assert off.std() < 1.15 * np.hypot(2.0, 1 / np.sqrt(12)) / np.sqrt(12)
+    assert 1.6 < background.noise_grey < 2.6
+    assert background.pairs == 12 and as_picture(background).dtype == np.uint8
+
+
+def test_two_images_of_which_each_shows_something_else():
+    still, found = images(2, np.random.default_rng(1))
+    assert np.isfinite(clean_background(found, 'test').image).all()
+
+
+def test_one_image_tells_its_noise():
+    still, found = images(1, np.random.default_rng(2))
+    assert 1.7 < clean_background(found, 'test').noise_grey < 2.4
+
+
+def test_nothing_is_refused():
+    with pytest.raises(InputError, match='pairs: found none'):
+        backgrounds([], 'bag')
+
+
+@pytest.mark.parametrize('count', [1, 5, 31, 32, 62, 63, 400])
+def test_pairs_are_spread_over_the_stream(count):
+    image = np.zeros((4, 4), np.uint8)
+    kept = [p.index for p in spread_pairs(
+        StereoPair(i, i, i, image, image) for i in range(count))]
+    assert len(kept) == min(count, 31) and kept[0] == 0
+    assert kept == sorted(set(kept)) and kept[-1] >= 0.9 * (count - 1)
+    if len(kept) > 2:
+        steps = np.diff(kept)
+        assert steps.max() <= 2 * steps.min()

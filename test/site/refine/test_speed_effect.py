@@ -1,0 +1,64 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Speeds measured along wrong paths and with wrong rigs, against closed forms."""
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from stereo_speed.geometry.camera import Camera
+from stereo_speed.geometry.rig import StereoRig
+from stereo_speed.road.lanes import LanePath
+from stereo_speed.road.path import SplinePath, StraightPath
+from stereo_speed.road.scale import scale_by_turn, with_scale
+from stereo_speed.site.refine.speed_effect import heading_effect, speed_error
+
+
+def make_rig(baseline_m=0.5):
+    """Make a parallel rig."""
+    k = np.array([[1800.0, 0.0, 511.5], [0.0, 1800.0, 383.5], [0.0, 0.0, 1.0]])
+    cameras = [Camera(n, 1024, 768, k, np.zeros(0), 'plumb_bob') for n in ('left', 'right')]
+    return StereoRig(*cameras, np.eye(3), np.array([-baseline_m, 0.0, 0.0]))
+
+
+PATH = StraightPath(np.array([-3.0, 3.0, 70.0]), np.array([0.0, 0.0, -1.0]), 50.0)
+
+
+def test_nothing_wrong():
+    assert abs(speed_error((PATH, make_rig()), (PATH, make_rig()))) < 1e-9
+
+
+def test_baseline_and_path_in_proportion():
+    """Rig and path a thousandth too large: speeds a thousandth too high."""
+    large = StraightPath(PATH.position(0.0) * 1.001, PATH.tangent(0.0), 50.05)
+    used = large, make_rig(0.5005)
+    assert speed_error((PATH, make_rig()), used) == pytest.approx(1e-3, rel=1e-3)
+
+
+def test_pan_along_the_line_of_sight():
+    """Disparity d + f pan: Z' = f b / (d + f pan), so dZ'/dZ = 1 - 2 Z pan / b."""
+    s = np.array([5.0, 25.0, 45.0])
+    z = PATH.position(s)[:, 2]
+    slope = scale_by_turn(PATH, make_rig(), s)[:, 0]
+    assert np.all(np.abs(np.abs(slope) / (2 * z / 0.5) - 1) < 0.02)
+    assert len(set(np.sign(slope))) == 1
+
+
+def test_turned_rig_and_path_seen_with_it():
+    """The effect of a pan on a speed is that of the distorted space at the weighted range."""
+    rig, pan = make_rig(), np.radians(0.01)
+    turned = rig.turned([pan, 0.0, 0.0])
+    points = rig.project(PATH.position(np.linspace(0, 50, 11)))
+    seen = SplinePath(turned.triangulate(points[0], points[1]))
+    error = speed_error((PATH, rig), (seen, turned))
+    lane = LanePath('lane', PATH, None, np.zeros(2), np.zeros(2), 0.0)
+    lane = with_scale(lane, rig, np.diag([pan**2, 0.0, 0.0]))
+    assert abs(error) == pytest.approx(lane.scale_std, rel=0.05) and abs(error) > 0.01
+    # 2 Z pan / b at the far and the near end
+    np.testing.assert_allclose(lane.scale_std_at(np.array([1.0, 49.0])),
+                               4 * pan * np.array([69.0, 21.0]), rtol=0.05)
+
+
+def test_direction_matters_in_proportion():
+    one = heading_effect(PATH, make_rig(), np.array([1e-4, 1e-4]))
+    ten = heading_effect(PATH, make_rig(), np.array([1e-3, 1e-3]))
+    assert 0 < one < 1e-3 and ten == pytest.approx(10 * one, rel=0.1)

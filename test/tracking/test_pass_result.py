@@ -1,0 +1,115 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Verdicts and budgets of passes, each reason once, and the figures by hand."""
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from stereo_speed.core.config import TrackerConfig
+from stereo_speed.core.records import Verdict
+from stereo_speed.geometry.camera import Camera
+from stereo_speed.geometry.rig import StereoRig
+from stereo_speed.road.path import StraightPath
+from stereo_speed.site.lane_paths import LanePath
+from stereo_speed.tracking.pass_result import conclude, Pass
+from stereo_speed.tracking.window import Posterior
+
+SECOND = 1_000_000_000
+EXACT = TrackerConfig(focal_std=0.0, baseline_std_m=0.0)
+
+
+def rig():
+    K = np.array([[1000.0, 0, 512], [0, 1000.0, 384], [0, 0, 1]])
+    left, right = (Camera(name=side, width_px=1024, height_px=768, K=K, D=np.zeros(5),
+                          model='plumb_bob') for side in ('left', 'right'))
+    return StereoRig(left=left, right=right, R=np.eye(3), t=np.array([-0.5, 0, 0]))
+
+
+def found(speeds=(20.0, 20.0, 20.0, 20.0, 20.0), std=0.1, **changes):
+    """Make a pass of one pair a second, its speeds independent and equally uncertain."""
+    n = len(speeds)
+    mean = np.zeros((n, 4))
+    mean[:, 3] = speeds
+    covariance = np.zeros((4 * n, 4 * n))
+    covariance[3::4, 3::4] = std ** 2 * np.eye(n)
+    posterior = Posterior(0, np.arange(float(n)), mean, covariance, np.zeros(n), np.zeros(n),
+                          np.ones(n), np.full(n, 0.9), *np.ones((2, n), bool))
+    lane = LanePath('right', StraightPath(np.array([0.0, 2, 60]), np.array([0.0, 0, -1]), 50.0),
+                    None, np.full(2, 1e-3), np.full(2, 0.01), 0.1)
+    parts = std ** 2 * np.eye(n)
+    base = Pass(track=3, lane=lane, stamps_ns=[k * SECOND for k in range(n)],
+                posterior=posterior, exact_speeds=(0.8 * parts, 0.5 * parts), width_px=100.0,
+                end='left_view')
+    return replace(base, **changes)
+
+
+def test_speeds_stand_at_their_own_times_when_the_first_look_does_not_count():
+    late = found((20.0, 21.0, 22.0, 23.0, 24.0), stamps_ns=[k * SECOND for k in (1, 2, 3, 4)])
+    result = conclude(late, rig(), TrackerConfig())
+    assert result.smoothed == pytest.approx(
+        {SECOND: 21.0, 2 * SECOND: 22.0, 3 * SECOND: 23.0, 4 * SECOND: 24.0})
+    assert (result.pairs, result.speed_mps) == (4, pytest.approx(22.5))
+
+
+def test_budget_adds_up_as_by_hand():
+    config = TrackerConfig(focal_std=0.001, baseline_std_m=0.0)
+    result = conclude(found(std=0.05), rig(), config)
+    whole = 0.05 / np.sqrt(5)  # of the mean of five independent speeds
+    budget = result.budget
+    assert budget.matching_mps == pytest.approx(whole * np.sqrt(0.5))
+    assert budget.path_mps == pytest.approx(whole * np.sqrt(0.3))
+    assert budget.stamps_mps == pytest.approx(whole * np.sqrt(0.2))
+    assert budget.calibration_mps == pytest.approx(0.02)
+    assert result.speed_std_mps == pytest.approx(np.hypot(whole, 0.02))
+    assert (result.verdict, result.speed_mps, result.end) == (
+        Verdict.MEASURED, pytest.approx(20.0), 'left_view')
+    assert result.smoothed_std[0] == pytest.approx(np.hypot(0.05, 0.02))
+
+
+def test_speed_is_the_mean_over_all_pairs_also_where_looks_were_left_out():
+    # Looks at 0 and 4 s, pairs at 0, 1 and 4 s: between looks the profile is a line.
+    braking = found(speeds=(20.0, 16.0))
+    posterior = replace(braking.posterior, stamps_s=np.array([0.0, 4.0]))
+    result = conclude(replace(braking, posterior=posterior,
+                              stamps_ns=[0, SECOND, 2 * SECOND, 4 * SECOND]), rig(), EXACT)
+    assert result.speed_mps == pytest.approx((20 + 19 + 18 + 16) / 4)
+    assert result.profile_mps == (20.0, 16.0, 20.0)
+
+
+@pytest.mark.parametrize('reason, changes', [
+    ('never_seen', {'posterior': None, 'exact_speeds': None}),
+    ('too_few_pairs', {'stamps_ns': [0, SECOND, 2 * SECOND]}),
+    ('too_far', {'width_px': 15.0}),
+    ('uncertain', {'std': 1.5}),
+    ('too_far', {'std': 1.5, 'width_px': 30.0}),
+    ('implausible', {'speeds': (20.0, 20.0, -1.0, 20.0, 20.0)}),
+    ('implausible', {'speeds': (20.0, 20.0, 40.0, 20.0, 20.0)}),
+    ('implausible', {'speeds': (95.0,) * 5}),
+])
+def test_each_reason_for_rejection(reason, changes):
+    result = conclude(found(**changes), rig(), EXACT)
+    assert (result.verdict, result.reason) == (Verdict.REJECTED, reason)
+    assert result.speed_mps is None and result.smoothed == {}
+
+
+@pytest.mark.parametrize('reason, column, values', [
+    ('off_path', 2, [0.0, 0.2, 0.4, 0.6, 0.8]), ('views_disagree', None, 0.4)])
+def test_rejections_by_the_images(reason, column, values):
+    one = found()
+    if column is None:
+        posterior = replace(one.posterior, cross_ncc=np.full(5, values))
+    else:
+        mean = one.posterior.mean.copy()
+        mean[:, column] = values
+        posterior = replace(one.posterior, mean=mean)
+    assert conclude(replace(one, posterior=posterior), rig(), EXACT).reason == reason
+
+
+def test_a_rig_that_is_too_uncertain_measures_nothing():
+    turned = found()
+    lane = replace(turned.lane, scale_std=0.004)
+    assert conclude(replace(turned, lane=lane), rig(), EXACT).reason == 'rig_uncertain'
+    loose = replace(EXACT, max_scale_std_share=0.01)
+    assert conclude(replace(turned, lane=lane), rig(), loose).verdict is Verdict.MEASURED
