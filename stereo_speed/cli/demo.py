@@ -32,7 +32,8 @@ from ..io.bags import StereoBag
 from ..pipeline.pipeline import SpeedPipeline
 from ..report.overlay import strip
 from ..report.plots import write_plots
-from ..site.lane_paths import lane_paths, load_site
+from ..site.file import load_site
+from ..site.lane_paths import lane_paths
 from ..site.refine.report import report, summary_lines
 
 _ROOT = Path(__file__).resolve().parents[2]

@@ -23,7 +23,10 @@ from ..io.bags import StereoBag
 from ..io.results import (
     file_sha256, of_passes, software_versions, staged_run, stream_timings, write_run)
 from ..pipeline.pipeline import SpeedPipeline, TRACKERS
-from ..site.lane_paths import InitialFront, lane_paths, LanePath, load_init, load_site
+from ..road.lanes import LanePath
+from ..site.file import InitialFront, load_site
+from ..site.init_file import load_init
+from ..site.lane_paths import lane_paths
 from ..site.refine.refiner import refine_site, RefinedSite
 from ..site.refine.report import report, summary as report_summary, summary_lines
 from ..site.write import site_text

@@ -12,7 +12,7 @@ import cv2
 from ..core.errors import InputError
 from ..io.atomic import write_whole
 from ..io.bags import StereoBag
-from ..site.lane_paths import load_site, Site
+from ..site.file import load_site, Site
 from ..site.refine.picture import picture
 from ..site.refine.refiner import refine_site, RefinedSite
 from ..site.refine.report import report, summary_lines

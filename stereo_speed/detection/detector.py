@@ -26,7 +26,7 @@ from .records import Detection, Earlier, TrackedRegion
 from .temporal_match import find_motion, Motion, moved, moving_half
 from ..core.records import Array, StereoPair
 from ..geometry.rig import StereoRig
-from ..site.lane_paths import LanePath
+from ..road.lanes import LanePath
 
 _MATCH_PX = 0.1  # 1-sigma of the disparity of a face
 _AXIS_M = 0.03  # 1-sigma of its middle

@@ -17,7 +17,7 @@ import numpy as np
 
 from ..core.records import Array
 from ..geometry.rig import StereoRig
-from ..site.lane_paths import LanePath
+from ..road.lanes import LanePath
 
 _HEIGHT_M = 0.5  # where rates are taken
 _STEP_M = 0.5

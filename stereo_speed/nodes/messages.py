@@ -16,7 +16,7 @@ from visualization_msgs.msg import Marker
 from .common import to_stamp
 from ..core.records import Array, TrackState, TrackUpdate
 from ..core.units import KMH_MPS, MPH_MPS
-from ..site.lane_paths import LanePath
+from ..road.lanes import LanePath
 
 NOT_MEASURED = -1.0  # covariance[0] of what is no measurement, as sensor_msgs/Imu has it
 _LIFETIME = Duration(nanoseconds=500_000_000)

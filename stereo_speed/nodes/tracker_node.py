@@ -31,7 +31,9 @@ from ..geometry.rig import StereoRig
 from ..io.camera_info import rig_from_info, same_calibration
 from ..pipeline.pipeline import SpeedPipeline, TRACKERS
 from ..report.overlay import draw
-from ..site.lane_paths import lane_paths, load_init, load_site
+from ..site.file import load_site
+from ..site.init_file import load_init
+from ..site.lane_paths import lane_paths
 from ..site.refine.refiner import refine_site
 from ..site.refine.report import report, summary_lines
 

@@ -26,7 +26,8 @@ from ..lab.baselines.multimodal import MultimodalTracker
 from ..lab.baselines.optical_flow import FlowTracker
 from ..lab.baselines.triangulation import TriangulationTracker
 from ..lab.baselines.unconstrained import UnconstrainedTracker
-from ..site.lane_paths import InitialFront, LanePath
+from ..road.lanes import LanePath
+from ..site.file import InitialFront
 from ..tracking.constrained import ConstrainedTracker
 from ..tracking.initialise import check_mark
 from ..tracking.lane_assigner import LaneAssigner

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..core.records import Array, StereoPair, TrackState, TrackUpdate
 from ..core.units import KMH_MPS, MPH_MPS
 from ..geometry.rig import StereoRig
-from ..site.lane_paths import LanePath
+from ..road.lanes import LanePath
 
 Image = NDArray[np.uint8]
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from ..core.records import Array, PassResult, TrackState, TrackUpdate, Verdict
 from ..core.units import KMH_MPS, MPH_MPS, NS_S
-from ..site.lane_paths import LanePath
+from ..road.lanes import LanePath
 
 # Vehicle name to rows of (stamp in ns, speed in m/s).
 Truth = Mapping[str, Sequence[tuple[int, float]]]

@@ -13,7 +13,6 @@ from .model import NODES, Weights
 from .path import Path, SplinePath, StraightPath, unit
 from ..core.records import Array
 
-SURVEY_OFFSET_STD_M = 0.02  # of surveyed points, across and up
 SURVEY_HEADING_STD_RAD = 1e-3
 
 
@@ -26,7 +25,6 @@ class LanePath:
     :param path: along travel.
     :param speed_limit_mps: None where the site file gives none.
     :param heading_std_rad: (2,) 1-sigma of the direction in the middle, across (P) and up (B).
-    :param offset_std_m: (2,) 1-sigma of the position in the middle, across (P) and up (B).
     :param residual_px: root mean square distance of the picks from the lines; 0 for surveys.
     :param scale_std: 1-sigma of the length along the path, as a share: what it does to the speed
         of a pass over the whole path, where near looks weigh most.
@@ -39,7 +37,6 @@ class LanePath:
     path: Path
     speed_limit_mps: Optional[float]
     heading_std_rad: Array
-    offset_std_m: Array
     residual_px: float
     scale_std: float = 0.0
     scale_profile: Optional[tuple[Array, Array]] = None
@@ -75,9 +72,9 @@ def lane_of_road(name: str, fit: RoadFit, lines: tuple[int, ...],
             points[0], points[-1] - points[0], s[-1] - s[0], frames[0, :, 2])
     else:
         path = SplinePath(points, frames[:, :, 2])
-    heading_std, offset_std = _spread(fit, lines, s[NODES // 2])
     square = np.mean(fit.residual_px[list(lines)]**2)
-    return LanePath(name, path, speed_limit_mps, heading_std, offset_std, float(np.sqrt(square)))
+    return LanePath(name, path, speed_limit_mps, _heading_std(fit, lines, s[NODES // 2]),
+                    float(np.sqrt(square)))
 
 
 def _lane(fit: RoadFit, x: Array, lines: tuple[int, ...], s_m: Array) -> tuple[Array, Array]:
@@ -90,9 +87,9 @@ def _lane(fit: RoadFit, x: Array, lines: tuple[int, ...], s_m: Array) -> tuple[A
     return weights(points) + offset * axes[..., 1], axes
 
 
-def _spread(fit: RoadFit, lines: tuple[int, ...], middle_m: float) -> tuple[Array, Array]:
+def _heading_std(fit: RoadFit, lines: tuple[int, ...], middle_m: float) -> Array:
     """
-    Carry the fit's covariance to direction and position, across and up, in the middle.
+    Return the 1-sigmas (2,) of a lane's direction in its middle, across and up, in rad.
 
     Sliding along the path is no error of it: a point that slides by ds takes its direction from
     ``T(s)`` to ``T(s + ds)``, which is subtracted.
@@ -108,9 +105,8 @@ def _spread(fit: RoadFit, lines: tuple[int, ...], middle_m: float) -> tuple[Arra
 
     position, direction = slope(points[:, 0]), slope(frames[:, 0, :, 0])
     direction = direction - np.outer(position @ axes[1][:, 0], bend)
-    stds = [np.sqrt(np.einsum('ij,ik,kj->j', v, fit.covariance, v))
-            for v in (direction @ axes[1][:, 1:], position @ axes[1][:, 1:])]
-    return stds[0], stds[1]
+    direction = direction @ axes[1][:, 1:]
+    return np.sqrt(np.einsum('ij,ik,kj->j', direction, fit.covariance, direction))
 
 
 def surveyed_path(points_m: Array) -> SplinePath:
@@ -146,5 +142,4 @@ def lane_of_paths(name: str, paths: tuple[Path, ...], speed_limit_mps: Optional[
     :param paths: one path, or those of the right and the left line.
     """
     path = paths[0] if len(paths) == 1 else between(*paths)
-    return LanePath(name, path, speed_limit_mps, np.full(2, SURVEY_HEADING_STD_RAD),
-                    np.full(2, SURVEY_OFFSET_STD_M), residual_px)
+    return LanePath(name, path, speed_limit_mps, np.full(2, SURVEY_HEADING_STD_RAD), residual_px)

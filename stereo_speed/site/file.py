@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Reading of site files (lines and lanes) and init files (marked vehicles)."""
+"""Reading of site files: lines, lanes and what is known of the rig."""
 from __future__ import annotations
 
 from dataclasses import dataclass, field
@@ -237,34 +237,3 @@ def _lane(where: object, index: int, data: object, lines: Mapping[str, SiteLine]
                            "a speed like '55 mph', '80 km/h' or '22.2 m/s'") from None
     return LaneSpec(fields.text('name'), names.get('right'), names.get('left'),
                     names.get('path'), limit)
-
-
-def load_init(path: Union[str, FilePath]) -> tuple[InitialFront, ...]:
-    """
-    Read an init file.
-
-    :raises SiteError: names the first fault.
-    """
-    top = StrictMapping(path, '', load_yaml(path, 'stereo_speed_init'), ('stereo_speed_init', 'vehicles'))
-    marks = []
-    for i, data in enumerate(top.listed('vehicles')):
-        fields = StrictMapping(path, f'vehicles[{i}]', data, ('frame', *VIEWS))
-        quads = []
-        for view in VIEWS:
-            quad = fields.points(view, 2, 4)
-            if len(quad) != 4:
-                raise fields.error(view, f'{len(quad)} corners', '4')
-            if not _clockwise(quad):
-                raise fields.error(view, quad.tolist(),
-                                   "corners clockwise from the image's top-left corner")
-            quads.append(quad)
-        marks.append(InitialFront(fields.integer('frame'), *quads))
-    return tuple(marks)
-
-
-def _clockwise(quad: Array) -> bool:
-    """Say whether corners (4, 2) are convex and clockwise, y down, from the top left."""
-    side = np.roll(quad, -1, axis=0) - quad
-    after = np.roll(side, -1, axis=0)
-    turns = side[:, 0] * after[:, 1] - side[:, 1] * after[:, 0]
-    return bool((turns > 0).all() and side[0, 0] > 0 and side[3, 1] < 0)

@@ -1,10 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""
-Sites: what their files say, and the lane paths that follow from it.
-
-What is read from the files lives in ``paths.site_file`` and is offered here as well.
-"""
+"""The lane paths that follow from a site."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -13,8 +9,7 @@ from typing import Mapping, Optional, Sequence
 import numpy as np
 
 from .extras import as_calibrated
-from .file import (
-    InitialFront, LaneSpec, LEAST_ROAD_M, load_init, load_site, Site, SiteLine, VIEWS)
+from .file import LaneSpec, LEAST_ROAD_M, Site, SiteLine, VIEWS
 from ..core.errors import SiteError
 from ..core.records import Array
 from ..geometry.rig import StereoRig
@@ -24,9 +19,6 @@ from ..road.lanes import lane_of_paths, lane_of_road, LanePath, surveyed_path
 from ..road.path import Path
 from ..road.problem import Picks, TurnPrior
 from ..road.scale import with_scale
-
-__all__ = ['InitialFront', 'LanePath', 'LaneSpec', 'Site', 'SiteLine', 'lane_paths', 'load_init',
-           'load_site']
 
 MARGIN_PX = 5.0  # how far outside the image a pick may lie: scatter at the edge
 ALIKE_PX = 2.0  # residual beyond which the lines are not taken for one road

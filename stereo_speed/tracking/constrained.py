@@ -33,7 +33,8 @@ from ..estimation.resampling import systematic
 from ..estimation.weights import (
     DegenerateWeightsError, mean_and_covariance, normalise_log_weights)
 from ..geometry.rig import StereoRig
-from ..site.lane_paths import InitialFront, LanePath
+from ..road.lanes import LanePath
+from ..site.file import InitialFront
 from ..vision.haar import CELLS, PartGrid
 
 _CONFIRM_PAIRS = 3  # pairs before a reading is worth publishing

@@ -14,7 +14,7 @@ from ..core.errors import InputError
 from ..core.records import Array, StereoPair
 from ..geometry.rig import StereoRig
 from ..road.path import Path
-from ..site.lane_paths import InitialFront
+from ..site.file import InitialFront
 from ..vision.haar import PartGrid
 from ..vision.ncc import ncc
 

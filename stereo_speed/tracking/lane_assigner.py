@@ -9,7 +9,7 @@ from typing import Mapping
 import numpy as np
 
 from ..core.records import PassResult, TrackUpdate, Verdict
-from ..site.lane_paths import LanePath
+from ..road.lanes import LanePath
 
 _HYSTERESIS_M = 0.3  # a lane is left when the next is nearer by this
 _OFF_ROAD_M = 3.0  # further than this from the middle of every lane is off the road

@@ -18,7 +18,7 @@ from .window import Posterior
 from ..core.config import TrackerConfig
 from ..core.records import Array, PassResult, SpeedBudget, Verdict
 from ..geometry.rig import StereoRig
-from ..site.lane_paths import LanePath
+from ..road.lanes import LanePath
 
 _MIN_PAIRS = 4
 _MIN_WIDTH_PX = 20.0  # a front that is never wider than this is too far to be measured

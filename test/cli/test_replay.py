@@ -12,7 +12,7 @@ from stereo_speed.cli.main import main
 from stereo_speed.cli.replay import EvenSampler
 from stereo_speed.core.units import MPH_MPS
 from stereo_speed.io.results import PASS_COLUMNS, TRACK_COLUMNS
-from stereo_speed.site.lane_paths import load_site
+from stereo_speed.site.file import load_site
 
 
 @pytest.fixture(scope='module')

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from stereo_speed.cli.main import main
-from stereo_speed.site.lane_paths import load_site
+from stereo_speed.site.file import load_site
 import yaml
 
 

@@ -13,7 +13,8 @@ from stereo_speed.lab.sim.config import circle_config, RIGS, straight_config
 from stereo_speed.lab.sim.sequence import simulate
 from stereo_speed.lab.sim.traffic import TrafficStream
 from stereo_speed.lab.sim.traffic_config import traffic_config
-from stereo_speed.site.lane_paths import lane_paths, load_site
+from stereo_speed.site.file import load_site
+from stereo_speed.site.lane_paths import lane_paths
 import yaml
 
 cv2.setNumThreads(1)

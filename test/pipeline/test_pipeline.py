@@ -12,8 +12,11 @@ from stereo_speed.core.records import PassResult, TrackState, TrackUpdate, Verdi
 from stereo_speed.detection.records import Detection, Earlier
 from stereo_speed.lab.sim import simulate, straight_config, VehicleConfig
 from stereo_speed.pipeline.pipeline import FEWEST_PARTICLES, SpeedPipeline
+from stereo_speed.road.lanes import LanePath
 from stereo_speed.road.path import StraightPath
-from stereo_speed.site.lane_paths import lane_paths, LanePath, load_init, load_site
+from stereo_speed.site.file import load_site
+from stereo_speed.site.init_file import load_init
+from stereo_speed.site.lane_paths import lane_paths
 from stereo_speed.tracking.lane_assigner import LaneAssigner
 import yaml
 
@@ -209,7 +212,7 @@ def test_tracks_share_the_particles_there_are(scene):
 def lane(name, x_m):
     """Lay a lane that comes along -z, ``x_m`` to the right of the camera."""
     path = StraightPath(np.array([x_m, 2.0, 60.0]), np.array([0.0, 0, -1]), 50.0)
-    return LanePath(name, path, None, np.full(2, 1e-3), np.full(2, 0.01), 0.0)
+    return LanePath(name, path, None, np.full(2, 1e-3), 0.0)
 
 
 def update_at(x_m, z_m):

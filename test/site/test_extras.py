@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from stereo_speed.core.errors import SiteError
 from stereo_speed.core.units import parse_speed
-from stereo_speed.site.lane_paths import load_site
+from stereo_speed.site.file import load_site
 from stereo_speed.site.write import site_text, speed_text
 import yaml
 

@@ -1,177 +1,104 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Reading of site and init files: what is taken and what is refused, by name."""
+"""Lane paths of sites: picked, surveyed and mixed lines, and what is refused."""
 from __future__ import annotations
-
-import copy
-from pathlib import Path
 
 import numpy as np
 import pytest
-from stereo_speed.core.errors import InputError, SiteError
-from stereo_speed.site.lane_paths import load_init, load_site
-from stereo_speed.site.write import site_text
-import yaml
-
-SAMPLE_SITE = Path(__file__).resolve().parents[2] / 'sample' / 'straight55' / 'site.yaml'
-PICKS = {'left_image': [[100, 300], [150, 400], [200.5, 500]],
-         'right_image': [[90, 300], [135, 400], [180, 500]]}
-OTHER = {'left_image': [[300, 300], [450, 400], [600, 500]],
-         'right_image': [[290, 300], [435, 400], [580, 500]]}
-SITE = {'stereo_speed_site': 1, 'name': 'here', 'lines': {
-    'a': PICKS, 'b': OTHER, 'p': {'points_m': [[0, 2, 50], [0, 2, 30], [0, 2, 10]]}},
-    'lanes': [{'name': 'l0', 'right': 'a', 'left': 'b', 'speed_limit': '55 mph'},
-              {'name': 'l1', 'path': 'p', 'speed_limit': '80 km/h'}]}
-QUAD = [[10, 10], [50, 11], [51, 40], [9, 39]]
-INIT = {'stereo_speed_init': 1, 'vehicles': [
-    {'frame': 0, 'left_image': QUAD, 'right_image': QUAD}]}
+from stereo_speed.core.errors import SiteError
+from stereo_speed.road.lanes import between, surveyed_path
+from stereo_speed.road.path import StraightPath
+from stereo_speed.site.file import LaneSpec, Site, SiteLine
+from stereo_speed.site.lane_paths import lane_paths
 
 
-def put(base, place, value):
-    """Copy a structure with one place changed; None removes it."""
-    data = copy.deepcopy(base)
-    at = data
-    for key in place[:-1]:
-        at = at[key]
-    if value is None:
-        del at[place[-1]]
-    else:
-        at[place[-1]] = value
-    return data
+def site_of(lines, *lanes):
+    """Make a site of picked (left, right) or surveyed (points) lines."""
+    made = {name: SiteLine(name, *value) if isinstance(value, tuple) else
+            SiteLine(name, points_m=value) for name, value in lines.items()}
+    lanes = lanes or (('edge_right', 'line_0', None), ('line_0', 'edge_left', None))
+    return Site('site.yaml', 'test', made, tuple(
+        LaneSpec(f'lane_{i}', *names, 20.0) for i, names in enumerate(lanes)))
 
 
-@pytest.fixture
-def write(tmp_path):
-    """Give a writer of YAML files."""
-    def writer(data):
-        path = tmp_path / 'file.yaml'
-        path.write_text(data if isinstance(data, str) else yaml.safe_dump(data))
-        return path
-    return writer
+@pytest.fixture(scope='module')
+def scene(make_scene):
+    """Give a straight road."""
+    return make_scene(seed=1)
 
 
-def test_site_is_read(write):
-    """Lines, lanes and limits arrive as arrays and m/s."""
-    site = load_site(write(SITE))
-    assert site.name == 'here' and list(site.lines) == ['a', 'b', 'p']
-    np.testing.assert_allclose(site.lines['a'].left_px, PICKS['left_image'])
-    assert site.lines['p'].points_m.shape == (3, 3) and site.lines['p'].left_px is None
-    assert site.lanes[0].lines == ('a', 'b') and site.lanes[1].lines == ('p',)
-    assert site.lanes[0].speed_limit_mps == pytest.approx(24.5872)
+def test_lanes_of_a_picked_site(scene):
+    """Two lanes side by side, 3.5 m apart, s from the first pick."""
+    lanes = lane_paths(site_of(scene.lines), scene.rig)
+    assert list(lanes) == ['lane_0', 'lane_1'] and lanes['lane_0'].speed_limit_mps == 20.0
+    path, other = lanes['lane_0'].path, lanes['lane_1'].path
+    s = path.arc_length(other.position(40.0))
+    across = (other.position(40.0) - path.position(s)) @ path.frame(s)
+    np.testing.assert_allclose(across, [0, 3.5, 0], atol=0.15)
+    first = scene.rig.left.project(path.position(0.0))[0]
+    assert np.linalg.norm(first - scene.lines['edge_right'][0][0]) < 60
 
 
-def test_name_is_optional(write):
-    """The file's stem stands in."""
-    assert load_site(write(put(SITE, ['name'], None))).name == 'file'
+def test_path_line_and_surveyed_and_mixed(scene):
+    """The same lane from its picked middle, from points and from one line of each kind."""
+    wanted = lane_paths(site_of(scene.lines), scene.rig)['lane_0'].path
+    right_m = np.stack([wanted.position(s) - 1.75 * wanted.frame(s)[:, 1]
+                        for s in np.linspace(5, 60, 12)])
+    site = site_of({'right': right_m, 'line_0': scene.lines['line_0']},
+                   ('right', 'line_0', None), (None, None, 'right'))
+    lanes = lane_paths(site, scene.rig)
+    s = wanted.arc_length(lanes['lane_0'].path.position(np.linspace(5, 50, 5)))
+    np.testing.assert_allclose(
+        lanes['lane_0'].path.position(np.linspace(5, 50, 5)), wanted.position(s), atol=0.1)
+    np.testing.assert_allclose(lanes['lane_1'].path.position(0.0), right_m[0], atol=1e-9)
+    assert lanes['lane_1'].residual_px == 0.0
+    single = lane_paths(
+        site_of({'line_0': scene.lines['line_0']}, (None, None, 'line_0')), scene.rig)
+    assert single['lane_0'].path.tangent(0.0) @ scene.tangent[0] > np.cos(np.radians(0.2))
 
 
-NAN, INF = float('nan'), float('inf')
+def test_middle_of_two_lines():
+    """Halfway between, up square to both."""
+    right = StraightPath(np.array([-2.0, 2, 60]), np.array([0.0, 0, -1]), 40.0)
+    left = StraightPath(np.array([2.0, 2, 60]), np.array([0.0, 0, -1]), 40.0)
+    middle = between(right, left)
+    np.testing.assert_allclose(middle.position(10.0), [0, 2, 50], atol=1e-9)
+    np.testing.assert_allclose(middle.frame(10.0)[:, 2], [0, -1, 0], atol=1e-9)
+    assert surveyed_path(np.array([[0.0, 0, 9], [0, 0, 1]])).length_m == pytest.approx(8)
 
 
-@pytest.mark.parametrize('place, value, match', [
-    (['stereo_speed_site'], 2, 'stereo_speed_site: found 2, wanted 1'),
-    (['stereo_speed_site'], None, 'stereo_speed_site: found nothing'),
-    (['stereo_speed_site'], True, 'stereo_speed_site: found True'),
-    (['colour'], 'red', 'colour: found unknown key colour'),
-    (['lines', 'a', 'width'], 3, 'lines.a.width: found unknown key width'),
-    (['lanes', 0, 'limit'], '5 mph', r'lanes\[0\].limit: found unknown key limit'),
-    (['lines'], None, 'lines: found none'),
-    (['lines', 7], PICKS, 'lines: found name 7'),
-    (['lines', 'a'], [1], 'lines.a: found a list'),
-    (['lines', 'a', 'left_image', 1, 0], NAN, r'lines.a.left_image\[1\]: found nan'),
-    (['lines', 'p', 'points_m', 2, 1], INF, r'lines.p.points_m\[2\]: found inf'),
-    (['lines', 'a', 'left_image', 0, 0], 'x', r'lines.a.left_image\[0\]: found .x'),
-    (['lines', 'a', 'left_image', 0, 0], True, r'lines.a.left_image\[0\]: found True'),
-    (['lines', 'a', 'left_image', 0], [1, 2, 3], r'lines.a.left_image\[0\]: found 3 values'),
-    (['lines', 'a', 'left_image'], [[1, 2]], 'lines.a.left_image: found 1 points'),
-    (['lines', 'a', 'left_image'], [], 'lines.a.left_image: found an empty list'),
-    (['lines', 'a', 'right_image'], None, 'lines.a.right_image: found nothing'),
-    (['lines', 'a', 'points_m'], [[1, 2, 3]], 'lines.a.points_m: found image picks as well'),
-    (['lines', 'a', 'left_image'], PICKS['left_image'][::2] + PICKS['left_image'][1:2],
-     r'lines.a.left_image\[2\]: found a point behind'),
-    (['lines', 'a', 'left_image', 1], [100, 300], r'lines.a.left_image\[1\]: found a point'),
-    (['lines', 'b', 'left_image'], [[180, 300], [150, 420], [130, 500]], 'a crossing with b'),
-    (['lines', 'a', 'right_image'], [[0, 0], [90, 90], [120, 50], [90, 10], [0, 80]],
-     'crosses itself'),
-    (['lines', 'p', 'points_m'], [[0, 0, 3], [0, 0, 1]], r'lines.p.points_m: found 2.0 m'),
-    (['lanes'], None, 'lanes: found nothing'),
-    (['lanes', 0, 'name'], None, r'lanes\[0\].name: found nothing'),
-    (['lanes', 0, 'right'], 'c', r'lanes\[0\].right: found c, wanted one of a, b, p'),
-    (['lanes', 0, 'left'], None, r'lanes\[0\].left: found nothing'),
-    (['lanes', 0, 'left'], 'a', r'lanes\[0\].left: found the same line a'),
-    (['lanes', 0, 'path'], 'p', r'lanes\[0\].path: found right or left as well'),
-    (['lanes', 1, 'name'], 'l0', 'lanes: found two lanes named l0'),
-    (['lanes', 0, 'speed_limit'], '55 knots', r"lanes\[0\].speed_limit: found '55 knots'"),
-    (['lanes', 0, 'speed_limit'], None, r'lanes\[0\].speed_limit: found nothing'),
-    (['lanes', 0, 'speed_limit'], 55, r'lanes\[0\].speed_limit: found 55'),
-])
-def test_site_faults(write, place, value, match):
-    """Each fault names the file, the place, what was found and what was wanted."""
-    path = write(put(SITE, place, value))
-    with pytest.raises(SiteError, match=f'file.yaml: .*{match}') as info:
-        load_site(path)
-    assert '\n' not in str(info.value) and 'wanted' in str(info.value)
+def shuffled(uv):
+    """Swap two picks far from each other."""
+    uv = uv.copy()
+    uv[[4, 6]] = uv[[6, 4]]
+    return uv
 
 
-@pytest.mark.parametrize('text, match', [
-    ('[1, 2', 'readable YAML'), ('', 'found nothing, wanted a mapping'), ('[]', 'found a list'),
-    ('stereo_speed_site: 1\nname: a\nname: b\n', "key 'name' given twice"),
-    ('? [a]\n: 1\n', 'readable YAML'), ('a: &x [*x', 'readable YAML')])
-def test_files_that_are_no_site(write, text, match):
-    """Broken YAML is one clear line as well."""
-    with pytest.raises(SiteError, match=match) as info:
-        load_site(write(text))
-    assert '\n' not in str(info.value)
+def test_refusals(scene):
+    """Each fault is named with its place."""
+    right, middle, left = (scene.lines[n] for n in ('edge_right', 'line_0', 'edge_left'))
+    near = tuple(uv[-1] + np.linspace(-0.3, 0, 6)[:, None] * (uv[-1] - uv[-2]) for uv in middle)
+    outside = middle[0] + [0.0, 800.0]
+    cases = {
+        r'lines.line_0.left_image\[\d+\]: found a pick behind': {
+            **scene.lines, 'line_0': (shuffled(middle[0]), middle[1])},
+        r'lines.line_0.right_image\[\d+\]: found a pick behind': {
+            **scene.lines, 'line_0': (middle[0], middle[1][::-1])},
+        r'lanes\[0\].right: found edge_right, left of line_0': {
+            'edge_right': left, 'line_0': middle, 'edge_left': right},
+        r'lines.line_0.left_image\[\d+\]: found .*a pixel of the 1024x768 image': {
+            **scene.lines, 'line_0': (outside, middle[1])},
+        r'm, wanted at least 5.0 m of road': {**scene.lines, 'line_0': near},
+    }
+    for match, lines in cases.items():
+        with pytest.raises(SiteError, match=f'site.yaml: .*{match}'):
+            lane_paths(site_of(lines), scene.rig)
 
 
-def test_missing_and_binary_files(tmp_path):
-    """A missing file and one that is no text."""
-    with pytest.raises(SiteError, match='none.yaml: file: found .*No such file'):
-        load_site(tmp_path / 'none.yaml')
-    (tmp_path / 'x.yaml').write_bytes(b'\xff\xfe\x00')
-    with pytest.raises(SiteError, match='wanted readable YAML'):
-        load_site(tmp_path / 'x.yaml')
-
-
-def test_init_is_read(write):
-    """Marks arrive as arrays."""
-    marks = load_init(write(INIT))
-    assert len(marks) == 1 and marks[0].frame == 0
-    np.testing.assert_allclose(marks[0].left_px, QUAD)
-
-
-@pytest.mark.parametrize('place, value, match', [
-    (['stereo_speed_init'], 0, 'stereo_speed_init: found 0'),
-    (['vehicle'], [], 'vehicle: found unknown key'),
-    (['vehicles'], [], 'vehicles: found an empty list'),
-    (['vehicles', 0, 'frame'], -1, r'vehicles\[0\].frame: found -1'),
-    (['vehicles', 0, 'frame'], 0.5, r'vehicles\[0\].frame: found 0.5'),
-    (['vehicles', 0, 'frame'], True, r'vehicles\[0\].frame: found True'),
-    (['vehicles', 0, 'id'], 3, r'vehicles\[0\].id: found unknown key id'),
-    (['vehicles', 0, 'left_image'], QUAD + QUAD[:1], r'left_image: found 5 corners, wanted 4'),
-    (['vehicles', 0, 'left_image'], QUAD[:3], r'left_image: found 3 points, wanted at least 4'),
-    (['vehicles', 0, 'left_image', 2, 1], NAN, r'left_image\[2\]: found nan'),
-    (['vehicles', 0, 'right_image'], QUAD[::-1], 'right_image: found .*wanted corners clockwise'),
-    (['vehicles', 0, 'right_image'], QUAD[1:] + QUAD[:1], 'clockwise from the image.s top-left'),
-    (['vehicles', 0, 'right_image'], [QUAD[i] for i in (0, 2, 1, 3)], 'corners clockwise'),
-])
-def test_init_faults(write, place, value, match):
-    """Each fault names its place."""
-    with pytest.raises(SiteError, match=match):
-        load_init(write(put(INIT, place, value)))
-
-
-def test_tolerances_of_the_rig_come_with_the_site(tmp_path):
-    path = tmp_path / 'site.yaml'
-    text = Path(SAMPLE_SITE).read_text()
-    path.write_text(text + 'tolerances: {focal_std: 0.001, stamp_std_s: 0.0005}\n')
-    site = load_site(path)
-    assert dict(site.tolerances) == {'focal_std': 0.001, 'stamp_std_s': 0.0005}
-    path.write_text(site_text(site))
-    assert dict(load_site(path).tolerances) == dict(site.tolerances)
-    path.write_text(text + 'tolerances: {focal_std: -1}\n')
-    with pytest.raises(InputError, match=r'site.yaml: tolerances.focal_std: found -1'):
-        load_site(path)
-    path.write_text(text + 'tolerances: {focus: 1}\n')
-    with pytest.raises(InputError, match='unknown key focus'):
-        load_site(path)
+def test_views_that_disagree_are_refused(scene):
+    """A right view whose line bends otherwise than the left one's cannot be one line."""
+    left, right = scene.lines['line_0']
+    wave = right + np.stack([40 * np.sin(np.arange(14) * 1.7), np.zeros(14)], axis=-1)
+    site = site_of({**scene.lines, 'line_0': (left, wave)})
+    with pytest.raises(SiteError, match='line_0'):
+        lane_paths(site, scene.rig)

@@ -12,7 +12,9 @@ from stereo_speed.core.errors import InputError
 from stereo_speed.core.records import TrackState, Verdict
 from stereo_speed.lab.sim import simulate, straight_config, VehicleConfig
 from stereo_speed.pipeline.pipeline import SpeedPipeline
-from stereo_speed.site.lane_paths import InitialFront, lane_paths, load_init, load_site
+from stereo_speed.site.file import InitialFront, load_site
+from stereo_speed.site.init_file import load_init
+from stereo_speed.site.lane_paths import lane_paths
 from stereo_speed.tracking import constrained, window as refine
 import yaml
 

@@ -11,8 +11,8 @@ from stereo_speed.core.config import TrackerConfig
 from stereo_speed.core.records import Verdict
 from stereo_speed.geometry.camera import Camera
 from stereo_speed.geometry.rig import StereoRig
+from stereo_speed.road.lanes import LanePath
 from stereo_speed.road.path import StraightPath
-from stereo_speed.site.lane_paths import LanePath
 from stereo_speed.tracking.pass_result import conclude, Pass
 from stereo_speed.tracking.window import Posterior
 
@@ -37,7 +37,7 @@ def found(speeds=(20.0, 20.0, 20.0, 20.0, 20.0), std=0.1, **changes):
     posterior = Posterior(0, np.arange(float(n)), mean, covariance, np.zeros(n), np.zeros(n),
                           np.ones(n), np.full(n, 0.9), *np.ones((2, n), bool))
     lane = LanePath('right', StraightPath(np.array([0.0, 2, 60]), np.array([0.0, 0, -1]), 50.0),
-                    None, np.full(2, 1e-3), np.full(2, 0.01), 0.1)
+                    None, np.full(2, 1e-3), 0.1)
     parts = std ** 2 * np.eye(n)
     base = Pass(track=3, lane=lane, stamps_ns=[k * SECOND for k in range(n)],
                 posterior=posterior, exact_speeds=(0.8 * parts, 0.5 * parts), width_px=100.0,

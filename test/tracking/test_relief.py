@@ -12,7 +12,9 @@ from stereo_speed.core.config import TrackerConfig
 from stereo_speed.lab.sim import simulate, straight_config, VehicleConfig
 from stereo_speed.pipeline.pipeline import SpeedPipeline
 from stereo_speed.road.path import StraightPath
-from stereo_speed.site.lane_paths import lane_paths, load_init, load_site
+from stereo_speed.site.file import load_site
+from stereo_speed.site.init_file import load_init
+from stereo_speed.site.lane_paths import lane_paths
 from stereo_speed.tracking.front import plane_points
 from stereo_speed.tracking.observation import normalised_change
 from stereo_speed.tracking.photometry import PassPhotometry, Photometry

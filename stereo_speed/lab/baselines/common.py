@@ -21,7 +21,8 @@ from ...core.config import TrackerConfig
 from ...core.records import (
     Array, LEFT_VIEW, LOST, PassResult, StereoPair, STREAM_ENDED, TrackState, TrackUpdate, Verdict)
 from ...geometry.rig import StereoRig
-from ...site.lane_paths import InitialFront, LanePath
+from ...road.lanes import LanePath
+from ...site.file import InitialFront
 from ...tracking.initialise import place_front
 from ...tracking.observation import inside, lag_s
 from ...tracking.pass_result import calibration_share, live_std

@@ -16,7 +16,9 @@ from ...core.config import TrackerConfig
 from ...core.records import StereoPair
 from ...io.bags import StereoBag
 from ...pipeline.pipeline import SpeedPipeline
-from ...site.lane_paths import lane_paths, load_init, load_site
+from ...site.file import load_site
+from ...site.init_file import load_init
+from ...site.lane_paths import lane_paths
 
 _SAMPLE = Path(__file__).resolve().parents[3] / 'sample' / 'straight55'
 

@@ -33,7 +33,9 @@ from ...io.atomic import prepare_folder
 from ...io.results import (
     of_passes, software_versions, staged_run, stream_timings, write_run)
 from ...pipeline.pipeline import SpeedPipeline
-from ...site.lane_paths import lane_paths, LanePath, load_site
+from ...road.lanes import LanePath
+from ...site.file import load_site
+from ...site.lane_paths import lane_paths
 from ...site.refine.refiner import refine_site
 
 TRUTH = 'truth.csv'

@@ -22,8 +22,11 @@ from ...core.records import PassResult, StereoPair, TrackState, TrackUpdate
 from ...geometry.rig import StereoRig
 from ...io.bags import StereoBag
 from ...pipeline.pipeline import SpeedPipeline
+from ...road.lanes import LanePath
 from ...site.extras import CALIBRATED_STD_DEG
-from ...site.lane_paths import InitialFront, lane_paths, LanePath, load_init, load_site, Site
+from ...site.file import InitialFront, load_site, Site
+from ...site.init_file import load_init
+from ...site.lane_paths import lane_paths
 from ...site.refine.refiner import refine_site
 
 SITES = ('picked', 'refined', 'exact')

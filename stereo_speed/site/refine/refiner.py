@@ -20,9 +20,9 @@ from .extrinsic_drift import judged, MOST_TURN_DEG, Turn
 from .markings import locate, LocatedLine
 from .rig_check import Epipolar, epipolar_check
 from ..extras import RigCorrection
+from ..file import Site, SiteLine
 from ..lane_paths import (
-    ALIKE_PX, fit_lines, lane_paths, one_way, picked_names, picks_of, Site, SiteLine,
-    turned_line)
+    ALIKE_PX, fit_lines, lane_paths, one_way, picked_names, picks_of, turned_line)
 from ...core.errors import SiteError
 from ...core.records import Array, StereoPair
 from ...geometry.rig import StereoRig

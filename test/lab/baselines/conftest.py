@@ -10,7 +10,9 @@ from stereo_speed.core.config import TrackerConfig
 from stereo_speed.lab.sim.config import DISTORTED, straight_config
 from stereo_speed.lab.sim.sequence import simulate
 from stereo_speed.pipeline.pipeline import SpeedPipeline
-from stereo_speed.site.lane_paths import lane_paths, load_init, load_site
+from stereo_speed.site.file import load_site
+from stereo_speed.site.init_file import load_init
+from stereo_speed.site.lane_paths import lane_paths
 import yaml
 
 cv2.setNumThreads(1)

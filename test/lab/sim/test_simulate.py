@@ -16,7 +16,8 @@ from stereo_speed.lab.sim import (
     circle_config, RigConfig, RIGS, simulate, straight_config, VehicleConfig)
 from stereo_speed.lab.sim.scene import make_rig
 from stereo_speed.lab.sim.write import rectification, write_bag
-from stereo_speed.site.lane_paths import load_init, load_site
+from stereo_speed.site.file import load_site
+from stereo_speed.site.init_file import load_init
 import yaml
 
 SMALL = RigConfig(width_px=320, height_px=240, f_px=560.0)

@@ -17,7 +17,8 @@ from stereo_speed.lab.sim import (
     straight_config, stream_traffic, traffic_config, TrafficStream, TreeConfig, VehicleConfig)
 from stereo_speed.lab.sim.painter import Painter
 from stereo_speed.lab.sim.write import write_traffic_bag
-from stereo_speed.site.lane_paths import lane_paths, load_site
+from stereo_speed.site.file import load_site
+from stereo_speed.site.lane_paths import lane_paths
 import yaml
 
 SMALL = RigConfig(width_px=320, height_px=240, f_px=560.0)

@@ -12,7 +12,9 @@ import pytest
 from scipy.spatial import cKDTree
 from stereo_speed.lab.sim.config import SimConfig
 from stereo_speed.lab.sim.sequence import SimSequence, simulate
-from stereo_speed.site.lane_paths import lane_paths, LanePath, load_site, Site
+from stereo_speed.road.lanes import LanePath
+from stereo_speed.site.file import load_site, Site
+from stereo_speed.site.lane_paths import lane_paths
 import yaml
 
 

@@ -11,7 +11,8 @@ from stereo_speed.core.errors import SiteError
 from stereo_speed.lab.sim.config import circle_config, DISTORTED, RoadConfig, straight_config
 from stereo_speed.site.extras import (
     CALIBRATED_STD_DEG, KnownLength, RigCorrection)
-from stereo_speed.site.lane_paths import lane_paths, load_site
+from stereo_speed.site.file import load_site
+from stereo_speed.site.lane_paths import lane_paths
 from stereo_speed.site.refine.known_lengths import check_lengths
 from stereo_speed.site.refine.picture import picture
 from stereo_speed.site.refine.refiner import refine_site

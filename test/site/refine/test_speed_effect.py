@@ -50,7 +50,7 @@ def test_turned_rig_and_path_seen_with_it():
     points = rig.project(PATH.position(np.linspace(0, 50, 11)))
     seen = SplinePath(turned.triangulate(points[0], points[1]))
     error = speed_error((PATH, rig), (seen, turned))
-    lane = LanePath('lane', PATH, None, np.zeros(2), np.zeros(2), 0.0)
+    lane = LanePath('lane', PATH, None, np.zeros(2), 0.0)
     lane = with_scale(lane, rig, np.diag([pan**2, 0.0, 0.0]))
     assert abs(error) == pytest.approx(lane.scale_std, rel=0.05) and abs(error) > 0.01
     # 2 Z pan / b at the far and the near end
