@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from .options import number_in
 from ..core.errors import InputError
 from ..io.atomic import write_whole
-from ..io.mot import load_regions
+from ..io.scene_map import load_regions
 from ..io.video import IMAGE_SUFFIXES, read_frames
 from ..monocular.distance import DistanceField
 from ..monocular.regions import draw_map

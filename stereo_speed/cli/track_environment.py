@@ -18,10 +18,11 @@ from .options import number_in
 from ..core.config import load_config
 from ..core.errors import InputError
 from ..io.atomic import prepare_folder
-from ..io.mot import (
-    ANNOTATED, check_targets, load_map, load_targets, SUMMARY, write_targets)
 from ..io.results import file_sha256, software_versions
-from ..io.video import Frame, frames_missing, read_frames, video_hash
+from ..io.scene_map import check_map_size, load_map
+from ..io.target_results import ANNOTATED, SUMMARY, write_targets
+from ..io.targets_file import check_targets, load_targets
+from ..io.video import frames_missing, read_frames, video_hash
 from ..io.video_writer import VideoWriter
 from ..monocular.boxes import Target, TargetEnd, TargetEstimate
 from ..monocular.config import MonocularConfig, PAPER_LIKELIHOOD
@@ -129,7 +130,7 @@ def track(args: argparse.Namespace, config: MonocularConfig, targets: list[Targe
     try:
         for frame in tqdm(read_frames(args.video, args.topic), desc='track', unit='frame',
                           disable=None):
-            check_size(frame, labels, args.map)
+            check_map_size(labels, frame.image, args.map)
             found = tracker.process(frame.number, frame.image)
             result.estimates += found
             result.ends += tracker.ended()
@@ -146,14 +147,6 @@ def track(args: argparse.Namespace, config: MonocularConfig, targets: list[Targe
         if video is not None:
             video.close()
     return result
-
-
-def check_size(frame: Frame, labels: NDArray[np.uint8], where: object) -> None:
-    """Refuse a map that has not the size of the frames."""
-    if frame.image.shape[:2] != labels.shape:
-        height, width = frame.image.shape[:2]
-        raise InputError(where, 'size of the map', f'{labels.shape[1]}x{labels.shape[0]} px',
-                         f'{width}x{height} px as the frames')
 
 
 def _check_frames(targets: list[Target], frames: int, where: object) -> None:

@@ -9,8 +9,6 @@ were dropped on the way.
 """
 from __future__ import annotations
 
-from collections import deque
-from statistics import median
 from typing import Any, Optional, Sequence
 
 import rclpy
@@ -23,8 +21,10 @@ from .common import (
     Diagnostics, image_message, JUMP_NS, Parameters, qos_options, RELIABLE, run, stamp_ns)
 from .environment_messages import target_deletions, target_markers, tracks_message
 from ..core.errors import InputError
+from ..core.frame_counter import FrameCounter
 from ..io.colour import bgr_from_message
-from ..io.mot import check_targets, load_map, load_targets
+from ..io.scene_map import check_map_size, load_map
+from ..io.targets_file import check_targets, load_targets
 from ..monocular.boxes import TargetEnd, TargetState
 from ..monocular.config import MonocularConfig
 from ..monocular.distance import DistanceField
@@ -32,50 +32,6 @@ from ..monocular.tracker import MonocularTracker, TRACKERS
 from ..report.targets import draw_targets
 
 _TOPIC = 'image_raw'
-_INTERVALS = 31  # the latest ones, whose median is that of the frames
-
-
-class FrameCounter:
-    """
-    Numbers frames by their stamps, so that those dropped on the way count as well.
-
-    The interval of the frames is the median of the latest ones; a gap of k of them, rounded,
-    advances the number by k. Stamps that are not later than the last one have no number.
-
-    ``number`` is that of the last frame, 0 before the first; ``gaps`` and ``dropped`` count the
-    gaps and the frames missing in them, ``repeated`` and ``late`` the stamps left out.
-    """
-
-    def __init__(self) -> None:
-        self.number = self.last_ns = 0
-        self.gaps = self.dropped = self.repeated = self.late = 0
-        self._intervals: deque[int] = deque(maxlen=_INTERVALS)
-
-    def jumps_back(self, ns: int) -> bool:
-        """Tell whether a stamp [ns] is of another time."""
-        return self.number > 0 and ns < self.last_ns - JUMP_NS
-
-    def start_anew(self) -> None:
-        """Go back to 1; the counts go on."""
-        self.number = self.last_ns = 0
-        self._intervals.clear()
-
-    def step(self, ns: int) -> int:
-        """Give how many frames after the last one a stamp [ns] is: 0 for one to leave out."""
-        if self.number == 0:
-            self.number, self.last_ns = 1, ns
-            return 1
-        interval = ns - self.last_ns
-        if interval <= 0:
-            self.repeated += interval == 0
-            self.late += interval < 0
-            return 0
-        self._intervals.append(interval)
-        frames = max(round(interval / median(self._intervals)), 1)
-        self.gaps += frames > 1
-        self.dropped += frames - 1
-        self.number, self.last_ns = self.number + frames, ns
-        return frames
 
 
 class EnvironmentNode(Node):
@@ -105,7 +61,7 @@ class EnvironmentNode(Node):
         check_targets(self.targets, self.labels.shape[1], self.labels.shape[0], paths['targets'])
         self.map_path = paths['map']
         self.field = DistanceField(self.labels)
-        self.counter, self.resets, self.marks_missed = FrameCounter(), 0, 0
+        self.counter, self.resets, self.marks_missed = FrameCounter(JUMP_NS), 0, 0
         self.ends = dict.fromkeys(TargetState, 0)
         self.tracker = self._new_tracker()
         self._publish_and_subscribe(transport)
@@ -130,11 +86,7 @@ class EnvironmentNode(Node):
         if self.counter.jumps_back(ns):
             self.start_anew(ns)
         image = bgr_from_message(msg, _TOPIC)
-        if image.shape[:2] != self.labels.shape:
-            height, width = image.shape[:2]
-            raise InputError(self.map_path, 'size of the map',
-                             f'{self.labels.shape[1]}x{self.labels.shape[0]} px',
-                             f'{width}x{height} px as the images')
+        check_map_size(self.labels, image, self.map_path)
         frames = self.counter.step(ns)
         if frames == 0:
             return
@@ -173,7 +125,7 @@ class EnvironmentNode(Node):
         self.get_logger().warning(
             f'stamps jumped back from {self.counter.last_ns} to {ns} ns: starting anew')
         self.close()
-        self.counter.start_anew()
+        self.counter.restart()
         self.tracker = self._new_tracker()
         self.resets += 1
 

@@ -11,6 +11,7 @@ import pytest
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin, Writer as Writer2
 from rosbags.typesys import get_typestore, Stores
+from stereo_speed.monocular.boxes import TargetEstimate, TargetState
 
 STEP_NS = 200_000_000
 START_NS = 1_700_000_000_000_000_000
@@ -61,7 +62,7 @@ class Messages:
 
 
 def calibration(side):
-    """StrictMapping of a CameraInfo: f = 20 px, baseline 0.5 m."""
+    """Fields of a CameraInfo: f = 20 px, baseline 0.5 m."""
     tx = -10.0 if side == 'right' else 0.0
     return {
         'height': SIZE[1], 'width': SIZE[0], 'distortion_model': 'plumb_bob',
@@ -115,3 +116,24 @@ def bags():
     return SimpleNamespace(
         ros2=Messages(), ros1=Messages(ros1=True), recording=recording, write=write,
         picture=picture, calibration=calibration, STEP_NS=STEP_NS, START_NS=START_NS, SIZE=SIZE)
+
+
+@pytest.fixture()
+def written(tmp_path):
+    """Return a function that writes a text into a file and returns its path."""
+    def write_text(text, name='file.yaml'):
+        path = tmp_path / name
+        path.write_text(text, encoding='utf-8')
+        return path
+    return write_text
+
+
+@pytest.fixture()
+def estimate():
+    """Return a function that makes the estimate of a target in a frame."""
+    def make(frame, number=1, box=(1, 2, 3, 4), angle_rad=0.0, **changes):
+        fields = {'state': TargetState.TRACKED, 'distance_px': -2.5, 'distance_rate_px': -0.0001,
+                  'similarity': 0.875, 'velocity_px': np.zeros(2), **changes}
+        return TargetEstimate(frame=frame, id=number, box_px=np.array(box, dtype=float),
+                              angle_rad=angle_rad, **fields)
+    return make

@@ -22,7 +22,7 @@ from stereo_speed.cli.demo import Process  # noqa: E402
 from stereo_speed.cli.main import main  # noqa: E402
 from stereo_speed.nodes.common import image_message, RELIABLE, stamp_ns  # noqa: E402
 from stereo_speed.nodes.environment_messages import RECORD  # noqa: E402
-from stereo_speed.nodes.environment_node import EnvironmentNode, FrameCounter  # noqa: E402
+from stereo_speed.nodes.environment_node import EnvironmentNode  # noqa: E402
 from visualization_msgs.msg import MarkerArray  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures('private_graph')
@@ -141,29 +141,6 @@ def test_live_tracks_equal_those_of_the_command_and_a_jump_starts_anew(scene, ca
     outline, text = drawn(camera, FRAMES)[0]
     assert len(outline.points) == 5 and text.text.startswith('3 ')
     assert (camera.overlays[0].height, camera.overlays[0].width) == (120, 160)
-
-
-def test_frames_are_numbered_by_their_stamps():
-    """30 Hz with 3 ms of jitter and one in six dropped: numbers are those of the camera."""
-    rng, counter = np.random.default_rng(8), FrameCounter()
-    there = rng.random(900) > 1 / 6
-    there[:6] = True
-    stamps = (np.arange(900) / 30 + rng.uniform(-1.5e-3, 1.5e-3, 900) + 5) * 1e9
-    for number in np.flatnonzero(there) + 1:
-        counter.step(int(stamps[number - 1]))
-        assert counter.number == number
-    assert counter.dropped == np.sum(~there[:number])
-    assert counter.gaps == np.sum(there[1:] & ~there[:-1])
-
-
-def test_repeated_and_late_stamps_are_left_out():
-    ms, counter = 1_000_000, FrameCounter()
-    assert [counter.step(t * ms) for t in (2000, 2100, 2100, 2200, 2150, 2400, 2500)] == [
-        1, 1, 0, 1, 0, 2, 1]
-    assert (counter.number, counter.repeated, counter.late) == (6, 1, 1)
-    assert not counter.jumps_back(1500 * ms) and counter.jumps_back(1499 * ms)
-    counter.start_anew()
-    assert counter.number == 0 and not counter.jumps_back(0) and counter.step(0) == 1
 
 
 @pytest.mark.parametrize('dropped, stopped', [(7, []), (8, [3, 9])])

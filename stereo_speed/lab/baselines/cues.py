@@ -45,16 +45,6 @@ def histograms(image: NDArray[Any], quads: Array, grid: PartGrid, most: float) -
     return np.asarray(counts.reshape(len(bins), BINS))
 
 
-def likeness(first: Array, second: Array) -> Array:
-    """
-    Bhattacharyya coefficient of histograms, in [0, 1].
-
-    :param first: (N, B).
-    :param second: (B,) or (N, B).
-    """
-    return np.asarray(np.sqrt(first * second).sum(axis=-1))
-
-
 def outline_gradient(image: NDArray[Any], quads: Array) -> Array:
     """
     Give the mean gradient across the outline of each quad, grey levels per pixel.

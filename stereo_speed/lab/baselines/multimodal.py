@@ -26,11 +26,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .cloud import CloudTracker
-from .cues import histograms, likeness, outline_gradient
+from .cues import histograms, outline_gradient
 from .rectify import Rectifier
 from ...core.records import Array, StereoPair
 from ...tracking.front import plane_points
 from ...vision.haar import PartGrid
+from ...vision.histograms import bhattacharyya
 
 _LEAST_LIKENESS = 0.7
 _LEARN = 0.1  # share of a pair in the references: histograms do not change with the scale
@@ -91,7 +92,7 @@ class MultimodalTracker(CloudTracker):
         for view, image in enumerate((pair.left, pair.right)):
             q = np.where(shown[:, None, None], quads[view], quads[view][fill])
             if self.references is not None:
-                same = likeness(self._histograms(image, q), self.references[view])
+                same = bhattacharyya(self._histograms(image, q), self.references[view])
                 total -= self.settings.lambda_colour * (1 - same)  # squared distance
             edge = outline_gradient(image, q)
             total -= self.settings.lambda_gradient * np.square(
@@ -129,7 +130,8 @@ class MultimodalTracker(CloudTracker):
         if self.references is None:
             self.references = found[0], found[1]
             return True
-        if min(float(likeness(f, g)) for f, g in zip(found, self.references)) < _LEAST_LIKENESS:
+        if min(float(bhattacharyya(f, g))
+               for f, g in zip(found, self.references)) < _LEAST_LIKENESS:
             return False
         left, right = (_LEARN * f + (1 - _LEARN) * g for f, g in zip(found, self.references))
         self.references = left, right

@@ -20,7 +20,9 @@ from .runner import Job, Result
 from .tables import Table
 from ...core.errors import InputError
 from ...core.records import Array
-from ...io.mot import load_map, load_targets, load_truth
+from ...io.mot import load_truth
+from ...io.scene_map import check_map_size, load_map
+from ...io.targets_file import load_targets
 from ...io.video import read_frames, video_hash
 from ...monocular.boxes import overlap, Target, TargetEstimate
 from ...monocular.config import MonocularConfig
@@ -158,9 +160,7 @@ def run_scene(parameters: Mapping[str, Any]) -> dict[str, Any]:
     last_true = {number: max(boxes) for number, boxes in truth.items()}
     last = 0
     for frame in read_frames(scene.video):
-        if frame.image.shape[:2] != field.labels.shape:
-            raise InputError(scene.map, 'size of the map', f'{field.width}x{field.height} px',
-                             f'{frame.image.shape[1]}x{frame.image.shape[0]} px as the frames')
+        check_map_size(field.labels, frame.image, scene.map)
         last = frame.number
         for tracker, estimates in zip(trackers, found):
             for e in tracker.process(frame.number, frame.image):

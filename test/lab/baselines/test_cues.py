@@ -6,12 +6,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stereo_speed.lab.baselines.cues import BINS, histograms, likeness, outline_gradient
+from stereo_speed.lab.baselines.cues import BINS, histograms, outline_gradient
 from stereo_speed.lab.baselines.rectify import Rectifier
 from stereo_speed.lab.sim.config import DISTORTED, straight_config
 from stereo_speed.lab.sim.scene import SimScene
 from stereo_speed.lab.sim.sequence import simulate
 from stereo_speed.vision.haar import PartGrid
+from stereo_speed.vision.histograms import bhattacharyya
 
 QUAD = np.array([[40.0, 30], [79, 30], [79, 59], [40, 59]])
 
@@ -30,7 +31,7 @@ def test_histogram_by_hand(box):
     np.testing.assert_allclose(found.sum(axis=1), 1.0)
     assert found[0, 40 * BINS // 256] == pytest.approx(1.0)
     assert found[1, 200 * BINS // 256] == pytest.approx(1.0)
-    assert likeness(found, found[0]) == pytest.approx([1.0, 0.0])
+    assert bhattacharyya(found, found[0]) == pytest.approx([1.0, 0.0])
 
 
 def test_outline_is_strongest_on_the_edge(box):

@@ -1,0 +1,78 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""The map of a scene: its image (PNG) and the polygons it is drawn from (YAML)."""
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from .atomic import PathLike
+from ..core.errors import InputError
+from ..core.strict_yaml import load_yaml, StrictMapping
+from ..monocular.distance import KINDS
+from ..monocular.regions import KIND_LEVELS, Region
+
+Labels = NDArray[np.uint8]
+
+
+def load_map(path: PathLike) -> Labels:
+    """
+    Read a map: 8-bit, one channel, 255 pathway, 128 accessible, 0 inaccessible.
+
+    :raises InputError: unreadable, or anything else in it.
+    """
+    wanted = 'an 8-bit grey image of 255 pathway, 128 accessible, 0 inaccessible'
+    try:
+        data = np.fromfile(path, dtype=np.uint8)
+    except OSError as error:
+        raise InputError(path, 'map', error.strerror, wanted) from None
+    image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if data.size else None
+    if image is None:
+        raise InputError(path, 'map', f'{data.size} bytes that are no image', wanted)
+    if image.dtype != np.uint8 or image.ndim != 2:
+        raise InputError(path, 'map', f'{image.dtype} of shape {image.shape}', wanted)
+    strange = sorted(set(np.unique(image).tolist()) - set(KINDS))
+    if strange:
+        raise InputError(path, 'map', f'grey levels {strange[:5]}', wanted)
+    return np.asarray(image, dtype=np.uint8)
+
+
+def check_map_size(labels: Labels, image: NDArray[np.uint8], where: object) -> None:
+    """
+    Refuse a map that has not the size of the frames.
+
+    :param labels: (H, W) the map.
+    :param image: (H, W, 3) a frame.
+    :param where: the map's file.
+    :raises InputError: tells both sizes.
+    """
+    if image.shape[:2] != labels.shape:
+        height, width = image.shape[:2]
+        raise InputError(where, 'size of the map', f'{labels.shape[1]}x{labels.shape[0]} px',
+                         f'{width}x{height} px as the frames')
+
+
+def load_regions(path: PathLike) -> tuple[list[Region], str]:
+    """
+    Read a polygons file (``stereo_speed_map: 1``).
+
+    :return: the regions, in the order they are drawn, and the kind of the rest.
+    :raises SiteError: names the field, what was found and what was wanted.
+    """
+    top = StrictMapping(path, '', load_yaml(path, 'stereo_speed_map'),
+                        ('stereo_speed_map', 'background', 'regions'))
+    background = _kind(top, 'background') if 'background' in top else 'accessible'
+    regions = []
+    for index, item in enumerate(top.listed('regions')):
+        fields = StrictMapping(path, f'regions[{index}]', item, ('kind', 'polygon'))
+        regions.append(Region(kind=_kind(fields, 'kind'),
+                              polygon_px=fields.points('polygon', 2, 3)))
+    return regions, background
+
+
+def _kind(fields: StrictMapping, key: str) -> str:
+    kind = fields.text(key)
+    if kind not in KIND_LEVELS:
+        raise fields.error(key, repr(kind), ', '.join(KIND_LEVELS))
+    return kind
