@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
-import re
 import sys
 import textwrap
 
@@ -14,8 +13,9 @@ sys.path.insert(0, str(ROOT))
 
 from stereo_speed.core.config import TrackerConfig  # noqa: E402
 from stereo_speed.monocular.config import MonocularConfig  # noqa: E402
+from stereo_speed.pipeline.registry import DETECTORS, TRACKERS  # noqa: E402
 
-HEAD = '# Parameters of the tracker for `replay --config`; these are the defaults.\n'
+HEAD = '# Parameters for `replay --config`; these are the defaults.\n'
 ENVIRONMENT_HEAD = ('# Parameters of the monocular tracker for `track-environment --config`; these'
                     ' are the\n# defaults.\n')
 NODE_HEAD = """# Parameters of environment_node; these are the defaults.
@@ -35,21 +35,41 @@ NODE_HEAD = """# Parameters of environment_node; these are the defaults.
 """
 
 
-def parameters(indent: str, kind: type = TrackerConfig) -> str:
-    """Give every parameter with its meaning above it, as YAML."""
+def parameters(indent: str, kind: type) -> str:
+    """Return every parameter with its meaning above it, sections further in, as YAML."""
     lines = []
     for f in dataclasses.fields(kind):
         m = f.metadata
+        if 'section' in m:
+            lines.append(f'{indent}# {m["doc"]}\n{indent}{f.name}:')
+            lines.append(parameters(indent + '  ', m['section']).rstrip('\n'))
+            continue
         unit = f' [{m["unit"]}]' if m['unit'] else ''
-        lines += textwrap.wrap(f'{m["doc"]}{unit}; {m["low"]} to {m["high"]}', 97,
+        legal = ', '.join(map(str, m['choices'])) or f'{m["low"]} to {m["high"]}'
+        legal = '' if isinstance(f.default, bool) else f'; {legal}'
+        lines += textwrap.wrap(f'{m["doc"]}{unit}{legal}', 97,
                                initial_indent=indent + '# ', subsequent_indent=indent + '# ',
                                break_long_words=False, break_on_hyphens=False)
         lines.append(f'{indent}{f.name}: {_yaml(f.default)}')
     return '\n'.join(lines) + '\n'
 
 
+def components(indent: str) -> str:
+    """Return the parameters of each tracker and detector alone, as YAML."""
+    out = ''
+    for registry in (TRACKERS, DETECTORS):
+        out += f'{indent}# parameters of one {registry.kind} alone\n{indent}{registry.kind}s:\n'
+        for name in registry.own:
+            settings = registry.load(name).Settings
+            if dataclasses.fields(settings):
+                out += f'{indent}  {name}:\n' + parameters(indent + '    ', settings)
+    return out
+
+
 def _yaml(value: object) -> str:
     """Write a number as YAML 1.1 reads it: exponents need a point and a sign."""
+    if isinstance(value, (bool, str)):
+        return str(value).lower() if isinstance(value, bool) else value
     text = repr(value)
     return f'{value:.8f}'.rstrip('0') if isinstance(value, float) and 'e' in text else text
 
@@ -60,16 +80,14 @@ def main() -> None:
     (config / 'environment.yaml').write_text(ENVIRONMENT_HEAD + parameters('', MonocularConfig))
     (config / 'environment.params.yaml').write_text(
         NODE_HEAD + parameters('    ', MonocularConfig))
-    (ROOT / 'config' / 'tracker.yaml').write_text(HEAD + parameters(''))
-    path = ROOT / 'config' / 'stereo_speed.params.yaml'
+    (config / 'tracker.yaml').write_text(HEAD + parameters('', TrackerConfig) + components(''))
+    path = config / 'stereo_speed.params.yaml'
     text = path.read_text()
-    fields = [f.name for f in dataclasses.fields(TrackerConfig)]
     # Of the tracker node's block, all from the comment above the first parameter on is made anew.
     start = text.index('    # number of particles N')
     end = text.find('\n\n/**/', start)
     rest = text[end + 1:] if end >= 0 else ''
-    path.write_text(text[:start] + parameters('    ') + rest)
-    assert re.search(rf'^    {fields[-1]}:', path.read_text(), re.M)
+    path.write_text(text[:start] + parameters('    ', TrackerConfig) + components('    ') + rest)
 
 
 if __name__ == '__main__':

@@ -17,23 +17,24 @@ import os
 from pathlib import Path
 import subprocess
 import sys
-from typing import Any, Optional, Sequence
+from typing import Any, Mapping, Optional, Sequence
 
 import cv2
 import numpy as np
 
-from .replay import measure, print_table, Run
+from .replay import measure, print_table
 from .site import refined_from_bag, write_pictures, write_site
-from ..core.config import TrackerConfig
 from ..core.errors import StereoSpeedError
 from ..core.records import TrackState
 from ..core.units import MPH_MPS
 from ..io.bags import StereoBag
-from ..pipeline.pipeline import SpeedPipeline
+from ..pipeline.assembly import MeasuringSite
+from ..pipeline.config import PipelineConfig
+from ..pipeline.run import Run
 from ..report.overlay import strip
 from ..report.plots import write_plots
+from ..road.lanes import LanePath
 from ..site.file import load_site
-from ..site.lane_paths import lane_paths
 from ..site.refine.report import report, summary_lines
 
 _ROOT = Path(__file__).resolve().parents[2]
@@ -103,14 +104,12 @@ def _refined_site(sample: Path, out: Path) -> Path:
     return out / 'site.yaml'
 
 
-def _offline(sample: Path, site: Path) -> tuple[Run, Any]:
+def _offline(sample: Path, site: Path) -> tuple[Run, Mapping[str, LanePath]]:
     """Run the same bag through the pipeline in this process."""
     with StereoBag(sample / 'bag') as bag:
-        read = load_site(site)
-        bag.rig = read.corrected_rig(bag.rig)
-        lanes = lane_paths(read, bag.rig)
-        pipeline = SpeedPipeline(bag.rig, lanes, TrackerConfig(), None)
-        return measure(bag, pipeline, lanes, keep_frames=False), lanes
+        place = MeasuringSite.of(load_site(site), bag.rig)
+        pipeline = place.pipeline(PipelineConfig(), None)
+        return measure(bag, pipeline, keep_frames=False)[0], place.lanes
 
 
 def live(sample: Path, site: Path, wanted: int, rate: float, truth: Sequence[tuple[int, float]],

@@ -4,53 +4,34 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import replace
 import math
 from pathlib import Path
-import time
-from typing import Any, Mapping, Optional, Sequence
+from typing import Any, Callable, Mapping, Optional, Sequence
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 from tqdm import tqdm
 
-from ..core.config import load_config, TrackerConfig
 from ..core.errors import InputError
-from ..core.records import PassResult, TrackUpdate, Verdict
+from ..core.records import InitialFront, PassResult, StereoPair, Verdict
 from ..core.units import KMH_MPS, MPH_MPS
 from ..io.atomic import prepare_folder
 from ..io.bags import StereoBag
-from ..io.results import (
-    file_sha256, of_passes, software_versions, staged_run, stream_timings, write_run)
-from ..pipeline.pipeline import SpeedPipeline, TRACKERS
+from ..io.results import file_sha256, software_versions, staged_run, stream_timings, write_run
+from ..pipeline.assembly import make_pipeline, MeasuringSite
+from ..pipeline.config import load_pipeline_config, PipelineConfig
+from ..pipeline.pipeline import SpeedPipeline, Step
+from ..pipeline.registry import DETECTORS, Registry, TRACKERS
+from ..pipeline.run import Run, run as run_pipeline
 from ..road.lanes import LanePath
-from ..site.file import InitialFront, load_site
+from ..site.file import load_site
 from ..site.init_file import load_init
-from ..site.lane_paths import lane_paths
-from ..site.refine.refiner import refine_site, RefinedSite
 from ..site.refine.report import report, summary as report_summary, summary_lines
 from ..site.write import site_text
 
 REFINED_SITE = 'site.yaml'
-
-
-@dataclass
-class Run:
-    """
-    What one replay has gathered.
-
-    :param updates: track updates, in time order.
-    :param passes: results of the passes that ended.
-    :param stamps_ns: stamp of each pair.
-    :param strip: annotated frames, for the strip.
-    :param wall_s: time spent in the pipeline, s.
-    """
-
-    updates: list[TrackUpdate] = field(default_factory=list)
-    passes: list[PassResult] = field(default_factory=list)
-    stamps_ns: list[int] = field(default_factory=list)
-    strip: list[Any] = field(default_factory=list)
-    wall_s: float = 0.0
 
 
 def add_parser(subparsers: Any) -> None:
@@ -67,11 +48,15 @@ def add_parser(subparsers: Any) -> None:
                         help='find the lines of the site in the images first')
     parser.add_argument('--init', type=Path, help='init file (YAML) that marks the vehicles; '
                         'without it they are found automatically')
-    parser.add_argument('--tracker', type=_tracker, default='constrained', metavar='NAME',
-                        help=', '.join(TRACKERS) + ' (default: constrained)')
+    parser.add_argument('--tracker', type=_one_of(TRACKERS), default='constrained',
+                        metavar='NAME',
+                        help=', '.join(TRACKERS.names) + ' (default: constrained)')
+    parser.add_argument('--detector', type=_one_of(DETECTORS), default='plane_sweep',
+                        metavar='NAME', help='finds the vehicles: '
+                        + ', '.join(DETECTORS.names) + ' (default: plane_sweep)')
     parser.add_argument('--particles', type=int, metavar='N', help='number of particles')
     parser.add_argument('--seed', type=_seed, default=0, metavar='S', help='seed (default: 0)')
-    parser.add_argument('--config', type=Path, metavar='YAML', help='parameters of the tracker')
+    parser.add_argument('--config', type=Path, metavar='YAML', help='parameters')
     parser.add_argument('--left', metavar='TOPIC', help='topic of the left images')
     parser.add_argument('--right', metavar='TOPIC', help='topic of the right images')
     parser.add_argument('--tolerance-ms', type=_tolerance, metavar='MS',
@@ -81,11 +66,14 @@ def add_parser(subparsers: Any) -> None:
     parser.set_defaults(run=run)
 
 
-def _tracker(text: str) -> str:
-    if text not in TRACKERS:
-        raise argparse.ArgumentTypeError(
-            f'found {text!r}, wanted one of {", ".join(TRACKERS)}')
-    return text
+def _one_of(registry: Registry[Any]) -> Callable[[str], str]:
+    """Return a parser of the names of a registry."""
+    def parse(text: str) -> str:
+        if text not in registry.names:
+            raise argparse.ArgumentTypeError(
+                f'found {text!r}, wanted one of {", ".join(registry.names)}')
+        return text
+    return parse
 
 
 def _seed(text: str) -> int:
@@ -107,33 +95,30 @@ def _tolerance(text: str) -> float:
 def run(args: argparse.Namespace) -> int:
     """Measure, then write everything, then print the table."""
     config = _config(args)
-    site, marks = load_site(args.site), None if args.init is None else load_init(args.init)
+    site = load_site(args.site)
+    annotations = None if args.init is None else load_init(args.init)
     prepare_folder(args.out)
     if args.refine_site and args.site.resolve() == (args.out / REFINED_SITE).resolve():
         raise InputError('replay', '--out', args.out, 'a folder where the refined site does not '
                          f'overwrite {args.site}')
     tolerance = None if args.tolerance_ms is None else round(args.tolerance_ms * 1e6)
     with StereoBag(args.bag, left=args.left, right=args.right, tolerance_ns=tolerance) as bag:
-        refined = None
-        if args.refine_site:
-            refined = refine_site(site, bag.rig, bag.pairs())
-            figures = report(refined)
-            print('\n'.join(summary_lines(refined, figures)))
-            site = refined.site
-        config = replace(config, **site.tolerances)
-        bag.rig = site.corrected_rig(bag.rig)
-        lanes = lane_paths(site, bag.rig)
-        pipeline = SpeedPipeline(bag.rig, lanes, config, marks, seed=args.seed,
-                                 tracker=args.tracker, where=str(args.init))
-        if marks is not None:
-            _check_frames(marks, bag.pair_count, args.init)
-        result = measure(bag, pipeline, lanes, keep_frames=not args.no_plots)
-        summary = summarize(args, config, bag, result, lanes)
+        place = MeasuringSite.of(site, bag.rig, bag.pairs() if args.refine_site else None)
+        figures = None if place.refined is None else report(place.refined)
+        if place.refined is not None and figures is not None:
+            print('\n'.join(summary_lines(place.refined, figures)))
+        config = config.with_tolerances(place.site.tolerances)
+        pipeline = make_pipeline(place.rig, place.lanes, config, annotations, seed=args.seed,
+                                 where=str(args.init))
+        if annotations is not None:
+            _check_frames(annotations, bag.pair_count, args.init)
+        result, frames = measure(bag, pipeline, keep_frames=not args.no_plots)
+        summary = summarize(args, config, bag, result, place.lanes)
         pairing = dict(bag.pairing)
-    if refined is not None:
-        summary['refinement'] = report_summary(refined, figures)
-    write_all(args, lanes, result, summary, refined)
-    print_lanes(lanes)
+    if place.refined is not None and figures is not None:
+        summary['refinement'] = report_summary(place.refined, figures)
+    write_all(args, place, result, frames, summary)
+    print_lanes(place.lanes)
     print_table(result.passes)
     print(f'{pairing["pairs"]} pairs ({pairing["method"]} stamps; unpaired: '
           f'{pairing["unpaired_left"]} left, {pairing["unpaired_right"]} right), '
@@ -141,52 +126,43 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _config(args: argparse.Namespace) -> TrackerConfig:
-    config = load_config(args.config) if args.config else TrackerConfig()
+def _config(args: argparse.Namespace) -> PipelineConfig:
+    config = load_pipeline_config(args.config, tracker=args.tracker, detector=args.detector)
     if args.particles is None:
         return config
     try:
-        return replace(config, particles=args.particles)
+        return replace(config, shared=replace(config.shared, particles=args.particles))
     except InputError as error:
         raise InputError('replay', '--particles', error.found, error.wanted) from None
 
 
-def _check_frames(marks: Sequence[InitialFront], pairs: int, where: Path) -> None:
-    """Refuse a mark in a pair that never comes."""
-    for index, mark in enumerate(marks):
-        if mark.frame >= pairs:
-            raise InputError(where, f'vehicles[{index}].frame', mark.frame,
+def _check_frames(annotations: Sequence[InitialFront], pairs: int, where: Path) -> None:
+    """Refuse an annotation in a pair that never comes."""
+    for index, front in enumerate(annotations):
+        if front.frame >= pairs:
+            raise InputError(where, f'vehicles[{index}].frame', front.frame,
                              f'below {pairs}, the number of pairs')
 
 
-def measure(bag: StereoBag, pipeline: SpeedPipeline, lanes: Mapping[str, LanePath], *,
-            keep_frames: bool) -> Run:
+def measure(bag: StereoBag, pipeline: SpeedPipeline, *, keep_frames: bool
+            ) -> tuple[Run, list[NDArray[np.uint8]]]:
     """
-    Run every pair of the bag through the pipeline.
+    Run every pair of a bag through a pipeline, with a progress bar.
 
     :param bag: an open bag.
     :param pipeline: the pipeline.
-    :param lanes: the lanes, for the annotated frames.
     :param keep_frames: whether annotated frames are wanted.
+    :return: the run, and annotated frames evenly spread over it.
     """
-    result, frames = Run(), EvenSampler(9)
-    for pair in tqdm(bag.pairs(), total=bag.pair_count, desc='replay', unit='pair', disable=None):
-        start = time.perf_counter()
-        updates = pipeline.process(pair)
-        result.passes += pipeline.ended()
-        result.wall_s += time.perf_counter() - start
-        result.updates += updates
-        result.stamps_ns.append(pair.stamp_ns)
-        if keep_frames and updates and frames.wants():
+    frames = EvenSampler(9)
+
+    def keep(pair: StereoPair, step: Step) -> None:
+        if step.updates and frames.wants():
             from ..report.overlay import draw
-            frames.add(draw(pair, updates, lanes, bag.rig))
-    start = time.perf_counter()
-    result.passes += pipeline.finish()
-    result.wall_s += time.perf_counter() - start
-    result.passes.sort(key=lambda p: p.track)
-    result.updates = of_passes(result.updates, result.passes)
-    result.strip = frames.frames()
-    return result
+            frames.add(draw(pair, step.updates, pipeline.lanes, pipeline.rig))
+    pairs = tqdm(bag.pairs(), total=bag.pair_count, desc='replay', unit='pair', disable=None)
+    result = run_pipeline(pipeline, pairs, keep if keep_frames else None)
+    return result, frames.frames()
 
 
 class EvenSampler:
@@ -213,21 +189,20 @@ class EvenSampler:
         return [self._kept[i] for i in np.round(chosen).astype(int)]
 
 
-def summarize(args: argparse.Namespace, config: TrackerConfig, bag: StereoBag,
+def summarize(args: argparse.Namespace, config: PipelineConfig, bag: StereoBag,
               result: Run, lanes: Mapping[str, LanePath]) -> dict[str, Any]:
     """
     Gather what ``summary.json`` says; nothing in it depends on the machine's pace.
 
     :param args: the options.
-    :param config: the tracker's parameters.
+    :param config: the parameters.
     :param bag: the bag, read to its end.
     :param result: the run.
     :param lanes: the lanes, for how well their picks agree.
     """
     return {
         'versions': software_versions(),
-        'parameters': asdict(config),
-        'tracker': args.tracker,
+        **config.summary(),
         'seed': args.seed,
         'refine_site': args.refine_site,
         'input': {'bag': args.bag.resolve().name, 'bag_sha256': bag.input_hash(),
@@ -259,27 +234,27 @@ def print_lanes(lanes: Mapping[str, LanePath]) -> None:
               f'and ± {q["heading_std_up_deg"]:.4f}° up')
 
 
-def write_all(args: argparse.Namespace, lanes: Mapping[str, LanePath], result: Run,
-              summary: Mapping[str, Any], refined: Optional[RefinedSite] = None) -> None:
+def write_all(args: argparse.Namespace, place: MeasuringSite, result: Run,
+              frames: Sequence[NDArray[np.uint8]], summary: Mapping[str, Any]) -> None:
     """
     Write everything beside the folder, then move it in, ``summary.json`` last.
 
     :param args: gives the folder, and whether plots are wanted.
-    :param lanes: the lanes, for the plots.
+    :param place: the site as measured at; kept with the results where it was refined.
     :param result: the run.
+    :param frames: annotated frames for the strip.
     :param summary: content of ``summary.json``.
-    :param refined: the site it was measured with, to be kept with the results.
     """
     with staged_run(args.out) as stage:
         write_run(stage, result.updates, result.passes, dict(summary))
         if not args.no_plots:
             from ..report.overlay import strip
             from ..report.plots import write_plots
-            write_plots(stage, result.updates, result.passes, lanes)
-            if result.strip:
-                cv2.imwrite(str(stage / 'strip.png'), strip(result.strip, width_px=480))
-        if refined is not None:
-            (stage / REFINED_SITE).write_text(site_text(refined.site), encoding='utf-8')
+            write_plots(stage, result.updates, result.passes, place.lanes)
+            if frames:
+                cv2.imwrite(str(stage / 'strip.png'), strip(frames, width_px=480))
+        if place.refined is not None:
+            (stage / REFINED_SITE).write_text(site_text(place.site), encoding='utf-8')
 
 
 def print_table(passes: Sequence[PassResult]) -> None:

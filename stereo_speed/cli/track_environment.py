@@ -104,7 +104,7 @@ def make_config(args: argparse.Namespace) -> MonocularConfig:
 
     :raises InputError: a value out of bounds.
     """
-    config = load_config(args.config, MonocularConfig) if args.config else MonocularConfig()
+    config = load_config(args.config, MonocularConfig)
     if args.likelihood == 'paper':
         config = replace(config, **PAPER_LIKELIHOOD)
     if args.particles is None:

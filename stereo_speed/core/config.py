@@ -3,7 +3,8 @@
 """
 Every number one can set, once: default, unit, bounds and meaning.
 
-The YAML files of ``config/``, the command line and the ROS parameters all derive from here.
+A config record is a frozen dataclass of :func:`parameter` and :func:`section` fields.  The YAML
+files of ``config/``, the command line and the ROS parameters all derive from such records.
 """
 from __future__ import annotations
 
@@ -11,26 +12,211 @@ import dataclasses
 from dataclasses import dataclass
 import math
 from pathlib import Path
-from typing import Any, Mapping, TypeVar, Union
+from typing import Any, ClassVar, Iterator, Mapping, Optional, Protocol, TypeVar, Union
 
 import yaml
 
 from .errors import InputError
 
-Number = Union[int, float]
-Config = TypeVar('Config')
+Value = Union[bool, int, float, str]
+_Value = TypeVar('_Value', bool, int, float, str)
+_UNBOUNDED = 1e308  # of numbers that have no bound of their own
 
 
-def parameter(default: Number, low: Number, high: Number, unit: str, doc: str) -> Any:
-    """Make a field of a config record that carries its unit, bounds and meaning."""
-    meta = {'low': low, 'high': high, 'unit': unit, 'doc': doc}
-    return dataclasses.field(default=default, metadata=meta)
+class ConfigRecord(Protocol):
+    """Any dataclass."""
+
+    __dataclass_fields__: ClassVar[dict[str, dataclasses.Field[Any]]]
+
+
+Record = TypeVar('Record', bound=ConfigRecord)
+
+
+def parameter(default: _Value, low: float = -_UNBOUNDED, high: float = _UNBOUNDED, unit: str = '',
+              doc: str = '', *, choices: tuple[Value, ...] = ()) -> _Value:
+    """
+    Return a field of a config record that carries its unit, bounds and meaning.
+
+    :param default: its value where nobody sets it; its type is that of the parameter.
+    :param low: least legal value, of numbers.
+    :param high: greatest legal value, of numbers.
+    :param unit: of numbers.
+    :param doc: what it means.
+    :param choices: the only legal values, where there are few.
+    """
+    meta = {'low': low, 'high': high, 'unit': unit, 'doc': doc, 'choices': choices}
+    field: _Value = dataclasses.field(default=default, metadata=meta)
+    return field
+
+
+def section(kind: type[Record], doc: str) -> Record:
+    """
+    Return a field of a config record that is a config record itself, with its defaults.
+
+    :param kind: the record.
+    :param doc: what its parameters have in common.
+    """
+    field: Record = dataclasses.field(default_factory=kind, metadata={'section': kind, 'doc': doc})
+    return field
+
+
+@dataclass(frozen=True)
+class NoParameters:
+    """The parameters of what has none."""
+
+
+@dataclass(frozen=True)
+class NoiseConfig:
+    """How precisely images tell where a front is; these decide every sigma of matching."""
+
+    independent_share: float = parameter(
+        0.35, 0.01, 1.0, '', 'share of independent samples in a patch after its low-pass')
+    match_floor_px: float = parameter(
+        0.0125, 0.0, 1.0, 'px', 'systematic error of matching one observation between the views, '
+        'which no number of samples averages away')
+    texture_floor_px: float = parameter(
+        0.025, 0.0, 1.0, 'px', 'systematic error of one observation against the texture of the '
+        'front, by relief and light')
+    relief_std_m: float = parameter(
+        0.04, 0.0001, 0.5, 'm', '1-sigma of the relief of a front: bumper, grille and lamps lie '
+        'centimetres apart in depth')
+    gauge_std_m: float = parameter(
+        0.005, 0.0001, 0.5, 'm', '1-sigma of the front in its first observation, which defines '
+        'where its centre is')
+    start_std_px: float = parameter(
+        0.15, 0.01, 5.0, 'px', 'spread of the first particles in depth, as disparity')
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+
+
+@dataclass(frozen=True)
+class VisibilityConfig:
+    """When a vehicle counts as seen, occluded, confirmed or lost."""
+
+    least_ncc: float = parameter(
+        0.5, 0.0, 1.0, '', 'an observation that agrees less with the other view, or with the '
+        'texture, does not show the vehicle')
+    occlusion_deficit: float = parameter(
+        0.03, 0.0, 1.0, '', 'an observation is occluded when its correlation lacks more than this '
+        'beyond what noise explains')
+    occlusion_noise_factor: float = parameter(
+        3.0, 0.0, 100.0, '', 'noise explains this many times what the best observations lack')
+    occlusion_best_share: float = parameter(
+        0.1, 0.0, 1.0, '', 'share of the observations of a pass that count as its best')
+    confirm_pairs: int = parameter(
+        3, 1, 100, '', 'pairs after which a reading is worth publishing')
+    lost_after_s: float = parameter(
+        1.5, 0.0, 60.0, 's', 'a vehicle not seen for longer is lost; poles and missing images '
+        'take less')
+    occluded_for_s: float = parameter(
+        4.0, 0.0, 60.0, 's', 'nor is it followed for longer while it is occluded in part, as '
+        'behind a vehicle that overtakes')
+    least_width_px: float = parameter(
+        12.0, 1.0, 500.0, 'px', 'a rear narrower than this has left the view')
+    beyond_path_m: float = parameter(
+        20.0, 0.0, 500.0, 'm', 'what is this far beyond the end of its path has left as well')
+    speed_change_sigmas: float = parameter(
+        3.0, 0.0, 100.0, '', 'a reading is held back when it differs from the last one by so many '
+        'sigmas more than tyres can explain')
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+
+
+@dataclass(frozen=True)
+class StartConfig:
+    """When two quads are one front, in the first pair of a track."""
+
+    most_gap_px: float = parameter(
+        5.0, 0.1, 100.0, 'px', 'quads whose centres are further from one epipolar line are of '
+        'different things')
+    search_sigmas: float = parameter(
+        4.0, 0.5, 20.0, '', 'depths searched to either side of the one that the quads give')
+    least_ncc: float = parameter(
+        0.5, 0.0, 1.0, '', 'views of one front correlate better than this')
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+
+
+@dataclass(frozen=True)
+class VerdictConfig:
+    """Which passes are rejected, beside those whose 1-sigma is too great."""
+
+    least_pairs: int = parameter(
+        4, 2, 1000, '', 'a pass wholly seen in fewer pairs is rejected as too_few_pairs')
+    least_width_px: float = parameter(
+        20.0, 1.0, 1000.0, 'px', 'a front never wider than this is rejected as too_far')
+    far_width_px: float = parameter(
+        40.0, 1.0, 1000.0, 'px', 'an uncertain pass of a front never wider than this is rejected '
+        'as too_far, others as uncertain')
+    least_median_ncc: float = parameter(
+        0.6, 0.0, 1.0, '', 'a pass whose views agree less in half of its observations is rejected '
+        'as views_disagree')
+    most_height_change_m: float = parameter(
+        0.6, 0.01, 10.0, 'm', 'a front that climbs or sinks more against the road is rejected as '
+        'off_path')
+    most_speed_mps: float = parameter(
+        90.0, 1.0, 300.0, 'm/s', 'a faster pass is rejected as implausible')
+    most_acceleration_mps2: float = parameter(
+        12.0, 0.1, 100.0, 'm/s^2', 'beyond any tyre: a pass with more is implausible, a live '
+        'reading that needs more is held back')
+    off_road_m: float = parameter(
+        3.0, 0.1, 50.0, 'm', 'a vehicle further from the middle of every lane is off the road')
+    off_road_share: float = parameter(
+        0.5, 0.0, 1.0, '', 'a pass off the road in more than this share of its pairs is rejected '
+        'as off_path')
+    lane_hysteresis_m: float = parameter(
+        0.3, 0.0, 5.0, 'm', 'a vehicle has changed lanes when another one is nearer by this')
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+
+
+@dataclass(frozen=True)
+class EffortConfig:
+    """How much is spent on a pass: more takes longer and gains little."""
+
+    live_observations: int = parameter(
+        24, 4, 1000, '', 'observations that a live reading is solved from; older ones become '
+        'inactive keyframes')
+    pass_observations: int = parameter(
+        60, 4, 1000, '', 'observations that the pass is measured from, evenly spaced')
+    fewest_particles: int = parameter(
+        100, 20, 20000, '', 'particles of a track, however many tracks share the budget')
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+
+
+@dataclass(frozen=True)
+class AssociationConfig:
+    """How what the detector finds becomes tracks, one for each vehicle."""
+
+    catch_up_pairs: int = parameter(
+        3, 1, 50, '', 'earlier pairs, at most, that a new track is fed')
+    same_speed_sigmas: float = parameter(
+        3.0, 0.1, 100.0, '', 'a young track and the detector saw one speed when they differ by '
+        'less; a front half occluded has two')
+    doubt_s: float = parameter(
+        1.0, 0.0, 60.0, 's', 'for so long a track that saw another speed than its detector stays '
+        'tentative')
+    braking_mps2: float = parameter(
+        6.0, 0.0, 20.0, 'm/s^2', 'and after that as far as it cannot have braked so hard')
+    gone_s: float = parameter(
+        1.0, 0.0, 60.0, 's', 'for so long a vehicle that has left is not found again')
+    same_vehicle_m: float = parameter(
+        1.5, 0.1, 20.0, 'm', 'fronts nearer to each other are of one vehicle')
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
 
 
 @dataclass(frozen=True)
 class TrackerConfig:
     """
-    Parameters of the constrained tracker; the paper's values (2012, Section V) by default.
+    Parameters of all trackers; the paper's values (2012, Section V) by default.
 
     Deviations of random walks are rates, per square root of a second, so that the frame rate
     does not change the filter; the paper's per-frame values at 5 frames/s are given in each doc.
@@ -69,9 +255,10 @@ class TrackerConfig:
         0.03, 0.0005, 0.5, 'm', 'the same on a rough ride')
     smooth_share: float = parameter(
         0.5, 0.0, 1.0, '', 'share of passes that ride smoothly')
-    parts: int = parameter(10, 4, 16, '', 'parts N_p of the front: 4, 6, 8, 10, 12 or 16')
+    parts: int = parameter(
+        10, doc='parts N_p of the front', choices=(4, 6, 8, 10, 12, 16))
     samples_per_part: int = parameter(
-        8, 4, 16, '', 'samples across and down each part in the refinement; a multiple of 4')
+        8, doc='samples across and down each part in the refinement', choices=(4, 8, 12, 16))
     lambda_d: float = parameter(15.0, 0.0, 1e4, '', 'single-view weight lambda_D of eq. 13')
     lambda_c: float = parameter(20.0, 0.0, 1e4, '', 'cross-view weight lambda_c of eq. 18')
     reference_epsilon: float = parameter(
@@ -102,31 +289,76 @@ class TrackerConfig:
     particle_budget: int = parameter(
         2000, 100, 100000, '', 'particles of all tracks together; many tracks share them')
 
+    noise: NoiseConfig = section(NoiseConfig, 'precision of the images')
+    visibility: VisibilityConfig = section(VisibilityConfig, 'seen, occluded, confirmed, lost')
+    start: StartConfig = section(StartConfig, 'first pair of a track')
+    verdict: VerdictConfig = section(VerdictConfig, 'passes that are rejected')
+    effort: EffortConfig = section(EffortConfig, 'work spent on a pass')
+    association: AssociationConfig = section(AssociationConfig, 'from detections to tracks')
+
     def __post_init__(self) -> None:
         check_bounds(self)
 
 
-def check_bounds(config: Any) -> None:
+def check_bounds(config: ConfigRecord) -> None:
     """
-    Check each field of a config record against its bounds.
+    Check each parameter of a config record against its bounds or choices.
 
     :raises InputError: names the field, what was found and what was wanted.
     """
     for f in dataclasses.fields(config):
-        value, meta = getattr(config, f.name), f.metadata
-        kind = (int,) if isinstance(f.default, int) else (int, float)
-        wanted = f'{kind[-1].__name__} in [{meta["low"]}, {meta["high"]}] {meta["unit"]}'.strip()
-        if isinstance(value, bool) or not isinstance(value, kind) or not math.isfinite(value) \
-                or not meta['low'] <= value <= meta['high']:
-            raise InputError('configuration', f.name, repr(value), wanted)
+        value = getattr(config, f.name)
+        if 'section' in f.metadata:
+            if not isinstance(value, f.metadata['section']):
+                raise InputError('configuration', f.name, repr(value), 'a mapping of parameters')
+        elif not _is_legal(f, value):
+            raise InputError('configuration', f.name, repr(value), wanted_of(f))
 
 
-def load_config(path: Union[str, Path], kind: type[Config] = TrackerConfig) -> Config:
+def wanted_of(field: dataclasses.Field[Any]) -> str:
+    """Return in words what a parameter may be."""
+    meta, kind = field.metadata, type(field.default).__name__
+    if meta['choices']:
+        return 'one of ' + ', '.join(str(choice) for choice in meta['choices'])
+    if isinstance(field.default, (bool, str)):
+        return kind
+    return f'{kind} in [{meta["low"]}, {meta["high"]}] {meta["unit"]}'.strip()
+
+
+def _is_legal(field: dataclasses.Field[Any], value: object) -> bool:
+    """Return whether a value is of the type of a parameter, and within its bounds."""
+    meta, kind = field.metadata, type(field.default)
+    if kind is float and isinstance(value, int) and not isinstance(value, bool):
+        value = float(value)
+    if type(value) is not kind:
+        return False
+    if meta['choices']:
+        return value in meta['choices']
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        return math.isfinite(value) and bool(meta['low'] <= value <= meta['high'])
+    return True
+
+
+def parameters_of(kind: type[ConfigRecord], prefix: str = ''
+                  ) -> Iterator[tuple[str, dataclasses.Field[Any]]]:
     """
-    Read a YAML mapping of parameters; the others keep their defaults.
+    Yield the dotted name and the field of every parameter of a record and of its sections.
 
-    :param kind: the config record whose parameters they are, the tracker's if none is told.
-    :raises InputError: unreadable file, unknown key or value out of bounds.
+    :param kind: the record.
+    :param prefix: put before each name.
+    """
+    for f in dataclasses.fields(kind):
+        if 'section' in f.metadata:
+            yield from parameters_of(f.metadata['section'], f'{prefix}{f.name}.')
+        else:
+            yield prefix + f.name, f
+
+
+def read_yaml_mapping(path: Union[str, Path]) -> Mapping[str, object]:
+    """
+    Read a YAML mapping of parameters.
+
+    :raises InputError: an unreadable file, or one without a mapping at its top.
     """
     try:
         data = yaml.safe_load(Path(path).read_text(encoding='utf-8'))
@@ -134,26 +366,55 @@ def load_config(path: Union[str, Path], kind: type[Config] = TrackerConfig) -> C
         raise InputError(path, 'file', ' '.join(str(error).split()), 'readable YAML') from None
     if not isinstance(data, Mapping):
         raise InputError(path, 'top level', type(data).__name__, 'a mapping of parameters')
-    known = [f.name for f in dataclasses.fields(kind)]
-    for key in data:
-        if key not in known:
-            raise InputError(path, 'key', key, 'one of ' + ', '.join(known))
+    return data
+
+
+def record_of(kind: type[Record], data: object, where: object, prefix: str = '') -> Record:
+    """
+    Make a config record of a mapping, with defaults for what it leaves out.
+
+    :param kind: the record.
+    :param data: parameter to value, section to mapping; dots of flat names are nested already.
+    :param where: file, for errors.
+    :param prefix: dotted name of the section, for errors.
+    :raises InputError: an unknown key, or a value out of bounds.
+    """
+    if not isinstance(data, Mapping):
+        raise InputError(where, prefix.rstrip('.') or 'top level', type(data).__name__,
+                         'a mapping of parameters')
+    fields = {f.name: f for f in dataclasses.fields(kind)}
+    values = {}
+    for key, value in data.items():
+        if key not in fields:
+            raise InputError(where, 'key', f'{prefix}{key}',
+                             'one of ' + ', '.join(prefix + name for name in fields))
+        inner = fields[key].metadata.get('section')
+        values[key] = value if inner is None else record_of(inner, value, where, f'{prefix}{key}.')
     try:
-        return kind(**data)
+        return kind(**values)
     except InputError as error:
-        raise InputError(path, error.what, error.found, error.wanted) from None
+        raise InputError(where, prefix + error.what, error.found, error.wanted) from None
+
+
+def load_config(path: Optional[Union[str, Path]], kind: type[Record]) -> Record:
+    """
+    Read a YAML mapping of parameters; the others keep their defaults.
+
+    :param path: of the file; None gives the defaults.
+    :param kind: the config record whose parameters they are.
+    :raises InputError: unreadable file, unknown key or value out of bounds.
+    """
+    return kind() if path is None else record_of(kind, read_yaml_mapping(path), path)
 
 
 TOLERANCES = ('focal_std', 'baseline_std_m', 'stamp_std_s')  # those that a site file may give
 
 
-def check_tolerance(name: str, value: Any, where: object) -> float:
+def check_tolerance(name: str, value: object, where: object) -> float:
     """
     Check a tolerance of a site file against the bounds of its parameter.
 
     :raises InputError: names the file and the field.
     """
-    try:
-        return float(getattr(TrackerConfig(**{name: value}), name))
-    except InputError as error:
-        raise InputError(where, f'tolerances.{name}', error.found, error.wanted) from None
+    config = record_of(TrackerConfig, {name: value}, where, 'tolerances.')
+    return float(getattr(config, name))

@@ -18,10 +18,14 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-LEFT_VIEW, LOST, STREAM_ENDED = 'left_view', 'lost', 'stream_ended'  # how tracks end
+
+class Word(str, Enum):
+    """A word of a fixed vocabulary; it prints as its value."""
+
+    __str__ = str.__str__
 
 
-class TrackState(str, Enum):
+class TrackState(Word):
     """Life of a track; the values are those of ``tracks.csv``."""
 
     TENTATIVE = 'tentative'
@@ -29,11 +33,55 @@ class TrackState(str, Enum):
     COASTING = 'coasting'
 
 
-class Verdict(str, Enum):
+class Verdict(Word):
     """Outcome of a pass; the values are those of ``passes.csv``."""
 
     MEASURED = 'measured'
     REJECTED = 'rejected'
+
+
+class TrackEnd(Word):
+    """How a track ended; the values are those of ``passes.csv``."""
+
+    LEFT_VIEW = 'left_view'
+    LOST = 'lost'
+    STREAM_ENDED = 'stream_ended'
+
+
+class Reason(Word):
+    """
+    Why a pass is rejected; the values are those of ``passes.csv``.
+
+    ``docs/uncertainty.md`` says what each means.
+    """
+
+    NEVER_SEEN = 'never_seen'
+    TOO_FEW_PAIRS = 'too_few_pairs'
+    TOO_FEW_FEATURES = 'too_few_features'
+    TOO_FAR = 'too_far'
+    VIEWS_DISAGREE = 'views_disagree'
+    OFF_PATH = 'off_path'
+    IMPLAUSIBLE = 'implausible'
+    RIG_UNCERTAIN = 'rig_uncertain'
+    UNCERTAIN = 'uncertain'
+    DUPLICATE = 'duplicate'
+
+
+@dataclass(frozen=True, eq=False)
+class InitialFront:
+    """
+    A vehicle's front in the first pair of its track, as a person annotated or a detector found it.
+
+    :param frame: index of the pair.
+    :param left_px: (4, 2) raw pixels, clockwise from the image's top-left corner.
+    :param right_px: (4, 2) the same in the right view.
+    :param std_px: 1-sigma of each corner.
+    """
+
+    frame: int
+    left_px: Array
+    right_px: Array
+    std_px: float = 0.7
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,11 +176,12 @@ class PassResult:
         of a measurement.
     :param speed_std_mps: its 1-sigma, m/s.
     :param verdict: see :class:`Verdict`.
-    :param reason: why it was rejected, snake_case; empty when measured.
+    :param reason: why it was rejected, a :class:`Reason` or, from trackers of other packages,
+        another word in snake_case; empty when measured.
     :param smoothed: stamp in ns to the smoothed speed in m/s, from all pairs of the pass.
     :param smoothed_std: stamp in ns to the 1-sigma of the smoothed speed, m/s.
     :param budget: what the 1-sigma is made of; None where the tracker does not tell.
-    :param end: how the track ended: ``left_view``, ``lost`` or ``stream_ended``.
+    :param end: how the track ended.
     :param lane_to: name of the lane it ended in; that of ``lane`` unless it changed lanes.
     """
 
@@ -148,7 +197,7 @@ class PassResult:
     smoothed: dict[int, float]
     smoothed_std: dict[int, float]
     budget: Optional[SpeedBudget] = None
-    end: str = STREAM_ENDED
+    end: TrackEnd = TrackEnd.STREAM_ENDED
     lane_to: str = ''
 
     def __post_init__(self) -> None:
@@ -156,7 +205,7 @@ class PassResult:
             object.__setattr__(self, 'lane_to', self.lane)
 
     def rejected(self, reason: str) -> PassResult:
-        """Give the same pass without any speed: what is rejected is never guessed."""
+        """Return the same pass without any speed: what is rejected is never guessed."""
         return replace(self, speed_mps=None, speed_std_mps=None, verdict=Verdict.REJECTED,
                        reason=reason, smoothed={}, smoothed_std={}, budget=None)
 

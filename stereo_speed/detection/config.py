@@ -49,6 +49,9 @@ class DetectorConfig:
     headway_s: float = parameter(
         0.3, 0.0, 2.0, 's', 'and more by the way driven in this time: what moves nearer behind '
         'a front is the side of its vehicle')
+    speed_std_share: float = parameter(
+        0.05, 0.0, 1.0, '', '1-sigma of the speed between the two pairs a vehicle is found in, as a '
+        'share of it')
 
     def __post_init__(self) -> None:
         check_bounds(self)

@@ -21,14 +21,13 @@ from .config import DetectorConfig
 from .front_refiner import FrontHypothesis, FrontRefiner
 from .lane_geometry import LaneGeometry
 from .plane_sweep import PlaneSweep, Proposal
+from .protocol import Detection, EarlierFront, TrackedRegion
 from .pyramid import PairPyramids, region_of
-from .records import Detection, Earlier, TrackedRegion
 from .temporal_match import find_motion, Motion, moved, moving_half
 from ..core.records import Array, StereoPair
 from ..geometry.rig import StereoRig
 from ..road.lanes import LanePath
 
-_MATCH_PX = 0.1  # 1-sigma of the disparity of a face
 _AXIS_M = 0.03  # 1-sigma of its middle
 _ACROSS_M = 1.2  # vehicles whose middles are nearer are in each other's way,
 _OVERLAP = 1.0  # and so are those that overlap
@@ -72,10 +71,6 @@ class _Found:
     heights_m: Array
     since: tuple[StereoPair, ...]
 
-    @property
-    def confidence(self) -> float:
-        return min(self.face.cross_ncc, self.face.symmetry, self.motion.ncc)
-
 
 class PlaneSweepDetector:
     """
@@ -85,6 +80,8 @@ class PlaneSweepDetector:
     :param lanes: lane name to lane path.
     :param config: parameters.
     """
+
+    Settings = DetectorConfig
 
     def __init__(self, rig: StereoRig, lanes: Mapping[str, LanePath],
                  config: DetectorConfig) -> None:
@@ -258,11 +255,11 @@ class PlaneSweepDetector:
         px_per_m = float(rates.px_per_m[0])
         return Detection(
             lane=self._names[found.lane], left_px=left, right_px=right,
-            std_px=_AXIS_M * px_per_m, s_m=face.s_m,
-            s_std_m=_MATCH_PX / (px_per_m * abs(float(rates.shift[0]))), lateral_m=face.x_m,
+            std_px=_AXIS_M * px_per_m, s_m=face.s_m, lateral_m=face.x_m,
             width_m=2 * face.half_m, height_m=float(np.ptp(found.heights_m)),
-            speed_mps=motion.speed_mps, confidence=found.confidence,
-            earlier=Earlier(pairs=found.since, left_px=then[0], right_px=then[1])
+            speed_mps=motion.speed_mps,
+            speed_std_mps=self.config.speed_std_share * motion.speed_mps,
+            earlier=EarlierFront(pairs=found.since, left_px=then[0], right_px=then[1])
             if self._inside(*then) else None)
 
     def _quads(self, found: _Found, s_m: float, x_m: float) -> tuple[Array, Array]:

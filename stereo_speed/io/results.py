@@ -63,18 +63,6 @@ def staged_run(out_dir: PathLike) -> ContextManager[Path]:
     return staged(out_dir, _OLDER)
 
 
-def of_passes(updates: Iterable[TrackUpdate], passes: Iterable[PassResult]
-              ) -> list[TrackUpdate]:
-    """
-    Keep the updates of tracks with a pass: of what was found, only what became a vehicle is told.
-
-    :param updates: of any tracks.
-    :param passes: of the tracks to keep.
-    """
-    vehicles = {p.track for p in passes}
-    return [u for u in updates if u.track in vehicles]
-
-
 def file_sha256(path: Path) -> str:
     """Hash a file that a run was made from, for its summary."""
     return hashlib.sha256(path.read_bytes()).hexdigest()

@@ -23,7 +23,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import Image
 
-from ..core.config import TrackerConfig
+from ..core.config import Record
 from ..core.errors import InputError, StereoSpeedError
 
 PAIR_TOPIC = 'stereo/image_pair'
@@ -104,19 +104,33 @@ class Parameters:
             return self._number(where, name, value, low, high)
         return value
 
-    def config(self, kind: Any = TrackerConfig) -> Any:
+    def config(self, kind: type[Record], prefix: str = '') -> Record:
         """
-        Declare all parameters of a config record as its fields describe them.
+        Declare all parameters of a config record and of its sections, as their fields describe.
 
         :param kind: the record, such as :class:`TrackerConfig`.
+        :param prefix: dotted name that stands before theirs.
+        :return: the record with the values that the node was given.
+        :raises InputError: a value out of bounds.
         """
-        values = {}
+        values: dict[str, Any] = {}
         for f in dataclasses.fields(kind):
             meta = f.metadata
+            if 'section' in meta:
+                values[f.name] = self.config(meta['section'], f'{prefix}{f.name}.')
+                continue
             unit = f' [{meta["unit"]}]' if meta['unit'] else ''
-            values[f.name] = self.get(f.name, f.default, meta['doc'] + unit, meta['low'],
-                                      meta['high'])
-        return kind(**values)
+            choices = ', '.join(str(choice) for choice in meta['choices'])
+            wanted = f'; one of {choices}' if choices else ''
+            bounds = () if choices or not isinstance(f.default, (int, float)) \
+                or isinstance(f.default, bool) else (meta['low'], meta['high'])
+            values[f.name] = self.get(prefix + f.name, f.default, meta['doc'] + unit + wanted,
+                                      *bounds)
+        try:
+            return kind(**values)
+        except InputError as error:
+            raise InputError(f'{self.node.get_name()}: parameter', prefix + error.what,
+                             error.found, error.wanted) from None
 
     @staticmethod
     def _number(where: str, name: str, value: Any, low: Optional[float],

@@ -10,7 +10,6 @@ nothing else: ``/clock`` runs ahead of pairs that are still queued, and would cu
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import replace
 from typing import Any, Optional, Sequence
 
 from nav_msgs.msg import Odometry
@@ -24,17 +23,19 @@ from .common import (Diagnostics, image_message, PAIR_TOPIC, Parameters, qos_opt
                      run, stamp_ns)
 from .messages import deletions, markers, odometry, path_markers
 from .pair import pair_from_message
+from ..core.config import ConfigRecord, TrackerConfig
 from ..core.errors import CalibrationError, InputError
 from ..core.records import PassResult, StereoPair, TrackUpdate
 from ..core.units import KMH_MPS, MPH_MPS
 from ..geometry.rig import StereoRig
 from ..io.camera_info import rig_from_info, same_calibration
-from ..pipeline.pipeline import SpeedPipeline, TRACKERS
+from ..pipeline.assembly import MeasuringSite
+from ..pipeline.config import PipelineConfig
+from ..pipeline.pipeline import SpeedPipeline
+from ..pipeline.registry import DETECTORS, TRACKERS
 from ..report.overlay import draw
 from ..site.file import load_site
 from ..site.init_file import load_init
-from ..site.lane_paths import lane_paths
-from ..site.refine.refiner import refine_site
 from ..site.refine.report import report, summary_lines
 
 _WAITING_PAIRS = 50  # pairs kept until both calibrations have come
@@ -51,18 +52,18 @@ class TrackerNode(Node):
         self.init_path = p.get('init', '', 'path of an init file that marks the vehicles; '
                                'without it they are found automatically')
         self.seed = p.get('seed', 0, 'seed of all randomness', 0, 2 ** 31 - 1)
-        self.tracker = p.get('tracker', 'constrained', 'tracker: ' + ', '.join(TRACKERS))
+        tracker = p.get('tracker', 'constrained', 'tracker: ' + ', '.join(TRACKERS.names))
+        detector = p.get('detector', 'plane_sweep',
+                         'finds the vehicles: ' + ', '.join(DETECTORS.names))
         self.refine_pairs = p.get('refine_site_pairs', 0, 'refine the site by the images of the '
                                   'first so many pairs, which takes seconds; 0 takes it as it is',
                                   0, MOST_REFINE_PAIRS)
-        self.config = p.config()
         where = f'{self.get_name()}: parameter'
         if not site:
             raise InputError(where, 'site', 'nothing', 'the path of the site file')
-        if self.tracker not in TRACKERS:
-            raise InputError(where, 'tracker', self.tracker, ', '.join(TRACKERS))
+        self.config = self._config(p, tracker, detector, where)
         self.site = load_site(site)
-        self.marks = load_init(self.init_path) if self.init_path else None
+        self.annotations = load_init(self.init_path) if self.init_path else None
         self.infos: dict[str, CameraInfo] = {}
         self.pipeline: Optional[SpeedPipeline] = None
         self.waiting: deque[Image] = deque()
@@ -71,6 +72,20 @@ class TrackerNode(Node):
         self.resets = self.repeated = self.passes = 0
         self._publish_and_subscribe()
         self.diagnostics = Diagnostics(self, self.state)
+
+    @staticmethod
+    def _config(p: Parameters, tracker: str, detector: str, where: str) -> PipelineConfig:
+        """
+        Return the parameters, those of the chosen tracker and detector among them.
+
+        :raises InputError: an unknown name, a value out of bounds.
+        """
+        chosen: list[dict[str, ConfigRecord]] = []
+        for registry, name in ((TRACKERS, tracker), (DETECTORS, detector)):
+            registry.check(name, where)
+            kind = type(registry.settings(name, {}, where))
+            chosen.append({name: p.config(kind, f'{registry.kind}s.{name}.')})
+        return PipelineConfig(p.config(TrackerConfig), tracker, detector, *chosen)
 
     def _publish_and_subscribe(self) -> None:
         options = {'qos_overriding_options': qos_options()}
@@ -123,20 +138,17 @@ class TrackerNode(Node):
         self.begin()
 
     def begin(self) -> None:
-        """Build the pipeline once the rig is known, and the pairs to refine the site have come."""
+        """Make the pipeline once the rig is known, and the pairs to refine the site have come."""
         if self.rig is None or len(self.waiting) < self.refine_pairs:
             return
-        site, rig = self.site, self.rig
-        if self.refine_pairs:
-            pairs = [pair_from_message(msg, k) for k, msg in enumerate(self.waiting)]
-            refined = refine_site(site, rig, pairs)
-            for line in summary_lines(refined, report(refined)):
+        place = MeasuringSite.of(self.site, self.rig, [
+            pair_from_message(msg, k) for k, msg in enumerate(self.waiting)
+        ] if self.refine_pairs else None)
+        if place.refined is not None:
+            for line in summary_lines(place.refined, report(place.refined)):
                 self.get_logger().info(line)
-            site = refined.site
-        rig = site.corrected_rig(rig)
-        self.pipeline = SpeedPipeline(
-            rig, lane_paths(site, rig), replace(self.config, **site.tolerances), self.marks,
-            seed=self.seed, tracker=self.tracker, where=self.init_path)
+        self.pipeline = place.pipeline(self.config, self.annotations, seed=self.seed,
+                                       where=self.init_path)
         while self.waiting:
             self.process(self.pipeline, self.waiting.popleft())
 
@@ -152,17 +164,17 @@ class TrackerNode(Node):
             self.start_anew(pipeline, ns)
         pair = pair_from_message(msg, self.index)
         self.index, self.last_ns = self.index + 1, ns
-        updates = pipeline.process(pair)
+        step = pipeline.process(pair)
         frame_id = pipeline.rig.frame_id
-        for update in updates:
+        for update in step.updates:
             self.tracks.publish(odometry(update, frame_id))
-        drawn = [m for u in updates for m in markers(u, frame_id)]
+        drawn = [m for u in step.updates for m in markers(u, frame_id)]
         drawn += path_markers(pipeline.lanes, ns, frame_id)
-        for result in pipeline.ended():
+        for result in step.passes:
             drawn += deletions(result.track, frame_id)
             self.tell(result)
         self.marker_array.publish(MarkerArray(markers=drawn))
-        self._publish_overlay(pipeline, pair, updates)
+        self._publish_overlay(pipeline, pair, step.updates)
 
     def _publish_overlay(self, pipeline: SpeedPipeline, pair: StereoPair,
                          updates: list[TrackUpdate]) -> None:

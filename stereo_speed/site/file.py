@@ -14,7 +14,7 @@ from .checks import crossing, turned_back
 from .extras import KnownLength, read_correction, read_length, RigCorrection
 from ..core.config import check_tolerance, TOLERANCES
 from ..core.errors import SiteError
-from ..core.records import Array
+from ..core.records import Array, InitialFront
 from ..core.strict_yaml import StrictMapping, kind, load_yaml
 from ..core.units import parse_speed
 from ..geometry.rig import StereoRig
@@ -107,23 +107,6 @@ class Site:
         """Say whether a rig is one that :meth:`corrected_rig` gives."""
         turn = np.zeros(3) if self.correction is None else self.correction.turn_rad
         return bool(np.allclose(rig.turn_rad, turn, rtol=0, atol=1e-12))
-
-
-@dataclass(frozen=True, eq=False)
-class InitialFront:
-    """
-    A vehicle's front as a person marked it.
-
-    :param frame: index of the pair.
-    :param left_px: (4, 2) raw pixels, clockwise from the image's top-left corner.
-    :param right_px: (4, 2) the same in the right view.
-    :param std_px: 1-sigma of each corner.
-    """
-
-    frame: int
-    left_px: Array
-    right_px: Array
-    std_px: float = 0.7
 
 
 def load_site(path: Union[str, FilePath]) -> Site:

@@ -8,8 +8,8 @@ from typing import Union
 
 import numpy as np
 
-from .file import InitialFront, VIEWS
-from ..core.records import Array
+from .file import VIEWS
+from ..core.records import Array, InitialFront
 from ..core.strict_yaml import load_yaml, StrictMapping
 
 

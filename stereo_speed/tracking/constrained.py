@@ -14,85 +14,82 @@ from __future__ import annotations
 
 from dataclasses import replace
 import math
-from typing import Optional
+from typing import Optional, Union
 
 import numpy as np
 
 from .front import Front, turned
-from .initialise import place_front
+from .initialise import place_front, Placement
 from .likelihood import Reference, score
 from .motion_prior import PassPrior
 from .observation import inside, lag_s, ObservationSampler
-from .pass_result import calibration_share, conclude, live_std, MAX_ACCELERATION_MPS2, Pass
+from .pass_result import calibration_share, conclude, live_std, Pass
+from .protocol import Refusal, TrackStart
 from .window import PhotometricWindow, Posterior
-from ..core.config import TrackerConfig
+from ..core.config import NoParameters, TrackerConfig
 from ..core.records import (
-    Array, LEFT_VIEW, LOST, PassResult, StereoPair, STREAM_ENDED, TrackState, TrackUpdate)
+    Array, PassResult, StereoPair, TrackEnd, TrackState, TrackUpdate)
 from ..estimation.particle_filter import weigh
 from ..estimation.resampling import systematic
 from ..estimation.weights import (
     DegenerateWeightsError, mean_and_covariance, normalise_log_weights)
 from ..geometry.rig import StereoRig
 from ..road.lanes import LanePath
-from ..site.file import InitialFront
 from ..vision.haar import CELLS, PartGrid
 
-_CONFIRM_PAIRS = 3  # pairs before a reading is worth publishing
-_LOST_AFTER_S = 1.5  # long enough for a pole, and for a camera that is gone for a second
-_HIDDEN_FOR_S = 4.0  # in part, as behind a vehicle in the next lane that overtakes
-_LEAST_WIDTH_PX = 12.0  # a rear that has become this small has left
-_BEYOND_PATH_M = 20.0  # so has what is this far beyond the end of the path
-_SIGMAS = 3.0  # by which a speed is surely another
 _JITTER = 1e-12
 _DISTINCT_PER_DIM = 3
-_START_STD_PX = 0.15  # spread of the first particles in depth, in disparity
 
 
 class ConstrainedTracker:
     """
-    Follow one marked vehicle along the path of its lane; see the module's docstring.
+    Follow one vehicle along the path of its lane; see the module's docstring.
 
-    :param rig: the cameras.
-    :param lane: the lane whose path constrains the motion.
-    :param config: parameters.
-    :param mark: the front as marked in ``pair``.
-    :param pair: the first pair.
-    :param track: number of the track.
-    :param rng: source of all randomness.
+    :param start: what the track starts from.
+    :param placed: where its first front stands.
+    :param grid: samples of the front.
     """
 
-    def __init__(self, *, rig: StereoRig, lane: LanePath, config: TrackerConfig, mark: InitialFront,
-                 pair: StereoPair, track: int, rng: np.random.Generator) -> None:
-        self.rig, self.lane, self.config, self.track, self.rng = rig, lane, config, track, rng
-        self.grid = PartGrid(config.parts, CELLS)
-        fine = PartGrid(config.parts, config.samples_per_part)
-        self.expected_mps = lane.speed_limit_mps or config.initial_speed_mps
-        later_m = self.expected_mps * lag_s(pair, config.trigger_tolerance_s)
-        start = place_front(rig, lane.path, mark, pair, fine, later_m)
-        self.front: Front = start.front
-        sampler = ObservationSampler(rig, start.front, fine.unit_xy, fine.shape,
-                              config.trigger_tolerance_s)
+    Settings = NoParameters  # its parameters are those that all trackers share
+
+    @classmethod
+    def start(cls, start: TrackStart,
+              settings: NoParameters) -> Union[ConstrainedTracker, Refusal]:
+        """Return a tracker that follows a front, or the reason why it cannot."""
+        grid = PartGrid(start.config.parts, start.config.samples_per_part)
+        placed = place_front(start, grid)
+        return placed if isinstance(placed, Refusal) else cls(start, placed, grid)
+
+    def __init__(self, start: TrackStart, placed: Placement, grid: PartGrid) -> None:
+        self.rig, self.lane, self.config = start.rig, start.lane, start.config
+        self.track, self.rng = start.track, start.rng
+        self.grid = PartGrid(self.config.parts, CELLS)
+        self.expected_mps = start.expected_mps
+        self.front: Front = placed.front
+        sampler = ObservationSampler(
+            self.rig, placed.front, grid.unit_xy, grid.shape, self.config.trigger_tolerance_s)
         prior = PassPrior(
-            s_m=float(start.pose[0]), s_std_m=start.s_std_m, offset_m=start.pose[1:],
-            offset_slope=start.offset_slope, speed_mps=self.expected_mps,
-            speed_std_mps=2 * config.initial_speed_std * self.expected_mps,
-            heading_std_rad=np.asarray(lane.heading_std_rad))
-        self.refiner = PhotometricWindow(sampler, prior, config)
-        self.particles = self._first_particles(start.pose, start.offset_slope,
-                                               _START_STD_PX / abs(start.disparity_slope))
-        self.log_weights = np.zeros(config.particles)
+            s_m=float(placed.pose[0]), s_std_m=placed.s_std_m, offset_m=placed.pose[1:],
+            offset_slope=placed.offset_slope, speed_mps=self.expected_mps,
+            speed_std_mps=2 * self.config.initial_speed_std * self.expected_mps,
+            heading_std_rad=np.asarray(self.lane.heading_std_rad))
+        self.refiner = PhotometricWindow(sampler, prior, self.config)
+        self.particles = self._first_particles(
+            placed.pose, placed.offset_slope,
+            self.config.noise.start_std_px / abs(placed.disparity_slope))
+        self.log_weights = np.zeros(self.config.particles)
         self.posterior: Optional[Posterior] = None
         self.reference: Optional[Reference] = None
-        self.first_ns = self.last_ns = self.seen_ns = pair.stamp_ns
+        self.first_ns = self.last_ns = self.seen_ns = start.pair.stamp_ns
         self.stamps_ns: list[int] = []  # of the pairs it was seen in
         self.width_px = 0.0
         self._told: Optional[TrackUpdate] = None
-        self._end = ''
+        self._end: Optional[TrackEnd] = None
 
     @property
     def ended(self) -> bool:
         """Whether the pass is over: out of view, or lost for too long."""
-        return bool(self._end)
+        return self._end is not None
 
     def share(self, particles: int) -> None:
         """Go on with another number of particles, when tracks come and go."""
@@ -108,7 +105,7 @@ class ConstrainedTracker:
         self._predict((pair.stamp_ns - self.last_ns) * 1e-9)
         self.last_ns = pair.stamp_ns
         if self._out_of_view():
-            self._end = LEFT_VIEW
+            self._end = TrackEnd.LEFT_VIEW
             return None
         predicted, last = (self.particles.copy(), self.log_weights.copy()), self._told
         posterior = self._refine(pair) if self._weigh(pair) else None
@@ -118,15 +115,15 @@ class ConstrainedTracker:
             self.posterior, self.seen_ns = posterior, pair.stamp_ns
         if posterior is None or not posterior.clear[-1]:
             if self._is_lost(pair.stamp_ns):
-                self._end = LOST
+                self._end = TrackEnd.LOST
                 return None
             return self._report(pair, TrackState.COASTING)
         self.stamps_ns.append(pair.stamp_ns)
         self._update_reference(pair)
         # What braked out of sight shows its speed only in the second pair that it is seen in.
-        confirmed = len(self.stamps_ns) >= _CONFIRM_PAIRS and not _coasts(last)
+        confirmed = len(self.stamps_ns) >= self.config.visibility.confirm_pairs and not _coasts(last)
         update = self._report(pair, TrackState.CONFIRMED if confirmed else TrackState.TENTATIVE)
-        if last is not None and not _may_follow(update, last):
+        if last is not None and not may_follow(update, last, self.config):
             return replace(update, state=TrackState.TENTATIVE)
         return update
 
@@ -138,7 +135,7 @@ class ConstrainedTracker:
         found = Pass(track=self.track, lane=self.lane, stamps_ns=stamps_ns or [self.first_ns],
                      posterior=posterior,
                      exact_speeds=self.refiner.exact_speeds() if seen else None,
-                     width_px=self.width_px, end=self._end or STREAM_ENDED)
+                     width_px=self.width_px, end=self._end or TrackEnd.STREAM_ENDED)
         return conclude(found, self.rig, self.config)
 
     # -- the filter's steps ---------------------------------------------------------------
@@ -232,15 +229,16 @@ class ConstrainedTracker:
         return normalise_log_weights(self.log_weights) @ self.particles
 
     def _is_lost(self, now_ns: int) -> bool:
+        limits = self.config.visibility
         whole_ns = self.stamps_ns[-1] if self.stamps_ns else self.first_ns
-        return (now_ns - self.seen_ns) * 1e-9 > _LOST_AFTER_S \
-            or (now_ns - whole_ns) * 1e-9 > _HIDDEN_FOR_S
+        return (now_ns - self.seen_ns) * 1e-9 > limits.lost_after_s \
+            or (now_ns - whole_ns) * 1e-9 > limits.occluded_for_s
 
     def _out_of_view(self) -> bool:
-        mean = self._mean()
+        mean, limits = self._mean(), self.config.visibility
         left, right = self._quads(mean[None])
-        if self.stamps_ns and np.ptp(left[0, :, 0]) < _LEAST_WIDTH_PX or \
-                mean[0] > self.lane.path.length_m + _BEYOND_PATH_M:
+        if self.stamps_ns and np.ptp(left[0, :, 0]) < limits.least_width_px or \
+                mean[0] > self.lane.path.length_m + limits.beyond_path_m:
             return True
         return not (inside(self.rig.left, left[0]) and inside(self.rig.right, right[0]))
 
@@ -269,11 +267,13 @@ def _coasts(update: Optional[TrackUpdate]) -> bool:
     return update is not None and update.state is TrackState.COASTING
 
 
-def _may_follow(update: TrackUpdate, before: TrackUpdate) -> bool:
-    """Say whether a vehicle can have gone from one speed to the other, as far as they are sure."""
-    change = abs(update.speed_mps - before.speed_mps)
-    sure = change - _SIGMAS * math.hypot(update.speed_std_mps, before.speed_std_mps)
-    return sure <= MAX_ACCELERATION_MPS2 * (update.stamp_ns - before.stamp_ns) * 1e-9
+def may_follow(update: TrackUpdate, last: TrackUpdate, config: TrackerConfig) -> bool:
+    """Return whether tyres can have changed one speed to the other, as far as both are sure."""
+    change = abs(update.speed_mps - last.speed_mps)
+    sure = change - config.visibility.speed_change_sigmas * math.hypot(
+        update.speed_std_mps, last.speed_std_mps)
+    most = config.verdict.most_acceleration_mps2
+    return sure <= most * (update.stamp_ns - last.stamp_ns) * 1e-9
 
 
 def _transport(particles: Array, moments: tuple[Array, Array], target: tuple[Array, Array],

@@ -4,26 +4,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Union
 
 import numpy as np
 
 from .front import back_project, Front
 from .likelihood import sample_quads
-from .observation import inside
+from .observation import inside, lag_s
+from .protocol import Refusal, TrackStart
 from ..core.errors import InputError
-from ..core.records import Array, StereoPair
+from ..core.records import Array, InitialFront, StereoPair
 from ..geometry.rig import StereoRig
 from ..road.path import Path
-from ..site.file import InitialFront
 from ..vision.haar import PartGrid
 from ..vision.ncc import ncc
 
-_MAX_GAP_PX = 5.0  # marks whose centres' rays pass further apart are of different things
-_SEARCH_SIGMAS = 4.0
 _SEARCH_STEP_PX = 0.2  # step of the depth search, in disparity
-_INDEPENDENT = 0.35  # share of independent samples in a patch
 _TIME_STEPS = 4  # to bring two marks of different times together
-_MIN_NCC = 0.5  # views of the same front agree better than this
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,48 +44,50 @@ class Placement:
     cross_ncc: float
 
 
-def check_mark(rig: StereoRig, mark: InitialFront, where: str) -> None:
+def check_annotation(rig: StereoRig, front: InitialFront, where: str) -> None:
     """
-    Check that a mark lies in both images.
+    Check that an annotated front lies in both images.
 
     :raises InputError: names the side.
     """
-    for side, camera, quad in (('left_image', rig.left, mark.left_px),
-                               ('right_image', rig.right, mark.right_px)):
+    for side, camera, quad in (('left_image', rig.left, front.left_px),
+                               ('right_image', rig.right, front.right_px)):
         if not inside(camera, quad):
-            raise InputError(where, f'vehicles: frame {mark.frame}: {side}',
+            raise InputError(where, f'vehicles: frame {front.frame}: {side}',
                              np.round(quad, 1).tolist(),
                              f'corners inside the {camera.width_px}x{camera.height_px} image')
 
 
-def place_front(rig: StereoRig, path: Path, mark: InitialFront, pair: StereoPair, grid: PartGrid,
-            later_m: float = 0.0) -> Placement:
+def place_front(start: TrackStart, grid: PartGrid) -> Union[Placement, Refusal]:
     """
-    Place the marked front on the path.
+    Return where the first front stands on the path, or why it is none.
 
-    The marks give the depth to a few per cent; along the ray of the left mark the left-right
-    NCC then says where the right view really agrees.
+    The quads give the depth to a few per cent; along the ray of the left one the left-right NCC
+    then says where the right view really agrees.
 
-    :param later_m: how far it goes until the right view is exposed, by its expected speed, m.
-    :raises InputError: the marks do not triangulate in front of the rig, or the views disagree.
+    :param start: what the track starts from.
+    :param grid: samples of the front.
     """
-    where = f'pair {pair.index}: init mark'
+    rig, path, front, pair = start.rig, start.lane.path, start.front, start.pair
+    limits, where = start.config.start, f'pair {pair.index}: init mark'
+    # How far the vehicle goes until the right view is exposed.
+    later_m = start.expected_mps * lag_s(pair, start.config.trigger_tolerance_s)
     if later_m:
-        mark = _at_one_time(rig, path, mark, later_m)
+        front = _at_one_time(rig, path, front, later_m)
     # Far corners triangulate metres apart in depth; the mean of the pixels does not mind.
-    centre = rig.triangulate(mark.left_px.mean(axis=0), mark.right_px.mean(axis=0))
+    centre = rig.triangulate(front.left_px.mean(axis=0), front.right_px.mean(axis=0))
     if not np.isfinite(centre).all() or centre[2] <= 0:
-        raise InputError(where, 'left and right quads', 'no point in front of the cameras',
-                         'quads on the same vehicle front')
+        return Refusal(where, 'left and right quads', 'no point in front of the cameras',
+                       'quads on the same vehicle front')
     left, right, _, _ = rig.project(centre[None])
-    gap_px = float(np.linalg.norm(right[0] - mark.right_px.mean(axis=0))
-                   + np.linalg.norm(left[0] - mark.left_px.mean(axis=0)))
-    if not gap_px < _MAX_GAP_PX:
-        raise InputError(where, 'left and right quads', f'{gap_px:.1f} px off one another',
-                         f'quads of one vehicle front, within {_MAX_GAP_PX:.0f} px of the '
-                         f'epipolar line')
+    gap_px = float(np.linalg.norm(right[0] - front.right_px.mean(axis=0))
+                   + np.linalg.norm(left[0] - front.left_px.mean(axis=0)))
+    if not gap_px < limits.most_gap_px:
+        return Refusal(where, 'left and right quads', f'{gap_px:.1f} px off one another',
+                       f'quads of one vehicle front, within {limits.most_gap_px:g} px of the '
+                       'epipolar line')
     s_mark = float(path.arc_length(centre))
-    uv = mark.left_px.mean(axis=0, keepdims=True)
+    uv = front.left_px.mean(axis=0, keepdims=True)
 
     def disparity(s_m: float) -> float:
         xy = back_project(path, rig.left, s_m, uv)
@@ -97,19 +96,19 @@ def place_front(rig: StereoRig, path: Path, mark: InitialFront, pair: StereoPair
         return float(left[0, 0] - right[0, 0])
 
     slope = disparity(s_mark + 0.5) - disparity(s_mark - 0.5)
-    s_std = mark.std_px * np.sqrt(2 / len(mark.left_px)) / abs(slope)
+    s_std = front.std_px * np.sqrt(2 / len(front.left_px)) / abs(slope)
     candidates = s_mark + np.arange(
-        -_SEARCH_SIGMAS * s_std, _SEARCH_SIGMAS * s_std, _SEARCH_STEP_PX / abs(slope))
-    scores = _cross_scores(rig, path, mark, pair, grid, candidates, later_m)
+        -limits.search_sigmas * s_std, limits.search_sigmas * s_std, _SEARCH_STEP_PX / abs(slope))
+    scores = _cross_scores(rig, path, front, pair, grid, candidates, later_m)
     spread = (candidates - s_mark) / s_std
-    samples = _INDEPENDENT * grid.unit_xy.shape[0]
+    samples = start.config.noise.independent_share * grid.unit_xy.shape[0]
     log_post = -0.5 * samples * np.log(np.maximum(1 - scores, 1e-3)) - 0.5 * spread ** 2
     best = int(np.argmax(log_post))
-    if not scores[best] > _MIN_NCC:
-        raise InputError(where, 'left-right correlation', f'{scores[best]:.2f}',
-                         f'above {_MIN_NCC}: quads on the same vehicle front')
+    if not scores[best] > limits.least_ncc:
+        return Refusal(where, 'left-right correlation', f'{scores[best]:.2f}',
+                       f'above {limits.least_ncc}: quads on the same vehicle front')
     s_m = float(candidates[best])
-    quad = back_project(path, rig.left, s_m, mark.left_px)
+    quad = back_project(path, rig.left, s_m, front.left_px)
     offset = quad.mean(axis=0)
     slope_ab = back_project(path, rig.left, s_m + 0.5, uv)[0] \
         - back_project(path, rig.left, s_m - 0.5, uv)[0]

@@ -8,12 +8,9 @@ from typing import Mapping
 
 import numpy as np
 
-from ..core.records import PassResult, TrackUpdate, Verdict
+from ..core.config import VerdictConfig
+from ..core.records import PassResult, Reason, TrackUpdate, Verdict
 from ..road.lanes import LanePath
-
-_HYSTERESIS_M = 0.3  # a lane is left when the next is nearer by this
-_OFF_ROAD_M = 3.0  # further than this from the middle of every lane is off the road
-_OFF_SHARE = 0.5  # a pass off the road in more than this share of its pairs was not on a path
 
 
 class LaneAssigner:
@@ -21,10 +18,11 @@ class LaneAssigner:
     Follows one track through the lanes of a site.
 
     :param lanes: lane name to lane path.
+    :param limits: when it changes lanes, and when it is off the road.
     """
 
-    def __init__(self, lanes: Mapping[str, LanePath]) -> None:
-        self.lanes = lanes
+    def __init__(self, lanes: Mapping[str, LanePath], limits: VerdictConfig) -> None:
+        self.lanes, self.limits = lanes, limits
         self.first = self.current = ''
         self.pairs = self.off_road = 0
 
@@ -34,11 +32,11 @@ class LaneAssigner:
         nearest = min(places, key=lambda name: abs(places[name][1]))
         self.current = self.current or update.lane
         gain = abs(places[self.current][1]) - abs(places[nearest][1])
-        if gain > _HYSTERESIS_M:
+        if gain > self.limits.lane_hysteresis_m:
             self.current = nearest
         self.first = self.first or self.current
         self.pairs += 1
-        self.off_road += abs(places[nearest][1]) > _OFF_ROAD_M
+        self.off_road += abs(places[nearest][1]) > self.limits.off_road_m
         if self.current == update.lane:
             return update
         s_m, lateral_m = places[self.current]
@@ -48,8 +46,8 @@ class LaneAssigner:
         """Tell from which lane to which a pass went; reject one beside the road."""
         result = replace(result, lane=self.first or result.lane,
                          lane_to=self.current or result.lane)
-        if result.verdict is Verdict.MEASURED and self.off_road > _OFF_SHARE * self.pairs:
-            return result.rejected('off_path')
+        if result.verdict is Verdict.MEASURED and self.off_road > self.limits.off_road_share * self.pairs:
+            return result.rejected(Reason.OFF_PATH)
         return result
 
 

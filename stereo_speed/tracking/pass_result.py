@@ -16,17 +16,9 @@ import numpy as np
 
 from .window import Posterior
 from ..core.config import TrackerConfig
-from ..core.records import Array, PassResult, SpeedBudget, Verdict
+from ..core.records import Array, PassResult, Reason, SpeedBudget, TrackEnd, Verdict
 from ..geometry.rig import StereoRig
 from ..road.lanes import LanePath
-
-_MIN_PAIRS = 4
-_MIN_WIDTH_PX = 20.0  # a front that is never wider than this is too far to be measured
-_FAR_WIDTH_PX = 40.0  # and one that is never wider than this is uncertain because it is far
-_MIN_CROSS_NCC = 0.6  # of half of the looks at least
-_MAX_HEIGHT_CHANGE_M = 0.6  # fronts neither climb nor sink against the road
-_MAX_SPEED_MPS = 90.0
-MAX_ACCELERATION_MPS2 = 12.0  # beyond any tyre
 
 
 def calibration_share(rig: StereoRig, lane: LanePath, config: TrackerConfig,
@@ -69,27 +61,27 @@ class Pass:
     posterior: Optional[Posterior]
     exact_speeds: Optional[tuple[Array, Array]]
     width_px: float
-    end: str
+    end: TrackEnd
 
 
 def conclude(found: Pass, rig: StereoRig, config: TrackerConfig) -> PassResult:
     """Measure a pass, or say why it cannot be measured."""
     posterior = found.posterior
     if posterior is None or found.exact_speeds is None:
-        return _result(found, pairs=0, reason='never_seen')
+        return _result(found, pairs=0, reason=Reason.NEVER_SEEN)
     speeds, share = posterior.ground_speeds(), calibration_share(rig, found.lane, config)
     at = (np.array(found.stamps_ns) - posterior.first_ns) * 1e-9
     between = _interpolation(at, posterior.stamps_s)
     profile = between @ speeds
     speed = float(profile.mean())
     budget = _budget(posterior, found.exact_speeds, between.mean(axis=0), abs(speed) * share)
-    reason = _reason(found, posterior, speeds, budget.total_mps, (rig, config))
+    reason = _reason(found, posterior, speeds, budget.total_mps, share, config)
     if reason:
         return _result(found, pairs=len(found.stamps_ns), reason=reason)
     variance = posterior.ground_ratio() ** 2 * np.diag(posterior.covariance)[3::4]
     stds = np.interp(at, posterior.stamps_s, np.sqrt(variance + (share * speeds) ** 2))
     return _result(
-        found, pairs=len(found.stamps_ns), reason=reason, speed_mps=speed,
+        found, pairs=len(found.stamps_ns), speed_mps=speed,
         speed_std_mps=budget.total_mps, budget=budget,
         smoothed=dict(zip(found.stamps_ns, profile.tolist())),
         smoothed_std=dict(zip(found.stamps_ns, stds.tolist())))
@@ -123,36 +115,38 @@ def _rest(whole: float, part: float) -> float:
     return math.sqrt(max(whole ** 2 - part ** 2, 0.0))
 
 
-def _reason(found: Pass, posterior: Posterior, speeds: Array, std_mps: float,
-            instrument: tuple[StereoRig, TrackerConfig]) -> str:
-    """Why a pass is rejected, snake_case; empty when it is measured."""
-    rig, config = instrument
-    if len(found.stamps_ns) < _MIN_PAIRS:
-        return 'too_few_pairs'
-    if found.width_px < _MIN_WIDTH_PX:
-        return 'too_far'
-    if not np.median(posterior.cross_ncc) > _MIN_CROSS_NCC:
-        return 'views_disagree'
-    if np.ptp(posterior.mean[:, 2]) > _MAX_HEIGHT_CHANGE_M:
-        return 'off_path'
+def _reason(found: Pass, posterior: Posterior, speeds: Array, std_mps: float, share: float,
+            config: TrackerConfig) -> Optional[Reason]:
+    """Return why a pass is rejected; None when it is measured."""
+    limits = config.verdict
+    if len(found.stamps_ns) < limits.least_pairs:
+        return Reason.TOO_FEW_PAIRS
+    if found.width_px < limits.least_width_px:
+        return Reason.TOO_FAR
+    if not np.median(posterior.cross_ncc) > limits.least_median_ncc:
+        return Reason.VIEWS_DISAGREE
+    if np.ptp(posterior.mean[:, 2]) > limits.most_height_change_m:
+        return Reason.OFF_PATH
     gains = np.diff(speeds) / np.diff(posterior.stamps_s)
-    if not 0 < speeds.min() <= speeds.max() < _MAX_SPEED_MPS \
-            or np.abs(gains).max() > MAX_ACCELERATION_MPS2:
-        return 'implausible'
-    if not calibration_share(rig, found.lane, config) < config.max_scale_std_share:
-        return 'rig_uncertain'
+    if not 0 < speeds.min() <= speeds.max() < limits.most_speed_mps \
+            or np.abs(gains).max() > limits.most_acceleration_mps2:
+        return Reason.IMPLAUSIBLE
+    if not share < config.max_scale_std_share:
+        return Reason.RIG_UNCERTAIN
     if not std_mps < max(config.max_speed_std_share * speeds.mean(), config.max_speed_std_mps):
-        return 'too_far' if found.width_px < _FAR_WIDTH_PX else 'uncertain'
-    return ''
+        far = found.width_px < limits.far_width_px
+        return Reason.TOO_FAR if far else Reason.UNCERTAIN
+    return None
 
 
-def _result(found: Pass, *, pairs: int, reason: str, speed_mps: Optional[float] = None,
-            speed_std_mps: Optional[float] = None, budget: Optional[SpeedBudget] = None,
+def _result(found: Pass, *, pairs: int, reason: Optional[Reason] = None,
+            speed_mps: Optional[float] = None, speed_std_mps: Optional[float] = None,
+            budget: Optional[SpeedBudget] = None,
             smoothed: Optional[dict[int, float]] = None,
             smoothed_std: Optional[dict[int, float]] = None) -> PassResult:
     return PassResult(
         track=found.track, lane=found.lane.name, first_ns=found.stamps_ns[0],
         last_ns=found.stamps_ns[-1], pairs=pairs, speed_mps=speed_mps,
         speed_std_mps=speed_std_mps, verdict=Verdict.REJECTED if reason else Verdict.MEASURED,
-        reason=reason, smoothed=smoothed or {}, smoothed_std=smoothed_std or {},
+        reason=reason or '', smoothed=smoothed or {}, smoothed_std=smoothed_std or {},
         budget=budget, end=found.end)

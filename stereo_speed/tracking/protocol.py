@@ -1,21 +1,84 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What every tracker is: pairs in, updates out, one result at the end."""
+"""
+What every tracker is: one front to start from, pairs in, updates out, one result at the end.
+
+Trackers are found by name: those of this package in ``pipeline.registry``, those of other packages
+through the entry-point group ``stereo_speed.trackers``.  ``CONTRIBUTING.md`` shows how to add one.
+"""
 from __future__ import annotations
 
-from typing import Optional, Protocol, runtime_checkable
+from dataclasses import dataclass
+from typing import Any, Optional, Protocol, runtime_checkable, Union
 
-from ..core.records import PassResult, StereoPair, TrackUpdate
+import numpy as np
+
+from ..core.config import TrackerConfig
+from ..core.errors import InputError
+from ..core.records import InitialFront, PassResult, StereoPair, TrackUpdate
+from ..geometry.rig import StereoRig
+from ..road.lanes import LanePath
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class TrackStart:
+    """
+    All that a tracker starts from.
+
+    :param rig: the cameras.
+    :param lane: the lane whose path the front is nearest to.
+    :param config: parameters that all trackers share.
+    :param front: the front in the first pair.
+    :param pair: the first pair; it is fed to the tracker as well.
+    :param track: number of the track, never reused.
+    :param rng: source of all randomness of the track.
+    """
+
+    rig: StereoRig
+    lane: LanePath
+    config: TrackerConfig
+    front: InitialFront
+    pair: StereoPair
+    track: int
+    rng: np.random.Generator
+
+    @property
+    def expected_mps(self) -> float:
+        """Expected speed: the limit of the lane, or that of lanes without one."""
+        return self.lane.speed_limit_mps or self.config.initial_speed_mps
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """
+    Why no track starts: the images do not show one front in both views.
+
+    :param where: pair at fault.
+    :param what: what is wrong there.
+    :param found: what was there.
+    :param wanted: what should have been there.
+    """
+
+    where: str
+    what: str
+    found: str
+    wanted: str
+
+    def error(self) -> InputError:
+        """Return the error to raise where a person annotated the front."""
+        return InputError(self.where, self.what, self.found, self.wanted)
 
 
 class Tracker(Protocol):
     """One vehicle followed through the pairs of its pass."""
 
-    track: int
+    @property
+    def track(self) -> int:
+        """Return the number of the track."""
 
     @property
     def ended(self) -> bool:
-        """Whether the pass is over: out of view, or lost for too long."""
+        """Return whether the pass is over: out of view, or lost for too long."""
 
     def update(self, pair: StereoPair) -> Optional[TrackUpdate]:
         """
@@ -25,7 +88,26 @@ class Tracker(Protocol):
         """
 
     def result(self) -> PassResult:
-        """Measure the pass from all pairs so far."""
+        """Return the measurement of the pass from all pairs so far."""
+
+
+class TrackerType(Protocol):
+    """
+    A class of trackers, as the registry finds it.
+
+    ``Settings`` is the config record of its own parameters (:class:`..core.config.NoParameters`
+    where it has none): a frozen dataclass of ``parameter`` fields.
+    """
+
+    Settings: type[Any]
+
+    def start(self, start: TrackStart, settings: Any) -> Union[Tracker, Refusal]:
+        """
+        Return a tracker that follows a front, or the reason why it cannot.
+
+        :param start: what it starts from.
+        :param settings: a record of its ``Settings``.
+        """
 
 
 @runtime_checkable

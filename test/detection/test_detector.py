@@ -10,8 +10,7 @@ import pytest
 from stereo_speed.core.errors import InputError
 from stereo_speed.detection.config import DetectorConfig
 from stereo_speed.detection.detector import PlaneSweepDetector
-from stereo_speed.detection.draw import draw_detections
-from stereo_speed.detection.records import TrackedRegion
+from stereo_speed.detection.protocol import TrackedRegion
 
 
 def offset_m(found, row, drive):
@@ -45,7 +44,7 @@ def test_a_vehicle_is_found_in_its_second_pair_and_well_placed(name, request):
     assert pair is not None and pair.index == 1
     (one,), (row,) = found, drive.truth[pair.stamp_ns]
     along, across, _ = offset_m(one, row, drive)
-    assert abs(along) < 4 * one.s_std_m
+    assert abs(along) < 1.0
     assert abs(across) < 0.12
     assert one.lane == 'lane_0'
     assert one.speed_mps == pytest.approx(row['path_speed'], rel=0.08)
@@ -61,7 +60,7 @@ def test_where_it_was_is_told_too(straight):
     row = straight.truth[then.stamp_ns][0]
     then = replace(one, left_px=one.earlier.left_px, right_px=one.earlier.right_px)
     along, across, _ = offset_m(then, row, straight)
-    assert abs(along) < 4 * one.s_std_m and abs(across) < 0.12
+    assert abs(along) < 1.0 and abs(across) < 0.12
 
 
 def hidden(pair, row, rig):
@@ -153,7 +152,7 @@ def test_only_vehicles_are_found_in_traffic(traffic):
             gaps = {row['vehicle']: offset_m(one, row, traffic) for row in rows}
             vehicle = min(gaps, key=lambda v: np.abs(gaps[v][:2]).sum())
             along, across, _ = gaps[vehicle]
-            assert abs(across) < 0.5 and abs(along) < 4 * one.s_std_m + 0.5
+            assert abs(across) < 0.5 and abs(along) < 1.0
             found.setdefault(vehicle, set()).add(one.lane)
     assert all(len(lanes) == 1 for lanes in found.values())
     counted = {row['vehicle']: row['lane'] for rows in traffic.truth.values() for row in rows
@@ -161,17 +160,6 @@ def test_only_vehicles_are_found_in_traffic(traffic):
     assert len(counted) >= 3 and set(counted.values()) == {0, 1}
     missed = set(counted) - set(found)
     assert len(missed) <= len(counted) // 4
-
-
-def test_drawing_marks_the_quads_only(straight):
-    pair, found = first_pair_found(straight)
-    for right, view in ((False, pair.left), (True, pair.right)):
-        picture = draw_detections(view, found, right)
-        changed = np.argwhere((picture != view[..., None]).any(axis=2))
-        quad = found[0].right_px if right else found[0].left_px
-        for u, v in quad:
-            assert np.abs(changed - [v, u]).max(axis=1).min() <= 1.5
-        assert len(changed) < 0.02 * view.size
 
 
 def test_config_refuses_what_cannot_be():

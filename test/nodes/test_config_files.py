@@ -8,7 +8,9 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
-from stereo_speed.core.config import load_config, TrackerConfig
+from stereo_speed.core.config import parameters_of, TrackerConfig
+from stereo_speed.pipeline.config import load_pipeline_config
+from stereo_speed.pipeline.registry import DETECTORS, TRACKERS
 import yaml
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -16,14 +18,31 @@ ROOT = Path(__file__).resolve().parents[2]
 
 def test_tracker_yaml_holds_the_defaults_of_every_parameter():
     path = ROOT / 'config' / 'tracker.yaml'
-    assert load_config(path) == TrackerConfig()
-    assert set(yaml.safe_load(path.read_text())) == set(asdict(TrackerConfig()))
+    found = load_pipeline_config(path)
+    assert found.shared == TrackerConfig()
+    data = yaml.safe_load(path.read_text())
+    assert_whole({k: v for k, v in data.items() if k not in ('trackers', 'detectors')},
+                 TrackerConfig)
+    for registry, given in ((TRACKERS, found.trackers), (DETECTORS, found.detectors)):
+        for name in registry.own:
+            kind = registry.load(name).Settings
+            assert given.get(name, kind()) == kind()
+            assert_whole(data[f'{registry.kind}s'].get(name, {}), kind)
+
+
+def assert_whole(values, kind):
+    """Check that a mapping names every parameter of a record and of its sections."""
+    found = {f'{k}.{inner}' if isinstance(v, dict) else k for k, v in values.items()
+             for inner in (v if isinstance(v, dict) else (None,))}
+    assert found == {name for name, _ in parameters_of(kind)}
 
 
 def test_node_parameters_hold_the_same_defaults():
     data = yaml.safe_load((ROOT / 'config' / 'stereo_speed.params.yaml').read_text())
     values = data['/**/tracker_node']['ros__parameters']
     assert {k: values[k] for k in asdict(TrackerConfig())} == asdict(TrackerConfig())
+    offline = yaml.safe_load((ROOT / 'config' / 'tracker.yaml').read_text())
+    assert {k: values[k] for k in offline} == offline
 
 
 @pytest.mark.parametrize('path', sorted((ROOT / 'launch').glob('*.xml')), ids=lambda p: p.name)

@@ -7,18 +7,24 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from stereo_speed.core.config import TrackerConfig
+from stereo_speed.core.config import EffortConfig, NoParameters, TrackerConfig, VerdictConfig
 from stereo_speed.core.records import PassResult, TrackState, TrackUpdate, Verdict
-from stereo_speed.detection.records import Detection, Earlier
+from stereo_speed.detection.protocol import Detection, EarlierFront
 from stereo_speed.lab.sim import simulate, straight_config, VehicleConfig
-from stereo_speed.pipeline.pipeline import FEWEST_PARTICLES, SpeedPipeline
+from stereo_speed.pipeline.pipeline import SpeedPipeline
 from stereo_speed.road.lanes import LanePath
 from stereo_speed.road.path import StraightPath
 from stereo_speed.site.file import load_site
 from stereo_speed.site.init_file import load_init
 from stereo_speed.site.lane_paths import lane_paths
+from stereo_speed.tracking.constrained import ConstrainedTracker
 from stereo_speed.tracking.lane_assigner import LaneAssigner
 import yaml
+
+
+def start(request):
+    """Start a constrained tracker."""
+    return ConstrainedTracker.start(request, NoParameters())
 
 
 class ScriptedFinder:
@@ -34,8 +40,9 @@ class ScriptedFinder:
         if pair.index not in self.pairs:
             return []
         return [Detection(lane=self.lane, left_px=m.left_px, right_px=m.right_px, std_px=0.7,
-                          s_m=0.0, s_std_m=1.0, lateral_m=0.0, width_m=1.8, height_m=0.8,
-                          speed_mps=self.speed_mps, earlier=self.earlier, confidence=0.9)
+                          s_m=0.0, lateral_m=0.0, width_m=1.8, height_m=0.8,
+                          speed_mps=self.speed_mps, speed_std_mps=0.05 * self.speed_mps,
+                          earlier=self.earlier)
                 for m in self.marks]
 
 
@@ -55,13 +62,13 @@ def scene(tmp_path_factory):
 def automatic(scene, marks, pairs, config=TrackerConfig()):
     sequence, lanes, _ = scene
     finder = ScriptedFinder(marks, next(iter(lanes)), pairs)
-    return SpeedPipeline(sequence.rig, lanes, config, None, finder=lambda *_: finder), finder
+    return SpeedPipeline(sequence.rig, lanes, config, start, detector=finder), finder
 
 
 def test_found_fronts_become_tracks_and_are_told_as_occupied(scene):
     sequence, _, marks = scene
     pipeline, finder = automatic(scene, marks[:1], {0})
-    updates = [u for pair in sequence.pairs for u in pipeline.process(pair)]
+    updates = [u for pair in sequence.pairs for u in pipeline.process(pair).updates]
     result, = pipeline.finish()
     assert len(updates) == len(sequence.pairs) and result.verdict is Verdict.MEASURED
     assert abs(result.speed_mps - 22.352) < 0.1
@@ -77,7 +84,7 @@ def seen_before(sequence, marks, moved_px=0.0):
     """Find the front in pair 2 and say where it was in pair 0, in truth or beside it."""
     now = [project(sequence, marks[0], k) for k in (2, 0)]
     mark = replace(marks[0], left_px=now[0][0], right_px=now[0][1])
-    earlier = Earlier(pairs=tuple(sequence.pairs[:2]), left_px=now[1][0] + moved_px,
+    earlier = EarlierFront(pairs=tuple(sequence.pairs[:2]), left_px=now[1][0] + moved_px,
                       right_px=now[1][1])
     return mark, earlier
 
@@ -98,7 +105,7 @@ def test_a_track_starts_where_its_front_was_first_seen(scene):
     mark, earlier = seen_before(sequence, marks)
     pipeline, finder = automatic(scene, [mark], {2})
     finder.earlier = earlier
-    updates = [u for pair in sequence.pairs for u in pipeline.process(pair)]
+    updates = [u for pair in sequence.pairs for u in pipeline.process(pair).updates]
     result, = pipeline.finish()
     # Confirmed at once; nothing is told of pairs that are past, but the pass counts them.
     assert [u.stamp_ns for u in updates] == [p.stamp_ns for p in sequence.pairs[2:]]
@@ -116,9 +123,10 @@ def test_what_left_the_view_is_still_told_as_occupied_and_then_forgotten(scene):
     later = [replace(sequence.pairs[-1], index=100, stamp_ns=last_ns + round(k * 1e9),
                      right_stamp_ns=last_ns + round(k * 1e9), left=blank, right=blank)
              for k in (0.5, 1, 2, 4)]
+    ended = []
     for pair in [*sequence.pairs, *later]:
-        pipeline.process(pair)
-    assert [r.end for r in pipeline.ended()] == ['left_view']
+        ended += pipeline.process(pair).passes
+    assert [r.end for r in ended] == ['left_view']
     held, = finder.occupied[len(sequence.pairs)]
     before, = finder.occupied[len(sequence.pairs) - 1]
     assert held.s_m - before.s_m == pytest.approx(0.5 * 22.352, rel=0.02)
@@ -130,7 +138,7 @@ def test_a_track_that_saw_another_speed_than_its_finder_waits_until_it_may_have_
     sequence, _, marks = scene
     pipeline, finder = automatic(scene, marks[:1], {0})
     finder.speed_mps = 10.0
-    updates = [u for pair in sequence.pairs for u in pipeline.process(pair)]
+    updates = [u for pair in sequence.pairs for u in pipeline.process(pair).updates]
     ages = [(u.stamp_ns - updates[0].stamp_ns) * 1e-9 for u in updates]
     assert ages[-1] > 2.0
     assert all((u.state is TrackState.TENTATIVE) == (age < 1.8) for u, age in zip(updates, ages)
@@ -142,16 +150,16 @@ def test_of_two_tracks_on_a_vehicle_that_which_sees_it_stays(scene):
     pipeline, finder = automatic(scene, marks[:1], {0, 3})
     for pair in sequence.pairs[:3]:
         pipeline.process(pair)
-    first, = pipeline._tracks
+    first, = pipeline._state.tracks
     pair = sequence.pairs[3]
     left, right = project(sequence, marks[0], 3)
     finder.marks = [replace(marks[0], left_px=left, right_px=right)]
     pipeline.process(pair)
-    younger = pipeline._tracks[-1]
+    younger = pipeline._state.tracks[-1]
     assert younger is not first
     first.last = replace(younger.last, state=TrackState.COASTING)
     pipeline._drop_doubles()
-    assert pipeline._tracks == [younger]
+    assert pipeline._state.tracks == [younger]
 
 
 def test_where_it_was_not_the_track_starts_where_it_is(scene):
@@ -159,7 +167,7 @@ def test_where_it_was_not_the_track_starts_where_it_is(scene):
     mark, earlier = seen_before(sequence, marks, moved_px=60.0)
     pipeline, finder = automatic(scene, [mark], {2})
     finder.earlier = earlier
-    updates = [u for pair in sequence.pairs for u in pipeline.process(pair)]
+    updates = [u for pair in sequence.pairs for u in pipeline.process(pair).updates]
     result, = pipeline.finish()
     assert updates[0].state is TrackState.TENTATIVE
     assert result.first_ns == sequence.pairs[2].stamp_ns
@@ -168,7 +176,7 @@ def test_where_it_was_not_the_track_starts_where_it_is(scene):
 def test_one_vehicle_keeps_one_track_however_often_it_is_found(scene):
     sequence, lanes, marks = scene
     pipeline, finder = automatic(scene, [marks[0], marks[0]], {0})
-    updates = [u for pair in sequence.pairs for u in pipeline.process(pair)]
+    updates = [u for pair in sequence.pairs for u in pipeline.process(pair).updates]
     result, = pipeline.finish()
     assert {u.track for u in updates[2:]} == {0} and result.track == 0
 
@@ -177,7 +185,7 @@ def test_what_is_never_confirmed_is_no_vehicle(scene):
     sequence, _, marks = scene
     pipeline, _ = automatic(scene, marks[:1], {0})
     for pair in sequence.pairs[:2]:
-        assert [u.state for u in pipeline.process(pair)] == [TrackState.TENTATIVE]
+        assert [u.state for u in pipeline.process(pair).updates] == [TrackState.TENTATIVE]
     assert pipeline.finish() == []
 
 
@@ -185,25 +193,25 @@ def test_a_found_front_on_which_the_views_disagree_is_left_alone(scene):
     sequence, _, marks = scene
     wrong = replace(marks[0], right_px=marks[0].right_px + [0.0, 60.0])
     pipeline, _ = automatic(scene, [wrong], {0})
-    assert pipeline.process(sequence.pairs[0]) == [] and pipeline.finish() == []
+    assert pipeline.process(sequence.pairs[0]).updates == [] and pipeline.finish() == []
 
 
 @pytest.mark.parametrize('particles', [30, 900])
 def test_one_track_has_the_particles_that_were_asked_for(scene, particles):
     config = TrackerConfig(particles=particles, particle_budget=500)
     sequence, lanes, marks = scene
-    pipeline = SpeedPipeline(sequence.rig, lanes, config, marks[:1])
+    pipeline = SpeedPipeline(sequence.rig, lanes, config, start, annotations=marks[:1])
     pipeline.process(sequence.pairs[0])
-    assert [len(t.tracker.particles) for t in pipeline._tracks] == [particles]
+    assert [len(t.tracker.particles) for t in pipeline._state.tracks] == [particles]
 
 
 def test_tracks_share_the_particles_there_are(scene):
     sequence, lanes, marks = scene
     config = TrackerConfig(particles=400, particle_budget=500)
-    pipeline = SpeedPipeline(sequence.rig, lanes, config, marks)
+    pipeline = SpeedPipeline(sequence.rig, lanes, config, start, annotations=marks)
     pipeline.process(sequence.pairs[0])
-    counts = [len(t.tracker.particles) for t in pipeline._tracks]
-    assert sum(counts) <= 500 and min(counts) >= FEWEST_PARTICLES
+    counts = [len(t.tracker.particles) for t in pipeline._state.tracks]
+    assert sum(counts) <= 500 and min(counts) >= EffortConfig().fewest_particles
     for pair in sequence.pairs[1:]:
         pipeline.process(pair)
     assert all(abs(r.speed_mps - v) < 0.1 for r, v in zip(pipeline.finish(), (22.352, 20.117)))
@@ -229,7 +237,7 @@ def passed(**changes):
 
 def test_lanes_of_a_vehicle_that_moves_over():
     # Left of travel is +x here: from the lane at x = 0 to the one at 3.6, undecided between.
-    keeper = LaneAssigner({'right': lane('right', 0.0), 'left': lane('left', 3.6)})
+    keeper = LaneAssigner({'right': lane('right', 0.0), 'left': lane('left', 3.6)}, VerdictConfig())
     told = [keeper.place(update_at(x, 40.0)) for x in (0.1, 1.7, 1.9, 2.2, 1.7, 3.5)]
     assert [u.lane for u in told] == ['right', 'right', 'right', 'left', 'left', 'left']
     assert told[-1].lateral_m == pytest.approx(-0.1) and told[-1].s_m == pytest.approx(20.0)
@@ -238,7 +246,7 @@ def test_lanes_of_a_vehicle_that_moves_over():
 
 
 def test_what_runs_beside_the_road_is_rejected():
-    keeper = LaneAssigner({'right': lane('right', 0.0)})
+    keeper = LaneAssigner({'right': lane('right', 0.0)}, VerdictConfig())
     for x in (2.0, 4.0, 5.0, 6.0):
         keeper.place(update_at(x, 40.0))
     result = keeper.conclude(passed())

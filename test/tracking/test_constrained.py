@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 from stereo_speed.core.config import TrackerConfig
 from stereo_speed.core.errors import InputError
-from stereo_speed.core.records import TrackState, Verdict
+from stereo_speed.core.records import InitialFront, TrackState, Verdict
 from stereo_speed.lab.sim import simulate, straight_config, VehicleConfig
-from stereo_speed.pipeline.pipeline import SpeedPipeline
-from stereo_speed.site.file import InitialFront, load_site
+from stereo_speed.pipeline.assembly import make_pipeline
+from stereo_speed.pipeline.config import PipelineConfig
+from stereo_speed.pipeline.run import run
+from stereo_speed.site.file import load_site
 from stereo_speed.site.init_file import load_init
 from stereo_speed.site.lane_paths import lane_paths
 from stereo_speed.tracking import constrained, window as refine
@@ -29,9 +31,9 @@ def prepare(sequence, folder):
 
 def drive(sequence, folder, pairs=None, seed=0, config=TrackerConfig()):
     lanes, marks = prepare(sequence, folder)
-    pipeline = SpeedPipeline(sequence.rig, lanes, config, marks, seed=seed)
-    updates = [u for pair in pairs or sequence.pairs for u in pipeline.process(pair)]
-    return updates, pipeline.ended() + pipeline.finish()
+    pipeline = make_pipeline(sequence.rig, lanes, PipelineConfig(config), marks, seed=seed)
+    done = run(pipeline, pairs or sequence.pairs)
+    return done.updates, done.passes
 
 
 @pytest.fixture(scope='module')
@@ -173,25 +175,25 @@ def test_marks_outside_the_image_are_refused(straight, tmp_path):
     lanes, marks = prepare(straight, tmp_path)
     outside = InitialFront(0, marks[0].left_px, marks[0].right_px + [900, 0])
     with pytest.raises(InputError, match='right_image'):
-        SpeedPipeline(straight.rig, lanes, TrackerConfig(), [outside])
+        make_pipeline(straight.rig, lanes, PipelineConfig(), [outside])
 
 
 def test_marks_on_different_things_are_refused(straight, tmp_path):
     lanes, marks = prepare(straight, tmp_path)
     wrong = InitialFront(0, marks[0].left_px, marks[0].right_px + [0.0, 60.0])
-    pipeline = SpeedPipeline(straight.rig, lanes, TrackerConfig(), [wrong])
+    pipeline = make_pipeline(straight.rig, lanes, PipelineConfig(), [wrong])
     with pytest.raises(InputError, match='left and right|correlation'):
         pipeline.process(straight.pairs[0])
 
 
 def test_stamps_must_increase_until_a_reset(circle, tmp_path):
     lanes, marks = prepare(circle, tmp_path)
-    pipeline = SpeedPipeline(circle.rig, lanes, TrackerConfig(), marks)
-    first = [pipeline.process(p)[0].track for p in circle.pairs[:2]]
+    pipeline = make_pipeline(circle.rig, lanes, PipelineConfig(), marks)
+    first = [pipeline.process(p).updates[0].track for p in circle.pairs[:2]]
     with pytest.raises(InputError, match='later than'):
         pipeline.process(circle.pairs[0])
     pipeline.reset()
-    assert first == [0, 0] and pipeline.process(circle.pairs[0])[0].track == 1
+    assert first == [0, 0] and pipeline.process(circle.pairs[0]).updates[0].track == 1
 
 
 def test_a_speed_that_no_tyre_could_change_to_is_not_confirmed(driven, circle):
@@ -200,7 +202,7 @@ def test_a_speed_that_no_tyre_could_change_to_is_not_confirmed(driven, circle):
     for speed_mps, may in ((23.8, True), (24.0, False), (16.2, True), (16.0, False)):
         update = replace(before, stamp_ns=before.stamp_ns + 200_000_000, speed_mps=speed_mps,
                          speed_std_mps=0.4)
-        assert constrained._may_follow(update, before) == may
+        assert constrained.may_follow(update, before, TrackerConfig()) == may
 
 
 def test_transport_reaches_the_wanted_moments_exactly():
@@ -225,9 +227,7 @@ def test_a_right_view_exposed_later_counts_at_its_own_time(tmp_path):
     lanes, (mark,) = prepare(sequence, tmp_path)
     step = sequence.scene.front(sequence.config.vehicles[0], 0.04).corners_m
     moved = replace(mark, right_px=sequence.rig.project(step)[1])
-    pipeline = SpeedPipeline(sequence.rig, lanes, TrackerConfig(), [moved])
-    updates = [u for pair in late for u in pipeline.process(pair)]
-    result, = pipeline.ended() + pipeline.finish()
+    result, = run(make_pipeline(sequence.rig, lanes, PipelineConfig(), [moved]), late).passes
     truth = float(sequence.truth[0]['speed'])
     assert result.verdict is Verdict.MEASURED
     assert abs(result.speed_mps - truth) < 0.05

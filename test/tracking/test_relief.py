@@ -10,7 +10,9 @@ import numpy as np
 
 from stereo_speed.core.config import TrackerConfig
 from stereo_speed.lab.sim import simulate, straight_config, VehicleConfig
-from stereo_speed.pipeline.pipeline import SpeedPipeline
+from stereo_speed.pipeline.assembly import make_pipeline
+from stereo_speed.pipeline.config import PipelineConfig
+from stereo_speed.pipeline.run import run
 from stereo_speed.road.path import StraightPath
 from stereo_speed.site.file import load_site
 from stereo_speed.site.init_file import load_init
@@ -125,12 +127,10 @@ def test_a_front_with_relief_is_measured_as_well_as_a_flat_one(tmp_path):
         sequence = simulate(config, np.random.default_rng(seed))
         (tmp_path / 's.yaml').write_text(yaml.safe_dump(dict(sequence.site_exact)))
         (tmp_path / 'i.yaml').write_text(yaml.safe_dump(dict(sequence.init)))
-        pipeline = SpeedPipeline(
+        pipeline = make_pipeline(
             sequence.rig, lane_paths(load_site(tmp_path / 's.yaml'), sequence.rig),
-            TrackerConfig(), load_init(tmp_path / 'i.yaml'))
-        for pair in sequence.pairs:
-            pipeline.process(pair)
-        result, = pipeline.ended() + pipeline.finish()
+            PipelineConfig(), load_init(tmp_path / 'i.yaml'))
+        result, = run(pipeline, sequence.pairs).passes
         errors.append(result.speed_mps - float(sequence.truth[0]['speed']))
     # On a plane the same passes are 0.1 m/s off.
     assert np.sqrt(np.mean(np.square(errors))) < 0.03, errors

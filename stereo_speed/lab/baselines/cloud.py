@@ -9,18 +9,20 @@ it moves and how the images score it is each filter's own.
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .common import Baseline, Reading
 from .constant_velocity import directional_rate, Gaussian, Transition, transition
+from .settings import BaselineSettings
 from .speed_profile import Profile, smoothed_profile
 from ...core.records import Array, StereoPair
 from ...estimation.particle_filter import weigh
 from ...estimation.weights import (
     DegenerateWeightsError, mean_and_covariance, normalise_log_weights)
+from ...tracking.initialise import Placement
+from ...tracking.protocol import TrackStart
 
 _LEAST_SPREAD = 1e-6  # a cloud collapsed onto a point still has some width, m^2 or m^2/s^2
 
@@ -35,8 +37,8 @@ class CloudTracker(Baseline):
     states: Array
     freedom: int  # unknowns of a state that are free of one another
 
-    def __init__(self, **keywords: Any) -> None:
-        super().__init__(**keywords)
+    def __init__(self, start: TrackStart, placed: Placement, settings: BaselineSettings) -> None:
+        super().__init__(start, placed, settings)
         self.log_weights = np.zeros(self.config.particles)
         self.filtered: list[Gaussian] = []
         self.steps: list[Transition] = []

@@ -11,7 +11,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 import math
-from typing import Optional
+from typing import Optional, Union
 
 import numpy as np
 
@@ -19,22 +19,12 @@ from .settings import BaselineSettings
 from .speed_profile import Profile
 from ...core.config import TrackerConfig
 from ...core.records import (
-    Array, LEFT_VIEW, LOST, PassResult, StereoPair, STREAM_ENDED, TrackState, TrackUpdate, Verdict)
-from ...geometry.rig import StereoRig
-from ...road.lanes import LanePath
-from ...site.file import InitialFront
-from ...tracking.initialise import place_front
+    Array, PassResult, Reason, StereoPair, TrackEnd, TrackState, TrackUpdate, Verdict)
+from ...tracking.initialise import place_front, Placement
 from ...tracking.observation import inside, lag_s
 from ...tracking.pass_result import calibration_share, live_std
+from ...tracking.protocol import Refusal, TrackStart
 from ...vision.haar import PartGrid
-
-NEVER_SEEN, TOO_FEW_FEATURES = 'never_seen', 'too_few_features'
-
-_CONFIRM_PAIRS = 3
-_LOST_AFTER_S = 1.5
-_MIN_PAIRS = 4
-_MIN_WIDTH_PX, _FAR_WIDTH_PX = 20.0, 40.0
-_MAX_SPEED_MPS = 90.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,35 +61,35 @@ class Reading:
 
 class Baseline(ABC):
     """
-    Follow one marked vehicle; what is done with the images is left to each baseline.
+    Follow one vehicle; what is done with the images is left to each baseline.
 
-    :param rig: the cameras.
-    :param lane: the lane; its path places the first front, and tells s and the offset.
-    :param config: parameters shared with the constrained tracker.
-    :param mark: the front as marked in ``pair``.
-    :param pair: the first pair.
-    :param track: number of the track.
-    :param rng: source of all randomness.
-    :param settings: parameters of the baselines.
+    :param start: what the track starts from; the path of its lane places the first front, and
+        tells s and the offset.
+    :param placed: where its first front stands.
+    :param settings: parameters of the baselines alone.
     """
 
-    unseen_reason = NEVER_SEEN  # why a pass without a look is rejected
+    Settings = BaselineSettings
+    unseen_reason = Reason.NEVER_SEEN  # why a pass without an observation is rejected
 
-    def __init__(self, *, rig: StereoRig, lane: LanePath, config: TrackerConfig, mark: InitialFront,
-                 pair: StereoPair, track: int, rng: np.random.Generator,
-                 settings: BaselineSettings = BaselineSettings()) -> None:
-        self.rig, self.lane, self.config, self.track, self.rng = rig, lane, config, track, rng
-        self.settings = settings
-        self.grid = PartGrid(config.parts, config.samples_per_part)
-        self.expected_mps = lane.speed_limit_mps or config.initial_speed_mps
-        later_m = self.expected_mps * lag_s(pair, config.trigger_tolerance_s)
-        self.start = place_front(rig, lane.path, mark, pair, self.grid, later_m)
-        self.first_ns = self.last_ns = self.seen_ns = pair.stamp_ns
+    @classmethod
+    def start(cls, start: TrackStart, settings: BaselineSettings) -> Union[Baseline, Refusal]:
+        """Return a baseline that follows a front, or the reason why it cannot."""
+        grid = PartGrid(start.config.parts, start.config.samples_per_part)
+        placed = place_front(start, grid)
+        return placed if isinstance(placed, Refusal) else cls(start, placed, settings)
+
+    def __init__(self, start: TrackStart, placed: Placement, settings: BaselineSettings) -> None:
+        self.rig, self.lane, self.config = start.rig, start.lane, start.config
+        self.track, self.rng, self.settings = start.track, start.rng, settings
+        self.grid = PartGrid(self.config.parts, self.config.samples_per_part)
+        self.expected_mps, self.placed = start.expected_mps, placed
+        self.first_ns = self.last_ns = self.seen_ns = start.pair.stamp_ns
         self.stamps_ns: list[int] = []  # of the pairs it was seen in
         self.missed = 0
         self.width_px = 0.0
-        self.calibration = calibration_share(rig, lane, config)
-        self._end = ''
+        self.calibration = calibration_share(self.rig, self.lane, self.config)
+        self._end: Optional[TrackEnd] = None
 
     # -- what each baseline does ------------------------------------------------------------
 
@@ -124,7 +114,7 @@ class Baseline(ABC):
     @property
     def ended(self) -> bool:
         """Whether the pass is over: out of view, or lost for too long."""
-        return bool(self._end)
+        return self._end is not None
 
     def update(self, pair: StereoPair) -> Optional[TrackUpdate]:
         """Take in one pair, in order of stamps; None once the pass has ended."""
@@ -134,23 +124,23 @@ class Baseline(ABC):
         self.last_ns = pair.stamp_ns
         quads = self._reading().quads
         if not (inside(self.rig.left, quads[0]) and inside(self.rig.right, quads[1])):
-            self._end = LEFT_VIEW
+            self._end = TrackEnd.LEFT_VIEW
             return None
         if not self._observe(pair, lag_s(pair, self.config.trigger_tolerance_s)):
             self.missed += 1
-            if (pair.stamp_ns - self.seen_ns) * 1e-9 > _LOST_AFTER_S:
-                self._end = LOST
+            if (pair.stamp_ns - self.seen_ns) * 1e-9 > self.config.visibility.lost_after_s:
+                self._end = TrackEnd.LOST
                 return None
             return self._tell(pair, TrackState.COASTING)
         self.seen_ns = pair.stamp_ns
         self.stamps_ns.append(pair.stamp_ns)
-        confirmed = len(self.stamps_ns) >= _CONFIRM_PAIRS
+        confirmed = len(self.stamps_ns) >= self.config.visibility.confirm_pairs
         return self._tell(pair, TrackState.CONFIRMED if confirmed else TrackState.TENTATIVE)
 
     def result(self) -> PassResult:
         """Measure the pass from all its pairs, or say why it cannot be measured."""
         if len(self.stamps_ns) < 2:
-            reason = 'too_few_pairs' if self.stamps_ns else self.unseen_reason
+            reason = Reason.TOO_FEW_PAIRS if self.stamps_ns else self.unseen_reason
             return self._result(reason, None)
         profile = self._profile()
         return self._result(self._reason(profile), profile)
@@ -159,7 +149,7 @@ class Baseline(ABC):
 
     def _first_velocity(self) -> tuple[Array, float]:
         """Velocity to begin with, that of the speed limit along the lane, and its 1-sigma."""
-        tangent = self.lane.path.tangent(np.array(self.start.pose[0]))
+        tangent = self.lane.path.tangent(np.array(self.placed.pose[0]))
         return (self.expected_mps * tangent,
                 2 * self.config.initial_speed_std * self.expected_mps)
 
@@ -178,21 +168,22 @@ class Baseline(ABC):
             position_cov_m2=reading.position_cov, axes=reading.axes,
             quad_left_px=reading.quads[0], quad_right_px=reading.quads[1])
 
-    def _reason(self, profile: Profile) -> str:
-        """Why a pass is rejected, snake_case; empty when it is measured."""
-        if len(self.stamps_ns) < _MIN_PAIRS:
-            return self.unseen_reason if self.missed > len(self.stamps_ns) else 'too_few_pairs'
-        if self.width_px < _MIN_WIDTH_PX:
-            return 'too_far'
+    def _reason(self, profile: Profile) -> Optional[Reason]:
+        """Return why a pass is rejected; None when it is measured."""
+        limits = self.config.verdict
+        if len(self.stamps_ns) < limits.least_pairs:
+            return self.unseen_reason if self.missed > len(self.stamps_ns) else Reason.TOO_FEW_PAIRS
+        if self.width_px < limits.least_width_px:
+            return Reason.TOO_FAR
         speed, mean = profile.speed_mps, float(profile.speed_mps.mean())
-        if not (np.isfinite(speed).all() and 0 < speed.min() and speed.max() < _MAX_SPEED_MPS):
-            return 'implausible'
+        if not (np.isfinite(speed).all() and 0 < speed.min() and speed.max() < limits.most_speed_mps):
+            return Reason.IMPLAUSIBLE
         std = math.hypot(profile.mean_std_mps, self.calibration * mean)
         if not std < max(self.config.max_speed_std_share * mean, self.config.max_speed_std_mps):
-            return 'too_far' if self.width_px < _FAR_WIDTH_PX else 'uncertain'
-        return ''
+            return Reason.TOO_FAR if self.width_px < limits.far_width_px else Reason.UNCERTAIN
+        return None
 
-    def _result(self, reason: str, profile: Optional[Profile]) -> PassResult:
+    def _result(self, reason: Optional[Reason], profile: Optional[Profile]) -> PassResult:
         stamps = self.stamps_ns or [self.first_ns]
         speed = std = None
         smoothed: dict[int, float] = {}
@@ -207,5 +198,5 @@ class Baseline(ABC):
         return PassResult(
             track=self.track, lane=self.lane.name, first_ns=stamps[0], last_ns=stamps[-1],
             pairs=len(self.stamps_ns), speed_mps=speed, speed_std_mps=std,
-            verdict=Verdict.REJECTED if reason else Verdict.MEASURED, reason=reason,
-            smoothed=smoothed, smoothed_std=smoothed_std, end=self._end or STREAM_ENDED)
+            verdict=Verdict.REJECTED if reason else Verdict.MEASURED, reason=reason or '',
+            smoothed=smoothed, smoothed_std=smoothed_std, end=self._end or TrackEnd.STREAM_ENDED)

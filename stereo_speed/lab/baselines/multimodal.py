@@ -28,8 +28,11 @@ from numpy.typing import NDArray
 from .cloud import CloudTracker
 from .cues import histograms, outline_gradient
 from .rectify import Rectifier
+from .settings import BaselineSettings
 from ...core.records import Array, StereoPair
 from ...tracking.front import plane_points
+from ...tracking.initialise import Placement
+from ...tracking.protocol import TrackStart
 from ...vision.haar import PartGrid
 from ...vision.histograms import bhattacharyya
 
@@ -53,18 +56,18 @@ class MultimodalTracker(CloudTracker):
 
     freedom = 4
 
-    def __init__(self, **keywords: Any) -> None:
-        super().__init__(**keywords)
-        n, limit, pose = self.config.particles, self.expected_mps, self.start.pose
-        ds = self.start.s_std_m * self.rng.standard_normal(n)
+    def __init__(self, start: TrackStart, placed: Placement, settings: BaselineSettings) -> None:
+        super().__init__(start, placed, settings)
+        n, limit, pose = self.config.particles, self.expected_mps, self.placed.pose
+        ds = self.placed.s_std_m * self.rng.standard_normal(n)
         speed = limit * (1 + self.config.initial_speed_std * self.rng.standard_normal(n))
         speed[: n // 4] = self.rng.uniform(0.0, 2.5 * limit, n // 4)
         self.states = np.column_stack([
-            pose[0] + ds, pose[1:] + ds[:, None] * self.start.offset_slope,
+            pose[0] + ds, pose[1:] + ds[:, None] * self.placed.offset_slope,
             np.maximum(speed, 0.0)])
         self.coarse = PartGrid(self.config.parts, 4)
         self.rectifier = Rectifier(self.rig)
-        size = np.ptp(self.start.front.corners_m, axis=0)
+        size = np.ptp(self.placed.front.corners_m, axis=0)
         self.samples_m = _GRID * size
         self.references: Optional[tuple[Array, Array]] = None
 
@@ -148,7 +151,7 @@ class MultimodalTracker(CloudTracker):
         if lag_s:
             later = states[:, :3].copy()
             later[:, 0] += lag_s * states[:, 3]
-        return self.start.front.corners(self.rig, states[:, :3], 0.0, later)
+        return self.placed.front.corners(self.rig, states[:, :3], 0.0, later)
 
     def _axes(self, states: Array) -> Array:
         return self.lane.path.frame(states[:, 0])

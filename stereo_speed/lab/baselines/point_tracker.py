@@ -10,21 +10,24 @@ Matthies and Shafer.  What a tracker then reports is its own affair.
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import Any, Optional
+from typing import Optional
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .common import Baseline, Reading, TOO_FEW_FEATURES
+from .common import Baseline, Reading
 from .constant_velocity import (
     correct, directional_rate, distance2, Gaussian, predict, Transition, transition)
 from .hartley_sturm import triangulate
 from .places import Place, place_of_front
 from .points import Aim, near_quad, Points, PointSource
+from .settings import BaselineSettings
 from .speed_profile import Profile, smoothed_profile
-from ...core.records import Array, StereoPair
+from ...core.records import Array, Reason, StereoPair
 from ...road.path import frame_of
+from ...tracking.initialise import Placement
+from ...tracking.protocol import TrackStart
 
 _GATE = 16.3  # squared Mahalanobis distance: one in a thousand is beyond
 _LEEWAY_M = 0.2  # jolts of the vehicle or the cameras, which no model of motion foresees
@@ -39,16 +42,16 @@ _SLACK_SIGMAS = 2.5
 class PointTracker(Baseline):
     """Follow a front by its points; see the module's docstring and :class:`Baseline`."""
 
-    unseen_reason = TOO_FEW_FEATURES
+    unseen_reason = Reason.TOO_FEW_FEATURES
 
-    def __init__(self, **keywords: Any) -> None:
-        super().__init__(**keywords)
+    def __init__(self, start: TrackStart, placed: Placement, settings: BaselineSettings) -> None:
+        super().__init__(start, placed, settings)
         self.source, self.std_px = self._source()
-        pose = self.start.pose
+        pose = self.placed.pose
         at = np.array(pose[0])
         self.axes = self.lane.path.frame(at)
         self.up = self.axes[:, 2]
-        place = self.start.front.centre(pose)
+        place = self.placed.front.centre(pose)
         self.centre_px = self.rig.project(place[None])[0][0]
         self.belief = self._first_belief(place)
         self.before = self._quads(place)[0]
@@ -66,8 +69,8 @@ class PointTracker(Baseline):
     def _first_belief(self, place: Array) -> Gaussian:
         """Take the place from the mark, and the velocity from the speed limit."""
         velocity, std = self._first_velocity()
-        toward = np.array([1.0, *self.start.offset_slope]) @ self.axes.T
-        depth = self.start.s_std_m ** 2 * np.outer(toward, toward)
+        toward = np.array([1.0, *self.placed.offset_slope]) @ self.axes.T
+        depth = self.placed.s_std_m ** 2 * np.outer(toward, toward)
         side = 1e-4 * np.eye(3) * (place[2] / 50) ** 2
         shares = np.array([std, _SIDE_SHARE * self.expected_mps, _UP_SHARE * self.expected_mps])
         cov = np.zeros((6, 6))
@@ -166,7 +169,7 @@ class PointTracker(Baseline):
 
     def _quads(self, place: Array) -> tuple[Array, Array]:
         """Corners (4, 2) of the front at a place, in both raw views."""
-        corners = place + self.start.front.corners_m @ self.axes[:, 1:].T
+        corners = place + self.placed.front.corners_m @ self.axes[:, 1:].T
         left, right, _, _ = self.rig.project(corners)
         return left, right
 

@@ -13,8 +13,6 @@ through the places.
 """
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,16 +20,19 @@ from .common import Reading
 from .places import displacement, Place
 from .point_tracker import PointTracker
 from .points import PointSource
+from .settings import BaselineSettings
 from .sift import SiftPoints
 from .speed_profile import fitted_profile, Profile
 from ...core.records import Array, StereoPair
+from ...tracking.initialise import Placement
+from ...tracking.protocol import TrackStart
 
 
 class TriangulationTracker(PointTracker):
     """Report the motion of triangulated SIFT points from pair to pair."""
 
-    def __init__(self, **keywords: Any) -> None:
-        super().__init__(**keywords)
+    def __init__(self, start: TrackStart, placed: Placement, settings: BaselineSettings) -> None:
+        super().__init__(start, placed, settings)
         velocity, std = self._first_velocity()
         self.velocity, self.velocity_cov = velocity, std ** 2 * np.eye(3)
         self.cloud: dict[int, Array] = {}

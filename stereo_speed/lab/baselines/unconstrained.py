@@ -22,15 +22,18 @@ Whole passes are smoothed backwards from the cloud's means and covariances.
 from __future__ import annotations
 
 import math
-from typing import Any, Optional
+from typing import Optional
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from .cloud import CloudTracker
+from .settings import BaselineSettings
 from ...core.records import Array, StereoPair
 from ...tracking.front import back_project
+from ...tracking.initialise import Placement
 from ...tracking.likelihood import Reference, score
+from ...tracking.protocol import TrackStart
 
 _SIDE_SHARE, _UP_SHARE = 0.05, 0.02  # 1-sigma of the first velocity across and up, as shares
 _LEAST_NCC = 0.5
@@ -48,23 +51,23 @@ class UnconstrainedTracker(CloudTracker):
 
     freedom = 12
 
-    def __init__(self, **keywords: Any) -> None:
-        super().__init__(**keywords)
-        self.first_axes = self.lane.path.frame(np.array(self.start.pose[0]))
+    def __init__(self, start: TrackStart, placed: Placement, settings: BaselineSettings) -> None:
+        super().__init__(start, placed, settings)
+        self.first_axes = self.lane.path.frame(np.array(self.placed.pose[0]))
         self.states = self._first_states()
         self.reference: Optional[Reference] = None
         # The homographies (eq. 5) depend on the motion over the distance alone: without a path
         # the scale of everything is that of the first depth, whatever the spread of the cloud.
-        depth = self.start.s_std_m / float(np.linalg.norm(self.states[:, :3].mean(axis=0)))
+        depth = self.placed.s_std_m / float(np.linalg.norm(self.states[:, :3].mean(axis=0)))
         self.calibration = math.hypot(self.calibration, depth)
 
     def _first_states(self) -> Array:
         """Depths on the ray of the mark as its scatter allows, and any likely velocity."""
-        n, rng, pose = self.config.particles, self.rng, self.start.pose
+        n, rng, pose = self.config.particles, self.rng, self.placed.pose
         limit, path = self.expected_mps, self.lane.path
-        ds = self.start.s_std_m * rng.standard_normal(n)
+        ds = self.placed.s_std_m * rng.standard_normal(n)
         uv = self.rig.left.project(path.position(np.array(pose[0])) + (
-            pose[1:] + self.start.front.corners_m) @ self.first_axes[:, 1:].T)[0]
+            pose[1:] + self.placed.front.corners_m) @ self.first_axes[:, 1:].T)[0]
         states = np.zeros((n, 20))
         for k, s_m in enumerate(pose[0] + ds):  # the same quad at each depth (Section III-A)
             quad = back_project(path, self.rig.left, float(s_m), uv)

@@ -15,10 +15,10 @@ from .bench_monocular import HEIGHT, rows, WIDTH
 from ...core.config import TrackerConfig
 from ...core.records import StereoPair
 from ...io.bags import StereoBag
-from ...pipeline.pipeline import SpeedPipeline
+from ...pipeline.assembly import MeasuringSite
+from ...pipeline.config import PipelineConfig
 from ...site.file import load_site
 from ...site.init_file import load_init
-from ...site.lane_paths import lane_paths
 
 _SAMPLE = Path(__file__).resolve().parents[3] / 'sample' / 'straight55'
 
@@ -38,12 +38,13 @@ def run(args: argparse.Namespace) -> int:
     cv2.setNumThreads(1)
     with StereoBag(args.sample / 'bag') as bag:
         rig, pairs = bag.rig, list(bag.pairs())
-    lanes = lane_paths(load_site(args.sample / 'site.yaml'), rig)
-    marks = load_init(args.sample / 'init.yaml')
+    place = MeasuringSite.of(load_site(args.sample / 'site.yaml'), rig)
+    annotations = load_init(args.sample / 'init.yaml')
 
     def tracker(particles: int) -> Callable[[], list[float]]:
         def once() -> list[float]:
-            pipeline = SpeedPipeline(rig, lanes, TrackerConfig(particles=particles), marks)
+            config = PipelineConfig(TrackerConfig(particles=particles))
+            pipeline = place.pipeline(config, annotations)
             return [_milliseconds(pipeline.process, pair) for pair in pairs]
         return once
 

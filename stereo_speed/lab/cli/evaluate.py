@@ -24,7 +24,7 @@ from ...cli.options import add_job_options, number_in
 from ...core.config import TrackerConfig
 from ...core.errors import InputError
 from ...io.atomic import prepare_folder, write_whole
-from ...pipeline.pipeline import TRACKERS
+from ...pipeline.registry import TRACKERS
 
 _FILES = ('site.yaml', 'init.yaml', 'truth.csv')
 _OTHERS = 'evaluate_monocular'  # the monocular trackers, on videos
@@ -46,7 +46,7 @@ def add_parser(subparsers: Any) -> None:
     add('--sequences', type=_sequences, default=[], metavar='NAMES',
         help='simulated sequences, with commas, or all: ' + ', '.join(SEQUENCES))
     add('--trackers', type=_trackers, default=None, metavar='NAMES',
-        help='with commas (default: all): ' + ', '.join(TRACKERS))
+        help='with commas (default: all): ' + ', '.join(TRACKERS.names))
     add('--seeds', type=number_in(int, 1, 1000), default=None, metavar='K',
         help='runs of each (default: 10; 20 of each cell of the tables of the paper)')
     add('--particles', type=number_in(int, 20, 20000), nargs='+', metavar='N', default=None,
@@ -70,7 +70,7 @@ def _sequences(text: str) -> list[str]:
 
 
 def _trackers(text: str) -> list[str]:
-    return _names(text, tuple(TRACKERS))
+    return _names(text, TRACKERS.names)
 
 
 def _names(text: str, known: Sequence[str]) -> list[str]:
@@ -100,7 +100,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _paper(args: argparse.Namespace) -> int:
     """Run the paper's tables again."""
-    wanted = PaperPlan(trackers=tuple(args.trackers or TRACKERS), lines=args.lines)
+    wanted = PaperPlan(trackers=tuple(args.trackers or TRACKERS.names), lines=args.lines)
     if args.quick:
         wanted = wanted.quick()
     if args.seeds:
@@ -137,7 +137,7 @@ def _paper_plots(out: Path, wanted: PaperPlan, runs: Runs) -> None:
 def _compare(args: argparse.Namespace) -> int:
     """Run trackers over bags and simulated sequences."""
     seeds = range(args.seeds or 10)
-    trackers = args.trackers or list(TRACKERS)
+    trackers = args.trackers or list(TRACKERS.names)
     groups = [[sequence_experiment(name, t, lines=args.lines, particles=n) for t in trackers
                for n in args.particles or [None]] for name in args.sequences]
     groups += [[Experiment(source=source, tracker=t, changes=_particles(n)) for t in trackers

@@ -5,12 +5,11 @@ from __future__ import annotations
 
 import argparse
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
 import queue as queues
 import tempfile
-import time
 from typing import Any, Iterator, Mapping, Optional, Union
 
 import cv2
@@ -27,12 +26,14 @@ from ..sim.traffic_config import LIGHTS, traffic_config, TrafficConfig
 from ..sim.truth import TRAFFIC_COLUMNS, write_truth
 from ...core.config import TrackerConfig
 from ...core.errors import InputError
-from ...core.records import PassResult, TrackUpdate
+from ...core.records import StereoPair
 from ...geometry.rig import StereoRig
 from ...io.atomic import prepare_folder
-from ...io.results import (
-    of_passes, software_versions, staged_run, stream_timings, write_run)
+from ...io.results import software_versions, staged_run, stream_timings, write_run
+from ...pipeline.assembly import make_pipeline
+from ...pipeline.config import PipelineConfig
 from ...pipeline.pipeline import SpeedPipeline
+from ...pipeline.run import Run, run as run_pipeline
 from ...road.lanes import LanePath
 from ...site.file import load_site
 from ...site.lane_paths import lane_paths
@@ -44,22 +45,19 @@ REFINE_PAIRS, REFINE_FPS = 40, 1.0
 Message = Union[TrafficPair, Exception, None]
 
 
-@dataclass
+@dataclass(frozen=True)
 class Measured:
     """
     What came of a stream.
 
-    :param judge: has seen truth and tracks.
+    :param scorer: has seen truth and tracks.
+    :param run: the run.
     :param truth: rows of ``truth.csv``.
-    :param cpu_s: processor time spent in the pipeline.
     """
 
-    judge: evaluation.TrafficScorer
-    truth: list[Mapping[str, Any]] = field(default_factory=list)
-    updates: list[TrackUpdate] = field(default_factory=list)
-    passes: list[PassResult] = field(default_factory=list)
-    stamps_ns: list[int] = field(default_factory=list)
-    cpu_s: float = 0.0
+    scorer: evaluation.TrafficScorer
+    run: Run
+    truth: list[Mapping[str, Any]]
 
 
 def _number(kind: type, low: float, high: float) -> Any:
@@ -121,20 +119,20 @@ def run(args: argparse.Namespace) -> int:
         from ..sim.write import write_traffic_bag
         print(write_traffic_bag(stream_of(config, args.seed), args.bag, compressed=True))
         return 0
-    tracker = replace(TrackerConfig(), particles=args.particles)
+    parameters = PipelineConfig(replace(TrackerConfig(), particles=args.particles))
     if args.out is not None:
         prepare_folder(args.out)
     pairs = round(args.minutes * 60 * args.fps)
     rig, lanes = known_road(config, args.seed, args.lines)
-    result = measure(config, args.seed, make_pipeline(rig, lanes, tracker, args.seed),
+    result = measure(config, args.seed, make_pipeline(rig, lanes, parameters, seed=args.seed),
                      list(lanes), args.jobs, pairs)
-    score = result.judge.score()
+    score = result.scorer.score()
     name = (f'{args.minutes:g} min, {args.fps:g} fps, {args.lanes} lanes'
             f'{f", {args.receding} receding" if args.receding else ""}, {args.light}')
     if args.out is not None:
-        _write(args, result, tracker, score)
+        _write(args, result, parameters, score)
     print(evaluation.HEADER)
-    print(evaluation.row(name, score, 1e3 * result.cpu_s / max(len(result.stamps_ns), 1)))
+    print(evaluation.row(name, score, 1e3 * result.run.cpu_s / max(len(result.run.stamps_ns), 1)))
     return 0
 
 
@@ -164,12 +162,6 @@ def _measure_changes(task: tuple[str, int, int, str]) -> list[lane_changes.Chang
 def stream_of(config: TrafficConfig, seed: int) -> TrafficStream:
     """Make the stream of a seed."""
     return TrafficStream(config, np.random.default_rng(seed))
-
-
-def make_pipeline(rig: StereoRig, lanes: Mapping[str, LanePath], config: TrackerConfig,
-                  seed: int) -> SpeedPipeline:
-    """Make the pipeline that finds the vehicles by itself."""
-    return SpeedPipeline(rig, lanes, config, None, seed=seed)
 
 
 def known_road(config: TrafficConfig, seed: int, lines: str
@@ -209,21 +201,16 @@ def measure(config: TrafficConfig, seed: int, pipeline: SpeedPipeline, lanes: li
     :param jobs: 2 to render in a process of its own.
     :param total: expected number of pairs, for the progress shown.
     """
-    out = Measured(evaluation.TrafficScorer(lanes))
+    scorer, truth = evaluation.TrafficScorer(lanes), []
     source = rendered(config, seed) if jobs > 1 else iter(stream_of(config, seed))
-    for one in tqdm(source, total=total, desc='traffic', unit='pair', disable=None):
-        start = time.process_time()
-        updates = pipeline.process(one.pair)
-        ended = pipeline.ended()
-        out.cpu_s += time.process_time() - start
-        out.judge.add(one.truth, updates)
-        out.truth += one.truth
-        out.updates += updates
-        out.passes += ended
-        out.stamps_ns.append(one.pair.stamp_ns)
-    out.passes += pipeline.finish()
-    out.judge.close(out.passes)
-    return out
+
+    def pairs() -> Iterator[StereoPair]:
+        for one in tqdm(source, total=total, desc='traffic', unit='pair', disable=None):
+            truth.append(one.truth)
+            yield one.pair
+    run = run_pipeline(pipeline, pairs(), lambda pair, step: scorer.add(truth[-1], step.updates))
+    scorer.close(run.passes)
+    return Measured(scorer, run, [row for rows in truth for row in rows])
 
 
 def rendered(config: TrafficConfig, seed: int) -> Iterator[TrafficPair]:
@@ -272,14 +259,14 @@ def _render(config: TrafficConfig, seed: int, queue: Any) -> None:
         queue.put(error)
 
 
-def _write(args: argparse.Namespace, result: Measured, tracker: TrackerConfig,
+def _write(args: argparse.Namespace, result: Measured, config: PipelineConfig,
            score: evaluation.TrafficScore) -> None:
     """Write the truth and the files of the run, all of them or none."""
     counts = {k: v for k, v in asdict(score).items() if isinstance(v, int)}
     with staged_run(args.out) as aside:
         write_truth(result.truth, aside / TRUTH, TRAFFIC_COLUMNS)
-        write_run(aside, of_passes(result.updates, result.passes), result.passes, {
-            'versions': software_versions(), 'parameters': asdict(tracker), 'seed': args.seed,
+        write_run(aside, result.run.updates, result.run.passes, {
+            'versions': software_versions(), **config.summary(), 'seed': args.seed,
             'traffic': {k: getattr(args, k) for k in (
                 'minutes', 'vehicles', 'fps', 'lanes', 'receding', 'light', 'rig', 'lines')},
-            'score': counts, 'timings': stream_timings(result.stamps_ns)})
+            'score': counts, 'timings': stream_timings(result.run.stamps_ns)})

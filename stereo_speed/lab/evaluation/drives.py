@@ -6,7 +6,6 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 import tempfile
-import time
 from typing import Any, Mapping, Optional, Sequence
 
 import numpy as np
@@ -18,13 +17,16 @@ from ..sim.config import SimConfig
 from ..sim.sequence import SimSequence, simulate
 from ...core.config import TrackerConfig
 from ...core.errors import InputError
-from ...core.records import PassResult, StereoPair, TrackState, TrackUpdate
+from ...core.records import (
+    InitialFront, PassResult, StereoPair, TrackState, TrackUpdate)
 from ...geometry.rig import StereoRig
 from ...io.bags import StereoBag
-from ...pipeline.pipeline import SpeedPipeline
+from ...pipeline.assembly import make_pipeline
+from ...pipeline.config import PipelineConfig
+from ...pipeline.run import run as run_pipeline
 from ...road.lanes import LanePath
 from ...site.extras import CALIBRATED_STD_DEG
-from ...site.file import InitialFront, load_site, Site
+from ...site.file import load_site, Site
 from ...site.init_file import load_init
 from ...site.lane_paths import lane_paths
 from ...site.refine.refiner import refine_site
@@ -209,16 +211,11 @@ def track_drive(drive: Drive, tracker: str, config: TrackerConfig, seed: int) ->
     :param config: its parameters.
     :param seed: of all its randomness.
     """
-    pipeline = SpeedPipeline(drive.rig, drive.lanes, replace(config, **drive.tolerances),
-                             drive.marks, seed=seed,
-                             tracker=tracker)
-    updates: list[TrackUpdate] = []
-    start = time.process_time()
-    for pair in drive.pairs:
-        updates += pipeline.process(pair)
-    cpu_ms = 1e3 * (time.process_time() - start) / len(drive.pairs)
-    passes = {p.track: p for p in pipeline.finish()}
-    return beside_truth(updates, passes, drive.truths, cpu_ms)
+    chosen = PipelineConfig(replace(config, **drive.tolerances), tracker)
+    pipeline = make_pipeline(drive.rig, drive.lanes, chosen, drive.marks, seed=seed)
+    done = run_pipeline(pipeline, drive.pairs)
+    return beside_truth(done.updates, {p.track: p for p in done.passes}, drive.truths,
+                        1e3 * done.cpu_s / len(drive.pairs))
 
 
 def beside_truth(updates: Sequence[TrackUpdate], passes: Mapping[int, PassResult],

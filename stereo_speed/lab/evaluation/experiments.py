@@ -20,7 +20,7 @@ from .runner import Job, Result
 from .sequences import find_sequence, rate_std
 from ...core.config import TrackerConfig
 from ...core.errors import InputError
-from ...pipeline.pipeline import TRACKERS
+from ...pipeline.registry import TRACKERS
 
 # How well the lines of a simulated site are known unless one says otherwise.
 LINES = 'refined'
@@ -99,8 +99,7 @@ def sequence_experiment(sequence: str, tracker: str, *, lines: str = LINES,
     :raises InputError: an unknown sequence or tracker, parameters out of bounds.
     """
     paper = find_sequence(sequence)
-    if tracker not in TRACKERS:
-        raise InputError('evaluation', 'tracker', tracker, ', '.join(TRACKERS))
+    TRACKERS.check(tracker, 'evaluation')
     step = paper.speed_step_mps if step_mps is None else step_mps
     changes: dict[str, Any] = {'particles': particles or paper.particles,
                                'speed_rate_std': round(rate_std(step), 6)}

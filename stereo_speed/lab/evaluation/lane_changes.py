@@ -16,9 +16,11 @@ import numpy as np
 from .drives import Drive, simulated_drive
 from ..sim.config import SimConfig, straight_config, VehicleConfig
 from ...core.config import TrackerConfig
-from ...core.records import Array, LOST, TrackState, Verdict
+from ...core.records import Array, TrackEnd, TrackState, Verdict
 from ...core.units import MPH_MPS
-from ...pipeline.pipeline import SpeedPipeline
+from ...pipeline.assembly import make_pipeline
+from ...pipeline.config import PipelineConfig
+from ...pipeline.run import run
 
 CASES = {'35 mph, lane change over 5 s': (35.0, 5.0), '30 mph, lane change over 3 s': (30.0, 3.0)}
 TRACKERS = ('lane changes', 'straight only')
@@ -89,19 +91,19 @@ def measure_changes(case: str, seed: int, particles: int, lines: str = 'refined'
 
 
 def _measure(drive: Drive, to: str, config: TrackerConfig, seed: int) -> ChangeError:
-    pipeline = SpeedPipeline(drive.rig, drive.lanes, config, drive.marks, seed=seed)
-    updates = [u for pair in drive.pairs for u in pipeline.process(pair)]
-    result, = pipeline.ended() + pipeline.finish()
+    pipeline = make_pipeline(drive.rig, drive.lanes, PipelineConfig(config), drive.marks, seed=seed)
+    done = run(pipeline, drive.pairs)
+    result, = done.passes
     truth, = drive.truths
     true = dict(zip(truth.stamps_ns.tolist(), truth.speed_mps.tolist()))
-    seen = [u for u in updates if u.stamp_ns in true and u.state is not TrackState.COASTING]
+    seen = [u for u in done.updates if u.stamp_ns in true and u.state is not TrackState.COASTING]
     live = np.array([u.speed_mps - true[u.stamp_ns] for u in seen])
     smooth = np.array([v - true[s] for s, v in result.smoothed.items() if s in true])
     off = None
     if result.verdict is Verdict.MEASURED and result.speed_mps is not None:
         off = result.speed_mps - float(np.mean([true[u.stamp_ns] for u in seen]))
     return ChangeError(
-        kept=len(seen) >= len(true) - 1 and result.end != LOST, pass_mps=off,
+        kept=len(seen) >= len(true) - 1 and result.end is not TrackEnd.LOST, pass_mps=off,
         live_mps=_rms(live[len(live) // 2:]), smoothed_mps=_rms(smooth),
         lane=result.lane_to == to)
 

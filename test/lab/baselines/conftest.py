@@ -6,10 +6,11 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from stereo_speed.core.config import TrackerConfig
 from stereo_speed.lab.sim.config import DISTORTED, straight_config
 from stereo_speed.lab.sim.sequence import simulate
-from stereo_speed.pipeline.pipeline import SpeedPipeline
+from stereo_speed.pipeline.assembly import make_pipeline
+from stereo_speed.pipeline.config import PipelineConfig
+from stereo_speed.pipeline.run import run as run_pipeline
 from stereo_speed.site.file import load_site
 from stereo_speed.site.init_file import load_init
 from stereo_speed.site.lane_paths import lane_paths
@@ -35,12 +36,10 @@ def drive(tmp_path_factory):
         site, init = folder / 'site.yaml', folder / 'init.yaml'
         site.write_text(yaml.safe_dump(dict(sequence.site_exact)))
         init.write_text(yaml.safe_dump(dict(sequence.init)))
-        pipeline = SpeedPipeline(
-            sequence.rig, lane_paths(load_site(site), sequence.rig), TrackerConfig(),
-            load_init(init), tracker=tracker)
-        updates = [u for pair in pairs or sequence.pairs for u in pipeline.process(pair)]
-        result, = pipeline.ended() + pipeline.finish()
-        return updates, result
+        done = run_pipeline(make_pipeline(
+            sequence.rig, lane_paths(load_site(site), sequence.rig),
+            PipelineConfig(tracker=tracker), load_init(init)), pairs or sequence.pairs)
+        return done.updates, *done.passes
 
     def once(sequence, tracker, pairs=None):
         if pairs is not None:

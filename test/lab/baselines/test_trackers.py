@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from stereo_speed.core.records import TrackState, Verdict
 from stereo_speed.lab.baselines import common
-from stereo_speed.pipeline.pipeline import TRACKERS
+from stereo_speed.pipeline.registry import TRACKERS
 
-BASELINES = [name for name in TRACKERS if name != 'constrained']
+BASELINES = [name for name in TRACKERS.own if name != 'constrained']
 # Greatest error of the pass and of a late live reading that each may make here, m/s.
 BOUNDS = {'triangulation': (0.4, 2.5), 'kalman': (0.4, 1.0), 'flow': (0.2, 0.5),
           'multimodal': (0.5, 1.2), 'unconstrained': (2.0, 2.5)}

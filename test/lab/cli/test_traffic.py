@@ -15,7 +15,7 @@ from stereo_speed.cli import main as cli
 from stereo_speed.lab.cli import traffic
 from stereo_speed.lab.evaluation import traffic as evaluation
 from stereo_speed.lab.sim import RigConfig, traffic_config, TrafficStream
-from stereo_speed.pipeline.pipeline import SpeedPipeline
+from stereo_speed.pipeline.assembly import make_pipeline
 
 SMALL = RigConfig(width_px=320, height_px=240, f_px=560.0)
 
@@ -56,7 +56,7 @@ def test_refined_lanes_are_nearer_to_the_true_ones():
 
 def test_files_and_table(tmp_path, capsys, monkeypatch):
     """With a pipeline that is given no marks, every vehicle is missed and nothing is false."""
-    monkeypatch.setattr(traffic, 'make_pipeline', lambda rig, lanes, config, seed: SpeedPipeline(
+    monkeypatch.setattr(traffic, 'make_pipeline', lambda rig, lanes, config, seed: make_pipeline(
         rig, lanes, config, (), seed=seed))
     monkeypatch.setattr(traffic, 'RIGS', {'parallel': SMALL})
     monkeypatch.setattr(evaluation, 'SEEN_PX', 10.0)

@@ -1,0 +1,83 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""From a site, cameras, parameters and annotations to a pipeline, in one place."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import Iterable, Mapping, Optional, Sequence
+
+from .config import PipelineConfig
+from .pipeline import SpeedPipeline
+from .registry import DETECTORS, TRACKERS
+from ..core.records import InitialFront, StereoPair
+from ..geometry.rig import StereoRig
+from ..road.lanes import LanePath
+from ..site.file import Site
+from ..site.lane_paths import lane_paths
+from ..site.refine.refiner import refine_site, RefinedSite
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuringSite:
+    """
+    A site as it is measured at.
+
+    :param site: as read, or as refined.
+    :param rig: the cameras as they stand: corrected as the site says.
+    :param lanes: lane name to lane path.
+    :param refined: how it was refined; None where it was not.
+    """
+
+    site: Site
+    rig: StereoRig
+    lanes: Mapping[str, LanePath]
+    refined: Optional[RefinedSite] = None
+
+    @classmethod
+    def of(cls, site: Site, rig: StereoRig,
+           refine_by: Optional[Iterable[StereoPair]] = None) -> MeasuringSite:
+        """
+        Return a site ready to be measured at.
+
+        :param site: as read.
+        :param rig: the cameras as calibrated.
+        :param refine_by: pairs to refine the site by; None takes it at its word.
+        :raises SiteError: lines that leave no usable road.
+        """
+        if refine_by is not None:
+            refined = refine_site(site, rig, refine_by)
+            return cls(refined.site, refined.rig, refined.lanes, refined)
+        corrected = site.corrected_rig(rig)
+        return cls(site, corrected, lane_paths(site, corrected))
+
+    def pipeline(self, config: PipelineConfig, annotations: Optional[Sequence[InitialFront]], *,
+                 seed: int = 0, where: str = 'init file') -> SpeedPipeline:
+        """
+        Return a pipeline that measures here, with the tolerances that the site gives.
+
+        The arguments are those of :func:`make_pipeline`.
+        """
+        return make_pipeline(self.rig, self.lanes, config.with_tolerances(self.site.tolerances),
+                             annotations, seed=seed, where=where)
+
+
+def make_pipeline(rig: StereoRig, lanes: Mapping[str, LanePath], config: PipelineConfig,
+                  annotations: Optional[Sequence[InitialFront]] = None, *, seed: int = 0,
+                  where: str = 'init file') -> SpeedPipeline:
+    """
+    Return a pipeline with the tracker and the detector that the parameters name.
+
+    :param rig: the cameras as they stand.
+    :param lanes: lane name to lane path.
+    :param config: names and parameters.
+    :param annotations: fronts as a person annotated them; None has the vehicles detected.
+    :param seed: of all randomness.
+    :param where: where the annotations come from, for errors.
+    :raises InputError: an annotation outside the images, no lane, what cannot be loaded.
+    """
+    start = partial(TRACKERS.load(config.tracker).start, settings=config.tracker_settings)
+    detector = None if annotations is not None else DETECTORS.load(config.detector)(
+        rig, lanes, config.detector_settings)
+    return SpeedPipeline(rig, lanes, config.shared, start, annotations=annotations or (),
+                         detector=detector, seed=seed, where=where)
