@@ -7,7 +7,7 @@ import argparse
 from dataclasses import replace
 import math
 from pathlib import Path
-from typing import Any, Callable, Mapping, Optional, Sequence
+from typing import Any, Callable, Mapping, Sequence
 
 import cv2
 import numpy as np

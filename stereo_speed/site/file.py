@@ -14,7 +14,7 @@ from .checks import crossing, turned_back
 from .extras import KnownLength, read_correction, read_length, RigCorrection
 from ..core.config import check_tolerance, TOLERANCES
 from ..core.errors import SiteError
-from ..core.records import Array, InitialFront
+from ..core.records import Array
 from ..core.strict_yaml import StrictMapping, kind, load_yaml
 from ..core.units import parse_speed
 from ..geometry.rig import StereoRig

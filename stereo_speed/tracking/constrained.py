@@ -33,8 +33,6 @@ from ..estimation.particle_filter import weigh
 from ..estimation.resampling import systematic
 from ..estimation.weights import (
     DegenerateWeightsError, mean_and_covariance, normalise_log_weights)
-from ..geometry.rig import StereoRig
-from ..road.lanes import LanePath
 from ..vision.haar import CELLS, PartGrid
 
 _JITTER = 1e-12

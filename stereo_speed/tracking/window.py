@@ -30,8 +30,6 @@ from ..estimation.gaussian import condition
 from ..estimation.weights import normalise_log_weights
 
 _FAR_PX = 0.5  # looks that have moved this far are taken again, however many
-_LIVE_LOOKS = 24  # of older looks some rest beyond this, so that the cost of a pair is bounded
-_PASS_LOOKS = 60  # the pass is measured from this many, evenly spaced
 _MOST_JUDGEMENTS = 3  # of which looks are hidden, at the end of a pass
 _MAX_MOVE_PX = 3.0  # a step beyond the patch's linear range is cut
 _HALF_WIDTH_M = 0.8  # lever by which a change of heading moves the edges of a front
@@ -150,7 +148,7 @@ class PhotometricWindow:
         self.pairs.append(pair)
         self.looks.append(look)
         self.state = np.vstack([self.state, guess])
-        if len(self.looks) > _LIVE_LOOKS:
+        if len(self.looks) > self.config.effort.live_observations:
             self._rest()
         return self._refine(_AGAIN if again else _LIVE)
 
@@ -186,12 +184,13 @@ class PhotometricWindow:
 
     def _rest(self) -> None:
         """Put the pair to rest, not the first or the newest two, that leaves the least gap."""
+        effort = self.config.effort
         worst = _crowded(self.pairs[:-1])
         self.resting.append(self.pairs.pop(worst))
         del self.looks[worst]
         self.state = np.delete(self.state, worst, axis=0)
         self.resting.sort(key=lambda pair: pair.stamp_ns)
-        if len(self.resting) > _PASS_LOOKS - _LIVE_LOOKS:
+        if len(self.resting) > effort.pass_observations - effort.live_observations:
             self.resting.pop(_crowded(self.resting))
 
     def _recall(self) -> None:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from stereo_speed.core.config import TrackerConfig
+from stereo_speed.core.config import EffortConfig, TrackerConfig, VisibilityConfig
 from stereo_speed.core.errors import InputError
 from stereo_speed.core.records import InitialFront, TrackState, Verdict
 from stereo_speed.lab.sim import simulate, straight_config, VehicleConfig
@@ -17,7 +17,7 @@ from stereo_speed.pipeline.run import run
 from stereo_speed.site.file import load_site
 from stereo_speed.site.init_file import load_init
 from stereo_speed.site.lane_paths import lane_paths
-from stereo_speed.tracking import constrained, window as refine
+from stereo_speed.tracking import constrained
 import yaml
 
 
@@ -126,12 +126,12 @@ def test_what_hides_a_part_of_the_front_does_not_drag_it_along(circle, driven, t
         assert np.linalg.norm(update.position_m - whole[update.stamp_ns].position_m) < 0.1
 
 
-def test_a_front_hidden_in_part_for_long_is_lost(straight, driven, tmp_path, monkeypatch):
-    monkeypatch.setattr(constrained, '_HIDDEN_FOR_S', 0.7)
+def test_a_front_hidden_in_part_for_long_is_lost(straight, driven, tmp_path):
+    config = TrackerConfig(visibility=VisibilityConfig(occluded_for_s=0.7))
     whole = {u.stamp_ns: u for u in driven(straight)[0]}
     pairs = [behind_a_post(p, whole[p.stamp_ns], 0.4) if p.index > 5 else p
              for p in straight.pairs]
-    updates, (result,) = drive(straight, tmp_path, pairs)
+    updates, (result,) = drive(straight, tmp_path, pairs, config=config)
     assert result.end == 'lost' and len(updates) < len(pairs)
     assert updates[-1].state is TrackState.COASTING
 
@@ -163,10 +163,9 @@ def test_a_short_pass_is_rejected_not_guessed(circle, tmp_path):
     assert (result.verdict, result.reason) == (Verdict.REJECTED, 'too_few_pairs')
 
 
-def test_long_passes_are_thinned_without_losing_stamps(straight, tmp_path, monkeypatch):
-    monkeypatch.setattr(refine, '_LIVE_LOOKS', 6)
-    monkeypatch.setattr(refine, '_PASS_LOOKS', 9)
-    updates, (result,) = drive(straight, tmp_path)
+def test_long_passes_are_thinned_without_losing_stamps(straight, tmp_path):
+    config = TrackerConfig(effort=EffortConfig(live_observations=6, pass_observations=9))
+    updates, (result,) = drive(straight, tmp_path, config=config)
     assert list(result.smoothed) == [u.stamp_ns for u in updates]
     assert abs(result.speed_mps - float(straight.truth[0]['speed'])) < 0.2
 
@@ -227,8 +226,9 @@ def test_a_right_view_exposed_later_counts_at_its_own_time(tmp_path):
     lanes, (mark,) = prepare(sequence, tmp_path)
     step = sequence.scene.front(sequence.config.vehicles[0], 0.04).corners_m
     moved = replace(mark, right_px=sequence.rig.project(step)[1])
-    result, = run(make_pipeline(sequence.rig, lanes, PipelineConfig(), [moved]), late).passes
+    done = run(make_pipeline(sequence.rig, lanes, PipelineConfig(), [moved]), late)
+    result, = done.passes
     truth = float(sequence.truth[0]['speed'])
     assert result.verdict is Verdict.MEASURED
     assert abs(result.speed_mps - truth) < 0.05
-    assert np.abs([u.speed_mps - truth for u in updates[5:]]).max() < 0.15
+    assert np.abs([u.speed_mps - truth for u in done.updates[5:]]).max() < 0.15

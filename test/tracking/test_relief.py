@@ -8,7 +8,6 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from stereo_speed.core.config import TrackerConfig
 from stereo_speed.lab.sim import simulate, straight_config, VehicleConfig
 from stereo_speed.pipeline.assembly import make_pipeline
 from stereo_speed.pipeline.config import PipelineConfig

@@ -17,7 +17,6 @@ import numpy as np
 
 from .settings import BaselineSettings
 from .speed_profile import Profile
-from ...core.config import TrackerConfig
 from ...core.records import (
     Array, PassResult, Reason, StereoPair, TrackEnd, TrackState, TrackUpdate, Verdict)
 from ...tracking.initialise import place_front, Placement

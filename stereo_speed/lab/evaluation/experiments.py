@@ -19,7 +19,6 @@ from .drives import bag_drive, Drive, DriveRun, simulated_drive, track_drive, Ve
 from .runner import Job, Result
 from .sequences import find_sequence, rate_std
 from ...core.config import TrackerConfig
-from ...core.errors import InputError
 from ...pipeline.registry import TRACKERS
 
 # How well the lines of a simulated site are known unless one says otherwise.

@@ -6,6 +6,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
+from stereo_speed.core.config import TrackerConfig
 from stereo_speed.lab.sim.config import DISTORTED, straight_config
 from stereo_speed.lab.sim.sequence import simulate
 from stereo_speed.pipeline.assembly import make_pipeline
@@ -31,19 +32,19 @@ def drive(tmp_path_factory):
     """Run a tracker over a sequence: updates and the one pass; whole passes run only once."""
     known = {}
 
-    def run(sequence, tracker, pairs=None):
+    def run(sequence, tracker, pairs=None, **changes):
         folder = tmp_path_factory.mktemp('site')
         site, init = folder / 'site.yaml', folder / 'init.yaml'
         site.write_text(yaml.safe_dump(dict(sequence.site_exact)))
         init.write_text(yaml.safe_dump(dict(sequence.init)))
         done = run_pipeline(make_pipeline(
             sequence.rig, lane_paths(load_site(site), sequence.rig),
-            PipelineConfig(tracker=tracker), load_init(init)), pairs or sequence.pairs)
+            PipelineConfig(TrackerConfig(**changes), tracker), load_init(init)), pairs or sequence.pairs)
         return done.updates, *done.passes
 
-    def once(sequence, tracker, pairs=None):
+    def once(sequence, tracker, pairs=None, **changes):
         if pairs is not None:
-            return run(sequence, tracker, pairs)
+            return run(sequence, tracker, pairs, **changes)
         key = id(sequence), tracker
         if key not in known:
             known[key] = run(sequence, tracker)

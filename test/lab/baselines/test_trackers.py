@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from stereo_speed.core.config import VisibilityConfig
 from stereo_speed.core.records import TrackState, Verdict
-from stereo_speed.lab.baselines import common
 from stereo_speed.pipeline.registry import TRACKERS
 
 BASELINES = [name for name in TRACKERS.own if name != 'constrained']
@@ -85,10 +85,10 @@ def test_hidden_pairs_coast_and_the_vehicle_is_found_again(name, straight, drive
     ('kalman', 'too_few_features'), ('flow', 'too_few_features'),
     ('triangulation', 'too_few_features'), ('multimodal', 'never_seen'),
     ('unconstrained', 'never_seen')])
-def test_a_vehicle_lost_for_good_ends_its_track(name, reason, straight, drive, monkeypatch):
-    monkeypatch.setattr(common, '_LOST_AFTER_S', 0.5)
+def test_a_vehicle_lost_for_good_ends_its_track(name, reason, straight, drive):
+    soon = VisibilityConfig(lost_after_s=0.5)
     pairs = [blank(p) if p.index > 1 else p for p in straight.pairs]
-    updates, result = drive(straight, name, pairs)
+    updates, result = drive(straight, name, pairs, visibility=soon)
     assert len(updates) < len(pairs) and (result.pairs, result.end) == (2, 'lost')
     assert (result.verdict, result.reason) == (Verdict.REJECTED, reason)
 
