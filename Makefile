@@ -5,14 +5,19 @@ PYTHON ?= python3
 VENV := .venv
 PY := $(VENV)/bin/python
 SOURCES := stereo_speed launch test setup.py tools
+# what test-fast leaves out: tests of real nodes, of commands, and of whole drives
+FAST := --ignore=test/integration --ignore=test/cli --ignore=test/lab/cli --ignore=test/nodes
 
-.PHONY: venv test demo bench lint build clean
+.PHONY: venv test test-fast demo bench lint build clean
 
 venv:
 	@bash tools/venv.sh '$(PYTHON)' $(VENV)
 
 test: venv
 	$(PY) -m pytest -q $(PYTEST_ARGS)
+
+test-fast: venv
+	$(PY) -m pytest -q -m 'not slow' $(FAST) $(PYTEST_ARGS)
 
 demo: venv
 	$(PY) -m stereo_speed demo --out out
@@ -23,6 +28,7 @@ bench: venv
 lint: venv
 	$(VENV)/bin/ament_flake8 $(SOURCES)
 	$(VENV)/bin/ament_pep257 $(SOURCES)
+	$(VENV)/bin/mypy
 
 build: venv
 	rm -rf build/colcon
@@ -31,5 +37,5 @@ build: venv
 	$(PY) tools/check_install.py build/colcon/install/stereo_speed
 
 clean:
-	rm -rf $(VENV) build install log out .pytest_cache
+	rm -rf $(VENV) build install log out .pytest_cache .mypy_cache
 	find stereo_speed test launch tools -name __pycache__ -type d -prune -exec rm -rf {} +

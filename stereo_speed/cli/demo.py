@@ -17,7 +17,7 @@ import os
 from pathlib import Path
 import subprocess
 import sys
-from typing import Any, Mapping, Optional, Sequence
+from typing import Any, Mapping, Sequence
 
 import cv2
 import numpy as np
@@ -113,12 +113,12 @@ def _offline(sample: Path, site: Path) -> tuple[Run, Mapping[str, LanePath]]:
 
 
 def live(sample: Path, site: Path, wanted: int, rate: float, truth: Sequence[tuple[int, float]],
-         *, init: Optional[Path] = None) -> tuple[list[Reading], dict[int, Any]]:
+         *, parameters: Sequence[str] = ()) -> tuple[list[Reading], dict[int, Any]]:
     """
     Play the sample through the nodes.
 
     :param site: site file.
-    :param init: init file; None has the vehicles found.
+    :param parameters: of the tracker node, beside the site, ``name:=value``.
     :param wanted: readings to wait for.
     :param rate: pace of the replay.
     :param truth: stamps and speeds to print beside the readings.
@@ -141,8 +141,7 @@ def live(sample: Path, site: Path, wanted: int, rate: float, truth: Sequence[tup
     with ExitStack() as stack:
         nodes = [stack.enter_context(Process(*command)) for command in (
             ('stereo_sync_node', *RELIABLE_IMAGES, *RELIABLE_INFOS),
-            ('tracker_node', f'site:={site}', *RELIABLE_INFOS,
-             *([] if init is None else [f'init:={init}'])),
+            ('tracker_node', f'site:={site}', *RELIABLE_INFOS, *parameters),
             ('speed_node',))]
         listener = Listener(on_reading, lambda ns, image: frames.setdefault(ns, image))
         stack.callback(listener.close)

@@ -391,9 +391,11 @@ def record_of(kind: type[Record], data: object, where: object, prefix: str = '')
         inner = fields[key].metadata.get('section')
         values[key] = value if inner is None else record_of(inner, value, where, f'{prefix}{key}.')
     try:
-        return kind(**values)
+        record = kind(**values)
+        check_bounds(record)  # records of other packages need not do so themselves
     except InputError as error:
         raise InputError(where, prefix + error.what, error.found, error.wanted) from None
+    return record
 
 
 def load_config(path: Optional[Union[str, Path]], kind: type[Record]) -> Record:

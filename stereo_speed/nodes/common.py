@@ -23,7 +23,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import Image
 
-from ..core.config import Record
+from ..core.config import check_bounds, Record
 from ..core.errors import InputError, StereoSpeedError
 
 PAIR_TOPIC = 'stereo/image_pair'
@@ -127,10 +127,12 @@ class Parameters:
             values[f.name] = self.get(prefix + f.name, f.default, meta['doc'] + unit + wanted,
                                       *bounds)
         try:
-            return kind(**values)
+            record = kind(**values)
+            check_bounds(record)
         except InputError as error:
             raise InputError(f'{self.node.get_name()}: parameter', prefix + error.what,
                              error.found, error.wanted) from None
+        return record
 
     @staticmethod
     def _number(where: str, name: str, value: Any, low: Optional[float],

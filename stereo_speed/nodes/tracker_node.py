@@ -16,9 +16,10 @@ from nav_msgs.msg import Odometry
 import rclpy
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
-from sensor_msgs.msg import CameraInfo, Image
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from visualization_msgs.msg import MarkerArray
 
+from .boxes import boxes_from_message, BOXES_TOPIC
 from .common import (Diagnostics, image_message, PAIR_TOPIC, Parameters, qos_options, RELIABLE,
                      run, stamp_ns)
 from .messages import deletions, markers, odometry, path_markers
@@ -27,6 +28,7 @@ from ..core.config import ConfigRecord, TrackerConfig
 from ..core.errors import CalibrationError, InputError
 from ..core.records import PassResult, StereoPair, TrackUpdate
 from ..core.units import KMH_MPS, MPH_MPS
+from ..detection.protocol import ImageBox, TakesBoxes
 from ..geometry.rig import StereoRig
 from ..io.camera_info import rig_from_info, same_calibration
 from ..pipeline.assembly import MeasuringSite
@@ -67,6 +69,7 @@ class TrackerNode(Node):
         self.infos: dict[str, CameraInfo] = {}
         self.pipeline: Optional[SpeedPipeline] = None
         self.waiting: deque[Image] = deque()
+        self.boxes: deque[tuple[int, list[ImageBox]]] = deque(maxlen=_WAITING_PAIRS)
         self.rig: Optional[StereoRig] = None
         self.index, self.last_ns = 0, -1
         self.resets = self.repeated = self.passes = 0
@@ -93,6 +96,8 @@ class TrackerNode(Node):
         self.marker_array = self.create_publisher(MarkerArray, 'markers', RELIABLE, **options)
         self.overlay = self.create_publisher(Image, 'overlay/image_raw', RELIABLE, **options)
         self.create_subscription(Image, PAIR_TOPIC, self.on_pair, RELIABLE, **options)
+        if issubclass(DETECTORS.load(self.config.detector), TakesBoxes):
+            self.create_subscription(PointCloud2, BOXES_TOPIC, self.on_boxes, RELIABLE, **options)
         for side, callback in (('left', self.on_left_info), ('right', self.on_right_info)):
             self.create_subscription(CameraInfo, f'{side}/camera_info', callback,
                                      qos_profile_sensor_data, **options)
@@ -137,6 +142,21 @@ class TrackerNode(Node):
         self.waiting.append(msg)
         self.begin()
 
+    def on_boxes(self, msg: PointCloud2) -> None:
+        """
+        Take the boxes that another node found in a left image, or keep them until there is a use.
+
+        :raises InputError: a message that holds no boxes.
+        """
+        self.boxes.append((stamp_ns(msg.header.stamp), boxes_from_message(msg)))
+        self.offer_boxes()
+
+    def offer_boxes(self) -> None:
+        """Give the detector the boxes that have come."""
+        detector = None if self.pipeline is None else self.pipeline.detector
+        while isinstance(detector, TakesBoxes) and self.boxes:
+            detector.offer(*self.boxes.popleft())
+
     def begin(self) -> None:
         """Make the pipeline once the rig is known, and the pairs to refine the site have come."""
         if self.rig is None or len(self.waiting) < self.refine_pairs:
@@ -149,6 +169,7 @@ class TrackerNode(Node):
                 self.get_logger().info(line)
         self.pipeline = place.pipeline(self.config, self.annotations, seed=self.seed,
                                        where=self.init_path)
+        self.offer_boxes()
         while self.waiting:
             self.process(self.pipeline, self.waiting.popleft())
 

@@ -28,7 +28,8 @@ def test_live_readings_equal_replay(sample, tmp_path):
     rows = list(csv.DictReader((tmp_path / 'tracks.csv').open()))
     wanted = {int(r['stamp_ns']): r for r in rows if r['state'] == 'confirmed'}
     readings, frames = live(sample, sample / 'site.yaml', len(wanted), 2.0,
-                            read_truth(sample / 'truth.csv'), init=sample / 'init.yaml')
+                            read_truth(sample / 'truth.csv'),
+                            parameters=[f'init:={sample / "init.yaml"}'])
     assert [r[0] for r in readings] == sorted(wanted)
     for ns, vehicle, speed, std in readings:
         assert vehicle == 'vehicle_' + wanted[ns]['track']
