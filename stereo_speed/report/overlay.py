@@ -13,6 +13,7 @@ from ..core.records import Array, StereoPair, TrackState, TrackUpdate
 from ..core.units import KMH_MPS, MPH_MPS
 from ..geometry.rig import StereoRig
 from ..road.lanes import LanePath
+from ..vision.grey import to_eight_bits
 
 Image = NDArray[np.uint8]
 
@@ -40,7 +41,7 @@ def draw(pair: StereoPair, updates: Sequence[TrackUpdate], lanes: Mapping[str, L
     :param rig: the cameras.
     :return: (H, W, 3) uint8, BGR.
     """
-    image = cv2.cvtColor(_eight_bits(pair.left), cv2.COLOR_GRAY2BGR)
+    image = cv2.cvtColor(to_eight_bits(pair.left), cv2.COLOR_GRAY2BGR)
     unit = max(image.shape[1] / 1024, 0.4)  # text and lines grow with the image
     for lane in lanes.values():
         _draw_path(image, lane, rig, unit)
@@ -78,13 +79,6 @@ def label(update: TrackUpdate) -> tuple[str, str]:
     speed, std = update.speed_mps, update.speed_std_mps
     return (f'#{update.track} {speed / MPH_MPS:.1f} +/- {std / MPH_MPS:.1f} mph',
             f'{speed / KMH_MPS:.1f} +/- {std / KMH_MPS:.1f} km/h')
-
-
-def _eight_bits(image: NDArray[Any]) -> Image:
-    """Bring an image to 8 bits; brighter ones are scaled by their own maximum."""
-    if image.dtype == np.uint8:
-        return np.ascontiguousarray(image)
-    return np.round(image * (255.0 / max(int(image.max()), 255))).astype(np.uint8)
 
 
 def _draw_path(image: Image, lane: LanePath, rig: StereoRig, unit: float) -> None:

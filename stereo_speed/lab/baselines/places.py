@@ -14,6 +14,7 @@ from typing import Optional
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import median_abs_deviation
 
 from .matthies_shafer import covariances
 from ...core.records import Array
@@ -48,9 +49,9 @@ def agreeing(values: Array, stds: Array) -> tuple[NDArray[np.bool_], float]:
     :param stds: (n,) as expected.
     :return: (n,) which, and by how much more they scatter than expected, at least 1.
     """
-    ratio = np.abs(values - np.median(values)) / stds
-    scale = max(1.0, 1.4826 * float(np.median(ratio)))
-    return ratio < _OUTLIER * scale, scale
+    ratio = (values - np.median(values)) / stds
+    scale = max(1.0, float(median_abs_deviation(ratio, scale='normal')))
+    return np.abs(ratio) < _OUTLIER * scale, scale
 
 
 def place_of_front(rig: StereoRig, points_m: Array, centre_px: Array, normal: Array,

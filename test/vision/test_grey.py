@@ -1,0 +1,31 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Images of any depth as 8 bits."""
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from stereo_speed.vision.grey import to_eight_bits
+
+
+def test_eight_bits_stay():
+    image = np.arange(12, dtype=np.uint8).reshape(3, 4)
+    np.testing.assert_array_equal(to_eight_bits(image), image)
+    assert to_eight_bits(image[:, ::2]).flags.c_contiguous
+
+
+@pytest.mark.parametrize('bits', [8, 10, 12, 16])
+def test_white_is_the_greatest_number_of_as_many_bits(bits):
+    white = 2 ** bits - 1
+    image = np.array([[0, white // 2 + 1, white]], np.uint16)
+    assert to_eight_bits(image).tolist() == [[0, 128, 255]]
+
+
+def test_images_of_one_camera_scale_alike():
+    first, second = (np.array([[800, brightest]], np.uint16) for brightest in (2100, 4000))
+    assert to_eight_bits(first)[0, 0] == to_eight_bits(second)[0, 0] == round(800 * 255 / 4095)
+
+
+def test_dark_images_are_not_brightened():
+    assert to_eight_bits(np.array([[3, 7]], np.uint16)).tolist() == [[3, 7]]
