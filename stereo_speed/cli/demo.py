@@ -21,13 +21,16 @@ from typing import Any, Mapping, Sequence
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from .replay import measure, print_table
 from .site import refined_from_bag, write_pictures, write_site
 from ..core.errors import StereoSpeedError
 from ..core.records import TrackState
+from ..core.sampling import evenly
 from ..core.units import MPH_MPS
 from ..io.bags import StereoBag
+from ..io.video_writer import VideoWriter
 from ..pipeline.assembly import MeasuringSite
 from ..pipeline.config import PipelineConfig
 from ..pipeline.run import Run
@@ -113,7 +116,7 @@ def _offline(sample: Path, site: Path) -> tuple[Run, Mapping[str, LanePath]]:
 
 
 def live(sample: Path, site: Path, wanted: int, rate: float, truth: Sequence[tuple[int, float]],
-         *, parameters: Sequence[str] = ()) -> tuple[list[Reading], dict[int, Any]]:
+         *, parameters: Sequence[str] = ()) -> tuple[list[Reading], dict[int, NDArray[np.uint8]]]:
     """
     Play the sample through the nodes.
 
@@ -127,7 +130,7 @@ def live(sample: Path, site: Path, wanted: int, rate: float, truth: Sequence[tup
     _private_graph()
     from ..nodes.demo_listener import Listener
     readings: list[Reading] = []
-    frames: dict[int, Any] = {}
+    frames: dict[int, NDArray[np.uint8]] = {}
     origin_ns, true_speed = truth[0][0], dict(truth)
 
     def on_reading(ns: int, vehicle: str, speed: float, std: float) -> None:
@@ -143,7 +146,7 @@ def live(sample: Path, site: Path, wanted: int, rate: float, truth: Sequence[tup
             ('stereo_sync_node', *RELIABLE_IMAGES, *RELIABLE_INFOS),
             ('tracker_node', f'site:={site}', *RELIABLE_INFOS, *parameters),
             ('speed_node',))]
-        listener = Listener(on_reading, lambda ns, image: frames.setdefault(ns, image))
+        listener = Listener(on_reading, frames.__setitem__)
         stack.callback(listener.close)
         if not listener.spin(_START_S, lambda: _check(nodes) and not listener.missing_wires()):
             raise DemoError(f'demo: graph: found nothing on {", ".join(listener.missing_wires())}'
@@ -209,18 +212,16 @@ class Process:
         return self.process.poll() is not None
 
 
-def write_frames(out: Path, frames: dict[int, Any]) -> None:
-    """Write a sheet of annotated frames and, where OpenCV can encode it, a video."""
+def write_frames(out: Path, frames: dict[int, NDArray[np.uint8]]) -> None:
+    """Write a sheet of annotated frames, and a video of them."""
     images = [frames[ns] for ns in sorted(frames)]
     if not images:
         raise DemoError('demo: overlay/image_raw: found no frames, wanted one a pair')
-    chosen = np.round(np.linspace(0, len(images) - 1, min(9, len(images)))).astype(int)
-    cv2.imwrite(str(out / 'demo_strip.png'), strip([images[k] for k in chosen]))
-    size = images[0].shape[1], images[0].shape[0]
-    video = cv2.VideoWriter(str(out / 'demo.mp4'), cv2.VideoWriter_fourcc(*'mp4v'), 5.0, size)
-    if not video.isOpened():
-        print('this OpenCV encodes no mp4: no demo.mp4, only demo_strip.png')
-        return
-    for image in images:
-        video.write(image)
-    video.release()
+    cv2.imwrite(str(out / 'demo_strip.png'), strip(evenly(images, 9)))
+    video = VideoWriter(out / 'demo.avi', images[0].shape, rate_hz=5.0)
+    try:
+        for image in images:
+            video.write(image)
+        video.keep()
+    finally:
+        video.close()

@@ -16,6 +16,7 @@ from tqdm import tqdm
 
 from ..core.errors import InputError
 from ..core.records import InitialFront, PassResult, StereoPair, Verdict
+from ..core.sampling import EvenSampler
 from ..core.units import KMH_MPS, MPH_MPS
 from ..io.atomic import prepare_folder
 from ..io.bags import StereoBag
@@ -25,6 +26,7 @@ from ..pipeline.config import load_pipeline_config, PipelineConfig
 from ..pipeline.pipeline import SpeedPipeline, Step
 from ..pipeline.registry import DETECTORS, Registry, TRACKERS
 from ..pipeline.run import Run, run as run_pipeline
+from ..report.overlay import draw, strip
 from ..road.lanes import LanePath
 from ..site.file import load_site
 from ..site.init_file import load_init
@@ -32,6 +34,7 @@ from ..site.refine.report import report, summary as report_summary, summary_line
 from ..site.write import site_text
 
 REFINED_SITE = 'site.yaml'
+_STRIP_FRAMES = 9  # annotated frames of a run
 
 
 def add_parser(subparsers: Any) -> None:
@@ -154,39 +157,14 @@ def measure(bag: StereoBag, pipeline: SpeedPipeline, *, keep_frames: bool
     :param keep_frames: whether annotated frames are wanted.
     :return: the run, and annotated frames evenly spread over it.
     """
-    frames = EvenSampler(9)
+    frames: EvenSampler[NDArray[np.uint8]] = EvenSampler(_STRIP_FRAMES)
 
     def keep(pair: StereoPair, step: Step) -> None:
         if step.updates and frames.wants():
-            from ..report.overlay import draw
             frames.add(draw(pair, step.updates, pipeline.lanes, pipeline.rig))
     pairs = tqdm(bag.pairs(), total=bag.pair_count, desc='replay', unit='pair', disable=None)
     result = run_pipeline(pipeline, pairs, keep if keep_frames else None)
-    return result, frames.frames()
-
-
-class EvenSampler:
-    """Keeps evenly spaced items of a stream of unknown length, in bounded memory."""
-
-    def __init__(self, count: int) -> None:
-        self._count, self._step, self._seen = count, 1, 0
-        self._kept: list[Any] = []
-
-    def wants(self) -> bool:
-        """Tell whether the next item is one to keep; call once per item."""
-        self._seen += 1
-        return (self._seen - 1) % self._step == 0
-
-    def add(self, item: Any) -> None:
-        """Keep an item; past twice the count, keep every other one from then on."""
-        self._kept.append(item)
-        if len(self._kept) > 2 * self._count:
-            self._kept, self._step = self._kept[::2], 2 * self._step
-
-    def frames(self) -> list[Any]:
-        """Give at most ``count`` of those kept, evenly spaced, the first and the last of them."""
-        chosen = np.linspace(0, len(self._kept) - 1, min(self._count, len(self._kept)))
-        return [self._kept[i] for i in np.round(chosen).astype(int)]
+    return result, frames.items()
 
 
 def summarize(args: argparse.Namespace, config: PipelineConfig, bag: StereoBag,
@@ -248,8 +226,7 @@ def write_all(args: argparse.Namespace, place: MeasuringSite, result: Run,
     with staged_run(args.out) as stage:
         write_run(stage, result.updates, result.passes, dict(summary))
         if not args.no_plots:
-            from ..report.overlay import strip
-            from ..report.plots import write_plots
+            from ..report.plots import write_plots  # matplotlib takes a second to load
             write_plots(stage, result.updates, result.passes, place.lanes)
             if frames:
                 cv2.imwrite(str(stage / 'strip.png'), strip(frames, width_px=480))

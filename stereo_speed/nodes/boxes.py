@@ -39,8 +39,8 @@ def boxes_from_message(msg: PointCloud2) -> list[ImageBox]:
              if f.name in _FIELDS and f.datatype in _KINDS}
     for name in _NEEDED:
         if name not in kinds:
-            raise InputError(BOXES_TOPIC, 'fields', ', '.join(f.name for f in msg.fields) or 'none',
-                             ', '.join(_NEEDED))
+            given = ', '.join(f.name for f in msg.fields) or 'none'
+            raise InputError(BOXES_TOPIC, 'fields', given, ', '.join(_NEEDED))
     count, data = msg.width * msg.height, bytes(msg.data)
     if msg.height > 1 and msg.row_step != msg.width * msg.point_step:
         raise InputError(BOXES_TOPIC, 'row_step', msg.row_step, msg.width * msg.point_step)

@@ -12,6 +12,7 @@ from typing import Any, Callable, Optional, Sequence
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 import numpy as np
+from numpy.typing import NDArray
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 import rclpy
 from rclpy.clock import Clock, ClockType
@@ -39,16 +40,16 @@ def qos_options() -> QoSOverridingOptions:
 
 
 def stamp_ns(stamp: Any) -> int:
-    """Header stamp in integer ns."""
+    """Return a header stamp in integer ns."""
     return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 
 
 def to_stamp(ns: int) -> Time:
-    """Message stamp of integer ns."""
+    """Return the message stamp of integer ns."""
     return Time(sec=ns // 1_000_000_000, nanosec=ns % 1_000_000_000)
 
 
-def image_message(pixels: np.ndarray, *, ns: int, frame_id: str) -> Image:
+def image_message(pixels: NDArray[Any], *, ns: int, frame_id: str) -> Image:
     """
     Make an ``Image`` of grey or BGR pixels.
 
@@ -59,12 +60,20 @@ def image_message(pixels: np.ndarray, *, ns: int, frame_id: str) -> Image:
                 step=pixels.shape[1] * pixels.itemsize * (3 if pixels.ndim == 3 else 1),
                 is_bigendian=int(pixels.itemsize > 1 and sys.byteorder == 'big'))
     msg.header.stamp, msg.header.frame_id = to_stamp(ns), frame_id
-    # From an array.array the setter takes the buffer as it is; from an ndarray it would check
-    # every byte in Python.
-    data = array('B')
-    data.frombytes(memoryview(np.ascontiguousarray(pixels)).cast('B'))
-    msg.data = data
+    msg.data = byte_array(pixels)
     return msg
+
+
+def byte_array(values: NDArray[Any]) -> array[int]:
+    """
+    Return the bytes of an array as messages take them fastest.
+
+    From an ``array.array`` the setter takes the buffer as it is; from an ndarray it would check
+    every byte in Python.
+    """
+    data = array('B')
+    data.frombytes(np.ascontiguousarray(values).data.cast('B'))
+    return data
 
 
 class Parameters:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from array import array
 import struct
+from typing import Union
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,10 +23,12 @@ from ..core.errors import InputError
 from ..core.records import StereoPair
 from ..io.images import grey_from_message
 
+Grey = NDArray[Union[np.uint8, np.uint16]]  # (H, W)
+
 _STAMP = struct.Struct('<q')
 
 
-def pair_message(left: NDArray, right: NDArray, *, left_ns: int, right_ns: int,
+def pair_message(left: Grey, right: Grey, *, left_ns: int, right_ns: int,
                  frame_id: str) -> Image:
     """
     Put two grey images of the same size and type, (H, W), into one message.
@@ -40,7 +43,7 @@ def pair_message(left: NDArray, right: NDArray, *, left_ns: int, right_ns: int,
     both = np.zeros((2 * len(left), width + extra), left.dtype)
     both[:len(left), :width], both[len(left):, :width] = left, right
     msg = image_message(both, ns=left_ns, frame_id=frame_id)
-    data: array = msg.data
+    data: array[int] = msg.data
     data[width * size:width * size + _STAMP.size] = array('B', _STAMP.pack(right_ns))
     msg.width, msg.data = width, data
     return msg

@@ -8,7 +8,6 @@ times ``rate``, each after a ``/clock`` of its time.
 """
 from __future__ import annotations
 
-from array import array
 import time
 from typing import Any, Optional, Sequence
 
@@ -19,7 +18,7 @@ from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
-from .common import image_message, Parameters, qos_options, RELIABLE, run, to_stamp
+from .common import byte_array, image_message, Parameters, qos_options, RELIABLE, run, to_stamp
 from ..core.errors import BagError, InputError
 from ..io.bags import BagMessage, StereoBag
 from ..io.images import grey_from_message
@@ -113,9 +112,7 @@ class ReplayNode(Node):
             m = message.msg
             out = Image(height=m.height, width=m.width, encoding=m.encoding, step=m.step,
                         is_bigendian=int(m.is_bigendian))
-        data = array('B')
-        data.frombytes(memoryview(np.ascontiguousarray(message.msg.data)).cast('B'))
-        out.data = data
+        out.data = byte_array(message.msg.data)
         out.header.stamp, out.header.frame_id = to_stamp(message.stamp_ns), header.frame_id
         return out
 

@@ -96,7 +96,7 @@ class TrackerNode(Node):
         self.marker_array = self.create_publisher(MarkerArray, 'markers', RELIABLE, **options)
         self.overlay = self.create_publisher(Image, 'overlay/image_raw', RELIABLE, **options)
         self.create_subscription(Image, PAIR_TOPIC, self.on_pair, RELIABLE, **options)
-        if issubclass(DETECTORS.load(self.config.detector), TakesBoxes):
+        if hasattr(DETECTORS.load(self.config.detector), 'offer'):
             self.create_subscription(PointCloud2, BOXES_TOPIC, self.on_boxes, RELIABLE, **options)
         for side, callback in (('left', self.on_left_info), ('right', self.on_right_info)):
             self.create_subscription(CameraInfo, f'{side}/camera_info', callback,

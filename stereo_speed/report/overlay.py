@@ -23,10 +23,11 @@ COLOURS = ((0, 159, 230), (233, 180, 86), (115, 158, 0), (66, 228, 240), (167, 1
 PATH_COLOUR = (178, 114, 0)
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
 _STEP_M = 0.5  # between the drawn points of a path
+_SHIFT = 4  # fractional bits of the coordinates given to OpenCV
 
 
 def colour_of(track: int) -> tuple[int, int, int]:
-    """Give the BGR colour of a track."""
+    """Return the BGR colour of a track."""
     return COLOURS[track % len(COLOURS)]
 
 
@@ -41,7 +42,7 @@ def draw(pair: StereoPair, updates: Sequence[TrackUpdate], lanes: Mapping[str, L
     :param rig: the cameras.
     :return: (H, W, 3) uint8, BGR.
     """
-    image = cv2.cvtColor(to_eight_bits(pair.left), cv2.COLOR_GRAY2BGR)
+    image: Image = np.repeat(to_eight_bits(pair.left)[..., None], 3, axis=2)
     unit = max(image.shape[1] / 1024, 0.4)  # text and lines grow with the image
     for lane in lanes.values():
         _draw_path(image, lane, rig, unit)
@@ -73,7 +74,7 @@ def strip(frames: Sequence[Image], columns: int = 3, width_px: int = 640) -> Ima
 
 
 def label(update: TrackUpdate) -> tuple[str, str]:
-    """Give the two lines beside a vehicle: the speed in mph, and in km/h."""
+    """Return the two lines beside a vehicle: the speed in mph, and in km/h."""
     if update.state is TrackState.TENTATIVE:
         return f'#{update.track}', 'measuring'
     speed, std = update.speed_mps, update.speed_std_mps
@@ -99,12 +100,11 @@ def _runs(uv: Array, valid: NDArray[np.bool_]) -> list[Array]:
     return [uv[a:b] for a, b in edges.reshape(-1, 2) if b - a > 1]
 
 
-_SHIFT = 4  # fractional bits of the coordinates given to OpenCV
-
-
 def _fixed_point(uv: Array) -> NDArray[np.int32]:
     """Turn pixels (n, 2) into OpenCV's fixed point, kept within what it can hold."""
-    return np.clip(np.round(uv * 2 ** _SHIFT), -2 ** 24, 2 ** 24).astype(np.int32)
+    fixed: NDArray[np.int32] = np.clip(
+        np.round(uv * 2.0 ** _SHIFT), -2.0 ** 24, 2.0 ** 24).astype(np.int32)
+    return fixed
 
 
 def _draw_vehicle(image: Image, update: TrackUpdate, unit: float) -> None:

@@ -14,6 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..core.records import Array, PassResult, TrackState, TrackUpdate, Verdict
 from ..core.units import KMH_MPS, MPH_MPS, NS_S
@@ -50,7 +51,7 @@ def write_plots(out_dir: Union[str, Path], updates: Sequence[TrackUpdate],
 
 
 def colour_of(track: int) -> str:
-    """Give the colour of a track."""
+    """Return the colour of a track."""
     return COLOURS[track % len(COLOURS)]
 
 
@@ -73,7 +74,13 @@ def speed_figure(updates: Sequence[TrackUpdate], passes: Sequence[PassResult],
     _draw_limits(axes, lanes, {u.lane for u in updates})
     axes.set(title='Ground speed', xlabel='time since the first pair, s', ylabel='speed, mph')
     ratio = MPH_MPS / KMH_MPS
-    right = axes.secondary_yaxis('right', functions=(lambda v: v * ratio, lambda v: v / ratio))
+
+    def to_kmh(mph: ArrayLike) -> Array:
+        return np.asarray(mph, float) * ratio
+
+    def to_mph(kmh: ArrayLike) -> Array:
+        return np.asarray(kmh, float) / ratio
+    right = axes.secondary_yaxis('right', functions=(to_kmh, to_mph))
     right.set_ylabel('speed, km/h')
     show_legend(figure, axes)
     return figure
@@ -151,7 +158,7 @@ def _draw_live(axes: Axes, track: int, rows: Sequence[TrackUpdate], origin_ns: i
 
 
 def _draw_smoothed(axes: Axes, result: PassResult, origin_ns: int) -> None:
-    """Draw a pass's smoothed speed with its band; its label tells the final speed."""
+    """Draw a pass's smoothed speed with its band; its label has the final speed."""
     t_s, speed = _series(list(result.smoothed.items()), origin_ns)
     std = _series(list(result.smoothed_std.items()), origin_ns)[1]
     label = f'vehicle {result.track}, smoothed'
@@ -201,9 +208,10 @@ def _draw_lane(axes: Axes, name: str, lane: LanePath) -> None:
     axes.plot(points[:, 2], points[:, 0], color='#b9c0c9', lw=5, solid_capstyle='round',
               zorder=1)
     middle = len(points) // 2
-    axes.annotate('', xy=points[middle + 4, [2, 0]], xytext=points[middle, [2, 0]],
+    here, ahead = ((float(z), float(x)) for z, x in points[[middle, middle + 4]][:, [2, 0]])
+    axes.annotate('', xy=ahead, xytext=here,
                   arrowprops={'arrowstyle': '-|>', 'color': _GREY, 'lw': 1.4}, zorder=2)
     axes.annotate(f'{name} \N{RIGHTWARDS ARROW}' if points[-1, 2] > points[0, 2]
                   else f'\N{LEFTWARDS ARROW} {name}',
-                  xy=points[middle, [2, 0]], xytext=(0, 14), textcoords='offset points',
+                  xy=here, xytext=(0, 14), textcoords='offset points',
                   color=_GREY, fontsize=9, ha='center')

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 from stereo_speed.cli.main import main
-from stereo_speed.cli.replay import EvenSampler
 from stereo_speed.core.units import MPH_MPS
 from stereo_speed.io.results import PASS_COLUMNS, TRACK_COLUMNS
 from stereo_speed.site.file import load_site
@@ -96,34 +95,6 @@ def test_a_later_run_leaves_nothing_of_an_older_one(tmp_path, sample, short_bag)
                  '--init', str(sample / 'init.yaml'), '--out', str(tmp_path)]) == 0
     assert sorted(path.name for path in tmp_path.iterdir()) == [
         'notes.txt', 'passes.csv', 'summary.json', 'tracks.csv']
-
-
-@pytest.mark.parametrize(('count', 'length', 'wanted'), [
-    (3, 2, [0, 1]), (3, 6, [0, 2, 5]), (1, 4, [0]), (4, 0, []),
-], ids=['fewer', 'even', 'one', 'none'])
-def test_sampler_by_hand(count, length, wanted):
-    assert sampled(count, length) == wanted
-
-
-def test_sampler_keeps_little_and_spans_all():
-    sampler = EvenSampler(9)
-    for item in range(10_000):
-        if sampler.wants():
-            sampler.add(item)
-        assert len(sampler._kept) <= 18
-    frames = sampler.frames()
-    assert len(frames) == 9
-    assert frames[0] == 0
-    assert frames[-1] > 8000
-
-
-def sampled(count: int, length: int) -> list[int]:
-    """Run the numbers below ``length`` through a sampler."""
-    sampler = EvenSampler(count)
-    for item in range(length):
-        if sampler.wants():
-            sampler.add(item)
-    return sampler.frames()
 
 
 def test_without_marks_the_vehicle_is_found_by_itself(tmp_path, sample):
