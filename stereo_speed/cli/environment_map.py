@@ -6,7 +6,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 import re
-from typing import Any
+from typing import Any, Optional
 
 import cv2
 import numpy as np
@@ -21,7 +21,7 @@ from ..monocular.distance import DistanceField
 from ..monocular.regions import draw_map
 from ..report.targets import draw_field
 
-_LARGEST = 16384
+_LARGEST = 16384  # px, a side of a map; a larger number is a typing error
 
 
 def add_parser(subparsers: Any) -> None:
@@ -58,12 +58,7 @@ def run(args: argparse.Namespace) -> int:
         raise InputError('map', '--overlay', overlay, 'another file than --out')
     regions, background = load_regions(args.polygons)
     image = None if args.image is None else _first_image(args.image)
-    if args.size is None and image is None:
-        raise InputError('map', '--size', 'nothing', 'WIDTHxHEIGHT in px, or --image')
-    width, height = args.size or (image.shape[1], image.shape[0])
-    if image is not None and image.shape[:2] != (height, width):
-        raise InputError(args.image, 'size', f'{image.shape[1]}x{image.shape[0]} px',
-                         f'{width}x{height} px as --size says')
+    width, height = _map_size(args, image)
     labels = draw_map(regions, width, height, background)
     field = DistanceField(labels)
     _write(args.out, labels)
@@ -74,6 +69,20 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
+def _map_size(args: argparse.Namespace, image: Optional[NDArray[np.uint8]]) -> tuple[int, int]:
+    """Return width and height: those of --size, which must be the image's, or the image's."""
+    given: Optional[tuple[int, int]] = args.size
+    if image is None:
+        if given is None:
+            raise InputError('map', '--size', 'nothing', 'WIDTHxHEIGHT in px, or --image')
+        return given
+    height, width = image.shape[:2]
+    if given not in (None, (width, height)):
+        raise InputError(args.image, 'size', f'{width}x{height} px',
+                         f'{args.size[0]}x{args.size[1]} px as --size says')
+    return width, height
+
+
 def _first_image(path: Path) -> NDArray[np.uint8]:
     """Read an image, or the first frame of a video."""
     if path.is_file() and path.suffix.lower() in IMAGE_SUFFIXES:
@@ -81,11 +90,11 @@ def _first_image(path: Path) -> NDArray[np.uint8]:
         image = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
         if image is None:
             raise InputError(path, 'image', f'{data.size} bytes that cannot be decoded',
-                             'a whole image')
+                             'a complete image')
         return np.asarray(image, dtype=np.uint8)
     return next(read_frames(path)).image
 
 
 def _write(path: Path, image: NDArray[np.uint8]) -> None:
-    """Write a PNG, whole or not at all."""
+    """Write a PNG, completely or not at all."""
     write_whole(path.parent, {path.name: cv2.imencode('.png', image)[1].tobytes()})

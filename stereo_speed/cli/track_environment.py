@@ -25,16 +25,16 @@ from ..io.targets_file import check_targets, load_targets
 from ..io.video import frames_missing, read_frames, video_hash
 from ..io.video_writer import VideoWriter
 from ..monocular.boxes import Target, TargetEnd, TargetEstimate
-from ..monocular.config import MonocularConfig, PAPER_LIKELIHOOD
+from ..monocular.config import MonocularConfig
 from ..monocular.distance import DistanceField
 from ..monocular.tracker import MonocularTracker, TRACKERS
 from ..report.targets import draw_targets
 
 
 @dataclass
-class Run:
+class VideoRun:
     """
-    What one run has gathered.
+    The results of a run over a video.
 
     :param estimates: boxes, in the order of the frames.
     :param ends: how the targets ended.
@@ -76,7 +76,7 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Track, then write everything, then tell how the targets ended."""
+    """Track, write all files, and print how the targets ended."""
     config = make_config(args)
     targets = load_targets(args.init)
     labels = load_map(args.map)
@@ -89,8 +89,8 @@ def run(args: argparse.Namespace) -> int:
         write_targets(folder, result.estimates, result.ends, summary(args, config, result),
                       annotated)
     if result.missing:
-        print(f'warning: {args.video}: breaks off after {result.frames} frames; the file tells '
-              f'of {result.frames + result.missing}', file=sys.stderr)
+        print(f'warning: {args.video}: breaks off after {result.frames} frames; the file '
+              f'states {result.frames + result.missing}', file=sys.stderr)
     for end in sorted(result.ends, key=lambda e: e.id):
         print(f'target {end.id}: {end.state.value}, frames {end.first_frame} to '
               f'{end.last_frame} ({end.frames} boxes)')
@@ -100,13 +100,13 @@ def run(args: argparse.Namespace) -> int:
 
 def make_config(args: argparse.Namespace) -> MonocularConfig:
     """
-    Put the parameters together: the file's, then what the other options say.
+    Return the parameters: the file's, changed by the other options.
 
     :raises InputError: a value out of bounds.
     """
     config = load_config(args.config, MonocularConfig)
     if args.likelihood == 'paper':
-        config = replace(config, **PAPER_LIKELIHOOD)
+        config = config.with_paper_likelihood()
     if args.particles is None:
         return config
     try:
@@ -116,17 +116,17 @@ def make_config(args: argparse.Namespace) -> MonocularConfig:
 
 
 def track(args: argparse.Namespace, config: MonocularConfig, targets: list[Target],
-          labels: NDArray[np.uint8], annotated: Optional[Path]) -> Run:
+          labels: NDArray[np.uint8], annotated: Optional[Path]) -> VideoRun:
     """
     Run the tracker over the video.
 
     :param annotated: video to write; None for none.
-    :raises InputError: frames of another size than the map, or a mark in a frame that never
-        comes.
+    :raises InputError: frames of another size than the map, or a target marked in a frame that
+        never comes.
     """
     tracker = MonocularTracker(DistanceField(labels), targets, config, tracker=args.tracker,
                                seed=args.seed, stride=args.stride)
-    result, video = Run(), None
+    result, video = VideoRun(), None
     try:
         for frame in tqdm(read_frames(args.video, args.topic), desc='track', unit='frame',
                           disable=None):
@@ -150,7 +150,7 @@ def track(args: argparse.Namespace, config: MonocularConfig, targets: list[Targe
 
 
 def _check_frames(targets: list[Target], frames: int, where: object) -> None:
-    """Refuse a mark in a frame that never came."""
+    """Refuse a target marked in a frame that never came."""
     for index, target in enumerate(targets):
         if target.frame > frames:
             raise InputError(where, f'targets[{index}].frame', target.frame,
@@ -158,18 +158,13 @@ def _check_frames(targets: list[Target], frames: int, where: object) -> None:
 
 
 def summary(args: argparse.Namespace, config: MonocularConfig,
-            result: Run) -> dict[str, Any]:
-    """Tell what the files depend on; nothing that changes when the run is repeated."""
+            result: VideoRun) -> dict[str, Any]:
+    """Return what the files depend on; nothing that changes when the run is repeated."""
     ends: dict[str, int] = {}
     for end in result.ends:
         ends[end.state.value] = ends.get(end.state.value, 0) + 1
     return {'versions': software_versions(), 'tracker': args.tracker, 'seed': args.seed,
             'stride': args.stride, 'parameters': asdict(config), 'frames': result.frames,
             'frames_missing': result.missing, 'ends': ends,
-            'input_sha256': input_hash(args.video), 'map_sha256': file_sha256(args.map),
+            'input_sha256': video_hash(args.video), 'map_sha256': file_sha256(args.map),
             'init_sha256': file_sha256(args.init)}
-
-
-def input_hash(video: Path) -> Optional[str]:
-    """Hash the video; a folder is hashed by the files directly in it."""
-    return video_hash(video)

@@ -10,10 +10,8 @@ from numpy.typing import NDArray
 from .atomic import PathLike
 from ..core.errors import InputError
 from ..core.strict_yaml import load_yaml, StrictMapping
-from ..monocular.distance import KINDS
+from ..monocular.distance import KINDS, Labels
 from ..monocular.regions import KIND_LEVELS, Region
-
-Labels = NDArray[np.uint8]
 
 
 def load_map(path: PathLike) -> Labels:

@@ -21,7 +21,7 @@ from ..core.errors import BagError, InputError
 
 IMAGE_SUFFIXES = ('.png', '.jpg', '.jpeg', '.bmp', '.tif', '.tiff', '.ppm')
 _BAG_SUFFIXES = ('.mcap', '.db3', '.bag')
-_MOST_FRAMES = 1e9  # files that do not know how many tell huge numbers, or negative ones
+_MOST_FRAMES = 1e9  # files that do not know their number of frames state huge ones
 _WANTED = 'a video file, a folder of images, or a bag'
 
 
@@ -30,7 +30,7 @@ class Frame(NamedTuple):
     One frame.
 
     :param number: its number in the video, from 1.
-    :param stamp_ns: its header stamp, ns; None for what is no bag.
+    :param stamp_ns: its header stamp, ns; None where it is not from a bag.
     :param image: (H, W, 3) uint8, BGR.
     """
 
@@ -61,24 +61,24 @@ def read_frames(path: Union[str, Path], topic: Optional[str] = None) -> Iterator
 
 def frames_missing(path: Union[str, Path], frames: int) -> int:
     """
-    Tell how many frames a video file should have beyond those that could be read.
+    Return how many frames a video file should have beyond those that could be read.
 
     :param frames: number of frames read.
-    :return: 0 for folders and bags, where the file does not tell, and for a single frame: what
-        files tell is not exact.
+    :return: 0 for folders and bags, where the file states no number, and for a single frame: the
+        stated numbers are not exact.
     """
     path = Path(path)
     if not path.is_file() or is_bag(path):
         return 0
     capture = cv2.VideoCapture(str(path))
-    told = capture.get(cv2.CAP_PROP_FRAME_COUNT)
+    stated = capture.get(cv2.CAP_PROP_FRAME_COUNT)
     capture.release()
-    missing = round(told) - frames if 0 < told < _MOST_FRAMES else 0
+    missing = round(stated) - frames if 0 < stated < _MOST_FRAMES else 0
     return missing if missing > 1 else 0
 
 
 def is_bag(path: Path) -> bool:
-    """Tell whether a path is a bag, by its name and what lies in it."""
+    """Return whether a path is a bag, by its name and what lies in it."""
     if path.is_dir():
         return (path / 'metadata.yaml').is_file() or (
             image_files(path) == [] and any(p.suffix in _BAG_SUFFIXES for p in path.iterdir()))
@@ -93,7 +93,7 @@ def image_files(folder: Path) -> list[Path]:
 
 
 def video_hash(path: Union[str, Path]) -> str:
-    """SHA-256, hex, of the video's files; see :func:`.recording.hash_files`."""
+    """Return the SHA-256, hex, of the video's files; see :func:`.recording.hash_files`."""
     return hash_files(Path(path))
 
 
@@ -136,7 +136,7 @@ def _folder_frames(folder: Path) -> Iterator[Frame]:
             image = cv2.imdecode(data, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
         if image is None:
             raise InputError(path, 'image', f'{data.size} bytes that cannot be decoded',
-                             'a whole image')
+                             'a complete image')
         yield Frame(number, None, np.asarray(image, dtype=np.uint8))
 
 
@@ -161,7 +161,7 @@ def _image_topic(recording: Recording, topic: Optional[str], path: Path) -> str:
         if name not in found:
             raise BagError(path, f'--topic {topic}', listed, 'a topic of images in the bag')
         return name
-    # the same images, raw and compressed: the raw ones lost nothing
+    # of the same images, raw and compressed, the raw ones lost nothing
     found = [t for t in found
              if not (t.endswith('/compressed') and t[:-len('/compressed')] in found)]
     if len(found) != 1:

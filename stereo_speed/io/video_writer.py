@@ -1,11 +1,11 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Write frames as a video that appears when whole."""
+"""Write frames as a video that appears when it is complete."""
 from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Any
+from typing import Callable
 
 import cv2
 import numpy as np
@@ -29,7 +29,8 @@ class VideoWriter:
     def __init__(self, path: Path, shape: tuple[int, ...], rate_hz: float = 10.0) -> None:
         self.path, self._aside = path, path.with_name(f'.partial-{path.name}')
         self._kept = False
-        fourcc: Any = getattr(cv2, 'VideoWriter_fourcc', None) or cv2.VideoWriter.fourcc
+        fourcc: Callable[..., int] = getattr(
+            cv2, 'VideoWriter_fourcc', None) or cv2.VideoWriter.fourcc
         self._writer = cv2.VideoWriter(str(self._aside), fourcc(*_CODEC), rate_hz,
                                        (shape[1], shape[0]))
         if not self._writer.isOpened():

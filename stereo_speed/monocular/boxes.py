@@ -3,7 +3,7 @@
 """
 Targets and their boxes.
 
-A box is [x, y, w, h]: its left and upper edge, width and height, px. An oriented box is turned
+A box is [x, y, w, h]: its left and upper edge, width and height, px. An oriented box is rotated
 about its centre by an angle from the x axis towards the y axis (y is down, so clockwise as seen).
 """
 from __future__ import annotations
@@ -20,10 +20,15 @@ class TargetState(str, Enum):
     """Life of a target."""
 
     TRACKED = 'tracked'
-    HIDDEN = 'hidden'  # not seen at present; its box is a prediction
-    LOST = 'lost'  # hidden for too long; ended
+    OCCLUDED = 'occluded'  # not seen at present; its box is a prediction
+    LOST = 'lost'  # occluded for too long; ended
     LEFT_VIEW = 'left_view'  # ended
     STREAM_ENDED = 'stream_ended'
+
+    @property
+    def followed(self) -> bool:
+        """Whether the target has not ended."""
+        return self in (TargetState.TRACKED, TargetState.OCCLUDED)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -33,9 +38,9 @@ class Target:
 
     :param id: its number.
     :param frame: the frame it is marked in, from 1.
-    :param box_px: (4,) x, y, w, h, px.
-    :param angle_rad: turn of the box about its centre; 0 for an upright object, whose box never
-        turns.
+    :param box_px: (4,) the initial box: x, y, w, h, px.
+    :param angle_rad: angle of the box about its centre; 0 for an upright object, whose box never
+        rotates.
     """
 
     id: int  # noqa: A003
@@ -45,7 +50,7 @@ class Target:
 
     @property
     def upright(self) -> bool:
-        """Whether the box never turns."""
+        """Whether the box never rotates."""
         return self.angle_rad == 0.0
 
 
@@ -56,9 +61,9 @@ class TargetEstimate:
 
     :param frame: number of the frame, from 1.
     :param id: the target's number.
-    :param state: tracked or hidden.
-    :param box_px: (4,) x, y, w, h, px, before it is turned.
-    :param angle_rad: turn of the box about its centre.
+    :param state: tracked or occluded.
+    :param box_px: (4,) x, y, w, h, px, before it is rotated.
+    :param angle_rad: angle of the box about its centre.
     :param distance_px: d of the environment state, px; infinite in inaccessible regions.
     :param distance_rate_px: its change per frame of the video, px.
     :param similarity: Bhattacharyya coefficient with the reference, 0 to 1.
@@ -77,7 +82,7 @@ class TargetEstimate:
 
     @property
     def envelope_px(self) -> Array:
-        """Give the upright box (4,) around the turned one, px."""
+        """Return the upright box around the rotated one, px."""
         return envelope(self.box_px, self.angle_rad)
 
 
@@ -101,7 +106,7 @@ class TargetEnd:
 
 
 def corners(box_px: Array, angle_rad: float) -> Array:
-    """Find where a turned box ends: (4, 2) px, from the upper left on, clockwise."""
+    """Return where a rotated box ends: (4, 2) px, from the upper left on, clockwise."""
     x, y, w, h = box_px
     half = np.array([[-w, -h], [w, -h], [w, h], [-w, h]]) / 2
     c, s = np.cos(angle_rad), np.sin(angle_rad)
@@ -109,7 +114,7 @@ def corners(box_px: Array, angle_rad: float) -> Array:
 
 
 def envelope(box_px: Array, angle_rad: float) -> Array:
-    """Give the smallest upright box (4,) around a turned one, px."""
+    """Return the smallest upright box (4,) around a rotated one, px."""
     if angle_rad == 0.0:
         return np.array(box_px, dtype=np.float64)
     points = corners(box_px, angle_rad)
@@ -119,7 +124,7 @@ def envelope(box_px: Array, angle_rad: float) -> Array:
 
 def overlap(a_px: Array, b_px: Array) -> Array:
     """
-    Give the intersection over union of upright boxes.
+    Return the intersection over union of upright boxes.
 
     :param a_px: (..., 4).
     :param b_px: (..., 4).

@@ -1,27 +1,28 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Frames as numbers of colour bins, looked up in boxes by all targets."""
+"""Frames as numbers of colour bins, sampled in boxes by all targets."""
 from __future__ import annotations
 
-from typing import NamedTuple, Optional
+from typing import NamedTuple, Optional, Union
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .background_model import Background
+from .background_model import BackgroundModel
 from ..core.records import Array
 
-BINS = 16  # of each channel
-BACKGROUND = BINS ** 3  # a colour of its own
-MARK_SAMPLES = (40, 60)  # across and down the marked box
-_SHIFT = 4  # 256 levels to BINS
-_RING = (1.15, 1.3)  # sizes of the frames around the box that are its surroundings
-_RING_SAMPLES = 12  # along each side
+BINS = 16  # of each channel, as in the paper
+BACKGROUND = BINS ** 3  # the bin of pixels that look as the background does
+ALL_BINS = BACKGROUND + 1  # the number of bins with that of the background
+INITIAL_SAMPLES = (40, 60)  # across and down the initial box: it is sampled once, so finely
+_SHIFT = 4  # bits by which 256 levels become BINS
+_RING = (1.15, 1.3)  # sizes of the two frames around the box, as shares of it
+_RING_SAMPLES = 12  # along each side of each frame
 
 
 class Boxes(NamedTuple):
     """
-    Boxes to look at.
+    Boxes to sample.
 
     :param centre_px: (N, 2).
     :param size_px: (N, 2).
@@ -32,131 +33,134 @@ class Boxes(NamedTuple):
     size_px: Array
     angle_rad: Optional[Array]
 
+    @classmethod
+    def one(cls, box_px: Array, angle_rad: float, upright: bool) -> Boxes:
+        """Return a single box, given as (4,) x, y, w, h and its angle."""
+        return cls(box_px[None, :2] + box_px[None, 2:] / 2, box_px[None, 2:],
+                   None if upright else np.array([angle_rad]))
 
-class Grid(NamedTuple):
+
+class Points(NamedTuple):
     """
-    Points in shares of a box, its centre at (0, 0) and its edges at 0.5.
+    Points as shares of a box, whose centre is (0, 0) and whose edges are at 0.5.
 
-    :param x: (C,).
-    :param y: (R,); the grid has every x with every y, row by row. None pairs each x with the y
-        of the same number in ``paired_y``.
-    :param paired_y: (C,) or None.
+    :param x: (M,).
+    :param y: (M,).
     """
 
     x: Array
-    y: Optional[Array]
-    paired_y: Optional[Array] = None
+    y: Array
+
+
+class Grid(NamedTuple):
+    """
+    A grid of points as shares of a box: every x with every y, row by row.
+
+    :param x: (C,).
+    :param y: (R,).
+    """
+
+    x: Array
+    y: Array
+
+    @property
+    def points(self) -> Points:
+        """Return all of them one by one."""
+        return Points(np.tile(self.x, len(self.y)), np.repeat(self.y, len(self.x)))
 
 
 class Samples(NamedTuple):
     """
-    Points of boxes, looked up.
+    The pixels at the points of boxes.
 
     :param bins: (N, M) numbers of their colour bins.
     :param outside: (N, M) whether they are outside the image; None where none is.
-    :param covered: (N, M) whether a target is there that hides what is behind; None where none
-        is.
+    :param occluded: (N, M) whether they show a target that occludes what is behind; None where
+        none does.
     """
 
     bins: NDArray[np.uint16]
     outside: Optional[NDArray[np.bool_]]
-    covered: Optional[NDArray[np.bool_]]
+    occluded: Optional[NDArray[np.bool_]]
 
     @property
     def unseen(self) -> Optional[NDArray[np.bool_]]:
-        """Tell which points are outside or covered; None where none is."""
-        if self.outside is None or self.covered is None:
-            return self.covered if self.outside is None else self.outside
-        return self.outside | self.covered
+        """Which points are outside or occluded; None where none is."""
+        if self.outside is None or self.occluded is None:
+            return self.occluded if self.outside is None else self.outside
+        return self.outside | self.occluded
 
 
 class BinImage:
     """
-    A frame whose pixels are numbers of colour bins; looked up by all targets.
+    A frame whose pixels are numbers of colour bins; sampled by all targets.
 
-    Bins are made where they are asked for only.
+    Bins are computed only where they are asked for.
 
     :param image: (H, W, 3) uint8, BGR.
-    :param background: tells which pixels are no target's: these have a colour of their own. None
-        where all may be a target's.
+    :param background: tells which pixels belong to no target: these have a bin of their own. None
+        where all may belong to a target.
     """
 
     def __init__(self, image: NDArray[np.uint8],
-                 background: Optional[Background] = None) -> None:
+                 background: Optional[BackgroundModel] = None) -> None:
         self.image, self.background = image, background
         self.height, self.width = image.shape[:2]
         self._bins = np.empty((self.height, self.width), dtype=np.uint16)
-        self._made: list[tuple[int, int, int, int]] = []
-        self._cover: Optional[NDArray[np.bool_]] = None
+        self._computed: list[tuple[int, int, int, int]] = []
+        self._occluders: Optional[NDArray[np.bool_]] = None
 
-    def cover(self, box_px: Array) -> None:
+    def occlude(self, box_px: Array) -> None:
         """
-        Let what stands out in an upright box hide, from now on, what is behind it.
+        Let the foreground in an upright box occlude, from now on, what is behind it.
 
         :param box_px: (4,).
         """
-        if self._cover is None:
-            self._cover = np.zeros((self.height, self.width), dtype=bool)
+        if self._occluders is None:
+            self._occluders = np.zeros((self.height, self.width), dtype=bool)
         left, top = np.maximum(np.rint(box_px[:2]), 0).astype(int)
         right, bottom = np.maximum(np.rint(box_px[:2] + box_px[2:]), 0).astype(int)
-        self._cover[top:bottom, left:right] = True
+        self._occluders[top:bottom, left:right] = True
 
-    def background_share(self, mark: Boxes) -> float:
-        """Give the share of a box, one, that looks as the background does: 0 to 1."""
-        look = self.sample(mark, grid_points(*MARK_SAMPLES))
-        inside = look.bins if look.outside is None else look.bins[~look.outside]
+    def background_share(self, box: Boxes) -> float:
+        """Return the share of a single box that looks as the background does: 0 to 1."""
+        samples = self.sample(box, grid_points(*INITIAL_SAMPLES))
+        inside = samples.bins if samples.outside is None else samples.bins[~samples.outside]
         return float(np.mean(inside == BACKGROUND)) if inside.size else 0.0
 
     def background_changed(self) -> None:
-        """Make the bins anew where they are asked for next."""
-        self._made.clear()
+        """Compute the bins anew where they are asked for next."""
+        self._computed.clear()
 
-    def sample(self, boxes: Boxes, grid: Grid) -> Samples:
-        """Look up points of boxes, nearest pixel."""
-        column, row = self._pixels(boxes, grid)
+    def sample(self, boxes: Boxes, at: Union[Grid, Points]) -> Samples:
+        """Look up the pixels nearest to points of boxes."""
+        column, row = _pixels(boxes, at)
         left, right = int(column.min()), int(column.max())
         top, bottom = int(row.min()), int(row.max())
         if left >= 0 and top >= 0 and right < self.width and bottom < self.height:
-            self._make(left, top, right + 1, bottom + 1)
+            self._compute(left, top, right + 1, bottom + 1)
             return self._samples(column, row, None)
         outside = (column < 0) | (row < 0) | (column >= self.width) | (row >= self.height)
         column, row = column.clip(0, self.width - 1), row.clip(0, self.height - 1)
-        self._make(int(column.min()), int(row.min()), int(column.max()) + 1, int(row.max()) + 1)
+        self._compute(int(column.min()), int(row.min()), int(column.max()) + 1,
+                      int(row.max()) + 1)
         return self._samples(column, row, outside)
 
     def _samples(self, column: NDArray[np.int32], row: NDArray[np.int32],
                  outside: Optional[NDArray[np.bool_]]) -> Samples:
-        """Look up pixels, whose bins are made."""
+        """Look up pixels whose bins are computed."""
         index = row * self.width + column
         bins = self._bins.ravel()[index]
-        covered = None
-        if self._cover is not None:
-            covered = self._cover.ravel()[index]
+        occluded = None
+        if self._occluders is not None:
+            occluded = self._occluders.ravel()[index]
             # where the background is seen nothing is in front of it
-            covered = covered & (bins != BACKGROUND) if covered.any() else None
-        return Samples(bins, outside, covered)
+            occluded = occluded & (bins != BACKGROUND) if occluded.any() else None
+        return Samples(bins, outside, occluded)
 
-    def _pixels(self, boxes: Boxes, grid: Grid) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-        """Give the column and row (N, M) of each point of each box."""
-        x = grid.x[None] * boxes.size_px[:, :1]
-        y = (grid.paired_y if grid.y is None else grid.y)[None] * boxes.size_px[:, 1:]
-        if boxes.angle_rad is None:  # the columns are the same in every row
-            column = np.floor(x + (boxes.centre_px[:, :1] + 0.5)).astype(np.int32)
-            row = np.floor(y + (boxes.centre_px[:, 1:] + 0.5)).astype(np.int32)
-            if grid.y is None:
-                return column, row
-            shape = (len(x), len(grid.y), len(grid.x))
-            return (np.broadcast_to(column[:, None], shape).reshape(len(x), -1),
-                    np.broadcast_to(row[:, :, None], shape).reshape(len(x), -1))
-        if grid.y is not None:
-            x, y = np.tile(x, (1, y.shape[1])), np.repeat(y, x.shape[1], axis=1)
-        c, s = np.cos(boxes.angle_rad)[:, None], np.sin(boxes.angle_rad)[:, None]
-        column = np.floor(c * x - s * y + (boxes.centre_px[:, :1] + 0.5)).astype(np.int32)
-        return column, np.floor(s * x + c * y + (boxes.centre_px[:, 1:] + 0.5)).astype(np.int32)
-
-    def _make(self, left: int, top: int, right: int, bottom: int) -> None:
-        """Make the bins of a rectangle, if they are not there yet."""
-        for a, b, c, d in self._made:
+    def _compute(self, left: int, top: int, right: int, bottom: int) -> None:
+        """Compute the bins of a rectangle, if they are not there yet."""
+        for a, b, c, d in self._computed:
             if a <= left and b <= top and c >= right and d >= bottom:
                 return
         part = self.image[top:bottom, left:right]
@@ -167,20 +171,44 @@ class BinImage:
         if self.background is not None:
             bins[~self.background.foreground(self.image, left, top, right, bottom)] = BACKGROUND
         self._bins[top:bottom, left:right] = bins
-        self._made.append((left, top, right, bottom))
+        self._computed.append((left, top, right, bottom))
+
+
+def _pixels(boxes: Boxes, at: Union[Grid, Points]
+            ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Return the column and row (N, M) of the pixel nearest to each point of each box."""
+    if boxes.angle_rad is not None:
+        points = at.points if isinstance(at, Grid) else at
+        x, y = points.x[None] * boxes.size_px[:, :1], points.y[None] * boxes.size_px[:, 1:]
+        c, s = np.cos(boxes.angle_rad)[:, None], np.sin(boxes.angle_rad)[:, None]
+        return (_nearest(c * x - s * y, boxes.centre_px[:, :1]),
+                _nearest(s * x + c * y, boxes.centre_px[:, 1:]))
+    column = _nearest(at.x[None] * boxes.size_px[:, :1], boxes.centre_px[:, :1])
+    row = _nearest(at.y[None] * boxes.size_px[:, 1:], boxes.centre_px[:, 1:])
+    if isinstance(at, Points):
+        return column, row
+    # the columns are the same in every row of the grid
+    shape = (len(column), len(at.y), len(at.x))
+    return (np.broadcast_to(column[:, None], shape).reshape(len(column), -1),
+            np.broadcast_to(row[:, :, None], shape).reshape(len(column), -1))
+
+
+def _nearest(offset_px: Array, centre_px: Array) -> NDArray[np.int32]:
+    """Return the numbers (N, M) of the pixels nearest to offsets from centres (N, 1)."""
+    return np.floor(offset_px + (centre_px + 0.5)).astype(np.int32)
 
 
 def grid_points(across: int, down: int) -> Grid:
-    """Give a regular grid of points."""
+    """Return a regular grid of points."""
     return Grid((np.arange(across) + 0.5) / across - 0.5, (np.arange(down) + 0.5) / down - 0.5)
 
 
-def ring_points() -> Grid:
-    """Give points around a box."""
+def ring_points() -> Points:
+    """Return points around a box."""
     along = (np.arange(_RING_SAMPLES) + 0.5) / _RING_SAMPLES - 0.5
     x, y = [], []
     for size in _RING:
         edge = np.full(_RING_SAMPLES, size / 2)
         x += [size * along, size * along, -edge, edge]
         y += [-edge, edge, size * along, size * along]
-    return Grid(np.concatenate(x), None, np.concatenate(y))
+    return Points(np.concatenate(x), np.concatenate(y))

@@ -8,10 +8,10 @@ that image resolution and distance do not change the filter; times are frames of
 """
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, Mapping
+from dataclasses import dataclass, replace
 
 from ..core.config import check_bounds, parameter
+from ..core.errors import InputError
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class MonocularConfig:
     lambda_b: float = parameter(
         20.0, 0.0, 1e4, '', 'weight lambda_b of the Bhattacharyya distance, eq. 23')
     surround_weight: float = parameter(
-        4.0, 0.0, 100.0, '', 'how far colours that the surroundings of the marked box share '
+        4.0, 0.0, 100.0, '', 'how far colours that the surroundings of the initial box share '
         'count less; 0 as in the paper')
     contrast_weight: float = parameter(
         5.0, 0.0, 1e4, '', 'weight of the contrast with the surroundings of the box; 0 as in '
@@ -32,14 +32,25 @@ class MonocularConfig:
         3, 1, 6, '', 'parts of the box from top to bottom with a histogram each; 1 as in the '
         'paper')
     samples_across: int = parameter(9, 2, 64, '', 'samples of the image across a box')
-    samples_down: int = parameter(15, 2, 64, '', 'samples of the image down a box')
+    samples_down: int = parameter(
+        15, 2, 64, '', 'samples of the image down a box; at least one for each part')
     background_contrast: float = parameter(
         25.0, 0.0, 255.0, 'levels', 'a pixel that differs by less from the background, which is '
-        'learnt as the frames come, is none of a target; 0 as in the paper: all are taken alike')
-    background_frames: float = parameter(100.0, 1.0, 1e5, 'frames', 'time over which it is learnt')
+        'learnt as the frames come, belongs to no target; 0 as in the paper: none is left out')
+    background_frames: float = parameter(
+        100.0, 1.0, 1e5, 'frames', 'time over which the background is averaged')
+    background_updates: int = parameter(
+        2, 1, 1000, '', 'background averaged over so many updates is believed where a target '
+        'was marked')
+    background_gain: float = parameter(
+        0.1, 0.0, 1.0, '', 'share of the background in the initial box that must have become '
+        'known for the box to be sampled again')
+    background_match: float = parameter(
+        0.8, 0.0, 1.0, '', 'a target was itself learnt as background when more than this share of '
+        'its initial box looks like it; the background is then forgotten there')
     adaptation: float = parameter(
-        0.0, 0.0, 1.0, '', 'share of the reference renewed in each frame that is seen well; 0 as '
-        'in the paper')
+        0.0, 0.0, 1.0, '', 'share of the reference renewed in each frame in which the target is '
+        'seen; 0 as in the paper')
 
     start_speed: float = parameter(
         0.1, 0.0, 2.0, '1/frame', 'spread of the first velocity, per axis')
@@ -51,25 +62,27 @@ class MonocularConfig:
     stop_chance: float = parameter(
         0.03, 0.0, 1.0, '1/frame', 'chance that a target stops; 0 as in the paper')
     start_chance: float = parameter(
-        0.03, 0.0, 1.0, '1/frame', 'chance that one that stands sets off, with a velocity as at '
-        'the mark; 0 as in the paper')
+        0.03, 0.0, 1.0, '1/frame', 'chance that a target that stands sets off, with a velocity as '
+        'at the start; 0 as in the paper')
     angle_noise_deg: float = parameter(
         2.0, 0.0, 90.0, 'deg', 'sigma_theta of eq. 19, per square root of a frame')
     size_noise: float = parameter(
         0.01, 0.0, 0.5, '', 'random walk of the logarithm of width and height, per square root of '
-        'a frame')
+        'a frame; without the environment')
     size_rate_noise: float = parameter(
-        0.002, 0.0, 0.5, '1/frame', 'random walk of their rates; without the environment')
+        0.002, 0.0, 0.5, '1/frame', 'random walk of the rates of width and height; without the '
+        'environment')
 
     prior_noise: float = parameter(
         0.05, 1e-4, 10.0, '1/frame', 'sigma_e of the environment prior, eq. 20, per frame')
     prior_rounds: int = parameter(
-        15, 1, 1000, '', 'most rounds of accept-reject; what is not accepted by then has its '
+        15, 1, 1000, '', 'rounds of accept-reject at most; what is not accepted by then has its '
         'weight multiplied by its chance of acceptance')
     mark_ratio: float = parameter(
         0.25, 0.01, 1.0, '', "expected height of a target as a share of the camera's, both above "
-        'the ground; tells where the horizon lies')
-    mark_ratio_spread: float = parameter(0.5, 0.01, 3.0, '', 'spread of the logarithm of it')
+        'the ground; it says where the horizon lies')
+    mark_ratio_spread: float = parameter(
+        0.5, 0.01, 3.0, '', 'spread of the logarithm of mark_ratio')
     mark_height_spread: float = parameter(
         0.2, 0.01, 2.0, '', 'spread of the logarithm of the heights of the targets among '
         'themselves, as they are marked')
@@ -79,28 +92,38 @@ class MonocularConfig:
     width_spread: float = parameter(
         0.12, 0.0, 1.0, '', 'spread of the logarithm of the width about that of the perspective')
     height_spread: float = parameter(
-        0.06, 0.0, 1.0, '', 'spread of the logarithm of the height about it')
-    spread_frames: float = parameter(10.0, 1.0, 1e4, 'frames', 'time in which they wander')
+        0.06, 0.0, 1.0, '', 'spread of the logarithm of the height about that of the perspective')
+    spread_frames: float = parameter(
+        10.0, 1.0, 1e4, 'frames', 'time over which width and height vary about the perspective')
 
-    covering: int = parameter(
-        1, 0, 1, '', 'whether upright targets hide those behind them; 0 as in the paper')
+    covering: bool = parameter(
+        True, doc='whether upright targets occlude those behind them; false as in the paper')
+    initial_free_share: float = parameter(
+        0.2, 0.0, 1.0, '', 'an initial box of which nearer targets leave less than this share of '
+        'the foreground free is sampled with them in it')
     unseen_share: float = parameter(
         0.4, 0.0, 1.0, '', 'similarity that counts for what is not seen, as a share of the '
         'usual: no box counts less')
     hidden_evidence: float = parameter(
-        0.4, 0.0, 1.0, '', 'a target is hidden when its box stands out from its surroundings by '
+        0.4, 0.0, 1.0, '', 'a target is occluded when its box stands out from its surroundings by '
         'less than this share of what is usual')
+    usual_renewal: float = parameter(
+        0.05, 0.0, 1.0, '', 'share of a new frame in what is usual')
     hidden_frames: float = parameter(
-        40.0, 0.0, 1e6, 'frames', 'a target hidden for longer is lost')
+        40.0, 0.0, 1e6, 'frames', 'a target occluded for longer is lost')
     least_visible: float = parameter(
         0.35, 0.0, 1.0, '', 'a target has left the view when less than this share of its box is '
         'in the image')
+    outside_weight: float = parameter(
+        0.5, 0.0, 1.0, '', 'or when particles of more than this weight have left it')
 
     def __post_init__(self) -> None:
         check_bounds(self)
+        if self.samples_down < self.parts:
+            raise InputError('configuration', 'samples_down', self.samples_down,
+                             f'at least one for each of the {self.parts} parts')
 
-
-# What the paper's likelihood is, eq. 23-24: one histogram of the box, kept as marked.
-PAPER_LIKELIHOOD: Mapping[str, Any] = {
-    'surround_weight': 0.0, 'contrast_weight': 0.0, 'parts': 1, 'adaptation': 0.0,
-    'background_contrast': 0.0, 'covering': 0}
+    def with_paper_likelihood(self) -> MonocularConfig:
+        """Return these parameters with the paper's likelihood: one histogram, kept as marked."""
+        return replace(self, surround_weight=0.0, contrast_weight=0.0, parts=1, adaptation=0.0,
+                       background_contrast=0.0, covering=False)

@@ -16,13 +16,15 @@ from scipy.spatial import cKDTree
 
 from ..core.records import Array
 
+Labels = NDArray[np.uint8]
 PATHWAY, ACCESSIBLE, INACCESSIBLE = 255, 128, 0  # grey levels of a map
 KINDS = (PATHWAY, ACCESSIBLE, INACCESSIBLE)
 _SMOOTHING_PX = 2.0  # of the masks; takes the pixel steps out of a boundary
-_NEAR_PX = 8.0  # to the boundary, where it is taken as a line between its points
-_NEIGHBOURS = 5  # of a pixel among the boundary's points
-_JOINED_PX2 = 2.5  # neighbours on one curve, not two curves, are no farther apart
-_GRADIENT_PX = 1.5  # of the field before its gradient is taken
+_NEAR_PX = 8.0  # nearer than this, the boundary is taken as lines between its points
+_NEIGHBOURS = 5  # points of the boundary that are tried as ends of such a line
+_JOINED_PX2 = 2.5  # points farther apart, squared, are on different curves
+_GRADIENT_PX = 1.5  # smoothing of the field before its gradient is taken
+_Layers = NDArray[np.float32]
 
 
 class DistanceField:
@@ -36,39 +38,35 @@ class DistanceField:
     :param labels: (H, W) uint8 of 255 pathway, 128 accessible, 0 inaccessible.
     """
 
-    def __init__(self, labels: NDArray[np.uint8]) -> None:
+    def __init__(self, labels: Labels) -> None:
         self.labels = np.ascontiguousarray(labels)
         self.height, self.width = labels.shape
         self.boundary_px = boundary_points(self.labels)
-        self.unsigned_px = _unsigned(self.labels.shape, self.boundary_px)
+        self.unsigned_px = _unsigned(self.height, self.width, self.boundary_px)
         sign = np.where(labels == PATHWAY, -1.0, 1.0)
         # finite everywhere, so that it can be interpolated; infinity is added by the look-up
         self.signed_px = (sign * self.unsigned_px).astype(np.float32)
-        rows, columns = np.gradient(_softened(self.signed_px))
-        slope_y, slope_x = np.gradient(self.signed_px)
+        along_y, along_x = _gradient(_smoothed(self.signed_px))
+        slope_y, slope_x = _gradient(self.signed_px)
         # opposite gradients, as beside a ridge, agree once their angles are doubled
-        steep = np.maximum(_softened(slope_x ** 2 + slope_y ** 2), 1e-6)
-        self._doubled = np.stack([_softened(slope_x ** 2 - slope_y ** 2) / steep,
-                                  _softened(2.0 * slope_x * slope_y) / steep], axis=-1)
+        steep = np.maximum(_smoothed(slope_x ** 2 + slope_y ** 2), 1e-6)
+        doubled = [_smoothed(slope_x ** 2 - slope_y ** 2) / steep,
+                   _smoothed(2.0 * slope_x * slope_y) / steep]
+        self._doubled = np.stack(doubled, axis=-1).astype(np.float32)
         # side by side, so that one look-up serves all three
-        self._layers = np.stack([self.signed_px, columns, rows], axis=-1)
-
-    def inside(self, xy_px: Array) -> NDArray[np.bool_]:
-        """Tell which points (..., 2) lie within the image."""
-        x, y = xy_px[..., 0], xy_px[..., 1]
-        return (x >= -0.5) & (y >= -0.5) & (x <= self.width - 0.5) & (y <= self.height - 0.5)
+        self._layers = np.stack([self.signed_px, along_x, along_y], axis=-1)
 
     def accessible(self, xy_px: Array) -> NDArray[np.bool_]:
-        """Tell which points (..., 2) are not in an inaccessible region; beyond the image all."""
+        """Return which points (..., 2) are not in an inaccessible region; outside the image all."""  # noqa: E501
         column = np.rint(xy_px[..., 0]).astype(np.intp)
         row = np.rint(xy_px[..., 1]).astype(np.intp)
         within = (column >= 0) & (row >= 0) & (column < self.width) & (row < self.height)
         label = self.labels[row.clip(0, self.height - 1), column.clip(0, self.width - 1)]
-        return (label != INACCESSIBLE) | ~within
+        return np.asarray((label != INACCESSIBLE) | ~within)
 
     def distance(self, xy_px: Array) -> Array:
         """
-        Give the weighted distance d (eq. 10) at points.
+        Return the weighted distance d (eq. 10) at points.
 
         :param xy_px: (..., 2); beyond the image the nearest pixel of its edge counts.
         :return: (...), px; infinite in inaccessible regions.
@@ -76,77 +74,71 @@ class DistanceField:
         return np.where(self.accessible(xy_px), self.level(xy_px), np.inf)
 
     def level(self, xy_px: Array) -> Array:
-        """Give the distance as :meth:`distance` does, but finite and positive where that is not."""  # noqa: E501
+        """Return the distance as :meth:`distance` does, but finite in inaccessible regions."""
         return self._sample(self.signed_px[..., None], xy_px)[..., 0]
 
-    def gradient(self, xy_px: Array) -> Array:
+    def level_and_gradient(self, xy_px: Array) -> tuple[Array, Array]:
         """
-        Give the gradient of d at points: the contour's normal, shorter where there is none.
+        Return the level and its gradient, which is the contour's normal, at points.
 
-        Its length is 1 but near ridges of the field, where two boundaries are equally near: there
-        the contour has no tangent and the length falls towards 0.
+        The gradient's length is 1 except near ridges of the field, where two boundaries are
+        equally near: there the contour has no tangent and the length falls towards 0.
 
         :param xy_px: (..., 2).
-        :return: (..., 2), along x and y.
+        :return: (...) px, and (..., 2) along x and y.
         """
-        return self._sample(self._layers[..., 1:], xy_px)
-
-    def look(self, xy_px: Array) -> tuple[Array, Array]:
-        """Give level (...) and gradient (..., 2) together, at the price of one."""
         found = self._sample(self._layers, xy_px)
         return found[..., 0], found[..., 1:]
 
-    def normal(self, xy_px: Array) -> Array:
-        """Find the way (..., 2) of larger d, of length 1; zeros where none is."""
-        gradient = self.gradient(xy_px)
-        length = np.linalg.norm(gradient, axis=-1, keepdims=True)
-        return gradient / np.where(length > 1e-6, length, np.inf)
-
-    def tangent(self, xy_px: Array) -> Array:
-        """Find the way (..., 2) along the contour: the normal, turned from x towards y."""
-        normal = self.normal(xy_px)
-        return np.stack([-normal[..., 1], normal[..., 0]], axis=-1)
-
-    def course(self, xy_px: Array) -> Array:
+    def orientation(self, xy_px: Array) -> Array:
         """
-        Give the contours' orientation, which ridges between parallel boundaries have too.
+        Return the contours' orientation, which ridges between parallel boundaries have too.
 
         :param xy_px: (..., 2).
         :return: (..., 2) along x and y: the normal with its angle doubled, of length 1 where all
-            contours about a point run alike and towards 0 where they do not.
+            contours about a point are parallel and towards 0 where they are not.
         """
         return self._sample(self._doubled, xy_px)
 
-    def _sample(self, image: NDArray[np.float32], xy_px: Array) -> Array:
-        """Interpolate the layers (H, W, C) of an image between the four pixels around each point."""  # noqa: E501
+    def _sample(self, layers: _Layers, xy_px: Array) -> Array:
+        """Interpolate layers (H, W, C) between the four pixels around each point."""
         x = np.clip(xy_px[..., 0], 0.0, self.width - 1.0)
         y = np.clip(xy_px[..., 1], 0.0, self.height - 1.0)
         column = np.minimum(x.astype(np.intp), max(self.width - 2, 0))
         row = np.minimum(y.astype(np.intp), max(self.height - 2, 0))
         right, below = min(1, self.width - 1), min(1, self.height - 1)
         fx, fy = (x - column)[..., None], (y - row)[..., None]
-        upper = image[row, column] * (1 - fx) + image[row, column + right] * fx
-        lower = image[row + below, column] * (1 - fx) + image[row + below, column + right] * fx
+        upper = layers[row, column] * (1 - fx) + layers[row, column + right] * fx
+        lower = layers[row + below, column] * (1 - fx) + layers[row + below, column + right] * fx
         return np.asarray(upper * (1 - fy) + lower * fy)
 
 
-def _softened(image: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Take the pixels' steps out of a field."""
-    return np.asarray(cv2.GaussianBlur(image, (0, 0), _GRADIENT_PX,
+def _smoothed(field: _Layers) -> _Layers:
+    """Take the pixels' steps out of a field (H, W)."""
+    return np.asarray(cv2.GaussianBlur(field, (0, 0), _GRADIENT_PX,
                                        borderType=cv2.BORDER_REPLICATE), dtype=np.float32)
 
 
-def boundary_points(labels: NDArray[np.uint8]) -> Array:
+def _gradient(field: _Layers) -> tuple[_Layers, _Layers]:
+    """Return the derivatives of a field (H, W) along y and along x; 0 where it is 1 px wide."""
+    along_y, along_x = (
+        np.asarray(np.gradient(field, axis=axis), dtype=np.float32) if field.shape[axis] > 1
+        else np.zeros_like(field) for axis in (0, 1))
+    return along_y, along_x
+
+
+def boundary_points(labels: Labels) -> Array:
     """
     Trace the boundaries between the regions, to a fraction of a pixel.
 
     :param labels: (H, W) uint8.
     :return: (n, 2) points where boundaries cross the lines of the pixel grid, px.
     """
-    found = [np.zeros((0, 2))]
     present = [kind for kind in KINDS if np.any(labels == kind)]
-    # two kinds share one boundary; three need two of the masks, but all three cost little
-    for kind in present[:1] if len(present) == 2 else present if len(present) > 2 else ():
+    if len(present) == 1:
+        return np.zeros((0, 2))
+    found = []
+    for kind in present[:1] if len(present) == 2 else present:  # two kinds share one boundary
         mask = (labels == kind).astype(np.float32)
         soft = cv2.GaussianBlur(mask, (0, 0), _SMOOTHING_PX,
                                 borderType=cv2.BORDER_REPLICATE) - 0.5
@@ -154,21 +146,20 @@ def boundary_points(labels: NDArray[np.uint8]) -> Array:
     return np.concatenate(found)
 
 
-def _crossings(field: NDArray[np.float32]) -> Array:
-    """Give the points (n, 2), as (x, y), where a field changes sign along its rows."""
+def _crossings(field: _Layers) -> Array:
+    """Return the points (n, 2), as (x, y), where a field changes sign along its rows."""
     left, right = field[:, :-1], field[:, 1:]
     row, column = np.nonzero((left < 0) != (right < 0))
     a, b = left[row, column], right[row, column]
     return np.stack([column + a / (a - b), row.astype(np.float64)], axis=-1)
 
 
-def _unsigned(shape: tuple[int, ...], boundary_px: Array) -> Array:
+def _unsigned(height: int, width: int, boundary_px: Array) -> Array:
     """
-    Give each pixel's distance to the boundary (eq. 9), px.
+    Return each pixel's distance to the boundary (eq. 9), px.
 
     Near it, the boundary is taken as straight between neighbouring points.
     """
-    height, width = shape
     if len(boundary_px) < 2:
         return np.full((height, width), float(np.hypot(height, width)))
     off_boundary = np.full((height, width), 255, np.uint8)
@@ -178,23 +169,24 @@ def _unsigned(shape: tuple[int, ...], boundary_px: Array) -> Array:
     best = np.empty((height, width))
     tree = cKDTree(boundary_px)
     far = about >= _NEAR_PX  # there the points are dense enough by themselves
-    best[far] = tree.query(_pixels(far))[0]
+    best[far] = np.asarray(tree.query(_pixels(far))[0])
     best[~far] = _near_distance(tree, _pixels(~far), boundary_px)
     return best
 
 
 def _pixels(mask: NDArray[np.bool_]) -> Array:
-    """Give the centres (n, 2), as (x, y), of the pixels of a mask."""
+    """Return the centres (n, 2), as (x, y), of the pixels of a mask."""
     return np.argwhere(mask)[:, ::-1].astype(np.float64)
 
 
 def _near_distance(tree: cKDTree, pixels: Array, boundary_px: Array) -> Array:
     """
-    Give the distance (n,) of pixels to the lines from their nearest point to those next to it.
+    Return the distance (n,) of pixels to the lines from their nearest point to its neighbours.
 
-    Where three kinds of region are, most points are there twice, once from each side.
+    Where three kinds of region meet, most points occur twice, once from each side.
     """
-    distance, near = tree.query(pixels, k=min(_NEIGHBOURS, len(boundary_px)))
+    found = tree.query(pixels, k=min(_NEIGHBOURS, len(boundary_px)))
+    distance, near = np.asarray(found[0]), np.asarray(found[1])
     a = boundary_px[near[:, :1]]
     along = boundary_px[near[:, 1:]] - a
     length2 = np.maximum(np.sum(along ** 2, axis=-1), 1e-12)

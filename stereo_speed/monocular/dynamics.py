@@ -12,54 +12,57 @@ import numpy as np
 from .distance import DistanceField
 from ..core.records import Array
 
-_ROUNDS = 3  # of the search for the crossing of circle and contour
-_LARGEST_TURN_RAD = 0.3  # of each of them
-_SURE, _UNSURE = 0.9, 0.5  # length of the gradient where the contour counts fully, and not at all
-_AHEAD, _ASIDE = 0.8, 0.5  # cosine of the turn that is believed fully, and not at all
+_ITERATIONS = 3  # of Newton's method for the crossing of circle and contour
+_LARGEST_STEP_RAD = 0.3  # of an iteration, so that it stays near the crossing ahead
+_LEAST_SLOPE = 0.2  # of the distance along the circle; where it is flatter no step is taken
+_CERTAIN = 0.9  # length of the gradient from which the contour counts fully
+_UNCERTAIN = 0.5  # length of the gradient below which the contour does not count
+_AHEAD = 0.8  # cosine of the change of heading from which the contour is followed fully
+_ASIDE = 0.5  # cosine of the change of heading below which it is not followed
 
 
 def certainty(gradient: Array) -> Array:
     """
-    Tell how well the contour is known: 0 on a ridge of the field, 1 away from it.
+    Return how well the contour is known: 0 on a ridge of the field, 1 away from it.
 
-    :param gradient: (N, 2) of the field, or its course.
+    :param gradient: (N, 2) of the field, or its orientation.
     """
     length = np.hypot(gradient[:, 0], gradient[:, 1])
-    return np.asarray(np.clip((length - _UNSURE) / (_SURE - _UNSURE), 0.0, 1.0))
+    return np.asarray(np.clip((length - _UNCERTAIN) / (_CERTAIN - _UNCERTAIN), 0.0, 1.0))
 
 
 def contour_velocity(field: DistanceField, point_px: Array, velocity_px: Array,
                      distance_rate_px: Array, frames: float) -> Array:
     """
-    Give the velocity that keeps its length and meets the contour expected (eq. 15-16).
+    Return the velocity that keeps its length and meets the contour expected (eq. 15-16).
 
     The contour is that of ``d + d_rate * frames``; of the two points of the circle that are on
-    it, the one ahead is taken. Where the field is too bent for it, where there is no contour
-    (ridges), or where it would ask for a sharp turn, the velocity stays more and more as it was.
+    it, the one ahead is taken. The velocity stays more and more as it was where the field is too
+    curved for it, where there is no contour (ridges), and where the heading would change sharply.
 
     :param point_px: (N, 2).
     :param velocity_px: (N, 2), px per frame.
     :param distance_rate_px: (N,), px per frame.
-    :param frames: time to the next look.
+    :param frames: time to the next frame used, frames of the video.
     :return: (N, 2), px per frame.
     """
     speed = np.linalg.norm(velocity_px, axis=-1)
     radius = np.maximum(speed * frames, 1e-9)
-    level, gradient = field.look(point_px)
+    level, gradient = field.level_and_gradient(point_px)
     wanted = level + distance_rate_px * frames
     # first guess: exact where the contours are straight and parallel
     side = np.sign(gradient[:, 0] * velocity_px[:, 1] - gradient[:, 1] * velocity_px[:, 0])
     across = np.arccos(np.clip(distance_rate_px * frames / radius, -1.0, 1.0))
     bearing = np.arctan2(gradient[:, 1], gradient[:, 0]) + np.where(side < 0, -across, across)
-    for _ in range(_ROUNDS):
+    for _ in range(_ITERATIONS):
         ahead = np.stack([np.cos(bearing), np.sin(bearing)], axis=-1)
         there = point_px + radius[:, None] * ahead
-        level, slope = field.look(there)
+        level, slope = field.level_and_gradient(there)
         # derivative of d along the circle, per radian
-        turn = radius * (slope[:, 1] * ahead[:, 0] - slope[:, 0] * ahead[:, 1])
-        steep = np.abs(turn) > 0.2 * radius
-        step = np.where(steep, (wanted - level) / np.where(steep, turn, 1.0), 0.0)
-        bearing = bearing + np.clip(step, -_LARGEST_TURN_RAD, _LARGEST_TURN_RAD)
+        derivative = radius * (slope[:, 1] * ahead[:, 0] - slope[:, 0] * ahead[:, 1])
+        steep = np.abs(derivative) > _LEAST_SLOPE * radius
+        step = np.where(steep, (wanted - level) / np.where(steep, derivative, 1.0), 0.0)
+        bearing = bearing + np.clip(step, -_LARGEST_STEP_RAD, _LARGEST_STEP_RAD)
     along = np.stack([np.cos(bearing), np.sin(bearing)], axis=-1)
     heading = velocity_px / np.maximum(speed, 1e-9)[:, None]
     trust = certainty(gradient) * np.clip(
@@ -69,16 +72,16 @@ def contour_velocity(field: DistanceField, point_px: Array, velocity_px: Array,
     return np.asarray(speed[:, None] * mixed / np.maximum(length, 1e-9))
 
 
-def contour_turn(field: DistanceField, from_px: Array, to_px: Array) -> Array:
+def contour_rotation(field: DistanceField, from_px: Array, to_px: Array) -> Array:
     """
-    Give the angle by which the contour's tangent turns from points to points (eq. 17-18).
+    Return the angle by which the contour's tangent rotates from points to points (eq. 17-18).
 
     :param from_px: (N, 2).
     :param to_px: (N, 2).
     :return: (N,) rad, in [-pi/2, pi/2]: a tangent has no direction; less where contours about
-        the point run different ways.
+        the point are not parallel.
     """
-    before, after = field.course(from_px), field.course(to_px)
-    turn = np.arctan2(after[:, 1], after[:, 0]) - np.arctan2(before[:, 1], before[:, 0])
+    before, after = field.orientation(from_px), field.orientation(to_px)
+    doubled = np.arctan2(after[:, 1], after[:, 0]) - np.arctan2(before[:, 1], before[:, 0])
     trust = np.minimum(certainty(before), certainty(after))
-    return np.asarray(trust * np.arctan2(np.sin(turn), np.cos(turn)) / 2.0)
+    return np.asarray(trust * np.arctan2(np.sin(doubled), np.cos(doubled)) / 2.0)

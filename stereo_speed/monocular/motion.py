@@ -1,9 +1,9 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-The two motion models: that of the environment (2010, Section IV) and the plain one (GPF).
+How particles move: along the environment (2010, Section IV), or freely (GPF).
 
-Both draw the next states of particles; the likelihood and all else are the same for both.
+Both models draw the next states of particles; the likelihood and all else are the same for both.
 """
 from __future__ import annotations
 
@@ -16,19 +16,23 @@ from numpy.typing import NDArray
 from .boxes import Target
 from .config import MonocularConfig
 from .distance import DistanceField
-from .dynamics import certainty, contour_turn, contour_velocity
+from .dynamics import certainty, contour_rotation, contour_velocity
 from .particles import Particles
 from .perspective import perspective_growth
 from .prior import accept_reject, Index, log_acceptance
 from ..core.records import Array
 
-_SMALLEST_PX = 3.0  # side of a box
-_STANDING = 0.3  # of the first speeds' spread; a target this slow stands
+_SMALLEST_PX = 3.0  # side of a box; a smaller one has too few pixels to compare
+_LARGEST_PX = 1e5  # side of a box, and distance of its reference point from the image's corner
+_FARTHEST_HORIZON_PX = 1e7  # above the image; farther ones make no difference to the sizes
+_MOST_LOG_GROWTH = 20.0  # of a size between frames, so that its exponential is finite
+_STANDING = 0.3  # a target slower than this share of the first velocity's spread stands
+_SPIN_SHARE = 0.2  # of the angle's noise in its rate; the rest is scatter of the angle itself
 _LEAST_CERTAINTY = 0.2  # of the contour; bounds the width of the prior on ridges
 
 
-class MotionModel(Protocol):
-    """How particles move from one look to the next."""
+class ParticleMotion(Protocol):
+    """How particles move from one frame used to the next."""
 
     def start(self, particles: Particles) -> Particles:
         """Complete the first particles of a target."""
@@ -38,28 +42,28 @@ class MotionModel(Protocol):
         """
         Draw the next states.
 
-        :param frames: time to the next look, frames of the video.
+        :param frames: time to the next frame used, frames of the video.
         :return: the particles, and the logarithm (N,) of the weight each brings along.
         """
 
 
 class PlainMotion:
     """
-    Constant velocities of place, size and turn, and noise: the paper's baseline, GPF.
+    Constant velocities of place, size and angle, and noise: the paper's baseline, GPF.
 
-    :param upright: whether the box never turns.
+    :param upright: whether the box never rotates.
     """
 
     def __init__(self, config: MonocularConfig, upright: bool) -> None:
         self.config, self.upright = config, upright
 
     def start(self, particles: Particles) -> Particles:
-        """Take the particles as they are."""
+        """Return the particles as they are."""
         return particles
 
     def move(self, particles: Particles, frames: float,
              rng: np.random.Generator) -> tuple[Particles, Array]:
-        """Draw the next states; see :class:`MotionModel`."""
+        """Draw the next states; see :class:`ParticleMotion`."""
         c, count, root = self.config, len(particles), np.sqrt(frames)
         velocity, _ = stop_and_start(particles, frames, c, rng)
         velocity, point = scattered(particles, velocity, frames, c, rng, np.arange(count))
@@ -68,9 +72,10 @@ class PlainMotion:
         spin, angle = particles.spin_rad, particles.angle_rad
         if not self.upright:
             noise = np.radians(c.angle_noise_deg) * root * rng.standard_normal((count, 2))
-            spin = spin + 0.2 * noise[:, 0]
+            spin = spin + _SPIN_SHARE * noise[:, 0]
             angle = angle + spin * frames + noise[:, 1]
-        size = np.maximum(particles.size_px * np.exp(log_size), _SMALLEST_PX)
+        growth = np.exp(np.clip(log_size, -_MOST_LOG_GROWTH, _MOST_LOG_GROWTH))
+        size = np.clip(particles.size_px * growth, _SMALLEST_PX, _LARGEST_PX)
         return replace(particles, point_px=point, velocity_px=velocity, size_px=size,
                        size_rate=rate, angle_rad=angle, spin_rad=spin), np.zeros(count)
 
@@ -79,8 +84,8 @@ class EnvironmentMotion:
     """
     Motion along the contours, kept to likely distances; sizes as perspective demands.
 
-    An upright object stands on the ground: its box never turns and grows with the row of its
-    foot. Others turn with the contour and keep their size.
+    An upright object stands on the ground: its box never rotates and grows with the row of its
+    foot. Others rotate with the contour and keep their size.
 
     :param field: the environment.
     :param config: parameters.
@@ -89,17 +94,17 @@ class EnvironmentMotion:
 
     def __init__(self, field: DistanceField, config: MonocularConfig, target: Target) -> None:
         self.field, self.config, self.upright = field, config, target.upright
-        self.mark_size_px = np.asarray(target.box_px[2:], dtype=np.float64)
-        self.mark_foot_px = float(target.box_px[1] + target.box_px[3])
+        self.initial_size_px = np.asarray(target.box_px[2:], dtype=np.float64)
+        self.initial_foot_px = float(target.box_px[1] + target.box_px[3])
 
     def start(self, particles: Particles) -> Particles:
-        """Set the rates of the distance that go with the velocities."""
+        """Return the particles with the rates of the distance that go with their velocities."""
         return replace(particles, distance_rate_px=self._rate(
             particles.point_px + particles.velocity_px, particles.velocity_px, 1.0))
 
     def move(self, particles: Particles, frames: float,
              rng: np.random.Generator) -> tuple[Particles, Array]:
-        """Draw the next states; see :class:`MotionModel`."""
+        """Draw the next states; see :class:`ParticleMotion`."""
         f, c = self.field, self.config
         velocity, new = stop_and_start(particles, frames, c, rng)
         rate = particles.distance_rate_px.copy()
@@ -107,7 +112,7 @@ class EnvironmentMotion:
         particles = replace(particles, velocity_px=velocity, distance_rate_px=rate)
         velocity = contour_velocity(f, particles.point_px, particles.velocity_px,
                                     particles.distance_rate_px, frames)
-        level, gradient = f.look(particles.point_px)
+        level, gradient = f.level_and_gradient(particles.point_px)
         expected = level + particles.distance_rate_px * frames
         std = c.prior_noise * particles.scale_px * frames / np.maximum(
             certainty(gradient), _LEAST_CERTAINTY)
@@ -126,14 +131,14 @@ class EnvironmentMotion:
 
     def _completed(self, old: Particles, velocity: Array, point: Array, frames: float,
                    rng: np.random.Generator) -> Particles:
-        """Draw the rest of the states, their places and velocities given."""
+        """Draw the rest of the states, given their places and velocities."""
         c, count, root = self.config, len(old), np.sqrt(frames)
         rate = self._rate(point, velocity, frames)
-        # sizes wander about what the perspective says, and do not run away
+        # sizes vary about what the perspective says, and do not drift away
         keep = np.exp(-frames / c.spread_frames)
         spread = np.array([c.width_spread, c.height_spread]) * np.sqrt(1 - keep ** 2)
         deviation = keep * old.deviation + spread * rng.standard_normal((count, 2))
-        size = self.mark_size_px * np.exp(deviation)
+        size = self.initial_size_px * np.exp(deviation)
         horizon, angle = old.horizon_px, old.angle_rad
         if self.upright:
             foot = point[:, 1]
@@ -141,18 +146,19 @@ class EnvironmentMotion:
             velocity, rate = velocity * growth[:, None], rate * growth
             horizon = foot - (foot - horizon) * np.exp(
                 c.horizon_noise * root * rng.standard_normal(count))
-            # each above its own foot and that of the mark
-            horizon = np.minimum(horizon, np.minimum(self.mark_foot_px, foot) - _SMALLEST_PX)
-            size = size * ((foot - horizon) / (self.mark_foot_px - horizon))[:, None]
+            # each above its own foot and that of the initial box
+            horizon = np.clip(horizon, -_FARTHEST_HORIZON_PX,
+                              np.minimum(self.initial_foot_px, foot) - _SMALLEST_PX)
+            size = size * ((foot - horizon) / (self.initial_foot_px - horizon))[:, None]
         else:
-            angle = angle + contour_turn(self.field, old.point_px, point) + np.radians(
+            angle = angle + contour_rotation(self.field, old.point_px, point) + np.radians(
                 c.angle_noise_deg) * root * rng.standard_normal(count)
         return replace(old, point_px=point, velocity_px=velocity, horizon_px=horizon,
-                       size_px=np.maximum(size, _SMALLEST_PX), angle_rad=angle,
+                       size_px=np.clip(size, _SMALLEST_PX, _LARGEST_PX), angle_rad=angle,
                        distance_rate_px=rate, deviation=deviation)
 
     def _rate(self, point: Array, velocity: Array, frames: float) -> Array:
-        """Give the rate (N,) of the distance over the way just gone, without its scatter."""
+        """Return the rate (N,) of the distance over the last step, without its scatter."""
         before = self.field.level(point - velocity * frames)
         return np.asarray((self.field.level(point) - before) / frames)
 
@@ -160,9 +166,9 @@ class EnvironmentMotion:
 def stop_and_start(particles: Particles, frames: float, config: MonocularConfig,
                    rng: np.random.Generator) -> tuple[Array, NDArray[np.bool_]]:
     """
-    Let some of the targets that move stop, and some of those that stand set off anew.
+    Let some of the targets that move stop, and some of those that stand set off again.
 
-    The noise of eq. 19 has no room for either; a new velocity is drawn as that of a mark.
+    The noise of eq. 19 covers neither; a new velocity is drawn as at the start of a target.
 
     :return: (N, 2) velocities, px per frame; (N,) which are new.
     """
@@ -190,4 +196,4 @@ def scattered(particles: Particles, velocity_px: Array, frames: float,
         (len(index), 2, 2))
     velocity = velocity_px[index] + config.velocity_noise * noise[:, 0]
     point = particles.point_px[index] + velocity * frames + config.position_noise * noise[:, 1]
-    return velocity, point
+    return velocity, np.clip(point, -_LARGEST_PX, _LARGEST_PX)

@@ -3,7 +3,7 @@
 """
 The state of a target as particles (2010, Section II.A and IV.B).
 
-The dynamics state y is the place, size and turn of the box and their rates; the environment state
+The dynamics state y is the place, size and angle of the box and their rates; the environment state
 e = [d, d_rate] is the distance at the box's reference point, which the field gives, and its rate.
 An upright object touches the ground at the middle of its lower edge: that is its reference point.
 The reference point of an oriented box is its centre (Section V.A).
@@ -29,7 +29,7 @@ class Particles:
     :param velocity_px: (N, 2) its velocity, px per frame.
     :param size_px: (N, 2) width and height of the box, px.
     :param size_rate: (N, 2) rate of the logarithm of the size, per frame.
-    :param angle_rad: (N,) turn of the box.
+    :param angle_rad: (N,) angle of the box.
     :param spin_rad: (N,) its rate, per frame.
     :param distance_rate_px: (N,) rate of the distance d, px per frame.
     :param horizon_px: (N,) row of the horizon, px.
@@ -51,29 +51,29 @@ class Particles:
 
     @property
     def scale_px(self) -> Array:
-        """Give the size (N,) that noise is a share of: square root of the box's area, px."""
+        """Return the size (N,) that noise is a share of: square root of the box's area, px."""
         return np.asarray(np.sqrt(self.size_px[:, 0] * self.size_px[:, 1]))
 
     def take(self, index: NDArray[np.intp]) -> Particles:
-        """Give some of the particles, in the order and number of the indices."""
+        """Return some of the particles, in the order and number of the indices."""
         return replace(self, **{f.name: getattr(self, f.name)[index] for f in fields(self)})
 
     def resampled(self, weights: Array, rng: np.random.Generator) -> Particles:
-        """Give as many particles, drawn systematically by their weights."""
+        """Return as many particles, drawn systematically by their weights."""
         return self.take(systematic(weights, len(self), rng))
 
 
 def reference_point(box_px: Array, upright: bool) -> Array:
-    """Give the reference point (2,) of a box (4,), px."""
+    """Return the reference point (2,) of a box (4,), px."""
     x, y, w, h = box_px
     return np.array([x + w / 2, y + h if upright else y + h / 2])
 
 
 def mean_box(particles: Particles, weights: Array, upright: bool) -> tuple[Array, float]:
     """
-    Give the posterior mean as a box (eq. 14): (4,) px, and its turn.
+    Return the posterior mean as a box (eq. 14): (4,) px, and its angle.
 
-    Sizes are averaged in their logarithm and turns on the circle.
+    Sizes are averaged in their logarithm and angles on the circle.
     """
     x, y = weights @ particles.point_px
     w, h = np.exp(weights @ np.log(particles.size_px))

@@ -1,7 +1,7 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Where the horizon lies, from the marked boxes.
+Where the horizon lies, from the initial boxes.
 
 Over level ground and without roll, the height of an upright object in the image is its height as
 a share of the camera's, times the rows from the horizon down to its foot. One size that grows
@@ -17,13 +17,16 @@ from .boxes import Target
 from .config import MonocularConfig
 from ..core.records import Array
 
-_STEPS = 400
-_NEAREST, _FARTHEST = 0.5, 100.0  # horizon above the highest foot, in heights of a box
+_STEPS = 400  # of the grid of rows, a few per cent of the distance to the horizon each
+_NEAREST = 0.5  # of the horizon above the highest foot, in heights of the smallest box
+_FARTHEST = 100.0  # of the horizon above the highest foot, in heights of the largest box
+_LEAST_PX = 1e-3  # from the horizon to the foot, so that no size is divided by 0
+_MOST_GROWTH = 2.0  # of a size between frames, and of its shrinking
 
 
 def draw_horizons(targets: Sequence[Target], config: MonocularConfig, count: int,
                   rng: np.random.Generator) -> Array:
-    """Draw rows (count,) of the horizon from what the marks say of it, px."""
+    """Draw rows (count,) of the horizon from what the initial boxes say of it, px."""
     rows, weights = horizon_posterior(targets, config)
     return rng.choice(rows, count, p=weights)
 
@@ -31,13 +34,13 @@ def draw_horizons(targets: Sequence[Target], config: MonocularConfig, count: int
 def horizon_posterior(targets: Sequence[Target],
                       config: MonocularConfig) -> tuple[Array, Array]:
     """
-    Give the posterior of the horizon's row on a grid.
+    Return the posterior of the horizon's row on a grid.
 
     The logarithms of the targets' ratios are alike within ``mark_height_spread`` and their mean
-    is near that of ``mark_ratio``; so one mark gives a rough guess, and marks far and near a
+    is near that of ``mark_ratio``; so one box gives a rough guess, and boxes far and near a
     sharp one.
 
-    :param targets: the marks, upright ones.
+    :param targets: upright ones, as marked.
     :return: rows (M,) px, and their probabilities (M,).
     """
     boxes = np.array([t.box_px for t in targets])
@@ -56,9 +59,9 @@ def horizon_posterior(targets: Sequence[Target],
 
 def perspective_growth(foot_before_px: Array, foot_px: Array, horizon_px: Array) -> Array:
     """
-    Give the factor (N,) by which a size grows as the foot moves from row to row.
+    Return the factor (N,) by which a size grows as the foot moves from row to row.
 
     It is bounded: no target grows or shrinks more than twofold between frames.
     """
-    before = np.maximum(foot_before_px - horizon_px, 1e-3)
-    return np.clip((foot_px - horizon_px) / before, 0.5, 2.0)
+    before = np.maximum(foot_before_px - horizon_px, _LEAST_PX)
+    return np.clip((foot_px - horizon_px) / before, 1.0 / _MOST_GROWTH, _MOST_GROWTH)

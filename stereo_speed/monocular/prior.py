@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from ..core.records import Array
 
 Index = NDArray[np.intp]
-_LOWEST = -745.0  # the least logarithm whose exponential is not 0
+_LEAST_LOG = -745.0  # the least logarithm whose exponential is not 0
 
 
 def log_acceptance(distance_px: Array, expected_px: Array, std_px: Array) -> Array:
     """
-    Give the logarithm of the chance that a candidate is accepted (eq. 22).
+    Return the logarithm of the chance that a candidate is accepted (eq. 22).
 
     :param distance_px: (N,) d of the candidates; infinite is never accepted.
     :param expected_px: (N,) d + d_rate of the states they come from.
@@ -33,13 +33,13 @@ def accept_reject(propose: Callable[[Index], Array], log_chance: Callable[[Index
     Draw one sample per index by accept-reject (Algorithm 1), all indices at once.
 
     Rounds are bounded, as an index may have no acceptable candidate at all. In the last round the
-    candidate is kept untested, and carries its chance as a weight: the same distribution, by
-    importance.
+    candidate is kept untested and carries its chance as an importance weight, which gives the
+    same distribution.
 
     :param propose: draws candidates (n, D) for indices (n,) from the instrumental distribution.
     :param log_chance: logarithm of the chance of acceptance of candidates, (n,).
     :param count: number of samples.
-    :param rounds: most rounds.
+    :param rounds: rounds at most.
     :param rng: randomness.
     :return: samples (count, D) and the logarithms (count,) of their weights, 0 where accepted.
     """
@@ -52,6 +52,6 @@ def accept_reject(propose: Callable[[Index], Array], log_chance: Callable[[Index
         if not len(waiting):
             return samples, log_weights
         samples[waiting] = propose(waiting)
-    # to test these too would count the likely ones double
-    log_weights[waiting] = np.maximum(log_chance(waiting, samples[waiting]), _LOWEST)
+    # a test of these too would count the likely ones twice
+    log_weights[waiting] = np.maximum(log_chance(waiting, samples[waiting]), _LEAST_LOG)
     return samples, log_weights

@@ -9,7 +9,7 @@ from typing import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from .distance import ACCESSIBLE, INACCESSIBLE, PATHWAY
+from .distance import ACCESSIBLE, INACCESSIBLE, Labels, PATHWAY
 from ..core.records import Array
 
 KIND_LEVELS = {'pathway': PATHWAY, 'accessible': ACCESSIBLE, 'inaccessible': INACCESSIBLE}
@@ -30,7 +30,7 @@ class Region:
 
 
 def draw_map(regions: Sequence[Region], width: int, height: int,
-             background: str = 'accessible') -> NDArray[np.uint8]:
+             background: str = 'accessible') -> Labels:
     """
     Draw regions, later ones over earlier ones.
 
@@ -45,7 +45,7 @@ def draw_map(regions: Sequence[Region], width: int, height: int,
 
 def polygon_mask(polygon_px: Array, width: int, height: int) -> NDArray[np.bool_]:
     """
-    Tell which pixels have their centre inside a polygon, by the even-odd rule.
+    Return which pixels have their centre inside a polygon, by the even-odd rule.
 
     :param polygon_px: (n, 2) corners, px.
     :return: (height, width).

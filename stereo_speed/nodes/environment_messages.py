@@ -15,27 +15,28 @@ from visualization_msgs.msg import Marker
 
 from ..monocular.boxes import corners, TargetEstimate, TargetState
 
-# One point per target. x, y, z come first, so that any viewer shows the points: the middle of
-# the box's lower edge. All in px of the raw image, but the angle.
+# Of one point per target, px of the raw image except for the angle.  x, y, z come first, so that
+# any viewer shows the points: the middle of the box's lower edge.
 FIELDS = ('x', 'y', 'z', 'id', 'left', 'top', 'width', 'height', 'angle_rad', 'd_px', 'd_rate_px',
           'similarity', 'hidden')
 _INTEGERS = ('id', 'hidden')
 RECORD = np.dtype([(name, '<i4' if name in _INTEGERS else '<f4') for name in FIELDS])
-_LIFETIME = Duration(nanoseconds=500_000_000)
+_OFFSETS = range(0, RECORD.itemsize, 4)  # of the fields, which are four bytes each
+_LIFETIME = Duration(nanoseconds=500_000_000)  # of markers, a few frames of any camera
 
 
 def tracks_message(estimates: Sequence[TargetEstimate], header: Header) -> PointCloud2:
-    """Tell the targets of one frame; an infinite distance is infinite."""
+    """Return the targets of one frame; an infinite distance stays infinite."""
     rows = np.zeros(len(estimates), RECORD)
     for row, e in zip(rows, estimates):
         x, y, w, h = e.box_px
         values = (x + w / 2, y + h, 0.0, e.id, x, y, w, h, e.angle_rad, e.distance_px,
-                  e.distance_rate_px, e.similarity, e.state is TargetState.HIDDEN)
+                  e.distance_rate_px, e.similarity, e.state is TargetState.OCCLUDED)
         for name, value in zip(FIELDS, values):
             row[name] = value
-    fields = [PointField(name=name, offset=RECORD.fields[name][1], count=1,
+    fields = [PointField(name=name, offset=offset, count=1,
                          datatype=PointField.INT32 if name in _INTEGERS else PointField.FLOAT32)
-              for name in FIELDS]
+              for name, offset in zip(FIELDS, _OFFSETS)]
     return PointCloud2(header=header, height=1, width=len(rows), fields=fields,
                        is_bigendian=False, point_step=RECORD.itemsize,
                        row_step=RECORD.itemsize * len(rows), is_dense=True, data=rows.tobytes())
@@ -43,7 +44,7 @@ def tracks_message(estimates: Sequence[TargetEstimate], header: Header) -> Point
 
 def target_markers(estimate: TargetEstimate, header: Header,
                    metres_per_px: float) -> list[Marker]:
-    """Draw a target's box and number in the plane of the image."""
+    """Return a target's box and number as markers in the plane of the image."""
     box = _marker(estimate, header, 'boxes', Marker.LINE_STRIP)
     box.scale.x = 2.0 * metres_per_px
     outline = corners(estimate.box_px, estimate.angle_rad)
@@ -61,7 +62,7 @@ def target_markers(estimate: TargetEstimate, header: Header,
 
 
 def target_deletions(number: int, header: Header) -> list[Marker]:
-    """Take an ended target's markers away."""
+    """Return the messages that take an ended target's markers away."""
     return [Marker(header=header, ns=ns, id=number, action=Marker.DELETE)
             for ns in ('boxes', 'numbers')]
 

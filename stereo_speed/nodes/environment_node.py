@@ -81,10 +81,10 @@ class EnvironmentNode(Node):
         self.create_subscription(kind, topic, self.on_image, qos_profile_sensor_data, **options)
 
     def on_image(self, msg: Any) -> None:
-        """Run the tracker on a frame and publish what it says."""
+        """Run the tracker on a frame and publish its estimates."""
         ns = stamp_ns(msg.header.stamp)
         if self.counter.jumps_back(ns):
-            self.start_anew(ns)
+            self.restart(ns)
         image = bgr_from_message(msg, _TOPIC)
         check_map_size(self.labels, image, self.map_path)
         frames = self.counter.step(ns)
@@ -97,7 +97,7 @@ class EnvironmentNode(Node):
         drawn = [m for e in estimates for m in target_markers(e, msg.header, self.metres_per_px)]
         for end in self.tracker.ended():
             drawn += target_deletions(end.id, msg.header)
-            self.tell(end)
+            self.report(end)
         self.markers.publish(MarkerArray(markers=drawn))
         if self.overlay.get_subscription_count():  # drawing costs more than tracking
             self.overlay.publish(image_message(draw_targets(image, estimates, self.labels), ns=ns,
@@ -105,10 +105,10 @@ class EnvironmentNode(Node):
 
     def on_gap(self, dropped: int) -> None:
         """
-        Take note of the frames missing before the present one.
+        Account for the frames missing before the present one.
 
         A target marked in one of them is never followed. No target is followed over a gap that
-        is longer than one may be hidden.
+        is longer than a target may be occluded.
         """
         last = self.counter.number - 1
         for target in self.targets:
@@ -120,7 +120,7 @@ class EnvironmentNode(Node):
             for number in list(self.tracker.filters):
                 self.tracker.stop(number)
 
-    def start_anew(self, ns: int) -> None:
+    def restart(self, ns: int) -> None:
         """End all targets and count frames from 1: time has jumped back."""
         self.get_logger().warning(
             f'stamps jumped back from {self.counter.last_ns} to {ns} ns: starting anew')
@@ -129,7 +129,7 @@ class EnvironmentNode(Node):
         self.tracker = self._new_tracker()
         self.resets += 1
 
-    def tell(self, end: TargetEnd) -> None:
+    def report(self, end: TargetEnd) -> None:
         """Log how a target ended."""
         self.ends[end.state] += 1
         self.get_logger().info(f'target {end.id}: {end.state.value}, frames {end.first_frame} to '
@@ -137,12 +137,12 @@ class EnvironmentNode(Node):
 
     def close(self) -> None:
         """End the targets that are still followed."""
-        if rclpy.ok():  # else there is no log any more
+        if rclpy.ok():  # otherwise the log is closed already
             for end in self.tracker.finish():
-                self.tell(end)
+                self.report(end)
 
     def state(self) -> tuple[bytes, str, dict[str, Any]]:
-        """Level, message and counts for ``/diagnostics``."""
+        """Return level, message and counts for ``/diagnostics``."""
         c, ends = self.counter, self.ends
         level, message = b'\x00', 'tracking'
         if c.number == 0:

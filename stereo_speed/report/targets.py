@@ -22,7 +22,7 @@ _FONT = cv2.FONT_HERSHEY_SIMPLEX
 def draw_targets(image: Image, estimates: Iterable[TargetEstimate],
                  labels: Optional[NDArray[np.uint8]] = None) -> Image:
     """
-    Draw boxes and numbers over a frame; predicted boxes are thin.
+    Return a frame with boxes and numbers drawn over it; predicted boxes are thin.
 
     :param image: (H, W, 3) uint8, BGR; is left as it is.
     :param estimates: the targets in it.
@@ -48,7 +48,7 @@ def draw_targets(image: Image, estimates: Iterable[TargetEstimate],
 def draw_field(field: DistanceField, image: Optional[Image] = None,
                step_px: float = 20.0) -> Image:
     """
-    Draw a map to look at: regions tinted, boundaries, and contours of the distance.
+    Return a drawing of a map: regions tinted, boundaries, and contours of the distance.
 
     :param image: (H, W, 3) frame to lay it over; None for grey.
     :param step_px: distance between the contours.

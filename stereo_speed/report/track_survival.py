@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A plot of what trackers keep to the end at each stride."""
+"""A plot of the targets that trackers keep to the end, at each stride."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -16,9 +16,9 @@ _MARKS = 'osD^vPX*'
 
 
 @dataclass(frozen=True, kw_only=True)
-class KeptCurve:
+class SurvivalCurve:
     """
-    One tracker.
+    The targets that one tracker keeps.
 
     :param name: with its number of particles.
     :param strides: what is varied.
@@ -32,7 +32,7 @@ class KeptCurve:
     errors: Sequence[float]
 
 
-def draw_kept(path: Path, title: str, curves: Sequence[KeptCurve]) -> None:
+def draw_survival(path: Path, title: str, curves: Sequence[SurvivalCurve]) -> None:
     """Write the plot."""
     figure, axes = new_figure(8.0, 4.6)
     for i, curve in enumerate(curves):

@@ -51,6 +51,12 @@ def smooth_map(seed, blur_px=14.0, shape=(HEIGHT, WIDTH), kinds=2):
     return labels
 
 
+def unit_normal(field, points):
+    """Return the normals (n, 2) of the contours, of length 1."""
+    gradient = field.level_and_gradient(points)[1]
+    return gradient / np.linalg.norm(gradient, axis=-1, keepdims=True)
+
+
 class Road:
     """
     A textured plane, and blocks of a colour that move over it on arcs about its corner.
@@ -105,4 +111,4 @@ def maps():
     return SimpleNamespace(
         WIDTH=WIDTH, HEIGHT=HEIGHT, CENTRE=CENTRE, RED=RED, BLUE=BLUE, pixels=pixels,
         two_kinds=two_kinds, edge_distance=edge_distance, circle_distance=circle_distance,
-        smooth_map=smooth_map)
+        smooth_map=smooth_map, unit_normal=unit_normal)

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from stereo_speed.monocular.background_model import Background
+from stereo_speed.monocular.background_model import BackgroundModel
 from stereo_speed.monocular.colour_bins import BinImage, Boxes, grid_points
 
 WIDTH, HEIGHT = 40, 24
@@ -31,13 +31,13 @@ def target(*box):
 
 
 def test_nothing_is_background_before_it_was_seen():
-    assert whole(Background(WIDTH, HEIGHT, 25, 100), flat(90)).all()
+    assert whole(BackgroundModel(WIDTH, HEIGHT, 25, 100), flat(90)).all()
 
 
 @pytest.mark.parametrize('off, seen', [(20, False), (30, True)])
 def test_contrast_that_tells(off, seen):
     """A block of 12 by 8 px in one channel; the median rounds its corners of one cell each."""
-    background = Background(WIDTH, HEIGHT, 25, 100)
+    background = BackgroundModel(WIDTH, HEIGHT, 25, 100)
     background.learn(flat(90), [])
     found = whole(background, flat(90, (10, 8, 12, 8), 90 + off))
     wanted = np.zeros((HEIGHT, WIDTH), dtype=bool)
@@ -50,7 +50,7 @@ def test_contrast_that_tells(off, seen):
 
 def test_a_rectangle_is_part_of_the_whole():
     rng = np.random.default_rng(3)
-    background = Background(WIDTH + 1, HEIGHT + 1, 25, 100)  # odd sizes
+    background = BackgroundModel(WIDTH + 1, HEIGHT + 1, 25, 100)  # odd sizes
     images = rng.integers(0, 50, (2, HEIGHT + 1, WIDTH + 1, 3), dtype=np.uint8)
     background.learn(images[0], [])
     all_of_it = background.foreground(images[1], 0, 0, WIDTH + 1, HEIGHT + 1)
@@ -62,7 +62,7 @@ def test_a_rectangle_is_part_of_the_whole():
 
 def test_what_a_target_hides_is_learnt_when_it_has_gone():
     box = (10, 8, 12, 8)
-    background = Background(WIDTH, HEIGHT, 25, 100)
+    background = BackgroundModel(WIDTH, HEIGHT, 25, 100)
     background.learn(flat(90, box), [target(*box)])
     assert whole(background, flat(90))[8:16, 10:22].all()  # unknown, so it may be the target's
     assert not whole(background, flat(90))[:4].any()
@@ -74,7 +74,7 @@ def test_what_a_target_hides_is_learnt_when_it_has_gone():
 
 def test_mean_of_a_row_over_its_looks():
     """Rows 0, 4, ... of the cells are learnt in frames 2, 6, ...: levels 60 and 90 after 30."""
-    background = Background(WIDTH, HEIGHT, 25, 1e5)
+    background = BackgroundModel(WIDTH, HEIGHT, 25, 1e5)
     background.learn(flat(30), [])
     for level in (60, 0, 0, 0, 90):
         background.learn(flat(level), [])
@@ -83,7 +83,7 @@ def test_mean_of_a_row_over_its_looks():
 
 
 def test_background_has_a_colour_of_its_own():
-    background = Background(WIDTH, HEIGHT, 25, 100)
+    background = BackgroundModel(WIDTH, HEIGHT, 25, 100)
     background.learn(flat(90), [])
     boxes = Boxes(np.array([[15.5, 11.5]]), np.array([[20.0, 16.0]]), None)
     grid = grid_points(10, 8)
@@ -100,8 +100,8 @@ def test_background_has_a_colour_of_its_own():
     ((0, 0, 8, 8), (-9, -9, 60, 60), 0.0), ((50, 0, 8, 8), (0, 0, 8, 8), 1.0)])
 def test_known_share_of_a_box(box, but, wanted):
     """Seen twice up to column 19: a target stood from 22 on, with its margin of a tenth."""
-    background = Background(WIDTH, HEIGHT, 25, 100)
+    background = BackgroundModel(WIDTH, HEIGHT, 25, 100)
     for _ in range(5):
         background.learn(flat(90), [target(22, -10, 20, 60)])
-    share = background.known(np.array(box, dtype=float), np.array(but, dtype=float), 2)
+    share = background.known_share(np.array(box, dtype=float), np.array(but, dtype=float), 2)
     assert share == pytest.approx(wanted)

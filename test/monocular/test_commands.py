@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""``track-environment``, ``map`` and ``evaluate --video`` end to end on a drawn road."""
+"""``track-environment`` and ``evaluate --video`` end to end on a drawn road."""
 from __future__ import annotations
 
 import csv
@@ -15,8 +15,7 @@ import pytest
 
 from stereo_speed.cli.main import main
 from stereo_speed.io.video_writer import VideoWriter
-from stereo_speed.lab.evaluation.monocular import kept_share, score_target, TargetScore
-from stereo_speed.monocular.boxes import envelope, Target, TargetEstimate, TargetState
+from stereo_speed.monocular.boxes import envelope
 
 SIZE = (26.0, 13.0)
 FRAMES = 36
@@ -140,6 +139,7 @@ def test_a_target_that_stays_away_is_reported_as_lost(road, tmp_path, capsys):
     assert len(boxes) == int(row['frames']) == int(row['last_frame'])
 
 
+@pytest.mark.slow
 def test_environment_survives_a_bridge_in_a_bend_where_plain_does_not(scene, tmp_path, capsys):
     """
     Straight on under the bridge ends 43 px beside the lane; the blocks are 13 px wide.
@@ -158,56 +158,6 @@ def test_environment_survives_a_bridge_in_a_bend_where_plain_does_not(scene, tmp
     assert (tmp_path / 'kept.png').stat().st_size > 1000
     per_target = list(csv.DictReader((tmp_path / 'targets.csv').open()))
     assert [r['target'] for r in per_target] == ['7']
-
-
-def estimate(frame, box):
-    return TargetEstimate(frame=frame, id=1, state=TargetState.TRACKED, box_px=np.array(box),
-                          angle_rad=0.0, distance_px=0.0, distance_rate_px=0.0, similarity=1.0,
-                          velocity_px=np.zeros(2))
-
-
-def test_score_worked_by_hand():
-    """Overlaps 1, 1/3 and none in frames 2, 3 and 4; frame 5 is beyond the video."""
-    target = Target(id=1, frame=1, box_px=np.array([0.0, 0, 10, 10]))
-    truth = {f: np.array([0.0, 0, 10, 10]) for f in range(1, 6)}
-    found = {1: estimate(1, [50.0, 0, 10, 10]), 2: estimate(2, [0.0, 0, 10, 10]),
-             3: estimate(3, [5.0, 0, 10, 10])}
-    score = score_target(target, found, truth, 1, 4)
-    assert score == TargetScore(kept=False, overlap=pytest.approx((1 + 1 / 3) / 3),
-                                followed=pytest.approx(2 / 3), astray=0.0)
-    assert score_target(target, found, truth, 2, 4).kept  # frame 3 alone
-    assert score_target(target, found, {1: truth[1]}, 1, 4) is None
-
-
-def test_kept_share_and_its_error_by_hand():
-    """Two seeds keep 2 of 2 and 1 of 2: mean 3/4, standard error 1/4."""
-    scores = {i: [TargetScore(kept=k, overlap=0.5, followed=1.0, astray=0.0) for k in kept]
-              for i, kept in ((1, (True, True)), (2, (True, False)))}
-    assert kept_share(scores) == (pytest.approx(0.75), pytest.approx(0.25))
-    assert all(np.isnan(kept_share({})))
-
-
-def test_map_of_polygons(tmp_path):
-    """A rectangle of 10 by 5 px on 40 by 20: a sixteenth."""
-    polygons = tmp_path / 'polygons.yaml'
-    polygons.write_text('stereo_speed_map: 1\nbackground: inaccessible\nregions:\n- kind: pathway'
-                        '\n  polygon: [[9.5, 4.5], [19.5, 4.5], [19.5, 9.5], [9.5, 9.5]]\n')
-    assert main(['map', str(polygons), '--size', '40x20', '--out', str(tmp_path / 'm.png')]) == 0
-    drawn = cv2.imread(str(tmp_path / 'm.png'), cv2.IMREAD_UNCHANGED)
-    wanted = np.zeros((20, 40), np.uint8)
-    wanted[5:10, 10:20] = 255
-    np.testing.assert_array_equal(drawn, wanted)
-    assert cv2.imread(str(tmp_path / 'm_overlay.png')).shape == (20, 40, 3)
-
-
-def test_overlay_is_not_written_over_the_map(tmp_path, capsys):
-    polygons = tmp_path / 'polygons.yaml'
-    polygons.write_text('stereo_speed_map: 1\nregions:\n- kind: pathway\n'
-                        '  polygon: [[9.5, 4.5], [19.5, 4.5], [19.5, 9.5]]\n')
-    assert main(['map', str(polygons), '--size', '40x20', '--out', str(tmp_path / 'm.png'),
-                 '--overlay', str(tmp_path / 'sub' / '..' / 'm.png')]) == 2
-    one_line(capsys, ['--overlay', 'm.png', '--out'])
-    assert not (tmp_path / 'm.png').exists()
 
 
 def _other_map(scene, folder):

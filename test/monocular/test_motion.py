@@ -76,15 +76,36 @@ def test_who_stops_stays_where_he_is_and_keeps_his_distance(maps):
 
 def test_one_that_strays_far_up_leaves_the_horizons_of_the_others(maps):
     """Its foot is above all horizons; only its own gives way."""
-    config = replace(STILL, horizon_noise=0.05)
+    config = replace(STILL, horizon_noise=0.05, start_chance=0.0)
     target, old = particles((0, 0))
     old = replace(old, horizon_px=np.full(COUNT, 40.0))  # the feet are at 100
     field = DistanceField(maps.two_kinds(maps.pixels()[0] - 99.5))
     motion, points = EnvironmentMotion(field, config, target), old.point_px.copy()
     points[0, 1] = 20.0
-    near, far = (motion._completed(old, old.velocity_px, p, 1.0, np.random.default_rng(5))
+    near, far = (motion.move(replace(old, point_px=p), 1.0, np.random.default_rng(5))[0]
                  for p in (old.point_px, points))
     np.testing.assert_array_equal(near.horizon_px[1:], far.horizon_px[1:])
     np.testing.assert_array_equal(near.size_px[1:], far.size_px[1:])
     assert far.horizon_px[0] == pytest.approx(17)  # 3 px above its foot
     assert near.horizon_px[1:].mean() == pytest.approx(40, abs=0.2)
+
+
+@pytest.mark.parametrize('seed', [0, 1])
+def test_states_stay_finite_however_wild_the_noise(maps, seed):
+    """A walk whose rates walk as well would leave the range of numbers within 40 steps."""
+    config = MonocularConfig(
+        velocity_noise=1.0, position_noise=1.0, start_speed=2.0, stop_chance=0.0,
+        size_noise=0.5, size_rate_noise=0.5, horizon_noise=0.5, width_spread=1.0,
+        height_spread=1.0, prior_rounds=2)
+    target = Target(id=1, frame=1, box_px=np.array([60.0, 60, 10, 40]))
+    rng = np.random.default_rng(seed)
+    field = DistanceField(maps.two_kinds(maps.pixels()[0] - 99.5))
+    for motion in (PlainMotion(config, True), EnvironmentMotion(field, config, target)):
+        moved = motion.start(first_particles(target, 50, 2.0, np.full(50, -200.0), rng))
+        for _ in range(200):
+            moved, log_weights = motion.move(moved, 10.0, rng)
+        for values in (moved.point_px, moved.size_px, moved.horizon_px, moved.velocity_px,
+                       log_weights):
+            assert np.isfinite(values).all()
+        assert moved.size_px.min() >= 1 and moved.size_px.max() < 1e6
+        assert np.abs(moved.point_px).max() < 1e6

@@ -11,7 +11,7 @@ import pytest
 from stereo_speed.core.errors import InputError
 from stereo_speed.monocular.boxes import overlap, Target, TargetEstimate, TargetState
 from stereo_speed.monocular.colour_bins import BinImage
-from stereo_speed.monocular.config import MonocularConfig, PAPER_LIKELIHOOD
+from stereo_speed.monocular.config import MonocularConfig
 from stereo_speed.monocular.tracker import MonocularTracker
 
 SIZE = (26.0, 13.0)
@@ -126,7 +126,7 @@ def test_target_that_vanishes_is_hidden_then_lost(road, maps):
     found, ends = follow(road, images, [mark(road)])
     states = {n: e.state for (_, n), e in found.items()}
     assert all(states[n] is TargetState.TRACKED for n in range(1, 13))
-    assert [states[n] for n in range(14, 21)] == [TargetState.HIDDEN] * 7
+    assert [states[n] for n in range(14, 21)] == [TargetState.OCCLUDED] * 7
     end, = ends
     assert end.state is TargetState.LOST
     assert end.last_frame == end.frames == max(states) and end.last_frame in (20, 21)
@@ -136,7 +136,7 @@ def test_hidden_target_is_taken_up_again(road, maps):
     images = drive(road, maps, 26, gone=range(10, 15))
     for seed in range(3):
         found, ends = follow(road, images, [mark(road)], seed=seed)
-        assert all(found[1, n].state is TargetState.HIDDEN for n in range(11, 15))
+        assert all(found[1, n].state is TargetState.OCCLUDED for n in range(11, 15))
         assert found[1, 26].state is TargetState.TRACKED
         assert overlaps(road, found)[-8:].min() > 0.4
         assert ends[0].state is TargetState.STREAM_ENDED
@@ -171,7 +171,7 @@ def test_several_targets_do_not_disturb_one_another(road, maps):
     for number, lane in lanes.items():
         mine = {key: e for key, e in found.items() if key[0] == number}
         assert overlaps(road, mine, **lane).min() > 0.5
-    paper = replace(CONFIG, **PAPER_LIKELIHOOD)
+    paper = CONFIG.with_paper_likelihood()
     found, _ = follow(road, images, targets, paper)
     for target in targets:
         alone, _ = follow(road, images, [target], paper)
@@ -194,7 +194,7 @@ def passing_scene(road, maps, frames):
 def test_who_passes_behind_another_is_kept_and_keeps_off(road, maps):
     images, targets, boxes = passing_scene(road, maps, 33)
     kept = {}
-    for covering in (0, 1):
+    for covering in (False, True):
         kept[covering] = 0
         for seed in range(3):
             found, _ = follow(road, images, targets, replace(CONFIG, covering=covering),
@@ -202,29 +202,29 @@ def test_who_passes_behind_another_is_kept_and_keeps_off(road, maps):
             kept[covering] += all(
                 (i, 33) in found and overlap(found[i, 33].envelope_px, b[-1]) > 0.5
                 for i, b in boxes.items())
-    assert kept == {0: 0, 1: 3}  # else they come to share one block
+    assert kept == {False: 0, True: 3}  # without it they come to share one block
 
 
-def test_nearest_covers_first_also_when_its_turn_is_in_another_frame(road, maps, monkeypatch):
-    """Stride 2, marked in frames 1 and 2: in frame 4 target 1 covers where it is expected."""
+def test_nearest_occludes_also_in_a_frame_in_which_it_is_not_due(road, maps, monkeypatch):
+    """Stride 2, marked in frames 1 and 2: in frame 4 target 1 occludes where it is expected."""
     images, targets, boxes = passing_scene(road, maps, 5)
     targets = [replace(targets[0], frame=1), replace(targets[1], frame=2, box_px=boxes[2][1])]
-    covers = []
-    monkeypatch.setattr(BinImage, 'cover', lambda self, box: covers.append(box))
+    occluders = []
+    monkeypatch.setattr(BinImage, 'occlude', lambda self, box: occluders.append(box))
     tracker = MonocularTracker(road.field, targets, CONFIG, stride=2)
     for number, image in enumerate(images[:4], 1):
-        covers.clear()
+        occluders.clear()
         found = {e.id: e for e in tracker.process(number, image)}
         if number == 3:
             near = found[1]
     moved = near.box_px + [*near.velocity_px, 0, 0]
-    np.testing.assert_allclose(covers, [moved])  # nobody is behind the last one
+    np.testing.assert_allclose(occluders, [moved])  # nobody is behind the last one
     both = [replace(t, frame=1) for t in targets]
-    for covering, wanted in ((1, [targets[0].box_px]), (0, [])):
-        covers.clear()
+    for covering, wanted in ((True, [targets[0].box_px]), (False, [])):
+        occluders.clear()
         MonocularTracker(road.field, both, replace(CONFIG, covering=covering)).process(
             1, images[0])
-        np.testing.assert_array_equal(covers, wanted)
+        np.testing.assert_array_equal(occluders, wanted)
 
 
 @pytest.mark.parametrize('contrast', [0.0, 25.0])

@@ -15,14 +15,14 @@ from ...monocular.distance import DistanceField
 from ...monocular.tracker import MonocularTracker, TRACKERS
 
 WIDTH, HEIGHT = 768, 576
-_FRAMES = 30
-_BOX = (30, 80)  # of a person
-_STEP_PX = 4
+_FRAMES = 30  # enough that each target is seen in all of them
+_BOX = (30, 80)  # px, of a person
+_STEP_PX = 4  # per frame, of a person who walks
 _COLOURS = ((40, 40, 200), (200, 60, 30), (30, 170, 60), (20, 20, 20))
 
 
-def scene() -> tuple[DistanceField, list[Target], list[NDArray[np.uint8]]]:
-    """Make people of one colour each who walk along a road, over a textured ground."""
+def synthetic_scene() -> tuple[DistanceField, list[Target], list[NDArray[np.uint8]]]:
+    """Return people of one colour each who walk along a road, over a textured ground."""
     rows = np.arange(HEIGHT)
     labels = np.full((HEIGHT, WIDTH), 128, np.uint8)
     labels[(rows > 200) & (rows < 500)] = 255
@@ -42,20 +42,20 @@ def scene() -> tuple[DistanceField, list[Target], list[NDArray[np.uint8]]]:
 
 
 def times_ms(tracker: str, particles: int, targets: int) -> list[float]:
-    """Track, and give the CPU time of each frame after the first, per target, ms."""
-    field, marked, images = scene()
-    work = MonocularTracker(field, marked[:targets], MonocularConfig(particles=particles),
-                            tracker=tracker)
+    """Track, and return the CPU time of each frame after the first, per target, ms."""
+    field, marked, images = synthetic_scene()
+    tracked = MonocularTracker(field, marked[:targets], MonocularConfig(particles=particles),
+                               tracker=tracker)
     times = []
     for number, image in enumerate(images, 1):
         start = time.process_time()
-        found = work.process(number, image)
+        found = tracked.process(number, image)
         times.append((time.process_time() - start) * 1e3 / max(len(found), 1))
     return times[1:]
 
 
 def rows(rounds: int, particles: int = 150) -> dict[str, list[float]]:
-    """Interleave the trackers; give the times of each, ms."""
+    """Run the trackers in turns; return the times of each, ms."""
     times: dict[str, list[float]] = {}
     for _ in range(rounds):
         for tracker in TRACKERS:

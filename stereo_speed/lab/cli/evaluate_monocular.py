@@ -6,20 +6,21 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 import sys
-from typing import Any, Sequence
+from typing import Sequence
 
 from ..evaluation.monocular import (
-    kept_share, plan_jobs, run_scene, Scene, scores_of, Setting, summary_table, target_table)
+    plan_jobs, run_scene, scores_of, Setting, summary_table, survival_rate, target_table,
+    VideoScene)
 from ..evaluation.runner import failures, Result, run_jobs
 from ...cli.options import number_in
 from ...core.errors import InputError
 from ...io.atomic import prepare_folder, write_whole
-from ...monocular.config import MonocularConfig, PAPER_LIKELIHOOD
+from ...monocular.config import MonocularConfig
 from ...monocular.tracker import TRACKERS
 
 _PARTICLES = {'environment': (150,), 'plain': (150, 300)}  # what the paper compares
 _STRIDES = (1, 2, 3)
-_SEEDS = 25
+_SEEDS = 25  # so that the standard errors are a few per cent
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -46,12 +47,14 @@ def run(args: argparse.Namespace) -> int:
     if getattr(args, 'trackers', None) or getattr(args, 'bags', None):
         raise InputError('evaluate --video', '--trackers or BAG', 'given',
                          'neither: environment and plain are compared on the video')
-    scene = Scene(video=str(args.video), map=str(args.map), init=str(args.init),
-                  truth=str(args.truth))
+    scene = VideoScene(video=str(args.video), map=str(args.map), init=str(args.init),
+                       truth=str(args.truth))
     settings = make_settings(args)
-    changes = dict(PAPER_LIKELIHOOD) if args.likelihood == 'paper' else {}
+    config = MonocularConfig()
+    if args.likelihood == 'paper':
+        config = config.with_paper_likelihood()
     folder = prepare_folder(args.out)
-    jobs = plan_jobs(scene, settings, args.seeds or _SEEDS, changes)
+    jobs = plan_jobs(scene, settings, args.seeds or _SEEDS, config)
     results = run_jobs(jobs, run_scene, out_dir=folder, workers=args.jobs,
                        description='evaluate --video')
     _write(folder, args.video.stem, settings, results)
@@ -62,11 +65,11 @@ def run(args: argparse.Namespace) -> int:
 
 
 def make_settings(args: argparse.Namespace) -> list[Setting]:
-    """Give every tracker with its numbers of particles and every stride."""
+    """Return every tracker with its numbers of particles and every stride."""
     settings = []
     for tracker in TRACKERS:
         for particles in args.particles or _PARTICLES[tracker]:
-            MonocularConfig(particles=particles)  # refuse before the work begins
+            MonocularConfig(particles=particles)  # refused before the work begins
             settings += [Setting(tracker=tracker, particles=particles, stride=stride)
                          for stride in dict.fromkeys(args.strides)]
     return settings
@@ -87,12 +90,14 @@ def _write(folder: Path, name: str, settings: Sequence[Setting],
 
 def _draw(path: Path, name: str, settings: Sequence[Setting],
           results: Sequence[Result]) -> None:
-    from ...report.track_survival import draw_kept, KeptCurve  # matplotlib, where it is needed
+    # here, so that matplotlib is loaded only where it is needed
+    from ...report.track_survival import draw_survival, SurvivalCurve
 
-    curves: dict[str, dict[str, list[Any]]] = {}
-    for index, setting in enumerate(settings):
-        share, error = kept_share(scores_of(results, index))
-        curve = curves.setdefault(setting.label, {'strides': [], 'shares': [], 'errors': []})
-        for key, value in zip(curve, (setting.stride, share, error)):
-            curve[key].append(value)
-    draw_kept(path, name, [KeptCurve(name=label, **curve) for label, curve in curves.items()])
+    curves = []
+    for label in dict.fromkeys(s.label for s in settings):
+        mine = [i for i, s in enumerate(settings) if s.label == label]
+        rates = [survival_rate(scores_of(results, i)) for i in mine]
+        curves.append(SurvivalCurve(name=label, strides=[settings[i].stride for i in mine],
+                                    shares=[share for share, _ in rates],
+                                    errors=[error for _, error in rates]))
+    draw_survival(path, name, curves)

@@ -8,7 +8,7 @@ union, is above 0.25 in the last frame it was looked for. A frame without a box 
 """
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 import hashlib
 from pathlib import Path
@@ -17,7 +17,7 @@ from typing import Any, Mapping, Optional, Sequence
 import numpy as np
 
 from .runner import Job, Result
-from .tables import Table
+from .tables import Cell, Table
 from ...core.errors import InputError
 from ...core.records import Array
 from ...io.mot import load_truth
@@ -29,13 +29,13 @@ from ...monocular.config import MonocularConfig
 from ...monocular.distance import DistanceField
 from ...monocular.tracker import MonocularTracker
 
-KEPT_OVERLAP = 0.25
+KEPT_OVERLAP = 0.25  # above it a box is on its target
 
 
 @dataclass(frozen=True, kw_only=True)
 class Setting:
     """
-    What is compared.
+    A tracker as it is compared.
 
     :param tracker: ``environment`` or ``plain``.
     :param particles: their number.
@@ -48,7 +48,7 @@ class Setting:
 
     @property
     def label(self) -> str:
-        """Name of the tracker with its particles."""
+        """Return the name of the tracker with its particles."""
         return f'{self.tracker}, {self.particles} particles'
 
 
@@ -70,7 +70,7 @@ class TargetScore:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Scene:
+class VideoScene:
     """
     The files of a video.
 
@@ -90,13 +90,13 @@ def score_target(target: Target, estimates: Mapping[int, TargetEstimate],
                  truth: Mapping[int, Array], stride: int,
                  last_frame: int) -> Optional[TargetScore]:
     """
-    Compare a target's boxes with the truth.
+    Return how well a target's boxes fit the truth.
 
     :param estimates: by frame.
     :param truth: true boxes by frame.
-    :param stride: only every stride-th frame from the mark on counts.
+    :param stride: only every stride-th frame from the marked one on counts.
     :param last_frame: last frame of the video.
-    :return: the score; None when the truth knows no later frame than that of the mark.
+    :return: the score; None when the truth has no later frame than the marked one.
     """
     frames = [f for f in sorted(truth) if target.frame < f <= last_frame
               and (f - target.frame) % stride == 0]
@@ -110,25 +110,25 @@ def score_target(target: Target, estimates: Mapping[int, TargetEstimate],
                        followed=float(good.mean()), astray=float(np.mean(there & ~good)))
 
 
-def plan_jobs(scene: Scene, settings: Sequence[Setting], seeds: int,
-              changes: Mapping[str, Any]) -> list[Job]:
+def plan_jobs(scene: VideoScene, settings: Sequence[Setting], seeds: int,
+              config: MonocularConfig) -> list[Job]:
     """
-    Make a job per seed; it runs all settings over the video, which is read once.
+    Return a job per seed; it runs all settings over the video, which is read once.
 
-    :param changes: parameters of the tracker that differ from their defaults.
+    :param config: parameters of the tracker; those of the settings replace them.
     :raises InputError: a file that cannot be used.
     """
     load_inputs(scene)
     files = hashlib.sha256(b''.join(Path(p).read_bytes() for p in (
         scene.map, scene.init, scene.truth))).hexdigest()
     common = {'scene': asdict(scene), 'settings': [asdict(s) for s in settings],
-              'changes': dict(changes), 'input': [video_hash(scene.video), files]}
+              'config': asdict(config), 'input': [video_hash(scene.video), files]}
     name = Path(scene.video).name
     return [Job(key=f'{name}, seed {seed}', parameters={**common, 'seed': seed}, group=f'{seed}')
             for seed in range(seeds)]
 
 
-def load_inputs(scene: Scene) -> tuple[list[Target], dict[int, dict[int, Array]]]:
+def load_inputs(scene: VideoScene) -> tuple[list[Target], dict[int, dict[int, Array]]]:
     """
     Read targets and truth.
 
@@ -149,13 +149,14 @@ def run_scene(parameters: Mapping[str, Any]) -> dict[str, Any]:
 
     :return: by the number of the setting, by target: its score.
     """
-    scene = Scene(**parameters['scene'])
+    scene = VideoScene(**parameters['scene'])
     targets, truth = load_inputs(scene)
     settings = [Setting(**s) for s in parameters['settings']]
     field = _field(scene.map)
+    config = MonocularConfig(**parameters['config'])
     trackers = [MonocularTracker(
-        field, targets, MonocularConfig(**{**parameters['changes'], 'particles': s.particles}),
-        tracker=s.tracker, seed=parameters['seed'], stride=s.stride) for s in settings]
+        field, targets, replace(config, particles=s.particles), tracker=s.tracker,
+        seed=parameters['seed'], stride=s.stride) for s in settings]
     found: list[dict[tuple[int, int], TargetEstimate]] = [{} for _ in settings]
     last_true = {number: max(boxes) for number, boxes in truth.items()}
     last = 0
@@ -166,7 +167,7 @@ def run_scene(parameters: Mapping[str, Any]) -> dict[str, Any]:
             for e in tracker.process(frame.number, frame.image):
                 estimates[e.id, e.frame] = e
             for number in [i for i in tracker.filters if frame.number >= last_true[i]]:
-                tracker.stop(number)  # there is nothing to compare it with
+                tracker.stop(number)  # later boxes have no truth to be compared with
     out: dict[str, Any] = {}
     for index, (setting, estimates) in enumerate(zip(settings, found)):
         scores = {t.id: score_target(t, {f: e for (i, f), e in estimates.items() if i == t.id},
@@ -177,12 +178,12 @@ def run_scene(parameters: Mapping[str, Any]) -> dict[str, Any]:
 
 @lru_cache(maxsize=4)
 def _field(path: str) -> DistanceField:
-    """Give the field of a map; made once in a process."""
+    """Return the field of a map; made once in a process."""
     return DistanceField(load_map(path))
 
 
 def scores_of(results: Sequence[Result], setting: int) -> dict[int, list[TargetScore]]:
-    """Gather the scores of a setting by target, over the seeds."""
+    """Return the scores of a setting by target, over the seeds."""
     gathered: dict[int, list[TargetScore]] = {}
     for result in results:
         for number, score in ((result.value or {}).get(str(setting)) or {}).items():
@@ -190,8 +191,8 @@ def scores_of(results: Sequence[Result], setting: int) -> dict[int, list[TargetS
     return gathered
 
 
-def kept_share(scores: Mapping[int, Sequence[TargetScore]]) -> tuple[float, float]:
-    """Give the share of targets kept to the end, and its standard error over the seeds."""
+def survival_rate(scores: Mapping[int, Sequence[TargetScore]]) -> tuple[float, float]:
+    """Return the share of targets kept to the end, and its standard error over the seeds."""
     if not scores:
         return float('nan'), float('nan')
     runs = np.array([[s.kept for s in rows] for rows in scores.values()], dtype=float)
@@ -201,12 +202,12 @@ def kept_share(scores: Mapping[int, Sequence[TargetScore]]) -> tuple[float, floa
 
 
 def summary_table(title: str, settings: Sequence[Setting], results: Sequence[Result]) -> Table:
-    """Tabulate the settings: what is kept, and how well it is followed."""
-    rows = []
+    """Return a table of the settings: what is kept, and how well it is followed."""
+    rows: list[list[Cell]] = []
     for index, setting in enumerate(settings):
         scores = scores_of(results, index)
         flat = [s for values in scores.values() for s in values]
-        share, error = kept_share(scores)
+        share, error = survival_rate(scores)
         means = [float(np.mean([getattr(s, name) for s in flat])) if flat else float('nan')
                  for name in ('followed', 'astray', 'overlap')]
         rows.append([setting.tracker, setting.particles, setting.stride, 100 * share,
@@ -220,12 +221,12 @@ def summary_table(title: str, settings: Sequence[Setting], results: Sequence[Res
 
 
 def target_table(title: str, settings: Sequence[Setting], results: Sequence[Result]) -> Table:
-    """Tabulate the targets: the share of the runs that kept each, and its mean overlap."""
+    """Return a table of the targets: the share of the runs that kept each, and its overlap."""
     scores = [scores_of(results, index) for index in range(len(settings))]
     numbers = sorted({i for s in scores for i in s})
     rows = []
     for number in numbers:
-        cells: list[Any] = [number]
+        cells: list[Cell] = [number]
         for found in scores:
             values = found.get(number, [])
             cells += [100 * float(np.mean([v.kept for v in values])) if values else None,
