@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import argparse
 from contextlib import ExitStack
-import csv
 import os
 from pathlib import Path
 import subprocess
@@ -30,6 +29,7 @@ from ..core.records import TrackState
 from ..core.sampling import evenly
 from ..core.units import MPH_MPS
 from ..io.bags import StereoBag
+from ..io.truth import read_truth, VehicleTruth
 from ..io.video_writer import VideoWriter
 from ..pipeline.assembly import MeasuringSite
 from ..pipeline.config import PipelineConfig
@@ -69,13 +69,14 @@ def run(args: argparse.Namespace) -> int:
     """Refine the site, measure offline, then live; compare with the truth and each other."""
     sample: Path = args.sample
     args.out.mkdir(parents=True, exist_ok=True)
-    truth = read_truth(sample / 'truth.csv')
+    truth = read_truth(sample / 'truth.csv')[0]
     site = _refined_site(sample, args.out)
     offline, lanes = _offline(sample, site)
     expected = {u.stamp_ns: u.speed_mps for u in offline.updates
                 if u.state is TrackState.CONFIRMED}
     readings, frames = live(sample, site, len(expected), args.rate, truth)
-    write_plots(args.out, offline.updates, offline.passes, lanes, truth={'truth': truth})
+    write_plots(args.out, offline.updates, offline.passes, lanes, truth={'truth': list(zip(
+        truth.stamps_ns.tolist(), truth.speed_mps.tolist()))})
     write_frames(args.out, frames)
     print('\nthe whole pass, offline:')
     print_table(offline.passes)
@@ -87,13 +88,6 @@ def run(args: argparse.Namespace) -> int:
     print(f'live and offline readings differ by at most {apart / MPH_MPS:.6f} mph')
     print(f'frames and plots are in {args.out}/')
     return 0
-
-
-def read_truth(path: Path) -> list[tuple[int, float]]:
-    """Read stamps in ns and true ground speeds in m/s, of the first vehicle."""
-    with path.open(newline='') as file:
-        return [(round(float(row['stamp']) * 1e3) * 1_000_000, float(row['speed']))
-                for row in csv.DictReader(file) if row['vehicle'] == '0']
 
 
 def _refined_site(sample: Path, out: Path) -> Path:
@@ -115,8 +109,8 @@ def _offline(sample: Path, site: Path) -> tuple[Run, Mapping[str, LanePath]]:
         return measure(bag, pipeline, keep_frames=False)[0], place.lanes
 
 
-def live(sample: Path, site: Path, wanted: int, rate: float, truth: Sequence[tuple[int, float]],
-         *, parameters: Sequence[str] = ()) -> tuple[list[Reading], dict[int, NDArray[np.uint8]]]:
+def live(sample: Path, site: Path, wanted: int, rate: float, truth: VehicleTruth, *,
+         parameters: Sequence[str] = ()) -> tuple[list[Reading], dict[int, NDArray[np.uint8]]]:
     """
     Play the sample through the nodes.
 
@@ -124,22 +118,17 @@ def live(sample: Path, site: Path, wanted: int, rate: float, truth: Sequence[tup
     :param parameters: of the tracker node, beside the site, ``name:=value``.
     :param wanted: readings to wait for.
     :param rate: pace of the replay.
-    :param truth: stamps and speeds to print beside the readings.
+    :param truth: to print beside the readings.
     :return: the readings, and the overlay frames by stamp.
     """
     _private_graph()
     from ..nodes.demo_listener import Listener
     readings: list[Reading] = []
     frames: dict[int, NDArray[np.uint8]] = {}
-    origin_ns, true_speed = truth[0][0], dict(truth)
 
     def on_reading(ns: int, vehicle: str, speed: float, std: float) -> None:
         readings.append((ns, vehicle, speed, std))
-        true = true_speed.get(round(ns / 1e6) * 1_000_000)
-        beside = '' if true is None else (f'   truth {true / MPH_MPS:6.2f}   '
-                                          f'error {(speed - true) / MPH_MPS:+.2f}')
-        print(f'{(ns - origin_ns) * 1e-9:5.1f} s  {vehicle}  {speed / MPH_MPS:6.2f} ± '
-              f'{std / MPH_MPS:.2f} mph{beside}', flush=True)
+        print(reading_line((ns, vehicle, speed, std), truth), flush=True)
 
     with ExitStack() as stack:
         nodes = [stack.enter_context(Process(*command)) for command in (
@@ -156,11 +145,21 @@ def live(sample: Path, site: Path, wanted: int, rate: float, truth: Sequence[tup
         replay = stack.enter_context(Process('replay_node', f'bag:={sample / "bag"}',
                                              f'rate:={rate}'))
         # The replay waits for its subscribers, plays for the bag's length, and ends.
-        span_s = (truth[-1][0] - origin_ns) * 1e-9 / rate
+        span_s = int(np.ptp(truth.stamps_ns)) * 1e-9 / rate
         listener.spin(_START_S + span_s, lambda: _check(nodes) and replay.ended())
         listener.spin(_DELIVERY_S, lambda: _check(nodes) and len(readings) >= wanted)
         listener.spin(_SETTLE_S, lambda: False)
     return readings, frames
+
+
+def reading_line(reading: Reading, truth: VehicleTruth) -> str:
+    """Return a reading for people, with its error where the truth is known."""
+    ns, vehicle, speed, std = reading
+    true = float(truth.speed_at([ns])[0])
+    error = '' if np.isnan(true) else (f'   truth {true / MPH_MPS:6.2f}   '
+                                       f'error {(speed - true) / MPH_MPS:+.2f}')
+    return (f'{(ns - int(truth.stamps_ns[0])) * 1e-9:5.1f} s  {vehicle}  {speed / MPH_MPS:6.2f} ± '
+            f'{std / MPH_MPS:.2f} mph{error}')
 
 
 def _check(nodes: Sequence[Process]) -> bool:

@@ -6,12 +6,14 @@ from __future__ import annotations
 import argparse
 import os
 from pathlib import Path
-from typing import Any, Callable
+from typing import Callable, TypeVar
+
+Number = TypeVar('Number', int, float)
 
 
-def number_in(kind: type, low: float, high: float) -> Callable[[str], Any]:
-    """Make a parser of numbers within bounds."""
-    def parse(text: str) -> Any:
+def number_in(kind: type[Number], low: float, high: float) -> Callable[[str], Number]:
+    """Return a parser of numbers within bounds."""
+    def parse(text: str) -> Number:
         value = kind(text)
         if not low <= value <= high:
             raise argparse.ArgumentTypeError(f'{text} is not in [{low:g}, {high:g}]')

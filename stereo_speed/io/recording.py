@@ -16,6 +16,7 @@ from typing import Any, Collection, Iterator, NamedTuple, Optional, Union
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import get_typestore, Stores
 
+from .results import file_sha256
 from ..core.errors import BagError, StereoSpeedError
 
 _STORAGE = ('.mcap', '.db3', '.bag')
@@ -148,15 +149,7 @@ def hash_files(path: Path) -> str:
         for its files, in order of their names.
     """
     if path.is_file():
-        return _sha256(path)
+        return file_sha256(path)
     files = sorted(p for p in path.iterdir() if p.is_file())
-    lines = ''.join(f'{_sha256(p)}  {p.name}\n' for p in files)
+    lines = ''.join(f'{file_sha256(p)}  {p.name}\n' for p in files)
     return hashlib.sha256(lines.encode()).hexdigest()
-
-
-def _sha256(path: Path) -> str:
-    digest = hashlib.sha256()
-    with path.open('rb') as stream:
-        for block in iter(lambda: stream.read(1 << 20), b''):
-            digest.update(block)
-    return digest.hexdigest()

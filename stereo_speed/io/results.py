@@ -64,8 +64,12 @@ def staged_run(out_dir: PathLike) -> ContextManager[Path]:
 
 
 def file_sha256(path: Path) -> str:
-    """Hash a file that a run was made from, for its summary."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    """Return the SHA-256 of a file, hex, read in blocks: bags are large."""
+    digest = hashlib.sha256()
+    with path.open('rb') as stream:
+        for block in iter(lambda: stream.read(1 << 20), b''):
+            digest.update(block)
+    return digest.hexdigest()
 
 
 def tracks_csv(updates: Iterable[TrackUpdate], passes: Iterable[PassResult]) -> str:

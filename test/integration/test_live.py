@@ -15,8 +15,9 @@ pytest.importorskip('rclpy')
 from sensor_msgs.msg import CameraInfo, Image  # noqa: E402
 
 from stereo_speed.cli.demo import (  # noqa: E402
-    live, Process, read_truth, RELIABLE_IMAGES, RELIABLE_INFOS)
+    live, Process, RELIABLE_IMAGES, RELIABLE_INFOS)
 from stereo_speed.cli.main import main  # noqa: E402
+from stereo_speed.io.truth import read_truth  # noqa: E402
 
 STARTUP_S, EVENT_S = 60.0, 20.0
 pytestmark = pytest.mark.usefixtures('private_graph')
@@ -28,7 +29,7 @@ def test_live_readings_equal_replay(sample, tmp_path):
     rows = list(csv.DictReader((tmp_path / 'tracks.csv').open()))
     wanted = {int(r['stamp_ns']): r for r in rows if r['state'] == 'confirmed'}
     readings, frames = live(sample, sample / 'site.yaml', len(wanted), 2.0,
-                            read_truth(sample / 'truth.csv'),
+                            read_truth(sample / 'truth.csv')[0],
                             parameters=[f'init:={sample / "init.yaml"}'])
     assert [r[0] for r in readings] == sorted(wanted)
     for ns, vehicle, speed, std in readings:

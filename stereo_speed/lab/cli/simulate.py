@@ -6,12 +6,13 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Callable
+from typing import Any
 
 import numpy as np
 
 from ..sim import (
     circle_config, RIGS, RoadConfig, SimConfig, simulate, straight_config, VehicleConfig)
+from ...cli.options import number_in
 from ...core.errors import InputError
 from ...core.units import MPH_MPS, parse_speed
 
@@ -30,16 +31,6 @@ def _limit(text: str) -> str:
     return text
 
 
-def _bounded(kind: Callable[[str], Any], low: float, high: float) -> Callable[[str], Any]:
-    def parse(text: str) -> Any:
-        value = kind(text)
-        if not low <= value <= high:
-            raise argparse.ArgumentTypeError(f'{text} is not in [{low:g}, {high:g}]')
-        return value
-    parse.__name__ = kind.__name__
-    return parse
-
-
 def add_parser(subparsers: Any) -> None:
     """
     Add the command to the command line.
@@ -51,33 +42,33 @@ def add_parser(subparsers: Any) -> None:
     add = parser.add_argument
     add('--out', type=Path, required=True, help='folder to write; must not exist')
     add('--speed', type=_speed, default=_speed('55 mph'), help="'55 mph', '80 km/h' or '22 m/s'")
-    add('--accel', type=_bounded(float, -12, 12), default=0.0, help='acceleration, m/s^2')
+    add('--accel', type=number_in(float, -12, 12), default=0.0, help='acceleration, m/s^2')
     add('--path', default='straight',
         help='straight, circle:RADIUS_M or clothoid:CURVATURE:CURVATURE:LENGTH_M (1/m; positive '
              'turns left)')
-    add('--grade', type=_bounded(float, -0.2, 0.2), default=0.0, help='rise over distance')
+    add('--grade', type=number_in(float, -0.2, 0.2), default=0.0, help='rise over distance')
     add('--lanes', type=int, choices=(1, 2, 3), default=2)
     add('--lane', type=int, default=0, help='lane of the vehicle, 0 the rightmost')
-    add('--lane-change', type=_bounded(float, -8, 8), default=0.0, metavar='M',
+    add('--lane-change', type=number_in(float, -8, 8), default=0.0, metavar='M',
         help='go this far to the left, from 0.6 s to 2.8 s')
-    add('--start', type=_bounded(float, 5, 200), help='distance of the first front, m')
-    add('--near', type=_bounded(float, 4, 100), help='distance at which the pass ends, m')
-    add('--pairs', type=_bounded(int, 1, 2000), help='most pairs')
-    add('--fps', type=_bounded(float, 0.1, 200), default=5.0)
-    add('--jitter', type=_bounded(float, 0, 1), default=0.0, help='unevenness of the stamps, s')
+    add('--start', type=number_in(float, 5, 200), help='distance of the first front, m')
+    add('--near', type=number_in(float, 4, 100), help='distance at which the pass ends, m')
+    add('--pairs', type=number_in(int, 1, 2000), help='most pairs')
+    add('--fps', type=number_in(float, 0.1, 200), default=5.0)
+    add('--jitter', type=number_in(float, 0, 1), default=0.0, help='unevenness of the stamps, s')
     add('--drop', type=int, nargs='*', default=[], metavar='PAIR', help='pairs that get lost')
-    add('--noise', type=_bounded(float, 0, 50), default=2.0, help='sensor noise, grey levels')
-    add('--exposure', type=_bounded(float, 0.05, 2), default=1.0, help='1 day, 0.35 dusk')
+    add('--noise', type=number_in(float, 0, 50), default=2.0, help='sensor noise, grey levels')
+    add('--exposure', type=number_in(float, 0.05, 2), default=1.0, help='1 day, 0.35 dusk')
     add('--rig', choices=sorted(RIGS), default='parallel')
-    add('--rig-moved', type=_bounded(float, -10, 10), nargs=3, default=(0.0, 0.0, 0.0),
+    add('--rig-moved', type=number_in(float, -10, 10), nargs=3, default=(0.0, 0.0, 0.0),
         metavar=('PAN', 'TILT', 'ROLL'),
         help='degrees by which the right camera has turned since its calibration')
-    add('--gap', type=_bounded(float, 0, 1000), nargs=2, metavar=('FROM', 'TO'),
+    add('--gap', type=number_in(float, 0, 1000), nargs=2, metavar=('FROM', 'TO'),
         help='time, s, in which no pair arrives')
-    add('--camera-height', type=_bounded(float, 0.5, 30), default=4.0, help='m above the road')
-    add('--front-height', type=_bounded(float, 0.3, 3), default=0.8, help='m')
+    add('--camera-height', type=number_in(float, 0.5, 30), default=4.0, help='m above the road')
+    add('--front-height', type=number_in(float, 0.3, 3), default=0.8, help='m')
     add('--speed-limit', type=_limit, default='45 mph', help='as in the site file')
-    add('--seed', type=_bounded(int, 0, 2 ** 63), default=0)
+    add('--seed', type=number_in(int, 0, 2 ** 63), default=0)
     add('--storage', choices=STORAGES, default='mcap')
     add('--encoding', default='mono8', help='of raw images: mono8, bgr8, bayer_rggb8, mono16, …')
     add('--compressed', action='store_true', help='JPEG messages instead of raw ones')

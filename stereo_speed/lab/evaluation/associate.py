@@ -8,8 +8,8 @@ from typing import Mapping, Sequence
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from .truth import VehicleTruth
 from ...core.records import Array, TrackUpdate
+from ...io.truth import VehicleTruth
 
 # Depth is what stereo knows least; a tracker that is this far off is not on the vehicle.
 GATE_M, GATE_SHARE = 4.0, 0.15

@@ -12,7 +12,6 @@ import numpy as np
 import yaml
 
 from .associate import match
-from .truth import read_truth, truth_of_rows, VehicleTruth
 from ..sim.config import SimConfig
 from ..sim.sequence import SimSequence, simulate
 from ...core.config import TrackerConfig
@@ -21,6 +20,7 @@ from ...core.records import (
     InitialFront, PassResult, StereoPair, TrackState, TrackUpdate)
 from ...geometry.rig import StereoRig
 from ...io.bags import StereoBag
+from ...io.truth import read_truth, truth_of_rows, VehicleTruth
 from ...pipeline.assembly import make_pipeline
 from ...pipeline.config import PipelineConfig
 from ...pipeline.run import run as run_pipeline

@@ -8,8 +8,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from stereo_speed.io.truth import VehicleTruth
 from stereo_speed.lab.evaluation.associate import distance, match
-from stereo_speed.lab.evaluation.truth import VehicleTruth
 
 STAMPS = np.arange(8) * 200_000_000
 

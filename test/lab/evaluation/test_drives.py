@@ -12,13 +12,13 @@ from stereo_speed.core.config import TrackerConfig
 from stereo_speed.core.errors import InputError
 from stereo_speed.core.records import PassResult, StereoPair, TrackState, Verdict
 from stereo_speed.core.units import MPH_MPS
+from stereo_speed.io.truth import truth_of_rows
 from stereo_speed.lab.evaluation.accuracy import (
     accuracy_jobs, accuracy_table, gather, late_errors, measure_job, passes_table, rejections)
 from stereo_speed.lab.evaluation.drives import (
     beside_truth, disturbed, DriveRun, simulated_drive, track_drive, VehicleRun)
 from stereo_speed.lab.evaluation.metrics import pass_error, readings
 from stereo_speed.lab.evaluation.runner import Result
-from stereo_speed.lab.evaluation.truth import truth_of_rows
 from stereo_speed.lab.sim.config import RoadConfig, straight_config
 from stereo_speed.lab.sim.scene import make_rig
 from stereo_speed.lab.sim.sequence import SimSequence

@@ -1,12 +1,12 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What truth.csv tells, to the nanosecond."""
+"""True speeds by stamp, to the nanosecond."""
 from __future__ import annotations
 
 import numpy as np
 import pytest
 from stereo_speed.core.errors import InputError
-from stereo_speed.lab.evaluation.truth import read_truth, truth_of_rows
+from stereo_speed.io.truth import read_truth, truth_of_rows
 
 FULL = 'stamp,vehicle,speed,x,y,z\n' \
        '1700000000.200000,1,21.5,1,2,3\n1700000000.000000,1,21,1,2,4\n' \
@@ -65,3 +65,12 @@ def test_faults_are_named(tmp_path, text, wanted):
 def test_a_file_that_is_not_there(tmp_path):
     with pytest.raises(InputError, match='readable'):
         read_truth(tmp_path / 'none.csv')
+
+
+def test_stamps_that_are_not_whole_milliseconds_are_exact(tmp_path):
+    # as floats both stamps are off by more than 100 ns: they have 53 bits for 61
+    one, = read_truth(written(tmp_path, 'stamp,speed\n1700000000.123456,20\n'
+                                        '1700000000.323456789,21\n'))
+    assert one.stamps_ns.tolist() == [1_700_000_000_123_456_000, 1_700_000_000_323_456_789]
+    assert one.speed_at([1_700_000_000_123_456_000]).tolist() == [20]
+    assert np.isnan(one.speed_at([1_700_000_000_123_000_000])).all()

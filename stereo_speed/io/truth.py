@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What is true of the vehicles of a sequence: read from ``truth.csv`` or from a simulation."""
+"""True speeds and positions of the vehicles of a sequence: from ``truth.csv`` or a simulation."""
 from __future__ import annotations
 
 import csv
@@ -12,22 +12,23 @@ from typing import Any, Mapping, Sequence, Union
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.errors import InputError
-from ...core.records import Array
+from ..core.errors import InputError
+from ..core.records import Array
 
-SAME_NS = 2000  # truth is told in whole microseconds, stamps may have been cut or rounded to them
-_PLACE = ('x', 'y', 'z')
+# Truth is written in whole microseconds, to which stamps may have been cut or rounded.
+SAME_NS = 2000
+_POSITION = ('x', 'y', 'z')
 
 
 @dataclass(frozen=True, eq=False)
 class VehicleTruth:
     """
-    What is true of a vehicle.
+    True speeds and positions of a vehicle.
 
     :param vehicle: its number.
     :param stamps_ns: (n,) ascending.
     :param speed_mps: (n,) ground speed.
-    :param position_m: (n, 3) centre of its front, left optical frame; NaN where it is not told.
+    :param position_m: (n, 3) centre of its front, left optical frame; NaN where it is not known.
     """
 
     vehicle: int
@@ -36,7 +37,7 @@ class VehicleTruth:
     position_m: Array
 
     def at(self, stamps_ns: Sequence[int]) -> NDArray[np.int64]:
-        """Find the rows of stamps; -1 where nothing is told of one."""
+        """Return the rows of stamps; -1 where there is none."""
         wanted = np.asarray(stamps_ns, dtype=np.int64)
         row = np.clip(np.searchsorted(self.stamps_ns, wanted), 1, len(self.stamps_ns) - 1) \
             if len(self.stamps_ns) > 1 else np.zeros(len(wanted), dtype=np.int64)
@@ -46,14 +47,14 @@ class VehicleTruth:
         return np.where(np.abs(self.stamps_ns[row] - wanted) <= SAME_NS, row, -1)
 
     def speed_at(self, stamps_ns: Sequence[int]) -> Array:
-        """Return the true speeds at stamps, m/s; NaN where they are not told."""
+        """Return the true speeds at stamps, m/s; NaN where they are not known."""
         row = self.at(stamps_ns)
         return np.where(row < 0, np.nan, self.speed_mps[row])
 
 
 def truth_of_rows(rows: Sequence[Mapping[str, Any]]) -> tuple[VehicleTruth, ...]:
     """
-    Gather rows by vehicle, in the order of the vehicles' numbers.
+    Return rows by vehicle, in the order of the vehicles' numbers.
 
     :param rows: with ``stamp_ns``, ``vehicle``, ``speed`` and, where known, ``x``, ``y``, ``z``.
     """
@@ -64,16 +65,16 @@ def truth_of_rows(rows: Sequence[Mapping[str, Any]]) -> tuple[VehicleTruth, ...]
         out.append(VehicleTruth(
             vehicle, np.array([row['stamp_ns'] for row in mine], dtype=np.int64),
             np.array([row['speed'] for row in mine], dtype=float),
-            np.array([[row.get(c, np.nan) for c in _PLACE] for row in mine], dtype=float)))
+            np.array([[row.get(c, np.nan) for c in _POSITION] for row in mine], dtype=float)))
     return tuple(out)
 
 
 def read_truth(path: Union[str, Path]) -> tuple[VehicleTruth, ...]:
     """
-    Read ``truth.csv``.
+    Return the content of ``truth.csv``, by vehicle.
 
     Columns ``stamp`` (s) and ``speed`` (m/s), and where known ``vehicle``, ``x``, ``y`` and
-    ``z`` (m); others are passed over.
+    ``z`` (m); others are ignored.
 
     :raises InputError: names the line and column at fault.
     """
@@ -93,7 +94,7 @@ def read_truth(path: Union[str, Path]) -> tuple[VehicleTruth, ...]:
 
 
 def _row(path: Union[str, Path], number: int, row: Mapping[str, Any]) -> dict[str, Any]:
-    """Turn the texts of a line into numbers."""
+    """Return the numbers of a line."""
     def parse(name: str) -> Decimal:
         try:
             value = Decimal(row[name])
@@ -102,7 +103,7 @@ def _row(path: Union[str, Path], number: int, row: Mapping[str, Any]) -> dict[st
         if not value.is_finite():
             raise InputError(path, f'line {number}, {name}', repr(row[name]), 'a finite number')
         return value
-    known = [c for c in ('speed', *_PLACE) if row.get(c) not in (None, '')]
+    known = [c for c in ('speed', *_POSITION) if row.get(c) not in (None, '')]
     out: dict[str, Any] = {c: float(parse(c)) for c in {'speed', *known}}
     # Exact: a stamp in ns has more digits than a float.
     return {**out, 'stamp_ns': int(parse('stamp') * 10 ** 9),
