@@ -12,6 +12,7 @@ import sys
 
 import pytest
 from stereo_speed.core.units import MPH_MPS
+from stereo_speed.io.truth import read_truth
 
 OUTSIDE = Path(__file__).with_name('outside_package')
 TIMEOUT_S = 120.0
@@ -76,11 +77,23 @@ def test_what_is_wrong_is_named(options, text, words, sample, environment, tmp_p
     assert words in done.stderr
 
 
+def test_the_tracker_is_evaluated_beside_others(sample, environment, tmp_path):
+    done = subprocess.run(
+        [sys.executable, '-m', 'stereo_speed', 'evaluate', str(sample), '--trackers',
+         'outside_clock', '--seeds', '1', '--particles', '100', '--jobs', '1', '--out',
+         str(tmp_path)], capture_output=True, text=True, timeout=TIMEOUT_S)
+    assert done.returncode == 0, done.stderr
+    row, = csv.DictReader((tmp_path / '0_straight55.csv').open())
+    assert row['tracker'] == 'outside_clock'
+    assert float(row['truth, mph']) == pytest.approx(55.0, abs=0.01)
+    assert 0 <= float(row['sd, mph']) < 1e-6  # it says the same speed in every pair
+
+
 def test_both_run_in_the_tracker_node(sample, environment, private_graph):
     pytest.importorskip('rclpy')
-    from stereo_speed.cli.demo import live, read_truth
+    from stereo_speed.cli.demo import live
     readings, _ = live(
-        sample, sample / 'site.yaml', 3, 2.0, read_truth(sample / 'truth.csv'),
+        sample, sample / 'site.yaml', 3, 2.0, read_truth(sample / 'truth.csv')[0],
         parameters=['tracker:=outside_clock', 'trackers.outside_clock.speed_mps:=11.0',
                     'detector:=outside_gate', 'detectors.outside_gate.gate_m:=20.0'])
     assert len(readings) >= 3
