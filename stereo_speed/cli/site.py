@@ -44,7 +44,7 @@ def add_parser(subparsers: Any) -> None:
 
 
 def _refine(args: argparse.Namespace) -> int:
-    """Refine, tell, and write the site file and the pictures."""
+    """Refine, report, and write the site file and the pictures."""
     if args.out.is_dir():
         raise InputError(args.out, 'file', 'a folder', 'the name of a site file')
     args.pictures = args.pictures or args.out.parent
@@ -55,7 +55,7 @@ def _refine(args: argparse.Namespace) -> int:
 
 
 def _check(args: argparse.Namespace) -> int:
-    """Refine and tell, and leave it at that."""
+    """Refine and report, and leave it at that."""
     _refined(args, args.site.stem)
     return 0
 

@@ -5,13 +5,16 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any, Mapping, Sequence, Union
+from typing import Any, Collection, Mapping, Optional, Sequence, Union
 
 import numpy as np
 import yaml
 
 from .errors import SiteError
 from .records import Array
+
+
+LARGEST = 1e9  # no pixel and no metre of a site is as large; beyond it a number is a slip
 
 
 class _StrictLoader(yaml.SafeLoader):
@@ -56,6 +59,12 @@ def kind(value: Any) -> str:
     return names.get(type(value), repr(value))
 
 
+def _within(value: Any, low: float, high: float) -> bool:
+    """Return whether a YAML value is a number, finite and within bounds."""
+    return not isinstance(value, bool) and isinstance(value, (int, float)) \
+        and math.isfinite(value) and low <= value <= high
+
+
 class StrictMapping:
     """
     One mapping of a file, read key by key.
@@ -82,7 +91,7 @@ class StrictMapping:
         return f'{self.what}.{key}' if self.what else key
 
     def __contains__(self, key: str) -> bool:
-        """Say whether the key is given."""
+        """Return whether the key is given."""
         return key in self.data
 
     def error(self, key: str, found: object, wanted: str) -> SiteError:
@@ -90,31 +99,78 @@ class StrictMapping:
         return SiteError(self.where, self.name(key), found, wanted)
 
     def text(self, key: str) -> str:
-        """Give a text that is not empty."""
+        """Return a text that is not empty."""
         value = self.data.get(key)
         if not isinstance(value, str) or not value.strip():
             raise self.error(key, kind(value), 'a name')
         return value
 
     def integer(self, key: str) -> int:
-        """Give an integer from 0."""
+        """Return an integer from 0."""
         value = self.data.get(key)
         if isinstance(value, bool) or not isinstance(value, int) or value < 0:
             raise self.error(key, kind(value), 'an integer from 0')
         return value
 
+    def number(self, key: str, low: float, high: float, unit: str) -> float:
+        """
+        Return a finite number within bounds.
+
+        :param low: the least that is allowed.
+        :param high: the greatest that is allowed.
+        :param unit: for the error.
+        """
+        return self._bounded(key, self.data.get(key), low, high, unit)
+
+    def numbers(self, key: str, low: float, high: float, unit: str) -> Array:
+        """Return a list (n,) of numbers as :meth:`number` takes them, n >= 1."""
+        return np.array([self._bounded(f'{key}[{i}]', value, low, high, unit)
+                         for i, value in enumerate(self.listed(key))])
+
+    def _bounded(self, key: str, value: Any, low: float, high: float, unit: str) -> float:
+        """Check one number."""
+        if not _within(value, low, high):
+            raise self.error(key, kind(value), f'{unit} in [{low:g}, {high:g}]')
+        return float(value)
+
+    def choice(self, key: str, choices: Collection[str]) -> str:
+        """Return a text that is one of those given."""
+        return self._chosen(key, self.text(key), choices)
+
+    def choices(self, key: str, choices: Collection[str]) -> list[str]:
+        """Return a list of texts that are each one of those given."""
+        return [self._chosen(key, value, choices) for value in self.listed(key)]
+
+    def _chosen(self, key: str, value: Any, choices: Collection[str]) -> str:
+        """Check one choice."""
+        if not isinstance(value, str) or value not in choices:
+            raise self.error(key, kind(value), 'one of ' + ', '.join(choices))
+        return value
+
+    def quad(self, key: str) -> Array:
+        """Return the corners (4, 2) of a convex quad, clockwise from the image's top left."""
+        quad = self.points(key, 2, 4, 4)
+        side = np.roll(quad, -1, axis=0) - quad
+        after = np.roll(side, -1, axis=0)
+        clockwise = side[:, 0] * after[:, 1] - side[:, 1] * after[:, 0] > 0
+        if not (clockwise.all() and side[0, 0] > 0 and side[3, 1] < 0):
+            raise self.error(key, quad.tolist(),
+                             "corners clockwise from the image's top-left corner")
+        return quad
+
     def listed(self, key: str) -> list[Any]:
-        """Give a list that is not empty."""
+        """Return a list that is not empty."""
         value = self.data.get(key)
         if not isinstance(value, list) or not value:
             raise self.error(key, 'an empty list' if value == [] else kind(value), 'a list')
         return value
 
-    def points(self, key: str, width: int, least: int) -> Array:
+    def points(self, key: str, width: int, least: int, most: Optional[int] = None) -> Array:
         """
-        Give (n, width) points, all finite.
+        Return (n, width) points, all finite.
 
-        :param least: the fewest that will do.
+        :param least: the fewest that are enough.
+        :param most: the most that are allowed; None for any number.
         """
         rows = self.listed(key)
         wanted = f'{width} finite numbers'
@@ -123,9 +179,10 @@ class StrictMapping:
                 found = f'{len(row)} values' if isinstance(row, list) else kind(row)
                 raise self.error(f'{key}[{i}]', found, wanted)
             for value in row:
-                if isinstance(value, bool) or not isinstance(value, (int, float)) \
-                        or not math.isfinite(value) or abs(value) > 1e9:
+                if not _within(value, -LARGEST, LARGEST):
                     raise self.error(f'{key}[{i}]', kind(value), wanted)
         if len(rows) < least:
             raise self.error(key, f'{len(rows)} points', f'at least {least}')
+        if most is not None and len(rows) > most:
+            raise self.error(key, f'{len(rows)} points', f'{most}')
         return np.array(rows, dtype=np.float64)

@@ -4,18 +4,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
-from .distortion import Distortion, equidistant, invert, largest_radius, polynomial
+from .distortion import Lens, LENSES
 from ..core.errors import CalibrationError
 from ..core.records import Array
-
-# Numbers of coefficients that each model takes; fewer than it can have are zeros.
-MODELS = {
-    'plumb_bob': (0, 4, 5), 'rational_polynomial': (0, 4, 5, 8, 12, 14), 'equidistant': (0, 4)}
 
 _NEAREST_M = 1e-6  # nearer than this to the camera's plane counts as behind it
 
@@ -30,7 +27,7 @@ class Camera:
     :param height_px: image height.
     :param K: (3, 3) intrinsic matrix of the raw image.
     :param D: (n,) distortion coefficients in OpenCV's order.
-    :param model: ``plumb_bob``, ``rational_polynomial`` or ``equidistant``.
+    :param model: name of its lens model, one of ``LENSES``.
     """
 
     name: str
@@ -52,11 +49,12 @@ class Camera:
 
     def _check(self) -> None:
         """Refuse what cannot be a camera."""
-        if self.model not in MODELS:
+        if self.model not in LENSES:
             raise CalibrationError(
-                self.name, 'distortion_model', repr(self.model), 'one of ' + ', '.join(MODELS))
-        if self.D.size not in MODELS[self.model]:
-            wanted = ' or '.join(str(n) for n in MODELS[self.model])
+                self.name, 'distortion_model', repr(self.model), 'one of ' + ', '.join(LENSES))
+        sizes = LENSES[self.model].sizes
+        if self.D.size not in sizes:
+            wanted = ' or '.join(str(n) for n in sizes)
             raise CalibrationError(
                 self.name, 'D', f'{self.D.size} coefficients', f'{wanted} for {self.model}')
         for key in ('K', 'D'):
@@ -71,18 +69,9 @@ class Camera:
                 self.name, 'size', f'{self.width_px}x{self.height_px}', 'an image size > 0')
 
     @cached_property
-    def _lens(self) -> Distortion | None:
-        """Give the distortion in normalised coordinates; None where there is none."""
-        if self.model == 'equidistant':
-            return partial(equidistant, coefficients=np.pad(self.D, (0, 4 - self.D.size)))
-        if not np.any(self.D):
-            return None
-        return partial(polynomial, coefficients=np.pad(self.D, (0, 14 - self.D.size)))
-
-    @cached_property
-    def _limit(self) -> float:
-        """Tangent of the widest ray for which the lens model holds."""
-        return math.inf if self._lens is None else largest_radius(self._lens)
+    def lens(self) -> Lens:
+        """Return the distortion in normalised coordinates."""
+        return LENSES[self.model](self.D)
 
     def distort(self, xy: Array) -> Array:
         """
@@ -90,10 +79,7 @@ class Camera:
 
         :param xy: (..., 2) coordinates at depth 1.
         """
-        xy = np.asarray(xy, dtype=np.float64)
-        if self._lens is not None:
-            xy = self._lens(xy)
-        k = self.K
+        xy, k = self.lens.distort(np.asarray(xy, dtype=np.float64)), self.K
         u = k[0, 0] * xy[..., 0] + k[0, 1] * xy[..., 1] + k[0, 2]
         return np.stack([u, k[1, 1] * xy[..., 1] + k[1, 2]], axis=-1)
 
@@ -105,21 +91,21 @@ class Camera:
         """
         uv_px, k = np.asarray(uv_px, dtype=np.float64), self.K
         y = (uv_px[..., 1] - k[1, 2]) / k[1, 1]
-        xy = np.stack([(uv_px[..., 0] - k[0, 2] - k[0, 1] * y) / k[0, 0], y], axis=-1)
-        return xy if self._lens is None else invert(self._lens, xy, self._limit)
+        x = (uv_px[..., 0] - k[0, 2] - k[0, 1] * y) / k[0, 0]
+        return self.lens.undistort(np.stack([x, y], axis=-1))
 
     def rays(self, uv_px: Array) -> Array:
         """
-        Give the rays of raw pixels, scaled to depth 1.
+        Return the rays of raw pixels, scaled to depth 1.
 
         :param uv_px: (..., 2).
         """
         xy = self.undistort(uv_px)
         return np.concatenate([xy, np.ones_like(xy[..., :1])], axis=-1)
 
-    def project(self, points_m: Array) -> tuple[Array, np.ndarray]:
+    def project(self, points_m: Array) -> tuple[Array, NDArray[np.bool_]]:
         """
-        Project points; say which are in front of the camera and inside the image.
+        Return the pixels of points, and which are in front of the camera and in the image.
 
         Points behind the camera get NaN. Rays wider than the lens model holds for are never
         valid: its polynomial may fold them back into the image.
@@ -132,13 +118,13 @@ class Camera:
         xy = points_m[..., :2] / z[..., None]
         uv_px = self.distort(xy)
         valid = front & self.inside(uv_px)
-        if math.isfinite(self._limit):
-            valid &= np.hypot(xy[..., 0], xy[..., 1]) <= self._limit
+        if math.isfinite(self.lens.limit):
+            valid &= np.hypot(xy[..., 0], xy[..., 1]) <= self.lens.limit
         return uv_px, valid
 
-    def inside(self, uv_px: Array) -> np.ndarray:
+    def inside(self, uv_px: Array) -> NDArray[np.bool_]:
         """
-        Say which pixels lie in the image; its edge is half a pixel beyond the outer centres.
+        Return which pixels lie in the image, whose edge is half a pixel beyond the centres.
 
         :param uv_px: (..., 2).
         """

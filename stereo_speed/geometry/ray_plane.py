@@ -1,16 +1,34 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Rays and planes ``n^T P = d``; leading axes broadcast."""
+"""Planes ``n^T P = d``, and where rays meet them."""
 from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Union
 
 import numpy as np
 
 from ..core.records import Array
 
 
-def back_project(rays: Array, n: Array, d: Array) -> Array:
+@dataclass(frozen=True, eq=False)
+class Plane:
     """
-    Meet rays with a plane; NaN where they do not meet in front of the camera.
+    One plane, ``normal^T P = distance_m``.
+
+    :param normal: (3,) unit.
+    :param distance_m: of the origin from it.
+    """
+
+    normal: Array
+    distance_m: float
+
+
+def back_project(rays: Array, n: Array, d: Union[Array, float]) -> Array:
+    """
+    Return where rays meet planes (..., 3); NaN where that is not in front of the camera.
+
+    Leading axes broadcast.
 
     :param rays: (..., 3) at depth 1.
     :param n: (..., 3) unit normals.
@@ -19,4 +37,4 @@ def back_project(rays: Array, n: Array, d: Array) -> Array:
     with np.errstate(divide='ignore', invalid='ignore'):
         depth = d / np.sum(rays * np.asarray(n), axis=-1)
         depth = np.where((depth > 0) & np.isfinite(depth), depth, np.nan)
-    return rays * depth[..., None]
+    return np.asarray(rays * depth[..., None])

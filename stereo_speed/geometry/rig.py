@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from .camera import Camera
@@ -24,8 +25,8 @@ class StereoRig:
     :param R: (3, 3) rotation from the left to the right camera's frame.
     :param t: (3,) the left camera's centre in the right camera's frame, m.
     :param frame_id: name of the left optical frame.
-    :param turn_rad: pan, tilt and roll by which the right camera has turned since it was
-        calibrated; ``R`` and ``t`` have it in them already.
+    :param drift_rad: pan, tilt and roll of the right camera since its calibration; ``R`` and
+        ``t`` contain them already.
     """
 
     left: Camera
@@ -33,7 +34,7 @@ class StereoRig:
     R: Array
     t: Array
     frame_id: str = 'stereo_left_optical_frame'
-    turn_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    drift_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         for key, shape in (('R', (3, 3)), ('t', (3,))):
@@ -47,17 +48,17 @@ class StereoRig:
         if not self.baseline_m > 0:
             raise CalibrationError('rig', 'baseline', f'{self.baseline_m} m', 'more than 0')
 
-    def turned(self, turn_rad: Array) -> StereoRig:
+    def drifted(self, drift_rad: Array) -> StereoRig:
         """
-        Give the rig after its right camera has turned about its own centre.
+        Return the rig after a rotation of its right camera about its own centre.
 
-        :param turn_rad: (3,) pan to the right, tilt upwards and roll clockwise: components of
+        :param drift_rad: (3,) pan to the right, tilt upwards and roll clockwise: components of
             one rotation vector about the right camera's y, x and z axis.
         """
-        pan, tilt, roll = (float(angle) for angle in turn_rad)
-        turn = Rotation.from_rotvec((tilt, pan, roll)).as_matrix().T
-        before = self.turn_rad
-        return replace(self, R=turn @ self.R, t=turn @ self.t, turn_rad=(
+        pan, tilt, roll = (float(angle) for angle in drift_rad)
+        rotation = Rotation.from_rotvec((tilt, pan, roll)).as_matrix().T
+        before = self.drift_rad
+        return replace(self, R=rotation @ self.R, t=rotation @ self.t, drift_rad=(
             before[0] + pan, before[1] + tilt, before[2] + roll))
 
     @property
@@ -73,23 +74,16 @@ class StereoRig:
 
     def to_right(self, points_m: Array) -> Array:
         """
-        Carry points from the left into the right camera's frame.
+        Return points of the left camera's frame in the right one's.
 
         :param points_m: (..., 3).
         """
         return np.asarray(points_m, dtype=np.float64) @ self.R.T + self.t
 
-    def to_left(self, points_m: Array) -> Array:
+    def project(self, points_m: Array
+                ) -> tuple[Array, Array, NDArray[np.bool_], NDArray[np.bool_]]:
         """
-        Carry points from the right into the left camera's frame.
-
-        :param points_m: (..., 3).
-        """
-        return (np.asarray(points_m, dtype=np.float64) - self.t) @ self.R
-
-    def project(self, points_m: Array) -> tuple[Array, Array, np.ndarray, np.ndarray]:
-        """
-        Project points into both raw images: pixels left and right, validity left and right.
+        Return the raw pixels of points, left and right, and their validity, left and right.
 
         :param points_m: (..., 3) in the left camera's frame.
         """
@@ -97,17 +91,9 @@ class StereoRig:
         uv_right, valid_right = self.right.project(self.to_right(points_m))
         return uv_left, uv_right, valid_left, valid_right
 
-    def epipolar_lines_left(self, uv_right: Array) -> Array:
-        """
-        Give the epipolar lines, in normalised coordinates of the left camera, of right pixels.
-
-        :param uv_right: (..., 2) raw pixels; the result is (..., 3) with ``l . (x, y, 1) = 0``.
-        """
-        return self.right.rays(uv_right) @ self.essential
-
     def epipolar_lines_right(self, uv_left: Array) -> Array:
         """
-        Give the epipolar lines, in normalised coordinates of the right camera, of left pixels.
+        Return the epipolar lines, in normalised coordinates of the right camera, of left pixels.
 
         :param uv_left: (..., 2) raw pixels; the result is (..., 3) with ``l . (x, y, 1) = 0``.
         """
@@ -115,7 +101,7 @@ class StereoRig:
 
     def triangulate(self, uv_left: Array, uv_right: Array) -> Array:
         """
-        Find the points of pixel pairs; NaN for parallel rays or points behind a camera.
+        Return the points of pixel pairs; NaN for parallel rays or points behind a camera.
 
         Both pixels are first moved onto a common epipolar plane by the least squared change
         in normalised coordinates (Lindstrom 2010, two steps), then their rays are met.

@@ -13,13 +13,15 @@ from dataclasses import dataclass
 from typing import Optional
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from .path import chord_lengths, spline_through
 from ..core.records import Array
 from ..geometry.rig import StereoRig
 
-_SAMPLES = 400  # along the right image curve
-_MIN_SINE = 0.06  # of the angle between epipolar line and curve; below it there is no match
+_SAMPLES = 400  # along the right image curve; between two it is taken for straight
+_MIN_SINE = 0.06  # of the angle between epipolar line and curve; depth is uncertain by its inverse
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,32 +40,22 @@ class CurveMatches:
     sine: Array
     points_m: Array
 
-    def depth_std_m(self, rig: StereoRig, pick_std_px: float) -> Array:
-        """
-        Give the 1-sigma depth errors (n,) for picks of the given scatter.
-
-        :param pick_std_px: 1-sigma of a pick across its line.
-        """
-        z = self.points_m[:, 2]
-        return z * z / (rig.left.K[0, 0] * rig.baseline_m) * 1.5 * pick_std_px / self.sine
-
 
 def image_spline(uv_px: Array) -> CubicSpline:
     """
-    Lay a curve through picks, parametrised from 0 to 1 by chord length.
+    Return a curve through picks, parametrised from 0 to 1 by chord length.
 
     :param uv_px: (n, 2) raw pixels, n >= 2.
     """
-    chord = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(uv_px, axis=0), axis=-1))])
-    kind = 'not-a-knot' if len(uv_px) > 3 else 'natural'
-    return CubicSpline(chord / chord[-1], uv_px, bc_type=kind)
+    chord = chord_lengths(uv_px)
+    return spline_through(chord / chord[-1], uv_px)
 
 
 def match_curves(
         rig: StereoRig, left_px: Array, right_px: Array,
         at: Optional[Array] = None) -> CurveMatches:
     """
-    Match a left image curve with a right one along epipolar lines.
+    Return the matches of a left image curve with a right one along epipolar lines.
 
     :param left_px: (n, 2) raw picks in order.
     :param right_px: (m, 2) raw picks in order.
@@ -91,8 +83,8 @@ def match_curves(
     return CurveMatches(left_px[rows[chosen]], matched[chosen], sine[chosen], points[chosen])
 
 
-def _one_each(rows: Array, crossing: Array, count: int) -> list[int]:
-    """Where an epipolar line crosses twice, keep the crossing at the like share of the curve."""
+def _one_each(rows: NDArray[np.intp], crossing: Array, count: int) -> list[int]:
+    """Return one crossing for each row: of several, the one at the same share of the curve."""
     kept = []
     for row in range(count):
         candidates = np.nonzero(rows == row)[0]

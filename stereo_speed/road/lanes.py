@@ -11,9 +11,11 @@ import numpy as np
 from .fit import RoadFit
 from .model import NODES, Weights
 from .path import Path, SplinePath, StraightPath, unit
+from .problem import RoadPrior
 from ..core.records import Array
 
-SURVEY_HEADING_STD_RAD = 1e-3
+_SLIDE_M = 0.5  # along the path, of the curvature in its middle
+_SPACING_M, _FEWEST = 1.0, 8  # of the points of a path between surveyed lines
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +29,7 @@ class LanePath:
     :param heading_std_rad: (2,) 1-sigma of the direction in the middle, across (P) and up (B).
     :param residual_px: root mean square distance of the picks from the lines; 0 for surveys.
     :param scale_std: 1-sigma of the length along the path, as a share: what it does to the speed
-        of a pass over the whole path, where near looks weigh most.
+        of a pass over the whole path, where near observations weigh most.
     :param scale_profile: arc lengths (n,) in m and the 1-sigma (n,) of the length there, as a
         share; errors are the same one along the path, only larger farther away. None: it is
         ``scale_std`` everywhere.
@@ -43,7 +45,7 @@ class LanePath:
 
     def scale_std_at(self, s_m: Array) -> Array:
         """
-        Give the 1-sigma of the length along the path, as a share, at arc lengths (...,).
+        Return the 1-sigma of the length along the path, as a share, at arc lengths (...,).
 
         Its errors at different places are one and the same error: they do not average out.
         """
@@ -54,20 +56,20 @@ class LanePath:
 
 
 def lane_of_road(name: str, fit: RoadFit, lines: tuple[int, ...],
-                 speed_limit_mps: Optional[float], *, away: bool = False) -> LanePath:
+                 speed_limit_mps: Optional[float], *, reverse: bool = False) -> LanePath:
     """
-    Lay a lane's path midway between its lines, or along its one line.
+    Return a lane's path midway between its lines, or along its one line.
 
     It runs from the first pick of these lines to the last, or back.
 
     :param fit: the road.
     :param lines: numbers of the lane's lines in the fit, one or two.
-    :param away: travel runs against the order of the picks in the fit.
+    :param reverse: travel runs against the order of the picks in the fit.
     """
     ranges = np.array([fit.line_range_m(i) for i in lines])
     s = np.linspace(ranges[:, 0].min(), ranges[:, 1].max(), NODES)
-    points, frames = _lane(fit, fit.x, lines, s[::-1] if away else s)
-    if fit.problem.model.turns == 0 and fit.problem.model.bends == 0:
+    points, frames = _lane(fit, fit.x, lines, s[::-1] if reverse else s)
+    if fit.problem.model.curvature_terms == 0 and fit.problem.model.surface_terms == 0:
         path: Path = StraightPath(
             points[0], points[-1] - points[0], s[-1] - s[0], frames[0, :, 2])
     else:
@@ -78,7 +80,7 @@ def lane_of_road(name: str, fit: RoadFit, lines: tuple[int, ...],
 
 
 def _lane(fit: RoadFit, x: Array, lines: tuple[int, ...], s_m: Array) -> tuple[Array, Array]:
-    """Give a lane's points (..., n, 3) and frames (..., n, 3, 3) at reference arc lengths."""
+    """Return a lane's points (..., n, 3) and frames (..., n, 3, 3) at reference arc lengths."""
     model = fit.problem.model
     points, frames = model.reference(x)
     offset = model.offsets(x)[..., list(lines)].mean(axis=-1)[..., None, None]
@@ -94,38 +96,29 @@ def _heading_std(fit: RoadFit, lines: tuple[int, ...], middle_m: float) -> Array
     Sliding along the path is no error of it: a point that slides by ds takes its direction from
     ``T(s)`` to ``T(s + ds)``, which is subtracted.
     """
-    steps, h = fit.problem.steps, 0.5
+    steps, h = fit.problem.steps, _SLIDE_M
     both = fit.x + np.concatenate([np.diag(steps), -np.diag(steps)])
     points, frames = _lane(fit, both, lines, np.array([middle_m]))
     near, axes = _lane(fit, fit.x, lines, middle_m + np.array([-h, 0.0, h]))
-    bend = (axes[2] - axes[0])[:, 0] / np.linalg.norm(near[2] - near[0])
+    curvature = (axes[2] - axes[0])[:, 0] / np.linalg.norm(near[2] - near[0])
 
     def slope(values: Array) -> Array:
         return (values[:len(steps)] - values[len(steps):]) / (2 * steps[:, None])
 
     position, direction = slope(points[:, 0]), slope(frames[:, 0, :, 0])
-    direction = direction - np.outer(position @ axes[1][:, 0], bend)
+    direction = direction - np.outer(position @ axes[1][:, 0], curvature)
     direction = direction @ axes[1][:, 1:]
-    return np.sqrt(np.einsum('ij,ik,kj->j', direction, fit.covariance, direction))
-
-
-def surveyed_path(points_m: Array) -> SplinePath:
-    """
-    Lay a smooth path through surveyed points.
-
-    :param points_m: (n, 3) in order along travel.
-    """
-    return SplinePath(points_m)
+    return np.asarray(np.sqrt(np.einsum('ij,ik,kj->j', direction, fit.covariance, direction)))
 
 
 def between(right: Path, left: Path) -> SplinePath:
     """
-    Lay a path midway between two lines of any kind; its up is square to both.
+    Return a path midway between two lines of any kind; its up is square to both.
 
     :param right: the line on the driver's right.
     :param left: the line on the driver's left.
     """
-    s = np.linspace(0.0, right.length_m, max(8, int(np.ceil(right.length_m))))
+    s = np.linspace(0.0, right.length_m, max(_FEWEST, int(np.ceil(right.length_m / _SPACING_M))))
     on_right = right.position(s)
     s_left = left.arc_length(on_right)
     on_left = left.position(s_left)
@@ -135,11 +128,13 @@ def between(right: Path, left: Path) -> SplinePath:
 
 
 def lane_of_paths(name: str, paths: tuple[Path, ...], speed_limit_mps: Optional[float],
-                  residual_px: float = 0.0) -> LanePath:
+                  residual_px: float = 0.0, prior: RoadPrior = RoadPrior()) -> LanePath:
     """
-    Make a lane from surveyed paths, one or (right, left).
+    Return a lane of which at least one line is surveyed.
 
     :param paths: one path, or those of the right and the left line.
+    :param prior: how well the direction of surveyed lines is known.
     """
     path = paths[0] if len(paths) == 1 else between(*paths)
-    return LanePath(name, path, speed_limit_mps, np.full(2, SURVEY_HEADING_STD_RAD), residual_px)
+    return LanePath(name, path, speed_limit_mps,
+                    np.full(2, prior.survey_heading_std_rad), residual_px)

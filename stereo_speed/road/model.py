@@ -1,7 +1,7 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-The shape of a road: a reference line that turns and climbs, and lines parallel to it.
+The shape of a road: a reference line that curves and climbs, and lines parallel to it.
 
 The road's frame at reference arc length ``s`` is ``G Rz(psi(s)) Ry(-theta(s)) Rx(phi)``: heading
 ``psi`` about a fixed up axis, the integral of a polynomial curvature; grade ``theta = theta_0 +
@@ -9,7 +9,7 @@ crest s``; crossfall ``phi``. With both at zero the road is a plane. A straight 
 neither, because the plane tilts with it; a curve that climbs does.
 
 The parameters are one vector: small rotation of the guess (3), height (1), a lateral offset for
-each line, ``turns`` curvature coefficients and the first ``bends`` of grade, crossfall, crest.
+each line, the curvature coefficients and the first few of grade, crossfall and crest.
 """
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from numpy.polynomial import legendre
 from ..core.records import Array
 
 NODES = 81  # along the reference line
-BENDS = ('grade', 'crossfall', 'crest')  # rad, rad, rad per half length
-_OVERHANG = 1.1  # how far the nodes go beyond the half length either way
+SURFACE = ('grade', 'crossfall', 'crest')  # rad, rad, rad per half length
+_OVERHANG = 1.1  # half lengths from the middle to the last node; lines go on a little
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,79 +35,80 @@ class RoadModel:
     :param centre_m: (3,) in the middle of the road.
     :param half_length_m: from the middle to the furthest pick.
     :param lines: number of lines.
-    :param turns: number of curvature coefficients; 0 is a straight road.
-    :param bends: how many of the bends are free, in the order of ``BENDS``; 0 is a plane.
+    :param curvature_terms: number of curvature coefficients; 0 is a straight road.
+    :param surface_terms: how many terms of ``SURFACE`` are free, in its order; 0 is a plane.
     """
 
     frame: Array
     centre_m: Array
     half_length_m: float
     lines: int
-    turns: int
-    bends: int
+    curvature_terms: int
+    surface_terms: int
 
     @property
     def size(self) -> int:
         """Length of the parameter vector."""
-        return 4 + self.lines + self.turns + self.bends
+        return 4 + self.lines + self.curvature_terms + self.surface_terms
 
     @cached_property
     def steps(self) -> Array:
-        """Give the (size,) differences that move the picks by something like 1e-3 px."""
+        """Return the (size,) differences that move the picks by something like 1e-3 px."""
         return np.concatenate([
             np.full(3, 1e-6), np.full(1 + self.lines, 1e-5),
-            np.full(self.turns + self.bends, 1e-6)])
+            np.full(self.curvature_terms + self.surface_terms, 1e-6)])
 
     @cached_property
     def s_m(self) -> Array:
         """Arc lengths (NODES,) of the nodes from the middle."""
         return np.linspace(-1, 1, NODES) * _OVERHANG * self.half_length_m
 
-    def within(self, turns: int, bends: int, x: Array) -> tuple[RoadModel, Array]:
+    def widened(self, curvature_terms: int, surface_terms: int, x: Array
+                ) -> tuple[RoadModel, Array]:
         """
-        Widen the family; the road of ``x`` (size,), or more, stays the same in it.
+        Return a wider family, and the parameters of the road of ``x`` (size,) or more in it.
 
-        :param turns: at least those of now.
-        :param bends: at least those of now.
+        :param curvature_terms: at least as many as now.
+        :param surface_terms: at least as many as now.
         """
-        wide = replace(self, turns=turns, bends=bends)
-        cut = self.size - self.bends
+        wide = replace(self, curvature_terms=curvature_terms, surface_terms=surface_terms)
+        cut = self.size - self.surface_terms
         return wide, np.concatenate([
-            x[:cut], np.zeros(turns - self.turns), x[cut:self.size], np.zeros(bends - self.bends),
-            x[self.size:]])
+            x[:cut], np.zeros(curvature_terms - self.curvature_terms), x[cut:self.size],
+            np.zeros(surface_terms - self.surface_terms), x[self.size:]])
 
     @cached_property
-    def _turning(self) -> Array:
-        """Heading (2 NODES - 1, turns) of unit coefficients at the nodes and between them."""
+    def _heading_basis(self) -> Array:
+        """Heading (2 NODES - 1, curvature_terms) of unit coefficients, at nodes and between."""
         sigma = np.linspace(-1, 1, 2 * NODES - 1) * _OVERHANG
-        basis = [legendre.legval(sigma, legendre.legint(np.eye(self.turns)[i], lbnd=0))
-                 for i in range(self.turns)]
+        basis = [legendre.legval(sigma, legendre.legint(np.eye(self.curvature_terms)[i], lbnd=0))
+                 for i in range(self.curvature_terms)]
         return np.stack(basis, axis=-1) if basis else np.zeros((sigma.size, 0))
 
     def offsets(self, x: Array) -> Array:
-        """Take the (..., lines) lateral places of the lines, m, positive to the left."""
+        """Return the (..., lines) lateral places of the lines, m, positive to the left."""
         return x[..., 4:4 + self.lines]
 
-    def bend(self, x: Array) -> Array:
-        """Take the bends (..., 3); those that are not free are 0."""
-        out = np.zeros(x.shape[:-1] + (len(BENDS),))
-        out[..., :self.bends] = x[..., self.size - self.bends:self.size]
+    def surface(self, x: Array) -> Array:
+        """Return grade, crossfall and crest (..., 3); those that are not free are 0."""
+        out = np.zeros(x.shape[:-1] + (len(SURFACE),))
+        out[..., :self.surface_terms] = x[..., self.size - self.surface_terms:self.size]
         return out
 
     def reference(self, x: Array) -> tuple[Array, Array]:
         """
-        Give the reference line's points (..., NODES, 3) and frames (..., NODES, 3, 3).
+        Return the reference line's points (..., NODES, 3) and frames (..., NODES, 3, 3).
 
         :param x: (..., size) parameters.
         """
-        psi = x[..., 4 + self.lines:4 + self.lines + self.turns] @ self._turning.T
-        grade, fall, crest = np.moveaxis(self.bend(x), -1, 0)[..., None]
+        psi = x[..., 4 + self.lines:self.size - self.surface_terms] @ self._heading_basis.T
+        grade, fall, crest = np.moveaxis(self.surface(x), -1, 0)[..., None]
         theta = grade + crest * np.linspace(-1, 1, 2 * NODES - 1) * _OVERHANG
         cp, sp, ct, st = np.cos(psi), np.sin(psi), np.cos(theta), np.sin(theta)
         cf, sf = np.cos(fall), np.sin(fall)
         tangent = np.stack([cp * ct, sp * ct, st], axis=-1)
         left = np.stack([-sp * cf - cp * st * sf, cp * cf - sp * st * sf, ct * sf], axis=-1)
-        axes = self.frame @ _rotation(x[..., :3])
+        axes = self.frame @ rotation(x[..., :3])
         step = self.s_m[1] - self.s_m[0]
         simpson = step / 6 * (tangent[..., :-2:2, :] + 4 * tangent[..., 1::2, :]
                               + tangent[..., 2::2, :])
@@ -121,25 +122,25 @@ class RoadModel:
         return points, axes[..., None, :, :] @ local
 
 
-def _rotation(vectors: Array) -> Array:
-    """Turn rotation vectors (..., 3) into matrices (..., 3, 3)."""
+def rotation(vectors: Array) -> Array:
+    """Return the matrices (..., 3, 3) of rotation vectors (..., 3)."""
     angle = np.linalg.norm(vectors, axis=-1)[..., None, None]
     x, y, z = np.moveaxis(vectors, -1, 0)
     o = np.zeros_like(x)
     skew = np.stack([o, -z, y, z, o, -x, -y, x, o], axis=-1).reshape(vectors.shape[:-1] + (3, 3))
     a = np.sinc(angle / np.pi)
     b = 0.5 * np.sinc(angle / (2 * np.pi))**2
-    return np.eye(3) + a * skew + b * skew @ skew
+    return np.asarray(np.eye(3) + a * skew + b * skew @ skew)
 
 
-def turn_matrix(turn_rad: Array) -> Array:
+def drift_matrix(drift_rad: Array) -> Array:
     """
-    Give the matrices (..., 3, 3) that take row vectors into the frame of a turned camera.
+    Return the matrices (..., 3, 3) that take row vectors into the frame of a rotated camera.
 
-    :param turn_rad: (..., 3) pan to the right, tilt upwards and roll clockwise, components of
+    :param drift_rad: (..., 3) pan to the right, tilt upwards and roll clockwise, components of
         one rotation vector about the camera's y, x and z axis.
     """
-    return _rotation(turn_rad[..., [1, 0, 2]])
+    return rotation(drift_rad[..., [1, 0, 2]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,7 +156,7 @@ class Weights:
     @classmethod
     def at(cls, nodes_m: Array, s_m: Array) -> Weights:
         """
-        Make the weights for arc lengths (n,); beyond the nodes they extrapolate.
+        Return the weights for arc lengths (n,); beyond the nodes they extrapolate.
 
         :param nodes_m: (NODES,) even.
         """

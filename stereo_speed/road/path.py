@@ -10,10 +10,10 @@ after the last.
 """
 from __future__ import annotations
 
-from typing import Protocol, runtime_checkable
+from typing import Callable, Literal, Protocol, runtime_checkable
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from ..core.records import Array
 
@@ -30,31 +30,31 @@ class Path(Protocol):
         """Arc length between the two ends."""
 
     def position(self, s_m: Array) -> Array:
-        """Give the points (..., 3) at arc lengths (...,)."""
+        """Return the points (..., 3) at arc lengths (...,)."""
 
     def tangent(self, s_m: Array) -> Array:
-        """Give the unit directions of travel (..., 3) at arc lengths (...,)."""
+        """Return the unit directions of travel (..., 3) at arc lengths (...,)."""
 
     def frame(self, s_m: Array) -> Array:
-        """Give the frames (..., 3, 3) at arc lengths (...,): columns T, P left, B up."""
+        """Return the frames (..., 3, 3) at arc lengths (...,): columns T, P left, B up."""
 
     def arc_length(self, points_m: Array) -> Array:
-        """Give the arc lengths (...,) of the nearest points of the path to points (..., 3)."""
+        """Return the arc lengths (...,) of the nearest points of the path to points (..., 3)."""
 
 
 def unit(vectors: Array) -> Array:
     """
-    Scale vectors to length 1.
+    Return vectors scaled to length 1.
 
     :param vectors: (..., 3).
     """
     vectors = np.asarray(vectors, dtype=np.float64)
-    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
 
 
 def frame_of(tangent: Array, up: Array) -> Array:
     """
-    Build frames (..., 3, 3) with columns T, P left, B up from directions and rough ups.
+    Return frames (..., 3, 3) with columns T, P left, B up from directions and rough ups.
 
     :param tangent: (..., 3) unit.
     :param up: (..., 3) or (3,), not parallel to the tangent; made orthogonal to it.
@@ -72,9 +72,30 @@ def _cross(a: Array, b: Array) -> Array:
     return out
 
 
+def chord_lengths(points: Array) -> Array:
+    """
+    Return the lengths (n,) of a polyline up to each of its points.
+
+    :param points: (n, d).
+    """
+    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=-1))])
+
+
+def spline_through(x: Array, values: Array) -> CubicSpline:
+    """
+    Return the cubic spline through values (n, d) at places (n,), n >= 2.
+
+    Three points or fewer have no third derivative to be continuous: the ends are then natural.
+    """
+    ends: Literal['not-a-knot', 'natural'] = 'not-a-knot' if len(x) > 3 else 'natural'
+    return CubicSpline(x, values, bc_type=ends)
+
+
 def rotation_minimising_up(points_m: Array, tangents: Array, up: Array) -> Array:
     """
-    Carry an up vector along a curve without turning about it (double reflection, Wang 2008).
+    Return an up vector carried along a curve without rotation about it (Wang 2008).
+
+    It is the double reflection method.
 
     :param points_m: (n, 3) along the curve.
     :param tangents: (n, 3) unit tangents there.
@@ -115,19 +136,19 @@ class StraightPath:
         return self._length_m
 
     def position(self, s_m: Array) -> Array:
-        """Give the points (..., 3) at arc lengths (...,)."""
+        """Return the points (..., 3) at arc lengths (...,)."""
         return self._origin_m + np.asarray(s_m, dtype=np.float64)[..., None] * self._direction
 
     def tangent(self, s_m: Array) -> Array:
-        """Give the unit directions of travel (..., 3) at arc lengths (...,)."""
+        """Return the unit directions of travel (..., 3) at arc lengths (...,)."""
         return np.broadcast_to(self._direction, np.shape(s_m) + (3,)).copy()
 
     def frame(self, s_m: Array) -> Array:
-        """Give the frames (..., 3, 3) at arc lengths (...,): columns T, P left, B up."""
+        """Return the frames (..., 3, 3) at arc lengths (...,): columns T, P left, B up."""
         return np.broadcast_to(self._frame, np.shape(s_m) + (3, 3)).copy()
 
     def arc_length(self, points_m: Array) -> Array:
-        """Give the arc lengths (...,) of the feet of points (..., 3)."""
+        """Return the arc lengths (...,) of the feet of points (..., 3)."""
         return (np.asarray(points_m, dtype=np.float64) - self._origin_m) @ self._direction
 
 
@@ -137,14 +158,15 @@ class SplinePath:
 
     :param points_m: (n, 3) in order along travel, n >= 2, no two in a row the same.
     :param up: (3,) or (n, 3) rough up directions at the points; None carries the camera's up
-        along without turning.
+        along without rotation about the path.
     :param spacing_m: between the knots of the arc-length form.
     """
 
     def __init__(self, points_m: Array, up: Array | None = CAMERA_UP,
                  spacing_m: float = 0.5) -> None:
         points_m = np.asarray(points_m, dtype=np.float64)
-        raw, chord = _through(points_m)
+        chord = chord_lengths(points_m)
+        raw = spline_through(chord, points_m)
         fine = np.unique(np.concatenate([chord, np.linspace(
             0.0, chord[-1], max(8, int(np.ceil(4 * chord[-1] / spacing_m))))]))
         s = np.concatenate([[0.0], np.cumsum(_lengths(raw, fine))])
@@ -153,14 +175,14 @@ class SplinePath:
         self._knots_m = np.linspace(0.0, self._length_m, count)
         # The map from arc length to chord parameter, with its exact slope at every node.
         slope = 1 / np.linalg.norm(raw(fine, 1), axis=-1)
-        chords = _hermite(s, fine, slope, self._knots_m)
+        chords = CubicHermiteSpline(s, fine, slope)(self._knots_m)
         self._curve = CubicSpline(self._knots_m, raw(chords))
         self._slope, self._bend = self._curve.derivative(), self._curve.derivative(2)
         self._ends = self._curve([0.0, self._length_m]), unit(self._slope([0.0, self._length_m]))
-        self._up = self._ups(up, chord, chords)
+        self._up: Callable[[Array], Array] = self._ups(up, chord, chords)
 
-    def _ups(self, up: Array | None, chord: Array, chords: Array) -> CubicSpline | Array:
-        """Make the rough ups: one vector, or a spline in arc length."""
+    def _ups(self, up: Array | None, chord: Array, chords: Array) -> Callable[[Array], Array]:
+        """Return the rough ups by arc length."""
         if up is None:
             knots = self._knots_m
             ups = rotation_minimising_up(
@@ -168,9 +190,9 @@ class SplinePath:
             return CubicSpline(knots, ups)
         up = np.asarray(up, dtype=np.float64)
         if up.ndim == 1:
-            return unit(up)
-        kind = 'not-a-knot' if len(up) > 3 else 'natural'
-        return CubicSpline(self._knots_m, unit(CubicSpline(chord, up, bc_type=kind)(chords)))
+            one = unit(up)
+            return lambda s_m: one
+        return CubicSpline(self._knots_m, unit(spline_through(chord, up)(chords)))
 
     @property
     def length_m(self) -> float:
@@ -184,29 +206,28 @@ class SplinePath:
         return on, s_m - on
 
     def position(self, s_m: Array) -> Array:
-        """Give the points (..., 3) at arc lengths (...,)."""
+        """Return the points (..., 3) at arc lengths (...,)."""
         on, beyond = self._beyond(s_m)
         ends = np.where((beyond < 0)[..., None], self._ends[1][0], self._ends[1][1])
-        return self._curve(on) + beyond[..., None] * ends
+        return np.asarray(self._curve(on) + beyond[..., None] * ends)
 
     def tangent(self, s_m: Array) -> Array:
-        """Give the unit directions of travel (..., 3) at arc lengths (...,)."""
+        """Return the unit directions of travel (..., 3) at arc lengths (...,)."""
         return unit(self._slope(self._beyond(s_m)[0]))
 
     def frame(self, s_m: Array) -> Array:
-        """Give the frames (..., 3, 3) at arc lengths (...,): columns T, P left, B up."""
+        """Return the frames (..., 3, 3) at arc lengths (...,): columns T, P left, B up."""
         on = self._beyond(s_m)[0]
-        up = self._up(on) if callable(self._up) else self._up
-        return frame_of(self.tangent(on), up)
+        return frame_of(self.tangent(on), self._up(on))
 
     def arc_length(self, points_m: Array) -> Array:
-        """Give the arc lengths (...,) of the nearest points of the path to points (..., 3)."""
+        """Return the arc lengths (...,) of the nearest points of the path to points (..., 3)."""
         points_m = np.asarray(points_m, dtype=np.float64)
         knots = self._curve(self._knots_m)
         # |p - k|^2 without the |p|^2, which is the same for every knot
         nearest = np.argmin(
             np.sum(knots * knots, axis=-1) - 2 * points_m @ knots.T, axis=-1)
-        s = self._knots_m[nearest]
+        s: Array = self._knots_m[nearest]
         for _ in range(8):
             offset = points_m - self.position(s)
             on, beyond = self._beyond(s)
@@ -219,25 +240,9 @@ class SplinePath:
         return s
 
 
-def _through(points_m: Array) -> tuple[CubicSpline, Array]:
-    """Lay a cubic spline through points, by chord length."""
-    chord = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points_m, axis=0), axis=-1))])
-    kind = 'not-a-knot' if len(points_m) > 3 else 'natural'
-    return CubicSpline(chord, points_m, bc_type=kind), chord
-
-
 def _lengths(curve: CubicSpline, nodes: Array) -> Array:
     """Integrate the arc length between nodes (n,) by three-point Gauss quadrature: (n - 1,)."""
     half, middle = np.diff(nodes) / 2, (nodes[1:] + nodes[:-1]) / 2
     x = np.sqrt(0.6)
     speeds = [np.linalg.norm(curve(middle + k * half, 1), axis=-1) for k in (-x, 0.0, x)]
-    return half * (5 * speeds[0] + 8 * speeds[1] + 5 * speeds[2]) / 9
-
-
-def _hermite(x: Array, y: Array, slope: Array, at: Array) -> Array:
-    """Interpolate y(x) with its slopes given."""
-    i = np.clip(np.searchsorted(x, at, side='right') - 1, 0, len(x) - 2)
-    h = x[i + 1] - x[i]
-    t = (at - x[i]) / h
-    return (y[i] * (1 + 2 * t) * (1 - t)**2 + y[i + 1] * t * t * (3 - 2 * t)
-            + h * t * (1 - t) * (slope[i] * (1 - t) - slope[i + 1] * t))
+    return np.asarray(half * (5 * speeds[0] + 8 * speeds[1] + 5 * speeds[2]) / 9)

@@ -7,17 +7,55 @@ from dataclasses import dataclass
 from typing import Mapping, Optional
 
 import numpy as np
+from numpy.typing import NDArray
 
-from .model import RoadModel, turn_matrix, Weights
+from .model import drift_matrix, RoadModel, Weights
+from ..core.config import check_bounds, parameter
 from ..core.records import Array
 from ..geometry.camera import Camera
 from ..geometry.rig import StereoRig
 
-PICK_STD_PX = 0.3  # what a careful person reaches; of picks that come without a 1-sigma
-ROLL_STD_RAD = 0.1  # of the road about its direction, against the camera's up
-BEND_STD = (0.06, 0.04)  # grade and crossfall of a bent surface, rad
-CREST_STD_PER_M = 1 / 800  # vertical curvature
-TURN_STEP_RAD = 1e-6  # moves the picks by something like 1e-3 px
+_DRIFT_STEP_RAD = 1e-6  # moves the picks by something like 1e-3 px
+_NEAREST_M = 0.1  # what is nearer to a camera's plane is not seen
+_STEP_M = 0.01  # along a line, of its direction in the image
+_LOST_PX = 1e3  # residual of a pick whose line is behind the camera: far off, without a slope
+REACH = 1.3  # half lengths from the middle of the road to where feet are looked for
+
+
+@dataclass(frozen=True)
+class RoadPrior:
+    """What is known of any road and rig before their lines are looked at."""
+
+    pick_std_px: float = parameter(
+        0.3, 0.01, 10.0, 'px', '1-sigma of a point that a careful person clicked, across its line')
+    best_pick_std_px: float = parameter(
+        0.02, 0.0, 10.0, 'px', 'no points of a line agree with a road better than this')
+    roll_std_rad: float = parameter(
+        0.1, 1e-3, 3.0, 'rad', "1-sigma of the road's roll about its direction against the "
+        "camera's up, for one straight line says nothing of it")
+    grade_std_rad: float = parameter(
+        0.06, 1e-4, 1.0, 'rad', '1-sigma of the grade of a curved road against its plane')
+    crossfall_std_rad: float = parameter(
+        0.04, 1e-4, 1.0, 'rad', '1-sigma of the crossfall of a curved road against its plane')
+    crest_std_per_m: float = parameter(
+        1 / 800, 1e-6, 1.0, '1/m', '1-sigma of the vertical curvature; crests of fast roads have '
+        'radii of some 1000 m')
+    curvature_penalty: float = parameter(
+        2.0, 0.0, 100.0, '', 'times that of BIC for each number more that describes a road; at 1 '
+        'one straight road in fifteen was taken for a curve')
+    survey_heading_std_rad: float = parameter(
+        1e-3, 0.0, 0.1, 'rad', '1-sigma of the direction of a surveyed line: 2 cm over 20 m')
+    calibrated_std_deg: float = parameter(
+        0.0003, 0.0, 1.0, 'degrees', '1-sigma of each angle between cameras that nobody has '
+        'touched since their calibration')
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+
+    @property
+    def calibrated_covariance_rad2(self) -> Array:
+        """Return the covariance (3, 3) of pan, tilt and roll of a rig as calibrated."""
+        return np.asarray(np.radians(self.calibrated_std_deg) ** 2 * np.eye(3))
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,36 +63,54 @@ class Picks:
     """
     All picks of a road's lines.
 
+    :param names: of the lines, in the order of their numbers.
     :param uv_px: (n, 2) raw pixels.
     :param line: (n,) number of the line.
     :param right: (n,) whether it is of the right view.
     :param std_px: (n,) 1-sigma across the line.
     """
 
+    names: tuple[str, ...]
     uv_px: Array
-    line: Array
-    right: Array
+    line: NDArray[np.intp]
+    right: NDArray[np.bool_]
     std_px: Array
 
     @classmethod
     def of(cls, lines: Mapping[str, tuple[Array, Array]],
-           std_px: Optional[Mapping[str, tuple[Array, Array]]] = None) -> Picks:
+           std_px: Optional[Mapping[str, tuple[Array, Array]]] = None,
+           click_std_px: float = RoadPrior().pick_std_px) -> Picks:
         """
-        Gather the picks of named lines.
+        Return the picks of named lines.
 
         :param lines: name to (left (n, 2), right (m, 2)).
-        :param std_px: name to (left (n,), right (m,)) 1-sigmas; those of careful clicks for
-            lines that are not named.
+        :param std_px: name to (left (n,), right (m,)) 1-sigmas.
+        :param click_std_px: 1-sigma of the picks of lines that are not named there.
         """
         given = std_px or {}
         parts = [(view, i, j) for i, pair in enumerate(lines.values())
                  for j, view in enumerate(pair)]
-        stds = [given[name][j] if name in given else np.full(len(pair[j]), PICK_STD_PX)
+        stds = [given[name][j] if name in given else np.full(len(pair[j]), click_std_px)
                 for name, pair in lines.items() for j in (0, 1)]
-        return cls(np.concatenate([view for view, _, _ in parts]).astype(np.float64),
+        return cls(tuple(lines),
+                   np.concatenate([view for view, _, _ in parts]).astype(np.float64),
                    np.concatenate([np.full(len(view), i) for view, i, _ in parts]),
                    np.concatenate([np.full(len(view), j == 1) for view, _, j in parts]),
                    np.concatenate(stds).astype(np.float64))
+
+    def of_line(self, line: int, right: bool) -> NDArray[np.bool_]:
+        """
+        Return which picks (n,) are of a line in one view.
+
+        :param line: its number.
+        :param right: the right view.
+        """
+        return np.asarray((self.line == line) & (self.right == right))
+
+    @property
+    def median_std_px(self) -> float:
+        """Return the usual 1-sigma of a pick."""
+        return float(np.median(self.std_px))
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,26 +129,26 @@ class Feet:
 
 
 def pixels(camera: Camera, points_m: Array) -> Array:
-    """Project points (..., 3) of the camera's frame to raw pixels; NaN behind the camera."""
+    """Return raw pixels of points (..., 3) of the camera's frame; NaN behind the camera."""
     z = points_m[..., 2:]
-    return camera.distort(points_m[..., :2] / np.where(z > 0.1, z, np.nan))
+    return camera.distort(points_m[..., :2] / np.where(z > _NEAREST_M, z, np.nan))
 
 
 @dataclass(frozen=True, eq=False)
-class TurnPrior:
+class DriftPrior:
     """
-    What is known beforehand of how the right camera has turned since the calibration.
+    What is known beforehand of the extrinsic drift: how the right camera has rotated.
 
-    :param mean_rad: (3,) pan, tilt and roll.
-    :param root: (n, 3) such that ``root @ (turn - mean_rad)`` has unit covariance.
+    :param mean_rad: (3,) pan, tilt and roll since the calibration.
+    :param root: (n, 3) such that ``root @ (drift - mean_rad)`` has unit covariance.
     """
 
     mean_rad: Array
     root: Array
 
     @classmethod
-    def loose(cls, std_rad: float) -> TurnPrior:
-        """Make one about no turn at all."""
+    def loose(cls, std_rad: float) -> DriftPrior:
+        """Return one about no drift at all."""
         return cls(np.zeros(3), np.eye(3) / std_rad)
 
 
@@ -103,48 +159,49 @@ class RoadProblem:
     :param rig: the calibrated rig.
     :param picks: of all lines.
     :param model: the family of roads.
-    :param turn: what is known of the turn of the right camera, whose angles are then the last
+    :param drift: what is known of the drift of the right camera, whose angles are then the last
         three unknowns. None: it stands as calibrated.
+    :param prior: what is known of any road.
     """
 
     def __init__(self, rig: StereoRig, picks: Picks, model: RoadModel,
-                 turn: Optional[TurnPrior] = None) -> None:
+                 drift: Optional[DriftPrior] = None, prior: RoadPrior = RoadPrior()) -> None:
         self.rig, self.picks, self.model = rig, picks, model
-        self.turn = turn
-        self.steps = model.steps if turn is None else np.append(
-            model.steps, np.full(3, TURN_STEP_RAD))
+        self.drift, self.prior = drift, prior
+        self.steps = model.steps if drift is None else np.append(
+            model.steps, np.full(3, _DRIFT_STEP_RAD))
         self._last: Optional[tuple[Array, Feet]] = None
         self._known: Optional[tuple[Array, tuple[Array, Array]]] = None
 
     @property
     def size(self) -> int:
-        """Count the unknowns."""
+        """Return the number of unknowns."""
         return len(self.steps)
 
     def _reference(self, x: Array) -> tuple[Array, Array]:
-        """Give the reference line of the model; the last one is kept."""
+        """Return the reference line of the model; the last one is kept."""
         if self._known is None or not np.array_equal(self._known[0], x):
             self._known = x.copy(), self.model.reference(x)
         return self._known[1]
 
-    def turn_rad(self, x: Array) -> Array:
-        """Take pan, tilt and roll (..., 3) of the right camera; zeros where they are fixed."""
-        if self.turn is None:
+    def drift_rad(self, x: Array) -> Array:
+        """Return pan, tilt and roll (..., 3) of the right camera; zeros where they are fixed."""
+        if self.drift is None:
             return np.zeros(x.shape[:-1] + (3,))
         return x[..., -3:]
 
     def to_right(self, x: Array, points_m: Array) -> Array:
-        """Carry points (..., n, 3) into the frame of the right camera as it stands now."""
+        """Return points (..., n, 3) in the frame of the right camera as it stands now."""
         right = self.rig.to_right(points_m)
-        return right if self.turn is None else right @ turn_matrix(self.turn_rad(x))
+        return right if self.drift is None else right @ drift_matrix(self.drift_rad(x))
 
     def at(self, x: Array, weights: Weights) -> Array:
-        """Give the pixels (..., n, 2) of the lines at fixed arc lengths, one for each pick."""
+        """Return the pixels (..., n, 2) of the lines at fixed arc lengths, one for each pick."""
         points, frames = self._reference(x)
         return self._seen(x, (points, frames[..., 1]), weights)
 
     def _seen(self, x: Array, reference: tuple[Array, Array], weights: Weights) -> Array:
-        """Place a point on the line of each pick and project it into the view of the pick."""
+        """Return the pixels of a point on the line of each pick, in the view of the pick."""
         points, left = (weights(values) for values in reference)
         points = points + self.model.offsets(x)[..., self.picks.line, None] * left
         uv_px, right = np.empty(points.shape[:-1] + (2,)), self.picks.right
@@ -154,12 +211,12 @@ class RoadProblem:
         return uv_px
 
     def feet(self, x: Array) -> Feet:
-        """Find where each pick meets its projected line."""
+        """Return where each pick meets its projected line."""
         if self._last is not None and np.array_equal(self._last[0], x):
             return self._last[1]
         points, frames = self._reference(x)
         reference = points, frames[..., 1]
-        nodes, h = self.model.s_m, 0.01
+        nodes, h = self.model.s_m, _STEP_M
         s, reach = nodes[self._nearest_nodes(x, reference)], 3 * (nodes[1] - nodes[0])
         for _ in range(3):
             here, after = (self._seen(x, reference, Weights.at(nodes, s + d))
@@ -167,24 +224,24 @@ class RoadProblem:
             tangent, off = (after - here) / (2 * h), self.picks.uv_px - (here + after) / 2
             step = np.sum(off * tangent, -1) / np.sum(tangent * tangent, -1)
             s = np.clip(s + np.nan_to_num(np.clip(step, -reach, reach)),
-                        1.3 * nodes[0], 1.3 * nodes[-1])
+                        REACH * nodes[0], REACH * nodes[-1])
         length = np.linalg.norm(tangent, axis=-1, keepdims=True)
         normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=-1) / length
         off = self.picks.uv_px - self._seen(x, reference, Weights.at(nodes, s))
         residual = np.sum(normal * off, axis=-1)
-        lost = ~np.isfinite(residual)  # behind a camera: far off, and no slope
-        feet = Feet(s, np.where(lost[:, None], 0.0, normal), np.where(lost, 1e3, residual))
+        lost = ~np.isfinite(residual)
+        feet = Feet(s, np.where(lost[:, None], 0.0, normal), np.where(lost, _LOST_PX, residual))
         self._last = x.copy(), feet
         return feet
 
     def _nearest_nodes(self, x: Array, reference: tuple[Array, Array]) -> Array:
-        """Give the node (n,) whose projection is nearest to each pick."""
+        """Return the node (n,) whose projection is nearest to each pick."""
         lines = reference[0] + self.model.offsets(x)[:, None, None] * reference[1]
         views = (pixels(self.rig.left, lines), pixels(self.rig.right, self.to_right(x, lines)))
         nearest = np.zeros(len(self.picks.line), dtype=int)
         for i in range(self.model.lines):
             for right in (False, True):
-                mine = (self.picks.line == i) & (self.picks.right == right)
+                mine = self.picks.of_line(i, right)
                 gap = self.picks.uv_px[mine, None] - views[int(right)][i]
                 square = np.sum(gap * gap, axis=-1)
                 nearest[mine] = np.argmin(np.where(np.isnan(square), np.inf, square), axis=-1)
@@ -192,27 +249,27 @@ class RoadProblem:
 
     def priors(self, x: Array) -> Array:
         """
-        Give weak constraints as (..., 4 and more) residuals in sigmas.
+        Return weak constraints as (..., 4 and more) residuals in sigmas.
 
-        They are roll, grade, crossfall and crest, and the turn of the right camera.
+        They are roll, grade, crossfall and crest, and the drift of the right camera.
         """
-        up = (self._reference(x)[1])[..., len(self.model.s_m) // 2, :, :]
-        bend = self.model.bend(x)
-        roll = up[..., 1, 1]  # how far the left axis dips below the camera's horizontal
-        crest = bend[..., 2] / (self.model.half_length_m * CREST_STD_PER_M)
-        weak = np.stack([roll / ROLL_STD_RAD, bend[..., 0] / BEND_STD[0],
-                         bend[..., 1] / BEND_STD[1], crest], axis=-1)
-        if self.turn is None:
+        axes = (self._reference(x)[1])[..., len(self.model.s_m) // 2, :, :]
+        roll = axes[..., 1, 1]  # how far the left axis dips below the camera's horizontal
+        surface, prior = self.model.surface(x), self.prior
+        crest = surface[..., 2] / (self.model.half_length_m * prior.crest_std_per_m)
+        weak = np.stack([roll / prior.roll_std_rad, surface[..., 0] / prior.grade_std_rad,
+                         surface[..., 1] / prior.crossfall_std_rad, crest], axis=-1)
+        if self.drift is None:
             return weak
-        turned = (self.turn_rad(x) - self.turn.mean_rad) @ self.turn.root.T
-        return np.concatenate([weak, turned], axis=-1)
+        drift = (self.drift_rad(x) - self.drift.mean_rad) @ self.drift.root.T
+        return np.concatenate([weak, drift], axis=-1)
 
     def residuals(self, x: Array) -> Array:
-        """Give all residuals in sigmas."""
+        """Return all residuals in sigmas."""
         return np.append(self.feet(x).residual_px / self.picks.std_px, self.priors(x))
 
     def jacobian(self, x: Array) -> Array:
-        """Differentiate; moving a foot along its line changes nothing, so feet stay."""
+        """Return their derivatives; moving a foot along its line changes nothing, so feet stay."""
         feet, steps = self.feet(x), self.steps
         weights = Weights.at(self.model.s_m, feet.s_m)
         both = x + np.concatenate([np.diag(steps), -np.diag(steps)])
@@ -220,4 +277,4 @@ class RoadProblem:
         moved = np.concatenate(
             [-np.sum(np.nan_to_num(uv) * feet.normal, axis=-1) / self.picks.std_px,
              self.priors(both)], axis=-1)
-        return ((moved[:len(steps)] - moved[len(steps):]) / (2 * steps[:, None])).T
+        return np.asarray(((moved[:len(steps)] - moved[len(steps):]) / (2 * steps[:, None])).T)

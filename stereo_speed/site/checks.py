@@ -9,13 +9,16 @@ import numpy as np
 
 from ..core.records import Array
 
+_REVERSES = -0.5  # cosine between two steps that are more than 120 degrees apart
+_REVERSES_AT_END = -0.9  # stricter, for one such step alone may be a curve at a grazing angle
 
-def turned_back(points: Array) -> Optional[int]:
+
+def out_of_order(points: Array) -> Optional[int]:
     """
-    Find a point that lies behind the one before it; None if there is none.
+    Return the index of a point that lies behind the one before it; None if there is none.
 
-    A curve may bend back once, seen at a grazing angle; a point out of order turns the line
-    twice in a row, or at its very end.
+    A curve may bend back once, seen at a grazing angle; a point out of order makes the line
+    reverse twice in a row, or at its very end.
 
     :param points: (n, 2) or (n, 3) in order along travel.
     """
@@ -25,17 +28,17 @@ def turned_back(points: Array) -> Optional[int]:
         return int(np.argmin(length)) + 1
     unit = steps / length[:, None]
     cosine = np.sum(unit[1:] * unit[:-1], axis=-1)
-    twice = np.nonzero((cosine[1:] < -0.5) & (cosine[:-1] < -0.5))[0]
+    twice = np.nonzero((cosine[1:] < _REVERSES) & (cosine[:-1] < _REVERSES))[0]
     if twice.size:
         return int(twice[0]) + 2
-    if len(cosine) and cosine[-1] < -0.9:
+    if len(cosine) and cosine[-1] < _REVERSES_AT_END:
         return len(points) - 1
-    return 1 if len(cosine) and cosine[0] < -0.9 else None
+    return 1 if len(cosine) and cosine[0] < _REVERSES_AT_END else None
 
 
 def crossing(a: Array, b: Array) -> Optional[tuple[int, int]]:
     """
-    Find segments of two polylines that cross inside both; None if there are none.
+    Return the segments of two polylines that cross inside both; None if there are none.
 
     :param a: (n, 2).
     :param b: (m, 2); may be ``a`` itself, where neighbours do not count.
@@ -54,5 +57,5 @@ def crossing(a: Array, b: Array) -> Optional[tuple[int, int]]:
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """Cross product of 2-D vectors (..., 2)."""
-    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+    """Return the cross product of 2-D vectors (..., 2)."""
+    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])

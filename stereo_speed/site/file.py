@@ -10,39 +10,71 @@ from typing import Mapping, Optional, Union
 
 import numpy as np
 
-from .checks import crossing, turned_back
+from .checks import crossing, out_of_order
 from .extras import KnownLength, read_correction, read_length, RigCorrection
 from ..core.config import check_tolerance, TOLERANCES
 from ..core.errors import SiteError
 from ..core.records import Array
-from ..core.strict_yaml import StrictMapping, kind, load_yaml
+from ..core.strict_yaml import load_yaml, StrictMapping
 from ..core.units import parse_speed
 from ..geometry.rig import StereoRig
 
-LEAST_ROAD_M = 5.0
-MOST_STD_PX = 100.0
+LEAST_ROAD_M = 5.0  # of a line; the direction of a shorter one is too uncertain
+LEAST_STD_PX, MOST_STD_PX = 1e-6, 100.0  # beyond them a 1-sigma is a slip of whoever wrote it
 VIEWS = ('left_image', 'right_image')
 
 
 @dataclass(frozen=True, eq=False)
-class SiteLine:
+class PickedLine:
     """
-    A line of the road: picked in both views, or surveyed.
+    A line of the road that was picked in both views, independently.
 
     :param name: of the line.
-    :param left_px: (n, 2) raw pixels in order along travel, or None.
-    :param right_px: (m, 2) raw pixels in order along travel, picked independently, or None.
-    :param points_m: (k, 3) surveyed points, left optical frame, or None.
+    :param left_px: (n, 2) raw pixels in order along travel.
+    :param right_px: (m, 2) raw pixels in order along travel.
     :param left_std_px: (n,) 1-sigmas of the left points across the line; None for clicks.
     :param right_std_px: (m,) the same of the right ones.
     """
 
     name: str
-    left_px: Optional[Array] = None
-    right_px: Optional[Array] = None
-    points_m: Optional[Array] = None
+    left_px: Array
+    right_px: Array
     left_std_px: Optional[Array] = None
     right_std_px: Optional[Array] = None
+
+    @property
+    def views_px(self) -> tuple[Array, Array]:
+        """Return the points of both views."""
+        return self.left_px, self.right_px
+
+    @property
+    def views_std_px(self) -> Optional[tuple[Array, Array]]:
+        """Return the 1-sigmas of both views; None for clicks."""
+        if self.left_std_px is None or self.right_std_px is None:
+            return None
+        return self.left_std_px, self.right_std_px
+
+    def in_reverse(self) -> PickedLine:
+        """Return the line in the other order."""
+        stds = self.views_std_px or (None, None)
+        left, right = (None if std is None else std[::-1] for std in stds)
+        return PickedLine(self.name, self.left_px[::-1], self.right_px[::-1], left, right)
+
+
+@dataclass(frozen=True, eq=False)
+class SurveyedLine:
+    """
+    A line of the road that was surveyed.
+
+    :param name: of the line.
+    :param points_m: (k, 3) in order along travel, left optical frame.
+    """
+
+    name: str
+    points_m: Array
+
+
+SiteLine = Union[PickedLine, SurveyedLine]
 
 
 @dataclass(frozen=True)
@@ -78,7 +110,7 @@ class Site:
     :param name: of the site; the file's stem where it gives none.
     :param lines: by name.
     :param lanes: in the file's order.
-    :param correction: turn of the right camera since its calibration; None where nobody looked.
+    :param correction: extrinsic drift since the calibration; None where nobody looked.
     :param known_lengths: to be checked.
     :param tolerances: parameters of the tracker that are the rig's: 1-sigmas of focal length,
         baseline and stamps, where the file gives them.
@@ -92,21 +124,26 @@ class Site:
     known_lengths: tuple[KnownLength, ...] = ()
     tolerances: Mapping[str, float] = field(default_factory=dict)
 
+    @property
+    def picked(self) -> dict[str, PickedLine]:
+        """Return the lines that were picked, by name."""
+        return {n: line for n, line in self.lines.items() if isinstance(line, PickedLine)}
+
     def corrected_rig(self, rig: StereoRig) -> StereoRig:
         """
-        Give the rig as it stands now; what measures at this site takes this one.
+        Return the rig as it stands now; what measures at this site takes this one.
 
         :param rig: as calibrated, or one that this function has corrected already.
         """
-        if self.correction is None or not np.any(self.correction.turn_rad) \
+        if self.correction is None or not np.any(self.correction.drift_rad) \
                 or self.fits(rig):
             return rig
-        return rig.turned(self.correction.turn_rad)
+        return rig.drifted(self.correction.drift_rad)
 
     def fits(self, rig: StereoRig) -> bool:
-        """Say whether a rig is one that :meth:`corrected_rig` gives."""
-        turn = np.zeros(3) if self.correction is None else self.correction.turn_rad
-        return bool(np.allclose(rig.turn_rad, turn, rtol=0, atol=1e-12))
+        """Return whether a rig is one that :meth:`corrected_rig` returns."""
+        drift = np.zeros(3) if self.correction is None else self.correction.drift_rad
+        return bool(np.allclose(rig.drift_rad, drift, rtol=0, atol=1e-12))
 
 
 def load_site(path: Union[str, FilePath]) -> Site:
@@ -117,7 +154,7 @@ def load_site(path: Union[str, FilePath]) -> Site:
     """
     data = load_yaml(path, 'stereo_speed_site')
     top = StrictMapping(path, '', data, ('stereo_speed_site', 'name', 'lines', 'lanes',
-                                  'rig_correction', 'known_lengths', 'tolerances'))
+                                         'rig_correction', 'known_lengths', 'tolerances'))
     name = top.text('name') if 'name' in top else FilePath(path).stem
     raw = data.get('lines')
     if not isinstance(raw, Mapping) or not raw:
@@ -147,53 +184,51 @@ def _line(where: object, name: str, data: object) -> SiteLine:
     if 'points_m' in fields:
         if any(view in fields for view in VIEWS + stds):
             raise fields.error('points_m', 'image picks as well', 'either one')
-        points = {'points_m': fields.points('points_m', 3, 2)}
-    else:
-        points = {view: fields.points(view, 2, 2) for view in VIEWS}
-    for key, value in points.items():
-        bad = turned_back(value)
-        if bad is not None:
-            raise fields.error(f'{key}[{bad}]', 'a point behind the one before it',
-                               'points in order along travel')
-    if 'points_m' in points:
-        length = np.linalg.norm(np.diff(points['points_m'], axis=0), axis=-1).sum()
+        points = _ordered(fields, 'points_m', 3)
+        length = np.linalg.norm(np.diff(points, axis=0), axis=-1).sum()
         if length < LEAST_ROAD_M:
             raise fields.error('points_m', f'{length:.1f} m', f'at least {LEAST_ROAD_M} m of road')
-        return SiteLine(name, points_m=points['points_m'])
-    left, right = (_stds(fields, std, len(points[view])) for view, std in zip(VIEWS, stds))
-    return SiteLine(name, points['left_image'], points['right_image'],
-                    left_std_px=left, right_std_px=right)
+        return SurveyedLine(name, points)
+    left, right = (_ordered(fields, view, 2) for view in VIEWS)
+    return PickedLine(name, left, right, _stds(fields, stds[0], len(left)),
+                      _stds(fields, stds[1], len(right)))
+
+
+def _ordered(fields: StrictMapping, key: str, width: int) -> Array:
+    """Read points (n, width) in order along travel."""
+    points = fields.points(key, width, 2)
+    bad = out_of_order(points)
+    if bad is not None:
+        raise fields.error(f'{key}[{bad}]', 'a point behind the one before it',
+                           'points in order along travel')
+    return points
 
 
 def _stds(fields: StrictMapping, key: str, count: int) -> Optional[Array]:
     """Read the 1-sigmas of a line's points, one for each."""
     if key not in fields:
         return None
-    values = fields.listed(key)
-    for i, value in enumerate(values):
-        if isinstance(value, bool) or not isinstance(value, (int, float)) \
-                or not 0 < value <= MOST_STD_PX:
-            raise fields.error(f'{key}[{i}]', kind(value), f'px in (0, {MOST_STD_PX}]')
+    values = fields.numbers(key, LEAST_STD_PX, MOST_STD_PX, 'px')
     if len(values) != count:
         raise fields.error(key, f'{len(values)} numbers', f'{count}, one for each point')
-    return np.array(values, dtype=np.float64)
+    return values
 
 
 def _refuse_crossings(where: object, lines: Mapping[str, SiteLine]) -> None:
     """Refuse lines that cross themselves or each other in a view."""
-    picked = [line for line in lines.values() if line.points_m is None]
-    for view, key in zip(VIEWS, ('left_px', 'right_px')):
+    picked = [line for line in lines.values() if isinstance(line, PickedLine)]
+    for right, view in enumerate(VIEWS):
         for line in picked:
-            points = getattr(line, key)
+            points = line.views_px[right]
             at = crossing(points, points)
             if at:
                 raise SiteError(where, f'lines.{line.name}.{view}',
                                 f'picks {at[0]} and {at[1]} where the line crosses itself',
                                 'points in order along travel')
         for a, b in combinations(picked, 2):
-            if np.array_equal(getattr(a, key), getattr(b, key)[::-1]):
+            if np.array_equal(a.views_px[right], b.views_px[right][::-1]):
                 continue  # one line, once for each direction of travel
-            at = crossing(getattr(a, key), getattr(b, key))
+            at = crossing(a.views_px[right], b.views_px[right])
             if at:
                 raise SiteError(where, f'lines.{a.name}.{view}',
                                 f'a crossing with {b.name} after picks {at[0]} and {at[1]}',
@@ -203,14 +238,11 @@ def _refuse_crossings(where: object, lines: Mapping[str, SiteLine]) -> None:
 def _lane(where: object, index: int, data: object, lines: Mapping[str, SiteLine]) -> LaneSpec:
     """Read one lane."""
     fields = StrictMapping(where, f'lanes[{index}]', data,
-                    ('name', 'right', 'left', 'path', 'speed_limit'))
+                           ('name', 'right', 'left', 'path', 'speed_limit'))
     keys = ('path',) if 'path' in fields else ('right', 'left')
     if 'path' in fields and ('right' in fields or 'left' in fields):
         raise fields.error('path', 'right or left as well', 'path, or right and left')
-    names = {key: fields.text(key) for key in keys}
-    for key, name in names.items():
-        if name not in lines:
-            raise fields.error(key, name, 'one of ' + ', '.join(lines))
+    names = {key: fields.choice(key, lines) for key in keys}
     if len(set(names.values())) < len(names):
         raise fields.error('left', f'the same line {names["left"]} as right', 'another line')
     try:

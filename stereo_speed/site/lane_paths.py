@@ -4,133 +4,168 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Mapping, Optional, Sequence
+from typing import Iterable, Mapping, Optional
 
 import numpy as np
 
 from .extras import as_calibrated
-from .file import LaneSpec, LEAST_ROAD_M, Site, SiteLine, VIEWS
+from .file import LaneSpec, LEAST_ROAD_M, PickedLine, Site, SurveyedLine, VIEWS
 from ..core.errors import SiteError
 from ..core.records import Array
 from ..geometry.rig import StereoRig
 from ..road.curve_matching import match_curves
+from ..road.first_guess import NoRoadError
 from ..road.fit import fit_road, RoadFit
-from ..road.lanes import lane_of_paths, lane_of_road, LanePath, surveyed_path
-from ..road.path import Path
-from ..road.problem import Picks, TurnPrior
+from ..road.lanes import lane_of_paths, lane_of_road, LanePath
+from ..road.path import SplinePath
+from ..road.problem import DriftPrior, Picks, RoadPrior
 from ..road.scale import with_scale
 
-MARGIN_PX = 5.0  # how far outside the image a pick may lie: scatter at the edge
+MARGIN_PX = 5.0  # by which a pick may lie outside the image: scatter at the edge
 ALIKE_PX = 2.0  # residual beyond which the lines are not taken for one road
-MOST_RESIDUAL_PX = 5.0
-_SAME_PX = 3.0  # picks nearer than this to each other may swap by their scatter
+MOST_RESIDUAL_PX = 5.0  # beyond it the two views do not show one line
+_SAME_PX = 3.0  # picks nearer than this to each other may change places by their scatter
 
 
-def lane_paths(site: Site, rig: StereoRig) -> dict[str, LanePath]:
+def lane_paths(site: Site, rig: StereoRig, prior: RoadPrior = RoadPrior()
+               ) -> dict[str, LanePath]:
     """
-    Reconstruct the path of every lane of a site.
+    Return the path of every lane of a site, by name.
 
     All picked lines are taken for parallel lines of one road and fitted together; where they
-    turn out not to be, each lane's lines are fitted by themselves. Lines of lanes in the other
-    direction are turned round for the fit, and their lanes' paths back again.
+    prove not to be, each lane's lines are fitted by themselves. Lines of lanes in the other
+    direction are reversed for the fit, and their lanes' paths back again.
 
+    :param rig: as the site corrects it.
+    :param prior: what is known of any road and rig.
     :raises SiteError: when the picks leave no usable road.
     """
     if not site.fits(rig):
         raise SiteError(site.where, 'rig_correction', 'a rig without it',
-                        'the rig that corrected_rig gives')
-    turned = site.correction or as_calibrated()
-    site, against = one_way(site, rig)
-    picked = picked_names(site)
-    joint = fit_lines(site, rig, picked) if picked else None
-    alike = joint is not None and joint.residual_px.max() < ALIKE_PX
+                        'the rig that corrected_rig returns')
+    drift = site.correction or as_calibrated(prior)
+    site, reversed_lines = in_one_direction(site, rig)
+    joint = fit_lines(site, rig, site.picked, prior=prior) if site.picked else None
+    if joint is not None and not joint.residual_px.max() < ALIKE_PX:
+        joint = None
     out = {}
-    for i, lane in enumerate(site.lanes):
-        mine = tuple(n for n in lane.lines if n in picked)
-        fit, order = (joint, picked) if alike else (
-            fit_lines(site, rig, mine) if mine else None, mine)
-        away = bool(against.intersection(mine))
-        if away and not against.issuperset(mine):
-            raise SiteError(site.where, f'lanes[{i}]', f'{mine[0]} against {mine[1]}',
-                            'picks in order along travel')
-        if fit is not None and mine:
-            _check_fit(site, fit, order, mine)
-        if len(mine) == len(lane.lines):
-            numbers = tuple(order.index(n) for n in mine)
-            _refuse_swapped(site, i, fit, numbers[::-1] if away else numbers)
-            out[lane.name] = lane_of_road(
-                lane.name, fit, numbers, lane.speed_limit_mps, away=away)
+    for i, spec in enumerate(site.lanes):
+        picked = tuple(n for n in spec.lines if n in site.picked)
+        if picked:
+            fit = joint or fit_lines(site, rig, picked, prior=prior)
+            lane = _lane_on(fit, site, i, reversed_lines, prior)
         else:
-            out[lane.name] = _mixed(site, lane, fit, order, away)
-        out[lane.name] = with_scale(out[lane.name], rig, turned.covariance_rad2)
+            lane = _part_surveyed(site, spec, {}, prior)
+        out[spec.name] = with_scale(lane, rig, drift.covariance_rad2)
     return out
 
 
-def picked_names(site: Site) -> tuple[str, ...]:
-    """Name the lines that were picked, not surveyed."""
-    return tuple(n for n, line in site.lines.items() if line.points_m is None)
-
-
-def one_way(site: Site, rig: StereoRig) -> tuple[Site, set[str]]:
+def in_one_direction(site: Site, rig: StereoRig) -> tuple[Site, set[str]]:
     """
-    Turn picked lines round so that all run the way of the first one; name those turned.
-
-    :raises SiteError: for picks outside the images.
-    """
-    picked = {n: site.lines[n] for n in picked_names(site)}
-    for line in picked.values():
-        _refuse_outside(site, line, rig)
-    against = _against(picked, rig)
-    return replace(site, lines={n: turned_line(line) if n in against else line
-                                for n, line in site.lines.items()}), against
-
-
-def _against(picked: Mapping[str, SiteLine], rig: StereoRig) -> set[str]:
-    """
-    Name the lines that run against the first one.
+    Return a site whose picked lines all run as the first one does, and which were reversed.
 
     In an image lines of one road diverge towards the camera, by more than a right angle beside
     a wide one; in space they do not.
+
+    :raises SiteError: for picks outside the images.
     """
+    picked = site.picked
+    for line in picked.values():
+        _refuse_outside(site, line, rig)
     ways = {n: _way(line, rig) for n, line in picked.items()}
-    return {n for n, way in ways.items() if way @ next(iter(ways.values())) < 0}
+    names = {n for n, way in ways.items() if way @ next(iter(ways.values())) < 0}
+    return with_reversed(site, names), names
 
 
-def _way(line: SiteLine, rig: StereoRig) -> Array:
+def with_reversed(site: Site, names: Iterable[str]) -> Site:
+    """
+    Return a site with some of its picked lines in the other order.
+
+    :param names: of the lines.
+    """
+    return replace(site, lines={**site.lines, **{n: site.picked[n].in_reverse() for n in names}})
+
+
+def _way(line: PickedLine, rig: StereoRig) -> Array:
     """Return from where to where a line goes, (3,), as roughly as its picks match."""
     points = match_curves(rig, line.left_px, line.right_px).points_m
     if len(points) < 2:
         return np.append(line.left_px[-1] - line.left_px[0], 0.0)
-    return points[-1] - points[0]
+    return np.asarray(points[-1] - points[0])
 
 
-def turned_line(line: SiteLine) -> SiteLine:
-    """Give a picked line in the other order."""
-    values = {key: getattr(line, key) for key in (
-        'left_px', 'right_px', 'left_std_px', 'right_std_px')}
-    return replace(line, **{k: None if v is None else v[::-1] for k, v in values.items()})
+def fit_lines(site: Site, rig: StereoRig, names: Iterable[str],
+              drift: Optional[DriftPrior] = None, prior: RoadPrior = RoadPrior()) -> RoadFit:
+    """
+    Fit a road to the named lines.
+
+    :param site: whose lines all run the same way; see :func:`in_one_direction`.
+    :param names: of picked lines.
+    :param drift: what is known of the drift of the right camera; None for as calibrated.
+    :param prior: what is known of any road.
+    :raises SiteError: when the picks leave no usable road.
+    """
+    lines = [site.picked[n] for n in names]
+    try:
+        return fit_road(rig, {line.name: line.views_px for line in lines}, _stds(lines), drift,
+                        prior)
+    except (NoRoadError, np.linalg.LinAlgError) as error:
+        raise SiteError(site.where, 'lines', error, 'picks of one line in both views') from None
 
 
-def _mixed(site: Site, lane: LaneSpec, fit: Optional[RoadFit], order: tuple[str, ...],
-           away: bool) -> LanePath:
-    """Make a lane of which at least one line is surveyed."""
-    paths: list[Path] = []
-    residual = 0.0
-    for name in lane.lines:
-        points = site.lines[name].points_m
-        if points is not None:
-            paths.append(surveyed_path(points))
-        else:
-            one = lane_of_road(name, fit, (order.index(name),), None, away=away)
-            paths.append(one.path)
-            residual = one.residual_px
-    return lane_of_paths(lane.name, tuple(paths), lane.speed_limit_mps, residual)
+def picks_of(lines: Iterable[PickedLine], prior: RoadPrior = RoadPrior()) -> Picks:
+    """
+    Return the picks of lines.
+
+    :param prior: how well a careful person clicks.
+    """
+    lines = list(lines)
+    return Picks.of({line.name: line.views_px for line in lines}, _stds(lines),
+                    prior.pick_std_px)
 
 
-def _refuse_outside(site: Site, line: SiteLine, rig: StereoRig) -> None:
+def _stds(lines: Iterable[PickedLine]) -> dict[str, tuple[Array, Array]]:
+    """Return the 1-sigmas of the lines that have them."""
+    stds = {line.name: line.views_std_px for line in lines}
+    return {name: std for name, std in stds.items() if std is not None}
+
+
+def _lane_on(fit: RoadFit, site: Site, index: int, reversed_lines: set[str],
+             prior: RoadPrior) -> LanePath:
+    """Return a lane of which at least one line is on a fitted road."""
+    spec = site.lanes[index]
+    picked = tuple(n for n in spec.lines if n in site.picked)
+    reverse = bool(reversed_lines.intersection(picked))
+    if reverse and not reversed_lines.issuperset(picked):
+        raise SiteError(site.where, f'lanes[{index}]', f'{picked[0]} against {picked[1]}',
+                        'picks in order along travel')
+    _check_fit(site, fit, picked)
+    if len(picked) < len(spec.lines):
+        on_road = {n: lane_of_road(n, fit, (fit.number(n),), None, reverse=reverse)
+                   for n in picked}
+        return _part_surveyed(site, spec, on_road, prior)
+    numbers = tuple(fit.number(n) for n in picked)
+    _refuse_swapped(site, index, fit, numbers[::-1] if reverse else numbers)
+    return lane_of_road(spec.name, fit, numbers, spec.speed_limit_mps, reverse=reverse)
+
+
+def _part_surveyed(site: Site, spec: LaneSpec, on_road: Mapping[str, LanePath],
+                   prior: RoadPrior) -> LanePath:
+    """
+    Return a lane of which at least one line is surveyed.
+
+    :param on_road: the paths along its picked lines.
+    """
+    paths = {n: lane.path for n, lane in on_road.items()}
+    paths.update({n: SplinePath(line.points_m) for n, line in site.lines.items()
+                  if isinstance(line, SurveyedLine) and n in spec.lines})
+    return lane_of_paths(spec.name, tuple(paths[n] for n in spec.lines), spec.speed_limit_mps,
+                         max((lane.residual_px for lane in on_road.values()), default=0.0), prior)
+
+
+def _refuse_outside(site: Site, line: PickedLine, rig: StereoRig) -> None:
     """Refuse picks outside the image, or where the lens has no ray."""
-    for view, camera, uv in ((VIEWS[0], rig.left, line.left_px),
-                             (VIEWS[1], rig.right, line.right_px)):
+    for view, camera, uv in zip(VIEWS, (rig.left, rig.right), line.views_px):
         size = np.array([camera.width_px, camera.height_px])
         bad = ((uv < -MARGIN_PX) | (uv > size - 1 + MARGIN_PX)).any(axis=-1)
         bad |= ~np.isfinite(camera.undistort(uv)).all(axis=-1)
@@ -140,60 +175,25 @@ def _refuse_outside(site: Site, line: SiteLine, rig: StereoRig) -> None:
                             f'a pixel of the {camera.width_px}x{camera.height_px} image')
 
 
-def _stds(lines: Sequence[SiteLine]) -> dict[str, tuple[Array, Array]]:
-    """Give the 1-sigmas of the lines that have them."""
-    return {line.name: (line.left_std_px, line.right_std_px) for line in lines
-            if line.left_std_px is not None and line.right_std_px is not None}
-
-
-def picks_of(lines: Sequence[SiteLine]) -> Picks:
-    """
-    Gather the picks of lines.
-
-    :param lines: picked ones.
-    """
-    return Picks.of({line.name: (line.left_px, line.right_px) for line in lines}, _stds(lines))
-
-
-def fit_lines(site: Site, rig: StereoRig, names: tuple[str, ...],
-              turn: Optional[TurnPrior] = None) -> RoadFit:
-    """
-    Fit a road to the named lines.
-
-    :param site: whose lines all run the same way; see :func:`one_way`.
-    :param names: of picked lines.
-    :param turn: what is known of a turn of the right camera; None for as calibrated.
-    :raises SiteError: when the picks leave no usable road.
-    """
-    lines = {n: (site.lines[n].left_px, site.lines[n].right_px) for n in names}
-    stds = _stds([site.lines[n] for n in names])
-    try:
-        return fit_road(rig, lines, stds, turn)
-    except (ValueError, np.linalg.LinAlgError) as error:
-        raise SiteError(site.where, 'lines', error, 'picks of one line in both views') from None
-
-
-def _check_fit(
-        site: Site, fit: RoadFit, order: tuple[str, ...], mine: tuple[str, ...]) -> None:
+def _check_fit(site: Site, fit: RoadFit, names: tuple[str, ...]) -> None:
     """Refuse a lane's lines if they fit badly, run backwards or are too short."""
     picks, ranges = fit.problem.picks, []
-    for name in mine:
-        number = order.index(name)
-        where = f'lines.{name}'
+    for name in names:
+        number, where = fit.number(name), f'lines.{name}'
         if not fit.residual_px[number] < MOST_RESIDUAL_PX:
             raise SiteError(site.where, where, f'picks {fit.residual_px[number]:.1f} px off',
                             f'views that agree within {MOST_RESIDUAL_PX} px')
         for right, view in enumerate(VIEWS):
-            mask = (picks.line == number) & (picks.right == bool(right))
-            apart = np.linalg.norm(np.diff(picks.uv_px[mask], axis=0), axis=-1)
-            back = (np.diff(fit.feet.s_m[mask]) <= 0) & (apart > _SAME_PX)
+            mine = picks.of_line(number, bool(right))
+            apart = np.linalg.norm(np.diff(picks.uv_px[mine], axis=0), axis=-1)
+            back = (np.diff(fit.feet.s_m[mine]) <= 0) & (apart > _SAME_PX)
             if back.any():
                 raise SiteError(site.where, f'{where}.{view}[{int(np.argmax(back)) + 1}]',
                                 'a pick behind the one before it', 'picks in order along travel')
         ranges.append(fit.line_range_m(number))
     common = min(b for _, b in ranges) - max(a for a, _ in ranges)
     if common < LEAST_ROAD_M:
-        raise SiteError(site.where, 'lines.' + ' and '.join(mine), f'{max(common, 0.0):.1f} m',
+        raise SiteError(site.where, 'lines.' + ' and '.join(names), f'{max(common, 0.0):.1f} m',
                         f'at least {LEAST_ROAD_M} m of road in common')
 
 

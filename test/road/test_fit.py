@@ -31,7 +31,7 @@ def test_straight_road(make_scene, distorted):
     """With picks of 0.3 px the direction is right to 0.05 degrees."""
     scene = make_scene(distorted=distorted, grade=-0.03)
     fit, lane = lane_of(scene)
-    assert fit.problem.model.turns == 0
+    assert fit.problem.model.curvature_terms == 0
     assert np.degrees(np.arccos(lane.path.tangent(0.0) @ scene.tangent[0])) < 0.05
     assert 0.15 < lane.residual_px < 0.45
     gap = scene.lane_m - lane.path.position(lane.path.arc_length(scene.lane_m))
@@ -45,7 +45,7 @@ def test_curve_of_41_m(make_scene, grade, bends):
     """A curve that climbs is no plane; the fit finds that out by itself."""
     scene = make_scene(curvature=1 / 41, grade=grade, seed=5)
     fit, lane = lane_of(scene)
-    assert fit.problem.model.turns >= 1 and fit.problem.model.bends >= bends
+    assert fit.problem.model.curvature_terms >= 1 and fit.problem.model.surface_terms >= bends
     assert abs(scale_error(lane.path, scene, 30.0)) < 0.001
     assert abs(scale_error(lane.path, scene)) < 0.01
 
@@ -67,7 +67,7 @@ def test_claimed_scatter_is_the_scatter(make_scene):
         scene = make_scene(seed=seed)
         fit, lane = lane_of(scene)
         path, middle = lane.path, lane.path.length_m / 2
-        if fit.problem.model.turns:
+        if fit.problem.model.curvature_terms:
             continue
         at = np.argmin(np.abs(path.arc_length(scene.lane_m) - middle))
         s = path.arc_length(scene.lane_m[at])
@@ -85,7 +85,7 @@ def test_one_straight_line_is_that_of_the_closed_form(make_scene):
     fit = fit_road(scene.rig, {'line_0': (left, right)})
     path = lane_of_road('lane', fit, (0,), None).path
     alone = straight_path(scene.rig, left, right)
-    assert fit.problem.model.turns == 0
+    assert fit.problem.model.curvature_terms == 0
     assert np.linalg.norm(np.cross(path.tangent(0.0), alone.tangent(0.0))) < 1e-4
     for s in (0.0, path.length_m):
         off = path.position(s) - alone.position(0.0)
@@ -115,7 +115,7 @@ def test_jacobian_against_differences(make_scene):
     """The analytic elimination of the feet gives the derivative of the residuals."""
     scene = make_scene(curvature=1 / 60)
     model, x = guess_road(scene.rig, list(scene.lines.values()), 2)
-    model, x = model.within(2, 3, x)
+    model, x = model.widened(2, 3, x)
     problem = RoadProblem(scene.rig, Picks.of(scene.lines), model)
     got, h = problem.jacobian(x), 1e-5
     for i in range(model.size):
@@ -136,7 +136,7 @@ def test_model_hand_worked():
     np.testing.assert_allclose(np.linalg.norm(points - centre, axis=-1), 41, atol=1e-5)
     np.testing.assert_allclose(
         frames @ np.swapaxes(frames, -1, -2), np.tile(np.eye(3), (len(points), 1, 1)), atol=1e-12)
-    wide, wide_x = model.within(3, 2, x)
+    wide, wide_x = model.widened(3, 2, x)
     np.testing.assert_allclose(wide.reference(wide_x)[0], points)
     assert model.offsets(x).tolist() == [-1.0, 2.0]
     at = Weights.at(model.s_m, np.array([1.234, -7.0]))(points)

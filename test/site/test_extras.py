@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from stereo_speed.core.errors import SiteError
 from stereo_speed.core.units import parse_speed
+from stereo_speed.site.extras import DashPeriod, LinesApart
 from stereo_speed.site.file import load_site
 from stereo_speed.site.write import site_text, speed_text
 import yaml
@@ -53,20 +54,23 @@ def test_there_and_back(tmp_path):
     first = load(tmp_path, SITE)
     assert first.lines['a'].left_std_px.tolist() == [0.02, 0.03, 1.0]
     assert first.lines['b'].left_std_px is None
-    np.testing.assert_allclose(np.degrees(first.correction.turn_rad), [0.0199, 0, -0.01])
+    np.testing.assert_allclose(np.degrees(first.correction.drift_rad), [0.0199, 0, -0.01])
     again = load(tmp_path, site_text(first))
     assert again.name == first.name and again.lanes == first.lanes
     for name, line in first.lines.items():
-        for key in ('left_px', 'right_px', 'points_m', 'left_std_px', 'right_std_px'):
-            a, b = getattr(line, key), getattr(again.lines[name], key)
-            assert (a is None) == (b is None)
-            if a is not None:
-                np.testing.assert_allclose(a, b)
+        assert type(line) is type(again.lines[name])
+        for key, value in vars(line).items():
+            other = getattr(again.lines[name], key)
+            if value is None or key == 'name':
+                assert value == other
+            else:
+                np.testing.assert_allclose(value, other)
     np.testing.assert_allclose(first.correction.covariance_rad2, again.correction.covariance_rad2)
     for a, b in zip(first.known_lengths, again.known_lengths):
-        assert (a.name, a.length_m, a.std_m, a.between, a.dashes, a.pick_std_px) == (
-            b.name, b.length_m, b.std_m, b.between, b.dashes, b.pick_std_px)
-    np.testing.assert_allclose(again.known_lengths[2].right_px, [[1, 2], [3, 5]])
+        assert (a.name, a.length_m, a.std_m) == (b.name, b.length_m, b.std_m)
+    of = [known.of for known in again.known_lengths]
+    assert of[:2] == [LinesApart(('a', 'b')), DashPeriod('a')] and of[2].pick_std_px == 0.1
+    np.testing.assert_allclose(of[2].right_px, [[1, 2], [3, 5]])
 
 
 @pytest.mark.parametrize('text', ['55 mph', '80 km/h', '22.2 m/s', '31.5 mph'])
@@ -89,6 +93,7 @@ def test_speed_texts(text):
     (['known_lengths'], [], 'known_lengths: found an empty list'),
     (['known_lengths', 0, 'between'], ['a', 'c'], "between: found 'c', wanted one of a, b, p"),
     (['known_lengths', 0, 'between'], ['a', 'a'], 'wanted two lines'),
+    (['known_lengths', 0, 'between'], ['a', ['b']], 'between: found a list, wanted one of a, b'),
     (['known_lengths', 0, 'dashes'], 'a', 'found between and dashes'),
     (['known_lengths', 0, 'std_m'], 0, 'std_m: found 0'),
     (['known_lengths', 1, 'length_m'], None, 'length_m: found nothing'),

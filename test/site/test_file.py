@@ -56,7 +56,7 @@ def test_site_is_read(write):
     site = load_site(write(SITE))
     assert site.name == 'here' and list(site.lines) == ['a', 'b', 'p']
     np.testing.assert_allclose(site.lines['a'].left_px, PICKS['left_image'])
-    assert site.lines['p'].points_m.shape == (3, 3) and site.lines['p'].left_px is None
+    assert site.lines['p'].points_m.shape == (3, 3) and list(site.picked) == ['a', 'b']
     assert site.lanes[0].lines == ('a', 'b') and site.lanes[1].lines == ('p',)
     assert site.lanes[0].speed_limit_mps == pytest.approx(24.5872)
 
@@ -97,7 +97,7 @@ NAN, INF = float('nan'), float('inf')
     (['lines', 'p', 'points_m'], [[0, 0, 3], [0, 0, 1]], r'lines.p.points_m: found 2.0 m'),
     (['lanes'], None, 'lanes: found nothing'),
     (['lanes', 0, 'name'], None, r'lanes\[0\].name: found nothing'),
-    (['lanes', 0, 'right'], 'c', r'lanes\[0\].right: found c, wanted one of a, b, p'),
+    (['lanes', 0, 'right'], 'c', r'lanes\[0\].right: found \'c\', wanted one of a, b, p'),
     (['lanes', 0, 'left'], None, r'lanes\[0\].left: found nothing'),
     (['lanes', 0, 'left'], 'a', r'lanes\[0\].left: found the same line a'),
     (['lanes', 0, 'path'], 'p', r'lanes\[0\].path: found right or left as well'),
@@ -149,7 +149,7 @@ def test_init_is_read(write):
     (['vehicles', 0, 'frame'], 0.5, r'vehicles\[0\].frame: found 0.5'),
     (['vehicles', 0, 'frame'], True, r'vehicles\[0\].frame: found True'),
     (['vehicles', 0, 'id'], 3, r'vehicles\[0\].id: found unknown key id'),
-    (['vehicles', 0, 'left_image'], QUAD + QUAD[:1], r'left_image: found 5 corners, wanted 4'),
+    (['vehicles', 0, 'left_image'], QUAD + QUAD[:1], r'left_image: found 5 points, wanted 4'),
     (['vehicles', 0, 'left_image'], QUAD[:3], r'left_image: found 3 points, wanted at least 4'),
     (['vehicles', 0, 'left_image', 2, 1], NAN, r'left_image\[2\]: found nan'),
     (['vehicles', 0, 'right_image'], QUAD[::-1], 'right_image: found .*wanted corners clockwise'),

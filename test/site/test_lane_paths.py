@@ -6,16 +6,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from stereo_speed.core.errors import SiteError
-from stereo_speed.road.lanes import between, surveyed_path
+from stereo_speed.road.lanes import between
 from stereo_speed.road.path import StraightPath
-from stereo_speed.site.file import LaneSpec, Site, SiteLine
+from stereo_speed.site.file import LaneSpec, PickedLine, Site, SurveyedLine
 from stereo_speed.site.lane_paths import lane_paths
 
 
 def site_of(lines, *lanes):
     """Make a site of picked (left, right) or surveyed (points) lines."""
-    made = {name: SiteLine(name, *value) if isinstance(value, tuple) else
-            SiteLine(name, points_m=value) for name, value in lines.items()}
+    made = {name: PickedLine(name, *value) if isinstance(value, tuple) else
+            SurveyedLine(name, value) for name, value in lines.items()}
     lanes = lanes or (('edge_right', 'line_0', None), ('line_0', 'edge_left', None))
     return Site('site.yaml', 'test', made, tuple(
         LaneSpec(f'lane_{i}', *names, 20.0) for i, names in enumerate(lanes)))
@@ -64,7 +64,6 @@ def test_middle_of_two_lines():
     middle = between(right, left)
     np.testing.assert_allclose(middle.position(10.0), [0, 2, 50], atol=1e-9)
     np.testing.assert_allclose(middle.frame(10.0)[:, 2], [0, -1, 0], atol=1e-9)
-    assert surveyed_path(np.array([[0.0, 0, 9], [0, 0, 1]])).length_m == pytest.approx(8)
 
 
 def shuffled(uv):

@@ -25,7 +25,7 @@ from ...pipeline.assembly import make_pipeline
 from ...pipeline.config import PipelineConfig
 from ...pipeline.run import run as run_pipeline
 from ...road.lanes import LanePath
-from ...site.extras import CALIBRATED_STD_DEG
+from ...road.problem import RoadPrior
 from ...site.file import load_site, Site
 from ...site.init_file import load_init
 from ...site.lane_paths import lane_paths
@@ -160,8 +160,8 @@ def disturbed(sequence: SimSequence, tolerances: TrackerConfig,
     :param tolerances: gives the 1-sigmas: ``focal_std``, ``baseline_std_m``, ``stamp_std_s``;
         the angles between the cameras are off by what a site allows a calibrated rig.
     """
-    angles = np.radians(CALIBRATED_STD_DEG) * rng.standard_normal(3)
-    rig = sequence.rig.turned(angles)
+    angles = np.radians(RoadPrior().calibrated_std_deg) * rng.standard_normal(3)
+    rig = sequence.rig.drifted(angles)
     focal = 1 + tolerances.focal_std * rng.standard_normal()
     baseline = 1 + tolerances.baseline_std_m / rig.baseline_m * rng.standard_normal()
     cameras = [replace(camera, K=camera.K * [[focal, focal, 1], [focal, focal, 1], [1, 1, 1]])

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
 A space curve from its two image curves, and motion along it (Zhu 2012, eq. 25-27).
+
+``road.fit`` takes the place of the first, for it weighs picks by what they are worth.
 """
 from __future__ import annotations
 
@@ -9,7 +11,7 @@ import numpy as np
 
 from ...core.records import Array
 from ...geometry.rig import StereoRig
-from ...road.curve_matching import match_curves
+from ...road.curve_matching import CurveMatches, match_curves
 from ...road.path import CAMERA_UP, Path, SplinePath
 
 
@@ -25,9 +27,22 @@ def curved_path(
     return SplinePath(match_curves(rig, left_px, right_px).points_m, up)
 
 
+def depth_std_m(matches: CurveMatches, rig: StereoRig, pick_std_px: float) -> Array:
+    """
+    Return the 1-sigma depth errors (n,) of matched points for picks of the given scatter.
+
+    A disparity error of ``pick_std_px / sine`` moves a point by ``Z^2 / (f b)`` of it.
+
+    :param pick_std_px: 1-sigma of a pick across its line, in the left view.
+    """
+    z = matches.points_m[:, 2]
+    return np.asarray(
+        z * z / (rig.left.K[0, 0] * rig.baseline_m) * pick_std_px / matches.sine)
+
+
 def chord_step(path: Path, s_m: Array, chord_m: Array) -> Array:
     """
-    Give the arc lengths (...,) ahead of ``s_m`` at the given straight distance (eq. 25).
+    Return the arc lengths (...,) ahead of ``s_m`` at the given straight distance (eq. 25).
 
     :param s_m: (...,) arc lengths now.
     :param chord_m: (...,) distances covered, m; 0 stays.
@@ -47,7 +62,7 @@ def chord_step(path: Path, s_m: Array, chord_m: Array) -> Array:
 
 def motion_along(path: Path, s0_m: Array, s1_m: Array) -> tuple[Array, Array]:
     """
-    Give rotation (..., 3, 3) and translation (..., 3) that carry the path's frame (eq. 26, 27).
+    Return rotation (..., 3, 3) and translation (..., 3) that carry the path's frame (eq. 26, 27).
 
     :param s0_m: (...,) arc lengths before.
     :param s1_m: (...,) arc lengths after.

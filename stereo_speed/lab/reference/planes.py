@@ -25,7 +25,7 @@ from ...geometry.rig import StereoRig
 
 def plane_through(point_m: Array, normal: Array) -> tuple[Array, Array]:
     """
-    Give the plane (n, d) through a point.
+    Return the plane (n, d) through a point.
 
     :param point_m: (..., 3).
     :param normal: (..., 3) any length.
@@ -75,7 +75,7 @@ def motion_in_right(
 def plane_homography(
         n: Array, d: Array, rotation: Array, translation: Array) -> Array:
     """
-    Give (..., 3, 3) ``rotation + translation n^T / d``, between normalised coordinates.
+    Return (..., 3, 3) ``rotation + translation n^T / d``, between normalised coordinates.
 
     :param n: (..., 3) unit normals.
     :param d: (...,) m, not 0: a plane through the camera's centre has no homography.
@@ -89,7 +89,7 @@ def plane_homography(
 def motion_homography(
         camera: Camera, plane: tuple[Array, Array], rotation: Array, translation: Array) -> Array:
     """
-    Give the homography of a moving plane in one view, undistorted pixels (eq. 5).
+    Return the homography of a moving plane in one view, undistorted pixels (eq. 5).
 
     :param plane: n (..., 3) and d (...,) in this camera's frame, before the motion.
     :param rotation: (..., 3, 3) in this camera's frame.
@@ -101,7 +101,7 @@ def motion_homography(
 
 def cross_homography(rig: StereoRig, n: Array, d: Array) -> Array:
     """
-    Give the homography from the left to the right view, undistorted pixels (eq. 15).
+    Return the homography from the left to the right view, undistorted pixels (eq. 15).
 
     :param n: (..., 3) unit normals.
     :param d: (...,) m.

@@ -4,7 +4,7 @@
 The 3-D line of a straight path from its two image lines (Zhu 2012, eq. 19-24).
 
 Everything is in undistorted pixels, ``K (x, y, 1)``, where straight lines are straight. Signs
-follow ``n^T P = d`` and motion ``P' = P + v k`` (see ``geometry.plane``): where eq. 22 and 23
+follow ``n^T P = d`` and motion ``P' = P + v k`` (see ``planes``): where eq. 22 and 23
 print a minus before ``v / (Z + v k_3)`` it is a plus here, the second row has ``k_2`` for the
 ``k_1`` of the print, and eq. 24 reads ``d' = d + v n^T k``.
 """
@@ -40,7 +40,7 @@ def image_line(uv_px: Array) -> Array:
 
 def plucker_line(rig: StereoRig, line_left: Array, line_right: Array) -> Array:
     """
-    Give the Plücker matrix (4, 4) of the 3-D line seen as two image lines (eq. 19, 20).
+    Return the Plücker matrix (4, 4) of the 3-D line seen as two image lines (eq. 19, 20).
 
     :param line_left: (3,) in undistorted pixels of the left view.
     :param line_right: (3,) in undistorted pixels of the right view.
@@ -52,18 +52,18 @@ def plucker_line(rig: StereoRig, line_left: Array, line_right: Array) -> Array:
 
 def direction(plucker: Array) -> Array:
     """
-    Give the unit direction of a line (eq. 21); NaN where the two planes are one.
+    Return the unit direction of a line (eq. 21); NaN where the two planes are one.
 
     :param plucker: (4, 4) from :func:`plucker_line`.
     """
     k = np.array([-plucker[1, 2], plucker[0, 2], -plucker[0, 1]])
     with np.errstate(invalid='ignore'):
-        return k / np.linalg.norm(k)
+        return np.asarray(k / np.linalg.norm(k))
 
 
 def nearest_to_origin(plucker: Array) -> Array:
     """
-    Give the point of a line that is nearest to the left camera's centre.
+    Return the point of a line that is nearest to the left camera's centre.
 
     With planes ``(a, a4)`` and ``(b, b4)`` the matrix holds ``m = a x b`` and ``w = a b4 - b a4``
     and the point is ``w x m / m^2``; the sign of the whole matrix cancels.
@@ -71,7 +71,7 @@ def nearest_to_origin(plucker: Array) -> Array:
     :param plucker: (4, 4) from :func:`plucker_line`.
     """
     m = np.array([plucker[1, 2], -plucker[0, 2], plucker[0, 1]])
-    return np.cross(plucker[:3, 3], m) / (m @ m)
+    return np.asarray(np.cross(plucker[:3, 3], m) / (m @ m))
 
 
 def moved_pixels(camera: Camera, uv_px: Array, depth_m: Array, step: Array) -> Array:
@@ -83,8 +83,8 @@ def moved_pixels(camera: Camera, uv_px: Array, depth_m: Array, step: Array) -> A
     :param step: (3,) ``v k`` in m.
     """
     rate = 1 / (depth_m + step[2])
-    return uv_px + rate[..., None] * (
-        camera.K[:2, :2] @ step[:2] + (camera.K[:2, 2] - uv_px) * step[2])
+    return np.asarray(uv_px + rate[..., None] * (
+        camera.K[:2, :2] @ step[:2] + (camera.K[:2, 2] - uv_px) * step[2]))
 
 
 def straight_path(
@@ -109,11 +109,11 @@ def straight_path(
 
 def foot_on_line(rays: Array, point_m: Array, k: Array) -> Array:
     """
-    Give the places (...,) along a line, from ``point_m``, that come nearest to rays.
+    Return the places (...,) along a line, from ``point_m``, that come nearest to rays.
 
     :param rays: (..., 3) from the left camera's centre.
     :param point_m: (3,) on the line.
     :param k: (3,) unit direction of the line.
     """
     rr, rk = np.sum(rays * rays, axis=-1), rays @ k
-    return (rk * (rays @ point_m) - rr * (point_m @ k)) / (rr - rk * rk)
+    return np.asarray((rk * (rays @ point_m) - rr * (point_m @ k)) / (rr - rk * rk))

@@ -53,7 +53,7 @@ class View:
         """
         c = self.camera
         x, y = np.meshgrid(u_px, v_px)
-        if c.model != 'equidistant' and not np.any(c.D):
+        if c.lens.ideal:
             y = (y - c.K[1, 2]) / c.K[1, 1]
             x = (x - c.K[0, 2] - c.K[0, 1] * y) / c.K[0, 0]
         else:

@@ -9,18 +9,24 @@ values near it has less noise than the median itself, and no steps of whole grey
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+import math
 from typing import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import InputError
-from ...core.records import Array, StereoPair
+from ...core.records import StereoPair
+from ...estimation.robust import robust_std
+from ...vision.spline_image import SplineImage
 
-MOST_PAIRS = 31
+MOST_PAIRS = 31  # more improve the mean less than texture and lens limit it
 MOST_BYTES = 128 * 2**20  # of kept images of one view
-_BLOCK_ROWS = 64
+_BLOCK_ROWS = 64  # of a stack of images at once, so that it stays in the cache
 _GATE = 2.5  # sigmas of the noise within which values count for the mean
+_LEAST_NOISE_GREY = 0.5  # no image of whole grey levels has less
+_GREY_PER_16_BIT = 1 / 257  # so that 65535 is 255
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,10 +43,15 @@ class Background:
     noise_grey: float
     pairs: int
 
+    @cached_property
+    def spline(self) -> SplineImage:
+        """Return the image, to be read between its pixels."""
+        return SplineImage(self.image)
+
 
 def spread_pairs(pairs: Iterable[StereoPair], most: int = MOST_PAIRS) -> list[StereoPair]:
     """
-    Keep at most so many pairs of a stream of any length, evenly spread over it.
+    Return at most so many pairs of a stream of any length, evenly spread over it.
 
     :param pairs: the stream; read to its end.
     :param most: how many to keep, 2 or more.
@@ -61,7 +72,7 @@ def spread_pairs(pairs: Iterable[StereoPair], most: int = MOST_PAIRS) -> list[St
 
 def clean_background(images: list[NDArray[np.generic]], where: object) -> Background:
     """
-    Make the background of one view.
+    Return the background of one view.
 
     :param images: (H, W) uint8 or uint16, all of one size; 16-bit ones are scaled to 0 to 255.
     :param where: what they come from, for the error.
@@ -69,7 +80,7 @@ def clean_background(images: list[NDArray[np.generic]], where: object) -> Backgr
     """
     if not images:
         raise InputError(where, 'pairs', 'none', 'at least one pair of images')
-    scale = 1.0 if images[0].dtype == np.uint8 else 1 / 257
+    scale = 1.0 if images[0].dtype == np.uint8 else _GREY_PER_16_BIT
     out = np.empty(images[0].shape, np.float32)
     spreads = []
     for top in range(0, len(out), _BLOCK_ROWS):
@@ -87,21 +98,21 @@ def clean_background(images: list[NDArray[np.generic]], where: object) -> Backgr
 
 
 def _spread(off: NDArray[np.float32], count: int) -> float:
-    """Give the noise of a block from deviations from its median; half a level at least."""
+    """Return the noise of a block by deviations from its median; infinite for two images."""
     lost = max(count - 1, 1) / count  # a few values hug their own median
-    return max(1.4826 * float(np.median(off)) / lost, 0.5) if count > 2 else np.inf
+    return max(robust_std(off) / lost, _LEAST_NOISE_GREY) if count > 2 else np.inf
 
 
 def _noise_of_one(image: NDArray[np.float32]) -> float:
-    """Guess the noise of one image from second differences along its rows."""
+    """Return the noise of one image by second differences along its rows."""
     second = image[:, 2:] - 2 * image[:, 1:-1] + image[:, :-2]
-    return max(1.4826 * float(np.median(np.abs(second))) / np.sqrt(6.0), 0.5)
+    return max(robust_std(second) / math.sqrt(6.0), _LEAST_NOISE_GREY)
 
 
 def backgrounds(pairs: Iterable[StereoPair], where: object = 'pairs'
                 ) -> tuple[Background, Background]:
     """
-    Make the backgrounds of both views from a stream of pairs.
+    Return the backgrounds of both views, by a stream of pairs.
 
     :param pairs: few or many.
     :param where: what they come from, for the error.
@@ -111,6 +122,6 @@ def backgrounds(pairs: Iterable[StereoPair], where: object = 'pairs'
             clean_background([pair.right for pair in kept], where))
 
 
-def as_picture(background: Background) -> Array:
-    """Give a background as (H, W) uint8."""
-    return np.clip(np.rint(background.image), 0, 255).astype(np.uint8)
+def as_picture(background: Background) -> NDArray[np.uint8]:
+    """Return a background as (H, W) uint8."""
+    return np.asarray(np.clip(np.rint(background.image), 0, 255), dtype=np.uint8)

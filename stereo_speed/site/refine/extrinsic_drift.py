@@ -1,7 +1,7 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Whether the right camera has turned since its calibration.
+Whether the right camera has rotated since its calibration.
 
 Each of its three angles either stands as calibrated, within a small tolerance, or has moved by
 anything up to some hundredths of a degree. The eight combinations are weighed by how well they
@@ -12,65 +12,92 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 
-from ..extras import CALIBRATED_STD_DEG
+from .config import RefineConfig
 from ...core.records import Array
-
-MOVED_STD_DEG = 0.05
-MOVED_PROBABILITY = 0.05  # of each angle, beforehand
-MOST_TURN_DEG = 0.3  # more than that is another rig: calibrate again
+from ...road.problem import RoadPrior
 
 
 @dataclass(frozen=True, eq=False)
-class Turn:
+class Drift:
     """
-    What is known of the turn of the right camera.
+    What is known of the rotation of the right camera.
 
     :param shown_rad: (3,) pan, tilt and roll that the images show by themselves.
     :param shown_std_rad: (3,) 1-sigma of them.
     :param moved_probability: that any of them is more than the tolerance.
-    :param turn_rad: (3,) to be corrected; zeros unless it is more likely than not.
-    :param covariance_rad2: (3, 3) of the truth about ``turn_rad``.
+    :param drift_rad: (3,) to be corrected; zeros unless it is more likely than not.
+    :param covariance_rad2: (3, 3) of the truth about ``drift_rad``.
     """
 
     shown_rad: Array
     shown_std_rad: Array
     moved_probability: float
-    turn_rad: Array
+    drift_rad: Array
     covariance_rad2: Array
 
     @property
     def moved(self) -> bool:
-        """Say whether something is to be corrected."""
-        return bool(np.any(self.turn_rad))
+        """Return whether something is to be corrected."""
+        return bool(np.any(self.drift_rad))
+
+    @property
+    def std_rad(self) -> Array:
+        """Return the 1-sigmas (3,) of the truth about ``drift_rad``."""
+        return np.asarray(np.sqrt(np.diag(self.covariance_rad2)))
 
 
-def judged(shown_rad: Array, covariance_rad2: Array,
-           calibrated_std_deg: float = CALIBRATED_STD_DEG) -> Turn:
+class _Branch(NamedTuple):
     """
-    Decide whether the camera has turned, and about which axes.
+    One combination of angles that have moved and angles that have not.
+
+    :param score: logarithm of its probability, but for a constant.
+    :param moved: which angles have.
+    :param mean_rad: (3,) the angles in that case.
+    :param covariance_rad2: (3, 3) of them.
+    """
+
+    score: float
+    moved: tuple[bool, ...]
+    mean_rad: Array
+    covariance_rad2: Array
+
+
+def judged(shown_rad: Array, covariance_rad2: Array, config: RefineConfig = RefineConfig(),
+           prior: RoadPrior = RoadPrior()) -> Drift:
+    """
+    Decide whether the camera has rotated, and about which axes.
 
     :param shown_rad: (3,) pan, tilt and roll as the images show them.
     :param covariance_rad2: (3, 3) of them, without any prior.
-    :param calibrated_std_deg: 1-sigma of an angle as calibrated.
+    :param config: how often and how far cameras move.
+    :param prior: how well angles stay as calibrated.
     """
-    still, far = np.radians(calibrated_std_deg)**2, np.radians(MOVED_STD_DEG)**2
-    branches = []
-    for moved in product((False, True), repeat=3):
-        prior = np.diag(np.where(moved, far, still))
-        total = covariance_rad2 + prior
-        gain = prior @ np.linalg.inv(total)
-        score = -0.5 * (shown_rad @ np.linalg.solve(total, shown_rad)
-                        + np.linalg.slogdet(total)[1])
-        score += sum(np.log(MOVED_PROBABILITY if m else 1 - MOVED_PROBABILITY) for m in moved)
-        branches.append((score, moved, gain @ shown_rad, prior - gain @ prior))
-    weight = np.exp(np.array([b[0] for b in branches]) - max(b[0] for b in branches))
+    branches = [_branch(shown_rad, covariance_rad2, moved, config, prior)
+                for moved in product((False, True), repeat=3)]
+    scores = np.array([b.score for b in branches])
+    weight = np.exp(scores - scores.max())
     weight /= weight.sum()
     best = branches[int(np.argmax(weight))]
     # an axis that stands as calibrated is left alone
-    turn = np.where(best[1], best[2], 0.0)
-    spread = [w * (b[3] + np.outer(b[2] - turn, b[2] - turn)) for w, b in zip(weight, branches)]
-    return Turn(np.asarray(shown_rad), np.sqrt(np.diag(covariance_rad2)), float(1 - weight[0]),
-                turn, np.sum(spread, axis=0))
+    drift = np.where(best.moved, best.mean_rad, 0.0)
+    spread = [w * (b.covariance_rad2 + np.outer(b.mean_rad - drift, b.mean_rad - drift))
+              for w, b in zip(weight, branches)]
+    return Drift(np.asarray(shown_rad), np.sqrt(np.diag(covariance_rad2)), float(1 - weight[0]),
+                 drift, np.sum(spread, axis=0))
+
+
+def _branch(shown_rad: Array, covariance_rad2: Array, moved: tuple[bool, ...],
+            config: RefineConfig, prior: RoadPrior) -> _Branch:
+    """Weigh one combination."""
+    still, far = np.radians(prior.calibrated_std_deg)**2, np.radians(config.moved_std_deg)**2
+    before = np.diag(np.where(moved, far, still))
+    total = covariance_rad2 + before
+    gain = before @ np.linalg.inv(total)
+    score = -0.5 * (shown_rad @ np.linalg.solve(total, shown_rad) + np.linalg.slogdet(total)[1])
+    chance = config.moved_probability
+    score += sum(np.log(chance if m else 1 - chance) for m in moved)
+    return _Branch(float(score), moved, gain @ shown_rad, before - gain @ before)

@@ -1,39 +1,63 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Paint, or a kerb, along one line in one raw view, to a few hundredths of a pixel.
+A lane marking, or a kerb, along one line in one raw view, to a few hundredths of a pixel.
 
 First the whole line is looked for near the rough clicks, as a band or an edge that keeps its
 distance from them over its whole length; what stands or passes in front of it does not. Then
-every cut is measured by itself, those without paint are left out by their contrast, and stretches
-of the line are taken together, each with the 1-sigma that its own scatter shows.
+every cross-section is measured by itself, those without a marking are left out by their contrast,
+and segments of the line are taken together, each with the 1-sigma that its own scatter shows.
 """
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Optional
+from typing import NamedTuple, Optional
 
 import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
-from .cross_sections import Cuts, cuts_along, read_cuts, SplineImage
-from .section_model import BAND, detect, EDGE, fit_profiles, Places, Shape, tuned
+from .config import RefineConfig
+from .cross_sections import CrossSections, LineView
+from .section_model import BAND, detect, EDGE, fit_sections, Places, Shape, tuned
 from ...core.records import Array
-from ...road.fit import RoadFit
+from ...estimation.robust import robust_std
 
-SEARCH_PX = 8.0  # how far from the rough line the paint may lie
-WIDTHS_M = (0.08, 0.1, 0.12, 0.15, 0.2, 0.25, 0.3)
-FLOOR_PX = 0.012  # 1-sigma of a stretch that more cuts do not improve: texture, wear, the lens
-MOST_STRETCHES, LEAST_STRETCH_PX, LEAST_CUTS = 40, 9.0, 4
-TUNED_CUTS = 60  # from which width and blur are found
-_PAINTED = 0.5  # of the usual contrast; cuts with less are gaps, or covered
+WIDTHS_M = (0.08, 0.1, 0.12, 0.15, 0.2, 0.25, 0.3)  # of the markings that are common
+MOST_SEGMENTS, LEAST_SEGMENT_PX = 40, 9.0  # more and shorter ones would share their errors
+LEAST_SECTIONS = 4  # of a segment: place, slope and their scatter
+TUNED_SECTIONS = 60  # from which width and blur are found; more take time and add little
+
+# The search for the line as a whole.
+_SEARCH_SAMPLES = 81  # on a cross-section: half a pixel apart
+_SIDE_M = 0.4  # of road beyond the search range that is read for the sides of wide bands
+_ROOM = 0.45  # share of the distance to the next line that may be read
+_LEAST_ROOM_M = 0.3  # read even where lines are closer
+_START_BLUR_PX = 0.6  # of a pixel and a good lens
+_USUAL = 0.85  # quantile of contrasts that is the usual one: dashes cover a quarter of a line
 _BAND_SHARE = 0.35  # of an edge's contrast that a band must show to be one
-_LEAST_CONTRAST = 3.0  # times the noise, and
-_LEAST_GREY = 4.0
-_SAMPLES = 81, 37  # on a cut: to look, to measure
-_BLUR_PX = 0.6  # to start with
-_CORRELATED = 2.0  # neighbouring cuts that say the same
+_LEAST_NOISES, _LEAST_GREY = 3.0, 4.0  # least contrast, in 1-sigmas of the noise and grey levels
+_NEAR_PX = 1.5  # from the smooth curve through a line, of what belongs to it
+_IN_A_ROW = 0.5  # share of places along one curve below which they count less: chance has no row
+
+# The smooth curve through the places of a line.
+_VOTE_PX = 1.0  # between places that vote for each other
+_VOTE_EVERY = 3  # only these are voted for: neighbours have the same votes
+_GATES = ((0, 3.0), (1, 3.0), (1, 2.0), (2, 2.0), (3, 1.5), (3, 1.0), (3, 1.0))  # degree, px
+_POINTS_PER_TERM = 3  # fewer places do not determine a curve of that degree
+_FLAT_PX = 0.2  # deviations below which all places count alike
+_RIDGE = 0.02, 0.1  # of the higher terms: ends without support stay where the middle is
+
+# Width and blur.
+_GOOD = 0.7  # quantile of the contrasts, and share of it, from which a cross-section is chosen
+
+# Segments.
+_SAMPLES = 37  # on a cross-section, to measure: a quarter of a pixel apart
+_MOST_RMS = 4.0  # times the usual residual, beyond which a cross-section shows something else
+_ROUNDS = 6  # of reweighting
+_HUBER, _STRAY = 2.0, 4.0  # sigmas from which cross-sections count less, and not at all
+_LEAST_SPREAD_PX = 0.02  # exact images have no scatter
+_SLOPE_PX, _SLOPE_LEVER_PX = 0.3, 20.0  # by which the model of the road may be wrong, over this
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,9 +68,9 @@ class LocatedLine:
     :param uv_px: (n, 2) raw pixels in the middle of the band or on the edge, in order.
     :param std_px: (n,) 1-sigma across the line.
     :param s_m: (n,) their reference arc lengths.
-    :param shape: of the profiles.
-    :param scatter_px: robust scatter of single cuts.
-    :param cuts: how many there were.
+    :param shape: of the cross-sections.
+    :param scatter_px: robust scatter of single cross-sections.
+    :param sections: how many there were.
     :param used: how many of them are in the points.
     """
 
@@ -55,204 +79,225 @@ class LocatedLine:
     s_m: Array
     shape: Shape
     scatter_px: float
-    cuts: int
+    sections: int
     used: int
 
     def take(self, where: NDArray[np.bool_]) -> LocatedLine:
-        """Keep some of the points."""
+        """Return it with some of its points."""
         return replace(self, uv_px=self.uv_px[where], std_px=self.std_px[where],
                        s_m=self.s_m[where])
 
 
-def locate(fit: RoadFit, image: SplineImage, line: int, right: bool, ends_px: Array,
-           noise_grey: float, shape: Optional[Shape] = None) -> Optional[LocatedLine]:
+class _Candidate(NamedTuple):
+    """
+    One kind of line, followed over all cross-sections.
+
+    :param score: the sum of its contrasts.
+    :param shape: its rough shape.
+    :param start_m: (n,) where it runs.
+    :param contrast: (n,) there; 0 where it is not.
+    :param usual: the usual contrast of what is painted.
+    """
+
+    score: float
+    shape: Shape
+    start_m: Array
+    contrast: Array
+    usual: float
+
+
+class _Segment(NamedTuple):
+    """
+    Cross-sections taken together.
+
+    :param arc_px: place along the line in the image.
+    :param off_px: place across it.
+    :param std_px: 1-sigma of that.
+    :param used: how many cross-sections count.
+    """
+
+    arc_px: float
+    off_px: float
+    std_px: float
+    used: int
+
+
+def locate(view: LineView, ends_px: Array, shape: Optional[Shape] = None,
+           config: RefineConfig = RefineConfig()) -> Optional[LocatedLine]:
     """
     Find a line in a view.
 
-    :param fit: the road as it is known, right to some px.
-    :param image: the clean view.
-    :param line: number of the line in the fit.
-    :param right: the right view.
+    :param view: the line, in a road that is right to some px.
     :param ends_px: (2, 2) where the line begins and ends, roughly.
-    :param noise_grey: 1-sigma of the grey levels.
-    :param shape: the profiles' shape, where an earlier search found it: then the line is known
+    :param shape: of its cross-sections, where an earlier search found it: then the line is known
         to about a pixel.
+    :param config: how far to search, and what to believe.
     :return: None where nothing runs along the rough line.
     """
-    cuts = cuts_along(fit, line, right, ends_px)
-    if len(cuts.s_m) < 2 * LEAST_CUTS:
+    sections = view.sections(ends_px)
+    if len(sections.s_m) < 2 * LEAST_SECTIONS:
         return None
-    start = np.zeros(len(cuts.s_m))
+    scale, start = sections.px_per_m, np.zeros(len(sections.s_m))
     if shape is None:
-        found = _search(fit, image, line, right, cuts, noise_grey)
+        found = _search(view, sections, config)
         if found is None:
             return None
-        shape, start, contrast = found
+        shape, start, contrast = found.shape, found.start_m, found.contrast
     else:
-        x, grey = _read(fit, image, line, right, cuts, start, shape)
-        contrast = fit_profiles(shape, x, grey, cuts.px_per_m, start, noise_grey).contrast
+        x, grey = _read(view, sections, start, shape)
+        contrast = fit_sections(shape, x, grey, scale, start, view.noise_grey).contrast
     if not (contrast > 0).any():
         return None
-    best = _spread_best(contrast, TUNED_CUTS)
-    x, grey = _read(fit, image, line, right, cuts.take(best), start[best], shape)
-    shape = tuned(shape, x, grey, cuts.px_per_m[best], start[best], noise_grey)
-    x, grey = _read(fit, image, line, right, cuts, start, shape)
-    places = fit_profiles(shape, x, grey, cuts.px_per_m, start, noise_grey)
-    return _gathered(fit, line, right, cuts, places, shape, noise_grey)
+    best = _spread_best(contrast, TUNED_SECTIONS)
+    x, grey = _read(view, sections.take(best), start[best], shape)
+    shape = tuned(shape, x, grey, scale[best], start[best], view.noise_grey)
+    x, grey = _read(view, sections, start, shape)
+    places = fit_sections(shape, x, grey, scale, start, view.noise_grey)
+    return _gathered(view, sections, places, shape, config)
 
 
-def _read(fit: RoadFit, image: SplineImage, line: int, right: bool, cuts: Cuts, start_m: Array,
-          shape: Shape) -> tuple[Array, Array]:
-    """Read cuts about the places where the line is expected: places and levels (n, k)."""
-    half = shape.half_window_m(cuts.px_per_m)
-    x = start_m[:, None] + half[:, None] * np.linspace(-1, 1, _SAMPLES[1])
-    return x, read_cuts(image, fit, line, right, cuts, x)
+def _read(view: LineView, sections: CrossSections, start_m: Array, shape: Shape
+          ) -> tuple[Array, Array]:
+    """Return places and grey levels (n, k) about where the line is expected."""
+    half = shape.half_window_m(sections.px_per_m)
+    x = start_m[:, None] + half[:, None] * np.linspace(-1, 1, _SAMPLES)
+    return x, view.read(sections, x)
 
 
-def _search(fit: RoadFit, image: SplineImage, line: int, right: bool, cuts: Cuts,
-            noise_grey: float) -> Optional[tuple[Shape, Array, Array]]:
-    """Look for the line: its rough shape, where it runs (n,), and contrasts (n,)."""
-    offsets = fit.problem.model.offsets(fit.x)
-    apart = np.abs(np.delete(offsets, line) - offsets[line])
-    room = 0.45 * float(apart.min()) if apart.size else np.inf
-    half = np.minimum(SEARCH_PX / cuts.px_per_m + 0.4, max(room, 0.3))
-    x = half[:, None] * np.linspace(-1, 1, _SAMPLES[0])
-    grey = read_cuts(image, fit, line, right, cuts, x)
-    reach = np.minimum(SEARCH_PX / cuts.px_per_m, half)
-    grey_edges = detect(x, grey, cuts.px_per_m, 0.0)
-    edge = max((_followed(x, c, cuts, reach, 0.0, sign) for c, sign in zip(grey_edges, (1, -1))),
-               key=lambda f: f[0])
-    bands = [_followed(x, c, cuts, reach, width, sign) for width in WIDTHS_M
-             for c, sign in zip(detect(x, grey, cuts.px_per_m, width), (1, -1))]
-    band = max(bands, key=lambda f: f[0])
-    least = max(_LEAST_CONTRAST * noise_grey, _LEAST_GREY)
-    for found, wanted in ((band, max(least, _BAND_SHARE * edge[4])), (edge, least)):
-        _, shape, start, contrast, usual = found
-        if usual >= wanted:
-            return shape, start, contrast
-    return None
+def _least_grey(view: LineView) -> float:
+    """Return the least contrast of a marking."""
+    return max(_LEAST_NOISES * view.noise_grey, _LEAST_GREY)
 
 
-def _followed(x: Array, contrast: Array, cuts: Cuts, reach_m: Array, width_m: float, sign: int
-              ) -> tuple[float, Shape, Array, Array, float]:
+def _search(view: LineView, sections: CrossSections, config: RefineConfig
+            ) -> Optional[_Candidate]:
+    """Look for the line: a band if there is one, else an edge."""
+    offsets = view.fit.problem.model.offsets(view.fit.x)
+    apart = np.abs(np.delete(offsets, view.line) - offsets[view.line])
+    room = _ROOM * float(apart.min()) if apart.size else np.inf
+    scale = sections.px_per_m
+    half = np.minimum(config.search_px / scale + _SIDE_M, max(room, _LEAST_ROOM_M))
+    x = half[:, None] * np.linspace(-1, 1, _SEARCH_SAMPLES)
+    grey = view.read(sections, x)
+    reach = np.minimum(config.search_px / scale, half)
+    edge, *bands = (max(
+        (_followed(x, np.where(np.abs(x) <= reach[:, None], contrast, -np.inf), sections,
+                   Shape(BAND if width else EDGE, width, _START_BLUR_PX, sign), config)
+         for contrast, sign in zip(detect(x, grey, scale, width), (1, -1))),
+        key=lambda candidate: candidate.score) for width in (0.0, *WIDTHS_M))
+    band, least = max(bands, key=lambda candidate: candidate.score), _least_grey(view)
+    if band.usual >= max(least, _BAND_SHARE * edge.usual):
+        return band
+    return edge if edge.usual >= least else None
+
+
+def _followed(x: Array, contrast: Array, sections: CrossSections, shape: Shape,
+              config: RefineConfig) -> _Candidate:
     """
-    Follow one kind of line over all cuts.
+    Follow one kind of line over all cross-sections.
 
-    :param x: (n, k) places on the cuts.
-    :param contrast: (n, k) there.
-    :return: its score, its shape, where it runs (n,), its contrast there (n,), and the usual
-        contrast of what is painted.
+    :param x: (n, k) places on them.
+    :param contrast: (n, k) there; -inf where it is not looked for.
     """
-    shape = Shape(BAND if width_m else EDGE, width_m, _BLUR_PX, sign)
-    contrast = np.where(np.abs(x) <= reach_m[:, None], contrast, -np.inf)
     best = np.argmax(contrast, axis=1)
     rows = np.arange(len(x))
     peak = contrast[rows, best]
     peak = np.where(np.isfinite(peak), peak, -1.0)
-    off_px = x[rows, best] * cuts.px_per_m
-    usual = float(np.quantile(peak, 0.85))
-    good = peak > _PAINTED * max(usual, 1e-6)
-    if good.sum() < LEAST_CUTS:
-        return -1.0, shape, np.zeros(len(x)), peak, 0.0
-    curve = _consensus(cuts.arc_px, off_px, good)
-    start = curve / cuts.px_per_m
-    near = good & (np.abs(off_px - curve) < 1.5)
-    size = np.sqrt(width_m * cuts.px_per_m[near]) if width_m else np.ones(near.sum())
-    # what is there by chance is not there in a row
-    usual = usual * min(1.0, near.sum() / max(0.5 * good.sum(), 1))
-    return float(np.sum(peak[near] * size)), shape, start, np.where(near, peak, 0.0), usual
+    off_px = x[rows, best] * sections.px_per_m
+    usual = float(np.quantile(peak, _USUAL))
+    good = peak > config.painted_share * max(usual, 1e-6)
+    if good.sum() < LEAST_SECTIONS:
+        return _Candidate(-1.0, shape, np.zeros(len(x)), peak, 0.0)
+    curve = _consensus(sections.arc_px, off_px, good)
+    near = good & (np.abs(off_px - curve) < _NEAR_PX)
+    size = np.sqrt(shape.width_m * sections.px_per_m[near]) if shape.width_m else np.ones(
+        near.sum())
+    usual = usual * min(1.0, near.sum() / max(_IN_A_ROW * good.sum(), 1))
+    return _Candidate(float(np.sum(peak[near] * size)), shape, curve / sections.px_per_m,
+                      np.where(near, peak, 0.0), usual)
 
 
-def _consensus(arc: Array, off_px: Array, good: NDArray[np.bool_]) -> Array:
-    """Run a smooth curve (n,) through most of the places (n,) that are good."""
-    u = 2 * (arc - arc[0]) / max(arc[-1] - arc[0], 1.0) - 1
+def _consensus(arc_px: Array, off_px: Array, good: NDArray[np.bool_]) -> Array:
+    """Return a smooth curve (n,) through most of the places (n,) that are good."""
+    u = 2 * (arc_px - arc_px[0]) / max(arc_px[-1] - arc_px[0], 1.0) - 1
     values = off_px[good]
-    votes = (np.abs(values[:, None] - values[None, ::3]) < 1.0).sum(axis=0)
-    curve = np.full(len(arc), values[::3][np.argmax(votes)])
-    for degree, gate in ((0, 3.0), (1, 3.0), (1, 2.0), (2, 2.0), (3, 1.5), (3, 1.0), (3, 1.0)):
+    asked = values[::_VOTE_EVERY]
+    votes = (np.abs(values[:, None] - asked[None]) < _VOTE_PX).sum(axis=0)
+    curve = np.full(len(arc_px), asked[np.argmax(votes)])
+    for degree, gate in _GATES:
         near = good & (np.abs(off_px - curve) < gate)
-        if near.sum() < 3 * (degree + 2):
+        if near.sum() < _POINTS_PER_TERM * (degree + 2):
             break
-        weight = 1 / np.maximum(np.abs(off_px - curve)[near], 0.2)**0.5
+        weight = 1 / np.maximum(np.abs(off_px - curve)[near], _FLAT_PX)**0.5
         basis = legendre.legvander(u, degree)
-        # ends without support stay where the middle is
-        ridge = 0.02 * near.sum() * np.diag(np.arange(degree + 1.0))
+        ridge = _RIDGE[0] * near.sum() * np.diag(np.arange(degree + 1.0))
         a = basis[near] * weight[:, None]
         curve = basis @ np.linalg.lstsq(
-            np.vstack([a, np.sqrt(ridge) * 0.1]),
+            np.vstack([a, np.sqrt(ridge) * _RIDGE[1]]),
             np.append(off_px[near] * weight, np.zeros(degree + 1)), rcond=None)[0]
     return curve
 
 
 def _spread_best(contrast: Array, count: int) -> NDArray[np.bool_]:
-    """Choose up to so many cuts of good contrast, evenly along the line."""
-    usual = np.quantile(contrast[contrast > 0], 0.7)
-    good = np.flatnonzero(contrast > 0.7 * usual)
+    """Return up to so many cross-sections (n,) of good contrast, evenly along the line."""
+    usual = np.quantile(contrast[contrast > 0], _GOOD)
+    good = np.flatnonzero(contrast > _GOOD * usual)
     chosen = good[np.unique(np.linspace(0, len(good) - 1, count).astype(int))]
     out = np.zeros(len(contrast), dtype=bool)
     out[chosen] = True
     return out
 
 
-def _gathered(fit: RoadFit, line: int, right: bool, cuts: Cuts, places: Places, shape: Shape,
-              noise_grey: float) -> Optional[LocatedLine]:
-    """Take the cuts of each stretch together."""
-    off_px = places.across_m * cuts.px_per_m
-    usual = np.quantile(places.contrast, 0.85)
-    good = np.isfinite(off_px) & (places.contrast > _PAINTED * usual) & (
-        places.contrast > max(_LEAST_CONTRAST * noise_grey, _LEAST_GREY) / 2)
-    if good.sum() < 2 * LEAST_CUTS:
+def _gathered(view: LineView, sections: CrossSections, places: Places, shape: Shape,
+              config: RefineConfig) -> Optional[LocatedLine]:
+    """Take the cross-sections of each segment together; None where too few show the line."""
+    arc, off_px = sections.arc_px, places.across_m * sections.px_per_m
+    usual = np.quantile(places.contrast, _USUAL)
+    good = np.isfinite(off_px) & (places.contrast > config.painted_share * usual) & (
+        places.contrast > _least_grey(view) / 2)
+    if good.sum() < 2 * LEAST_SECTIONS:
         return None
-    good &= places.rms < 4 * np.median(places.rms[good])
-    rough = _consensus(cuts.arc_px, off_px, good)
-    good &= np.abs(off_px - rough) < 1.5
-    if good.sum() < 2 * LEAST_CUTS:
+    good &= places.rms < _MOST_RMS * np.median(places.rms[good])
+    rough = _consensus(arc, off_px, good)
+    good &= np.abs(off_px - rough) < _NEAR_PX
+    if good.sum() < 2 * LEAST_SECTIONS:
         return None
-    length = cuts.arc_px[-1] - cuts.arc_px[0]
-    size = max(length / MOST_STRETCHES, LEAST_STRETCH_PX)
-    stretch = ((cuts.arc_px - cuts.arc_px[0]) / size).astype(int)
-    points, used = [], 0
-    for number in np.unique(stretch[good]):
-        mine = np.flatnonzero(good & (stretch == number))
-        point = _stretch(cuts.arc_px[mine], off_px[mine])
-        if point is not None:
-            arc, off, std, count = point
-            used += count
-            points.append((np.interp(arc, cuts.arc_px, cuts.s_m),
-                           off / np.interp(arc, cuts.arc_px, cuts.px_per_m), std))
-    if len(points) < 3:
+    size = max((arc[-1] - arc[0]) / MOST_SEGMENTS, LEAST_SEGMENT_PX)
+    number = ((arc - arc[0]) / size).astype(int)
+    groups = (np.flatnonzero(good & (number == n)) for n in np.unique(number[good]))
+    segments = [s for s in (_segment(arc[g], off_px[g], config) for g in groups) if s is not None]
+    if len(segments) < 3:
         return None
-    s, across, std = np.array(points).T
-    uv = fit.seen(fit.points(line, s, across), right)
-    scatter = 1.4826 * float(np.median(np.abs((off_px - rough)[good])))
-    return LocatedLine(uv, std, s, shape, scatter, len(good), used)
+    at = np.array([s.arc_px for s in segments])
+    s_m = np.interp(at, arc, sections.s_m)
+    across_m = np.array([s.off_px for s in segments]) / np.interp(at, arc, sections.px_per_m)
+    return LocatedLine(
+        view.seen(s_m, across_m), np.array([s.std_px for s in segments]), s_m, shape,
+        robust_std((off_px - rough)[good]), len(good), sum(s.used for s in segments))
 
 
-def _stretch(arc: Array, off: Array) -> Optional[tuple[float, float, float, int]]:
+def _segment(arc: Array, off: Array, config: RefineConfig) -> Optional[_Segment]:
     """
-    Take cuts together: place along and across the line, 1-sigma, all px, and how many count.
+    Take cross-sections together; None where too few agree.
 
     :param arc: (n,) px along the line.
     :param off: (n,) px across it.
     """
-    if len(arc) < LEAST_CUTS:
+    if len(arc) < LEAST_SECTIONS:
         return None
-    weight = np.ones(len(arc))
     fitted = np.full(len(arc), np.median(off))
-    for _ in range(6):
-        spread = max(1.4826 * float(np.median(np.abs(off - fitted))), 0.02)
-        weight = np.clip(2.0 * spread / np.maximum(np.abs(off - fitted), 1e-9), 0, 1)
-        weight[np.abs(off - fitted) > 4 * spread] = 0.0
+    for _ in range(_ROUNDS):
+        spread = max(robust_std(off - fitted), _LEAST_SPREAD_PX)
+        weight = np.clip(_HUBER * spread / np.maximum(np.abs(off - fitted), 1e-9), 0, 1)
+        weight[np.abs(off - fitted) > _STRAY * spread] = 0.0
         middle = np.average(arc, weights=weight)
-        lever = arc - middle
-        a = np.stack([np.ones(len(arc)), lever / 20.0], axis=-1)
-        # a slope only as far as the model of the road may be wrong
-        normal = a.T @ (weight[:, None] * a) + np.diag([0.0, (spread / 0.3)**2])
+        a = np.stack([np.ones(len(arc)), (arc - middle) / _SLOPE_LEVER_PX], axis=-1)
+        normal = a.T @ (weight[:, None] * a) + np.diag([0.0, (spread / _SLOPE_PX)**2])
         solution = np.linalg.solve(normal, a.T @ (weight * off))
         fitted = a @ solution
     count = float(weight.sum())
-    if count < LEAST_CUTS:
+    if count < LEAST_SECTIONS:
         return None
     left = np.sqrt(np.sum(weight * (off - fitted)**2) / max(count - 2, 1))
-    std = float(np.hypot(left * np.sqrt(_CORRELATED / count), FLOOR_PX))
-    return float(middle), float(solution[0]), std, int(round(count))
+    std = float(np.hypot(left * np.sqrt(config.correlated_sections / count), config.floor_std_px))
+    return _Segment(float(middle), float(solution[0]), std, int(round(count)))

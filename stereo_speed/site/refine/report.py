@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a refinement has to say: figures of every line and lane, and warnings."""
+"""The report of a refinement: figures of every line and lane, and warnings."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -11,16 +11,13 @@ import numpy as np
 
 from .known_lengths import check_lengths, LengthCheck
 from .refiner import RefinedSite
-from .speed_effect import heading_effect, speed_error
+from .speed_effect import heading_effect, Setup, speed_error
 from ..lane_paths import lane_paths
 from ...core.errors import SiteError
 from ...core.units import MPH_MPS
 
-FEW_PAIRS = 5
-MUCH_PX = 0.15  # r.m.s. residual of paint that deserves a look
-MAY_HAVE_MOVED = 0.2  # probability that deserves a word
-MUCH_SHARE = 0.0025  # 1-sigma of speeds, or their change, that deserves a word
 ANGLES = ('pan', 'tilt', 'roll')
+_MOVED_SIGMAS = 3.0  # by which the drift must have changed since the site was refined, to warn
 
 
 @dataclass(frozen=True)
@@ -30,12 +27,12 @@ class LineFigures:
 
     :param name: of the line.
     :param kind: ``band``, ``edge``, ``as clicked`` or ``surveyed``.
-    :param width_m: of the paint.
+    :param width_m: of the marking.
     :param residual_px: r.m.s. distance of the points from the fitted road, each counting as its
         1-sigma says, left and right.
-    :param scatter_px: of single cuts about the line, left and right.
+    :param scatter_px: of single cross-sections about the line, left and right.
     :param points: number of points, left and right.
-    :param painted: share of the line with paint in sight, left and right.
+    :param painted: share of the line with its marking in sight, left and right.
     """
 
     name: str
@@ -72,7 +69,7 @@ class LaneFigures:
 @dataclass(frozen=True)
 class Report:
     """
-    Everything that is told.
+    Everything that is reported.
 
     :param lines: figures of the lines.
     :param lanes: figures of the lanes.
@@ -102,45 +99,42 @@ def _line(refined: RefinedSite, name: str) -> LineFigures:
     """Gather the figures of one line."""
     nothing = (math.nan, math.nan)
     if name not in refined.found:
-        kind = 'surveyed' if refined.site.lines[name].points_m is not None else 'as clicked'
+        kind = 'as clicked' if name in refined.site.picked else 'surveyed'
         return LineFigures(name, kind, math.nan, nothing, nothing, (0, 0), (0.0, 0.0))
     found = refined.found[name]
     residual = [math.nan, math.nan]
-    if refined.road is not None and name in refined.road_lines:
-        picks = refined.road.problem.picks
+    road = refined.road_with([name])
+    if road is not None:
+        picks = road.problem.picks
         for right in (0, 1):
-            mine = (picks.line == refined.road_lines.index(name)) & (picks.right == bool(right))
-            weight = picks.std_px[mine]**-2
+            mine = picks.of_line(road.number(name), bool(right))
             residual[right] = float(np.sqrt(np.average(
-                refined.road.feet.residual_px[mine]**2, weights=weight)))
+                road.feet.residual_px[mine]**2, weights=picks.std_px[mine]**-2)))
     return LineFigures(
         name, found[0].shape.kind, found[0].shape.width_m, (residual[0], residual[1]),
         (found[0].scatter_px, found[1].scatter_px), (len(found[0].s_m), len(found[1].s_m)),
-        (found[0].used / found[0].cuts, found[1].used / found[1].cuts))
+        (found[0].used / found[0].sections, found[1].used / found[1].sections))
 
 
 def _lanes(refined: RefinedSite) -> list[LaneFigures]:
     """Gather the figures of the lanes."""
-    calibrated = refined.rig.turned(-np.array(refined.rig.turn_rad))
+    calibrated = refined.rig.drifted(-np.array(refined.rig.drift_rad))
     before = refined.rough.corrected_rig(calibrated)
     try:
-        rough = lane_paths(refined.rough, before)
+        rough = lane_paths(refined.rough, before, refined.prior)
     except SiteError:
         rough = {}
     out = []
     for spec in refined.site.lanes:
         lane = refined.lanes[spec.name]
         width = (math.nan, math.nan)
-        road = refined.road
-        if road is not None and len(spec.lines) == 2 and set(spec.lines) <= set(
-                refined.road_lines):
-            a, b = (4 + refined.road_lines.index(n) for n in spec.lines)
-            c = road.covariance
-            width = (abs(float(road.x[a] - road.x[b])),
-                     float(np.sqrt(c[a, a] + c[b, b] - 2 * c[a, b])))
+        road = refined.road_with(spec.lines)
+        if road is not None and len(spec.lines) == 2:
+            width = road.spacing(*(road.number(name) for name in spec.lines))
         change = math.nan
         if spec.name in rough:
-            change = speed_error((lane.path, refined.rig), (rough[spec.name].path, before))
+            change = speed_error(Setup(lane.path, refined.rig),
+                                 Setup(rough[spec.name].path, before))
         heading = heading_effect(lane.path, refined.rig, lane.heading_std_rad)
         heading = 0.0 if math.isnan(heading) else heading
         out.append(LaneFigures(spec.name, *width, spec.speed_limit_mps, change,
@@ -150,38 +144,21 @@ def _lanes(refined: RefinedSite) -> list[LaneFigures]:
 
 def _warnings(refined: RefinedSite, lines: tuple[LineFigures, ...],
               lanes: tuple[LaneFigures, ...], lengths: tuple[LengthCheck, ...]) -> list[str]:
-    """Say what a person must know."""
-    out = []
-    turn = refined.turn
-    if refined.views[0].pairs < FEW_PAIRS:
-        out.append(f'only {refined.views[0].pairs} pairs: what passed may still be in the '
+    """Return what a person must know."""
+    config, out = refined.config, _rig_warnings(refined)
+    if refined.views[0].pairs < config.few_pairs:
+        out.insert(0, f'only {refined.views[0].pairs} pairs: what passed may still be in the '
                    'background')
-    for angle, value, left in zip(ANGLES, turn.turn_rad, np.sqrt(np.diag(turn.covariance_rad2))):
-        if value:
-            out.append(f'the right camera has moved since the calibration: {angle} '
-                       f'{np.degrees(value):+.4f}° ± {np.degrees(left):.4f}°; refining corrects '
-                       'it, but calibrate the rig again')
-    if not turn.moved and turn.moved_probability > MAY_HAVE_MOVED:
-        out.append('the right camera may have moved since the calibration (probability '
-                   f'{turn.moved_probability:.2f}); nothing is corrected, speeds are the more '
-                   'uncertain for it')
-    before = refined.rough.correction
-    if before is not None:
-        step = turn.turn_rad - before.turn_rad
-        std = np.sqrt(np.diag(turn.covariance_rad2 + before.covariance_rad2))
-        out += [f'the right camera has moved since the site was refined: {angle} '
-                f'{np.degrees(change):+.4f}° ± {np.degrees(sigma):.4f}°; refine it again'
-                for angle, change, sigma in zip(ANGLES, step, std) if abs(change) > 3 * sigma]
     for lane in lanes:
-        if lane.std > MUCH_SHARE:
+        if lane.std > config.worst_speed_std:
             out.append(f'{lane.name}: path and rig leave speeds uncertain by {100 * lane.std:.2f} '
                        f'% (± {lane.std * lane.limit_mps / MPH_MPS:.2f} mph at the limit)')
     for name in refined.lost:
-        out.append(f'{name}: neither paint nor kerb found in both views; left as it was clicked')
+        out.append(f'{name}: neither marking nor kerb found in both views; left as it was clicked')
     for line in lines:
         worst = max(line.residual_px)
-        if worst > MUCH_PX:
-            out.append(f'{line.name}: paint {worst:.2f} px r.m.s. off the road that all lines '
+        if worst > config.worst_residual_px:
+            out.append(f'{line.name}: marking {worst:.2f} px r.m.s. off the road that all lines '
                        'make together')
     for length in lengths:
         if length.wrong:
@@ -193,9 +170,32 @@ def _warnings(refined: RefinedSite, lines: tuple[LineFigures, ...],
     return out
 
 
+def _rig_warnings(refined: RefinedSite) -> list[str]:
+    """Return what a person must know of the rig."""
+    drift, out = refined.drift, []
+    for angle, value, left in zip(ANGLES, drift.drift_rad, drift.std_rad):
+        if value:
+            out.append(f'the right camera has moved since the calibration: {angle} '
+                       f'{np.degrees(value):+.4f}° ± {np.degrees(left):.4f}°; refining corrects '
+                       'it, but calibrate the rig again')
+    if not drift.moved and drift.moved_probability > refined.config.doubtful_probability:
+        out.append('the right camera may have moved since the calibration (probability '
+                   f'{drift.moved_probability:.2f}); nothing is corrected, speeds are the more '
+                   'uncertain for it')
+    before = refined.rough.correction
+    if before is not None:
+        step = drift.drift_rad - before.drift_rad
+        std = np.sqrt(np.diag(drift.covariance_rad2 + before.covariance_rad2))
+        out += [f'the right camera has moved since the site was refined: {angle} '
+                f'{np.degrees(change):+.4f}° ± {np.degrees(sigma):.4f}°; refine it again'
+                for angle, change, sigma in zip(ANGLES, step, std)
+                if abs(change) > _MOVED_SIGMAS * sigma]
+    return out
+
+
 def summary_lines(refined: RefinedSite, figures: Report) -> list[str]:
     """
-    Put a report into words, a line each.
+    Return a report in words, a line each.
 
     :param refined: the site.
     :param figures: from :func:`report`.
@@ -215,8 +215,9 @@ def summary_lines(refined: RefinedSite, figures: Report) -> list[str]:
                    f'{_both(tuple(100 * p for p in line.painted), ".0f"):>11}')
     if refined.road is not None:
         model = refined.road.problem.model
-        kind = 'straight' if model.turns == 0 else f'curved ({model.turns} coefficients)'
-        out.append(f'road: {kind}, {"plane" if model.bends == 0 else "bent"} surface')
+        kind = 'straight' if model.curvature_terms == 0 else \
+            f'curved ({model.curvature_terms} coefficients)'
+        out.append(f'road: {kind}, {"bent" if model.surface_terms else "plane"} surface')
     for lane in figures.lanes:
         mph = lane.limit_mps / MPH_MPS
         width = '' if math.isnan(lane.width_m) else \
@@ -235,17 +236,16 @@ def summary_lines(refined: RefinedSite, figures: Report) -> list[str]:
 
 def summary(refined: RefinedSite, figures: Report) -> dict[str, Any]:
     """
-    Give the figures that belong beside the results: plain values.
+    Return the figures that belong beside the results: plain values.
 
     :param refined: the site.
     :param figures: from :func:`report`.
     """
-    turn = refined.turn
-    left = np.degrees(np.sqrt(np.diag(turn.covariance_rad2)))
+    drift = refined.drift
     return {
-        'turn_deg': {a: round(float(v), 5) for a, v in zip(ANGLES, np.degrees(turn.turn_rad))},
-        'turn_std_deg': {a: round(float(v), 5) for a, v in zip(ANGLES, left)},
-        'moved_probability': round(turn.moved_probability, 4),
+        'turn_deg': {a: round(float(v), 5) for a, v in zip(ANGLES, np.degrees(drift.drift_rad))},
+        'turn_std_deg': {a: round(float(v), 5) for a, v in zip(ANGLES, np.degrees(drift.std_rad))},
+        'moved_probability': round(drift.moved_probability, 4),
         'residual_px': {line.name: [round(v, 4) for v in line.residual_px]
                         for line in figures.lines if line.points[0]},
         'path_and_rig_std': {lane.name: round(lane.std, 6) for lane in figures.lanes},
@@ -253,13 +253,13 @@ def summary(refined: RefinedSite, figures: Report) -> dict[str, Any]:
 
 
 def _rig_lines(refined: RefinedSite) -> list[str]:
-    """Say what the rig looks like."""
-    turn, epipolar = refined.turn, refined.epipolar
+    """Return the lines about the rig."""
+    drift, epipolar = refined.drift, refined.epipolar
     shown = ', '.join(f'{angle} {np.degrees(value):+.4f}° ± {np.degrees(std):.4f}°'
-                      for angle, value, std in zip(ANGLES, turn.shown_rad, turn.shown_std_rad))
+                      for angle, value, std in zip(ANGLES, drift.shown_rad, drift.shown_std_rad))
     out = [] if refined.road is None else [
         f'right camera against its calibration: {shown}; moved with probability '
-        f'{turn.moved_probability:.3f}']
+        f'{drift.moved_probability:.3f}']
     if epipolar is not None:
         out.append(f'background: {epipolar.details} details {epipolar.residual_px:.3f} px off '
                    'their epipolar lines')
@@ -267,5 +267,5 @@ def _rig_lines(refined: RefinedSite) -> list[str]:
 
 
 def _both(values: tuple[float, ...], form: str) -> str:
-    """Print figures of both views."""
+    """Return figures of both views as text."""
     return ' '.join(format(v, form) for v in values)

@@ -1,11 +1,11 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Models of the grey profile across a line: a painted band, or the edge of a kerb.
+Models of the grey levels across a line: a painted band, or the edge of a kerb.
 
 A band has a level on each side and its own, between two edges a known width apart; an edge has
 two levels. Both are blurred by the pixel and the lens. The place is found by Gauss-Newton
-together with the levels, all cuts at once.
+together with the levels, all cross-sections at once.
 """
 from __future__ import annotations
 
@@ -13,22 +13,34 @@ from dataclasses import dataclass, replace
 from typing import Optional
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import ndtr
 
 from ...core.records import Array
 
 BAND, EDGE = 'band', 'edge'
-MARGIN_PX = 4.0  # of road on either side of the paint
-_STEPS = 6
+MARGIN_PX = 4.0  # of road that is read on either side of a band
+_MARGIN_WIDTHS = 0.8  # half widths of road on either side of a band that is wide in the image
+_STEPS = 6  # of Gauss-Newton; from half a band away it converges in four
+_START_GREY = 10.0  # contrast to start with; the first step finds the levels before the place
 _SIDES_ALIKE = 0.1  # 1-sigma of the difference between both sides, as a share of the contrast
+_REACH_PX = 2.0  # how far from its start the place of an edge may move
+_LEAST_SAMPLES = 8  # on a cross-section: twice the unknowns
+_LEVELS = 4  # unknowns of a band: three levels and the place
+_LEAST_RMS = 1e-3  # grey levels; exact images leave nothing
+_FLOOR_VARIANCE = 0.25  # of grey levels, so that cross-sections without noise do not decide alone
+_BLUR_RANGE_PX = 0.2, 4.0  # from a pixel's own to a lens out of focus
+_WIDTH_RANGE_M = 0.03, 0.8  # of bands: from worn edge lines to stop lines
+_GAP_PX = 0.7  # of blur between a band and what counts for its sides, in the search
+_FLANK_PX = 2.5  # least width of a side in the search
+_BAND_INSIDE = 0.3  # of half a band that its blurred edges may take up in the search
+_SEEN = 0.9  # share of a side or band that must lie in the image
 
 
 @dataclass(frozen=True)
 class Shape:
     """
-    What the profiles of one line have in common.
+    What the cross-sections of one line have in common.
 
     :param kind: ``band`` or ``edge``.
     :param width_m: of the band; 0 for an edge.
@@ -42,15 +54,15 @@ class Shape:
     sign: int
 
     def half_window_m(self, px_per_m: Array) -> Array:
-        """Give how far (n,) from the middle of the line a profile is looked at."""
+        """Return how far (n,) from the middle of the line a cross-section is read."""
         half = self.width_m / 2
-        return half + np.maximum(MARGIN_PX / px_per_m, 0.8 * half)
+        return half + np.maximum(MARGIN_PX / px_per_m, _MARGIN_WIDTHS * half)
 
 
 @dataclass(frozen=True, eq=False)
 class Places:
     """
-    Where profiles have their line.
+    Where cross-sections have their line.
 
     :param across_m: (n,) m from where it was expected, positive to the left.
     :param contrast: (n,) grey levels, positive where the sign is the shape's.
@@ -64,10 +76,10 @@ class Places:
     std_m: Array
 
 
-def fit_profiles(shape: Shape, across_m: Array, grey: Array, px_per_m: Array, start_m: Array,
+def fit_sections(shape: Shape, across_m: Array, grey: Array, px_per_m: Array, start_m: Array,
                  noise_grey: float) -> Places:
     """
-    Find the line in each profile.
+    Return where the line is on each cross-section.
 
     :param across_m: (n, k) places.
     :param grey: (n, k) levels; NaN does not count.
@@ -80,8 +92,8 @@ def fit_profiles(shape: Shape, across_m: Array, grey: Array, px_per_m: Array, st
     weight = (valid & (np.abs(across_m - start_m[:, None])
                        <= shape.half_window_m(px_per_m)[:, None])).astype(float)
     blur = (shape.blur_px / px_per_m)[:, None]
-    at, reach = start_m.copy(), np.maximum(shape.width_m / 2, 2.0 / px_per_m)
-    level = np.full(len(at), 10.0)
+    at, reach = start_m.copy(), np.maximum(shape.width_m / 2, _REACH_PX / px_per_m)
+    level = np.full(len(at), _START_GREY)
     for step in range(_STEPS + 1):
         basis, slope = _basis(shape, across_m - at[:, None], blur)
         a = np.concatenate([basis, (level[:, None] * slope)[..., None]], axis=-1)
@@ -97,15 +109,15 @@ def fit_profiles(shape: Shape, across_m: Array, grey: Array, px_per_m: Array, st
             at = np.clip(at + np.nan_to_num(move), start_m - reach, start_m + reach)
     fitted = np.einsum('nki,ni->nk', basis, solution[:, :basis.shape[-1]])
     count = weight.sum(axis=-1)
-    rms = np.sqrt(np.sum(weight * (values - fitted)**2, axis=-1) / np.maximum(count - 4, 1))
-    std = np.sqrt(np.maximum(np.linalg.inv(normal)[:, -1, -1], 0)) * np.maximum(rms, 1e-3)
-    bad = count < 8
+    rms = np.sqrt(np.sum(weight * (values - fitted)**2, axis=-1) / np.maximum(count - _LEVELS, 1))
+    std = np.sqrt(np.maximum(np.linalg.inv(normal)[:, -1, -1], 0)) * np.maximum(rms, _LEAST_RMS)
+    bad = count < _LEAST_SAMPLES
     return Places(np.where(bad, np.nan, at), np.where(bad, 0.0, shape.sign * level), rms, std)
 
 
 def _basis(shape: Shape, x: Array, blur: Array) -> tuple[Array, Array]:
     """
-    Give the levels' shapes (n, k, m), the contrast's last, and its derivative by the place.
+    Return the levels' shapes (n, k, m), the contrast's last, and its derivative by the place.
 
     :param x: (n, k) m from the place.
     :param blur: (n, 1) m.
@@ -122,7 +134,7 @@ def _basis(shape: Shape, x: Array, blur: Array) -> tuple[Array, Array]:
 
 
 def _ridge(shape: Shape, size: int, level: Array, noise_grey: float) -> Array:
-    """Weigh the priors (n, size, size): sides alike, and nothing singular."""
+    """Return the weights (n, size, size) of the priors: sides alike, and nothing singular."""
     out = np.tile(1e-9 * np.eye(size), (len(level), 1, 1))
     if shape.kind == BAND:
         alike = np.maximum(_SIDES_ALIKE * np.abs(level), 1.0)
@@ -133,7 +145,7 @@ def _ridge(shape: Shape, size: int, level: Array, noise_grey: float) -> Array:
 def tuned(shape: Shape, across_m: Array, grey: Array, px_per_m: Array, start_m: Array,
           noise_grey: float, width_m: Optional[float] = None) -> Shape:
     """
-    Find the width and the blur that the profiles of a line agree on.
+    Return the shape, with width and blur, that the cross-sections of a line agree on.
 
     :param width_m: the width, where it is known.
     """
@@ -145,11 +157,11 @@ def tuned(shape: Shape, across_m: Array, grey: Array, px_per_m: Array, start_m: 
     grey = np.where(window, grey, np.nan)  # the same samples for every width
 
     def cost(x: Array) -> float:
-        if not (np.log(0.2) <= x[0] <= np.log(4.0)) or (
-                len(x) > 1 and not np.log(0.03) <= x[1] <= np.log(0.8)):
+        ranges = (_BLUR_RANGE_PX, _WIDTH_RANGE_M)[:len(x)]
+        if not all(np.log(low) <= value <= np.log(high) for value, (low, high) in zip(x, ranges)):
             return 1e9
-        places = fit_profiles(of(x), across_m, grey, px_per_m, start_m, noise_grey)
-        return float(np.mean(np.log(places.rms**2 + 0.25)))
+        places = fit_sections(of(x), across_m, grey, px_per_m, start_m, noise_grey)
+        return float(np.mean(np.log(places.rms**2 + _FLOOR_VARIANCE)))
 
     start = [np.log(shape.blur_px)]
     if shape.kind == BAND and width_m is None:
@@ -160,33 +172,33 @@ def tuned(shape: Shape, across_m: Array, grey: Array, px_per_m: Array, start_m: 
 
 
 def _simplex(start: list[float]) -> Array:
-    """Spread a first simplex by about a fifth."""
+    """Return a first simplex, spread by about a fifth."""
     return np.array(start) + np.vstack([np.zeros(len(start)), 0.2 * np.eye(len(start))])
 
 
 def detect(across_m: Array, grey: Array, px_per_m: Array, width_m: float
-           ) -> tuple[Array, NDArray[np.generic]]:
+           ) -> tuple[Array, Array]:
     """
-    Look for a band, or for an edge with ``width_m = 0``, anywhere on each cut.
+    Look for a band, or for an edge with ``width_m = 0``, anywhere on each cross-section.
 
     A band must differ from both its sides, so that edges are no bands.
 
-    :param across_m: (n, k) evenly spaced places on each cut.
+    :param across_m: (n, k) evenly spaced places on each cross-section.
     :param grey: (n, k) levels.
     :return: contrasts (n, k) of a light and (n, k) of a dark band, or a left-light and a
-        right-light edge, at each place; -inf where it does not fit on the cut.
+        right-light edge, at each place; -inf where it does not fit on the cross-section.
     """
     step = (across_m[:, 1] - across_m[:, 0])[:, None]
     known = np.isfinite(grey)
     summed = _running(np.where(known, grey, 0.0)), _running(known.astype(float))
     place = np.arange(across_m.shape[1])[None, :] + 0.5
-    gap = 0.7 / px_per_m[:, None] / step
-    flank = np.maximum(2.5 / px_per_m, width_m / 2)[:, None] / step
+    gap = _GAP_PX / px_per_m[:, None] / step
+    flank = np.maximum(_FLANK_PX / px_per_m, width_m / 2)[:, None] / step
     half = width_m / 2 / step
 
     def mean(low: Array, high: Array) -> Array:
         total, count = (_at(s, high) - _at(s, low) for s in summed)
-        inside = (low >= 0) & (high <= across_m.shape[1]) & (count > 0.9 * (high - low))
+        inside = (low >= 0) & (high <= across_m.shape[1]) & (count > _SEEN * (high - low))
         return np.where(inside, total / np.maximum(count, 1e-9), np.nan)
 
     left = mean(place + half + gap, place + half + gap + flank)
@@ -194,7 +206,7 @@ def detect(across_m: Array, grey: Array, px_per_m: Array, width_m: float
     if width_m == 0:
         light, dark = left - right, right - left
     else:
-        inner = np.minimum(gap, 0.3 * half)
+        inner = np.minimum(gap, _BAND_INSIDE * half)
         middle = mean(place - half + inner, place + half - inner)
         light = middle - np.maximum(left, right)
         dark = np.minimum(left, right) - middle
@@ -202,14 +214,14 @@ def detect(across_m: Array, grey: Array, px_per_m: Array, width_m: float
 
 
 def _running(values: Array) -> Array:
-    """Sum up along cuts: (n, k + 1)."""
+    """Return the running sums (n, k + 1) along cross-sections."""
     return np.concatenate([np.zeros((len(values), 1)), np.cumsum(values, axis=1)], axis=1)
 
 
 def _at(summed: Array, index: Array) -> Array:
-    """Read running sums between samples."""
+    """Return running sums between samples."""
     index = np.clip(index, 0, summed.shape[1] - 1.000001)
     low = index.astype(int)
     rows = np.arange(len(summed))[:, None]
     share = index - low
-    return summed[rows, low] * (1 - share) + summed[rows, low + 1] * share
+    return np.asarray(summed[rows, low] * (1 - share) + summed[rows, low + 1] * share)

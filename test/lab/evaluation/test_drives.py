@@ -46,7 +46,7 @@ def test_a_drive_is_tracked_as_replay_would_and_the_same_again(drive):
 def test_refined_lines_give_a_better_road(drive):
     moved = replace(CONFIG, pairs=3, rig_moved_deg=(0.02, 0.0, 0.0))
     refined = simulated_drive(moved, (0,), 'refined')
-    assert np.degrees(refined.rig.turn_rad[0]) == pytest.approx(0.02, abs=0.004)
+    assert np.degrees(refined.rig.drift_rad[0]) == pytest.approx(0.02, abs=0.004)
     truth = drive.lanes['lane_0'].path.frame(np.array(10.0))[:, 0]  # of the exact lines
     path = refined.lanes['lane_0'].path
     ahead = path.frame(np.array(path.length_m / 2))[:, 0]

@@ -9,15 +9,14 @@ import numpy as np
 import pytest
 from stereo_speed.core.errors import SiteError
 from stereo_speed.lab.sim.config import circle_config, DISTORTED, RoadConfig, straight_config
-from stereo_speed.site.extras import (
-    CALIBRATED_STD_DEG, KnownLength, RigCorrection)
+from stereo_speed.site.extras import as_calibrated, DashPeriod, KnownLength, LinesApart
 from stereo_speed.site.file import load_site
 from stereo_speed.site.lane_paths import lane_paths
 from stereo_speed.site.refine.known_lengths import check_lengths
 from stereo_speed.site.refine.picture import picture
 from stereo_speed.site.refine.refiner import refine_site
 from stereo_speed.site.refine.report import report, summary, summary_lines
-from stereo_speed.site.refine.speed_effect import speed_error
+from stereo_speed.site.refine.speed_effect import Setup, speed_error
 from stereo_speed.site.write import site_text
 
 SMALL = {'width_px': 720, 'height_px': 540, 'f_px': 1250.0}
@@ -34,17 +33,15 @@ def shaded(pair, number):
 
 
 @pytest.fixture(scope='module')
-def turned(make_scene):
+def drifted(make_scene):
     """Give a straight road by a panned rig, with a pole and a shadow, and its refined site."""
     config = straight_config(rig_moved_deg=(PAN_DEG, 0.0, 0.0), pairs=7,
                              rig=replace(straight_config().rig, **SMALL))
     scene = make_scene(config, 4)
     pairs = [shaded(pair, i) for i, pair in enumerate(scene.sequence.pairs)]
-    lengths = (KnownLength(name='lane', length_m=3.7, std_m=0.005, between=(
-                   'line_0', 'edge_right')),
-               KnownLength(name='dashes', length_m=9.0, std_m=0.02, dashes='line_0'),
-               KnownLength(name='wrong', length_m=3.6, std_m=0.005, between=(
-                   'line_0', 'edge_left')))
+    lengths = (KnownLength('lane', 3.7, 0.005, LinesApart(('line_0', 'edge_right'))),
+               KnownLength('dashes', 9.0, 0.02, DashPeriod('line_0')),
+               KnownLength('wrong', 3.6, 0.005, LinesApart(('line_0', 'edge_left'))))
     site = replace(scene.site, known_lengths=lengths)
     return scene, refine_site(site, scene.sequence.rig, pairs)
 
@@ -58,9 +55,9 @@ def circle(make_scene):
     return scene, refine_site(scene.site, scene.sequence.rig, scene.sequence.pairs)
 
 
-def test_points_lie_on_the_paint(turned, circle):
+def test_points_lie_on_the_markings(drifted, circle):
     """To a few hundredths of a pixel, and as far as they say."""
-    for scene, refined in (turned, circle):
+    for scene, refined in (drifted, circle):
         assert refined.lost == ()
         for name, views in refined.found.items():
             for right, line in enumerate(views):
@@ -71,38 +68,38 @@ def test_points_lie_on_the_paint(turned, circle):
                 assert line.shape.width_m == pytest.approx(0.15, abs=0.02)
 
 
-def test_pan_is_seen_and_corrected(turned):
+def test_pan_is_seen_and_corrected(drifted):
     """A pan of 0.02 degrees costs 3 %; corrected, less than 0.1 %."""
-    scene, refined = turned
-    assert refined.turn.moved_probability > 0.99
-    pan, tilt, roll = np.degrees(refined.turn.turn_rad)
+    scene, refined = drifted
+    assert refined.drift.moved_probability > 0.99
+    pan, tilt, roll = np.degrees(refined.drift.drift_rad)
     assert pan == pytest.approx(PAN_DEG, abs=0.0012) and tilt == roll == 0
     lane, exact = refined.lanes['lane_0'], scene.exact['lane_0']
     seen = scene.sequence.scene.seen_rig
-    error = speed_error((exact.path, seen), (lane.path, refined.rig))
+    error = speed_error(Setup(exact.path, seen), Setup(lane.path, refined.rig))
     assert abs(error) < 0.001 and abs(error) < 3 * lane.scale_std
     rough = lane_paths(scene.site, scene.sequence.rig)['lane_0']
-    assert abs(speed_error((exact.path, seen), (rough.path, scene.sequence.rig))) > 0.02
+    assert abs(speed_error(Setup(exact.path, seen), Setup(rough.path, scene.sequence.rig))) > 0.02
     text = '\n'.join(summary_lines(refined, report(refined)))
     assert 'pan +0.0' in text and 'calibrate the rig again' in text
 
 
 def test_bend_is_right(circle):
     scene, refined = circle
-    assert not refined.turn.moved
+    assert not refined.drift.moved
     lane, exact = refined.lanes['lane_0'], scene.exact['lane_0']
-    error = speed_error((exact.path, scene.sequence.rig), (lane.path, refined.rig))
+    error = speed_error(Setup(exact.path, scene.sequence.rig), Setup(lane.path, refined.rig))
     assert abs(error) < 5e-4
     # Where the lane was clicked, a step in from its ends.
     here = lane.path.position(np.linspace(3, lane.path.length_m - 3, 20))
     off = here - exact.path.position(exact.path.arc_length(here))
     assert np.linalg.norm(off, axis=-1).max() < 0.02
-    assert refined.road.problem.model.turns >= 1
+    assert refined.road.problem.model.curvature_terms >= 1
 
 
-def test_known_lengths(turned):
-    """The right ones agree within their claims; the wrong one is told."""
-    _, refined = turned
+def test_known_lengths(drifted):
+    """The right ones agree within their claims; the wrong one is reported."""
+    _, refined = drifted
     lane, dashes, wrong = check_lengths(refined)
     assert not lane.wrong and lane.measured_m == pytest.approx(3.7, abs=0.01)
     assert not dashes.wrong and dashes.measured_m == pytest.approx(9.0, abs=0.05)
@@ -111,9 +108,9 @@ def test_known_lengths(turned):
     assert len(warned) == 1 and 'm found, 3.6 m' in warned[0]
 
 
-def test_file_says_it_all(turned, tmp_path):
+def test_file_says_it_all(drifted, tmp_path):
     """Written and read again, the site makes the same lanes with the corrected rig only."""
-    scene, refined = turned
+    scene, refined = drifted
     path = tmp_path / 'refined.yaml'
     path.write_text(site_text(refined.site))
     site, rig = load_site(path), scene.sequence.rig
@@ -132,8 +129,8 @@ def test_file_says_it_all(turned, tmp_path):
     assert len(site.known_lengths) == 3
 
 
-def test_pictures(turned):
-    _, refined = turned
+def test_pictures(drifted):
+    _, refined = drifted
     for right in (False, True):
         drawn = picture(refined, right)
         assert drawn.shape == (1080, 1440, 3)
@@ -141,7 +138,7 @@ def test_pictures(turned):
 
 
 def test_nothing_where_nothing_is(make_scene):
-    """Lines clicked on bare road stay as clicked, and that is told."""
+    """Lines clicked on bare road stay as clicked, and that is reported."""
     config = straight_config(pairs=3, rig=replace(straight_config().rig, **SMALL),
                              road=RoadConfig(paint_width_m=1e-6))
     scene = make_scene(config, 1)
@@ -152,23 +149,22 @@ def test_nothing_where_nothing_is(make_scene):
     assert sum('left as it was clicked' in w for w in report(refined).warnings) == 3
 
 
-def test_a_doubtful_turn_is_warned_of_and_told_beside_the_results(circle):
+def test_a_doubtful_drift_is_warned_of_and_reported_beside_the_results(circle):
     _, refined = circle
     for probability, words in ((0.15, 0), (0.4, 1)):
-        doubtful = replace(refined, turn=replace(refined.turn, moved_probability=probability))
+        doubtful = replace(refined, drift=replace(refined.drift, moved_probability=probability))
         figures = report(doubtful)
         assert sum('may have moved' in w for w in figures.warnings) == words
         assert summary(doubtful, figures)['moved_probability'] == probability
-    told_std = summary(doubtful, figures)['turn_std_deg']
-    left = np.degrees(np.sqrt(np.diag(refined.turn.covariance_rad2)))
-    np.testing.assert_allclose(list(told_std.values()), left, atol=1e-5)
+    reported_std = summary(doubtful, figures)['turn_std_deg']
+    left = np.degrees(refined.drift.std_rad)
+    np.testing.assert_allclose(list(reported_std.values()), left, atol=1e-5)
 
 
 def test_a_site_nobody_refined_is_as_certain_as_a_calibration(circle):
     scene, _ = circle
-    still = RigCorrection(np.zeros(3), np.radians(CALIBRATED_STD_DEG) ** 2 * np.eye(3))
     rig = scene.sequence.rig
     plain = lane_paths(scene.site, rig)
-    said = lane_paths(replace(scene.site, correction=still), rig)
+    said = lane_paths(replace(scene.site, correction=as_calibrated()), rig)
     for name, lane in plain.items():
         assert lane.scale_std == pytest.approx(said[name].scale_std) and lane.scale_std > 1e-5

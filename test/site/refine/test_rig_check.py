@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Epipolar residuals of details: geometry against brute force, turns found in images."""
+"""Epipolar residuals of details: geometry against brute force, rotations found in images."""
 from __future__ import annotations
 
 import cv2
@@ -8,8 +8,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from stereo_speed.geometry.camera import Camera
+from stereo_speed.geometry.ray_plane import Plane
 from stereo_speed.geometry.rig import StereoRig
+from stereo_speed.site.refine.empty_road import Background
 from stereo_speed.site.refine.rig_check import epipolar_check, off_lines
+
+
+WALL = Plane(np.array([0.0, 0.0, 1.0]), 30.0)
 
 
 @pytest.fixture
@@ -21,14 +26,14 @@ def rig():
                      np.array([-0.5, 0.004, 0.01]))
 
 
-def test_points_seen_by_a_turned_rig(rig):
-    """The residuals of points seen by a turned rig are those its slopes foretell."""
+def test_points_seen_by_a_drifted_rig(rig):
+    """The residuals of points seen by a drifted rig are those its slopes foretell."""
     rng = np.random.default_rng(0)
     points = rng.uniform([-8, -3, 15], [8, 3, 80], (200, 3))
-    turn = np.radians([0.03, 0.02, -0.05])
-    left, right, _, _ = rig.turned(turn).project(points)
+    drift = np.radians([0.03, 0.02, -0.05])
+    left, right, _, _ = rig.drifted(drift).project(points)
     residual, slope = off_lines(rig, left, right)
-    assert np.abs(residual - slope @ turn).max() < 2e-3 and np.abs(residual).max() > 0.2
+    assert np.abs(residual - slope @ drift).max() < 2e-3 and np.abs(residual).max() > 0.2
     exact = off_lines(rig, *rig.project(points)[:2])[0]
     assert np.abs(exact).max() < 1e-9
 
@@ -45,21 +50,21 @@ def textured(rig, plane_d, rng):
     for h in (from_left, from_left @ np.linalg.inv(to_right)):
         views.append(cv2.warpPerspective(texture, h, (640, 480),
                                          flags=cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP))
-    return views[0], views[1]
+    return Background(views[0], 1.0, 9), Background(views[1], 1.0, 9)
 
 
 def test_tilt_and_roll_in_images(rig):
-    turn = np.radians([0.0, 0.03, -0.05])
-    images = textured(rig.turned(turn), 30.0, np.random.default_rng(1))
-    found = epipolar_check(rig, images, (np.array([0.0, 0.0, 1.0]), 30.0))
+    drift = np.radians([0.0, 0.03, -0.05])
+    images = textured(rig.drifted(drift), 30.0, np.random.default_rng(1))
+    found = epipolar_check(rig, images, WALL)
     std = np.sqrt(np.diag(np.linalg.inv(found.information)))
     assert found.details > 300 and found.residual_px > 0.2
-    assert np.all(np.abs(found.turn_rad - turn)[1:] < 3 * std[1:])
+    assert np.all(np.abs(found.drift_rad - drift)[1:] < 3 * std[1:])
     assert np.degrees(std[1]) < 0.002 and np.degrees(std[2]) < 0.02
     # a pan is hardly told by epipolar lines
     assert std[0] > 5 * std[1]
 
 
 def test_nothing_to_match(rig):
-    blank = np.full((480, 640), 90, np.float32)
-    assert epipolar_check(rig, (blank, blank), (np.array([0.0, 0.0, 1.0]), 30.0)) is None
+    blank = Background(np.full((480, 640), 90, np.float32), 1.0, 1)
+    assert epipolar_check(rig, (blank, blank), WALL) is None

@@ -1,19 +1,19 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Profiles made from exact pixel coverage, found again."""
+"""Cross-sections made from exact pixel coverage, found again."""
 from __future__ import annotations
 
 import numpy as np
 import pytest
 from scipy.special import ndtr
-from stereo_speed.site.refine.section_model import BAND, detect, EDGE, fit_profiles, Shape, tuned
+from stereo_speed.site.refine.section_model import BAND, detect, EDGE, fit_sections, Shape, tuned
 
 PX_PER_M = 40.0
 
 
-def profiles(kind, places_m, rng, *, width_m=0.15, sides=(80.0, 80.0), paint=180.0, noise=0.0,
+def sections(kind, places_m, rng, *, width_m=0.15, sides=(80.0, 80.0), paint=180.0, noise=0.0,
              blur_px=0.6):
-    """Make (n, k) profiles of blurred edges averaged over pixels, sampled at 0.5 px."""
+    """Make (n, k) cross-sections of blurred edges averaged over pixels, sampled at 0.5 px."""
     x = np.tile(np.arange(-24, 25) * 0.5 / PX_PER_M, (len(places_m), 1))
     fine = np.linspace(-0.5, 0.5, 41) / PX_PER_M  # the pixel's width
     z = x[..., None] + fine - np.asarray(places_m)[:, None, None]
@@ -34,10 +34,10 @@ def profiles(kind, places_m, rng, *, width_m=0.15, sides=(80.0, 80.0), paint=180
 def test_places_without_noise(kind, sides, sign):
     """The middle is right to a hundredth of a pixel at any phase; uneven sides cost little."""
     places = np.linspace(-0.02, 0.02, 17)
-    x, grey = profiles(kind, places, np.random.default_rng(0), sides=sides,
+    x, grey = sections(kind, places, np.random.default_rng(0), sides=sides,
                        paint=120.0 if sign < 0 else 180.0)
     shape = Shape(kind, 0.15 if kind == BAND else 0.0, 0.66, sign)
-    found = fit_profiles(shape, x, grey, np.full(17, PX_PER_M), np.zeros(17), 1.0)
+    found = fit_sections(shape, x, grey, np.full(17, PX_PER_M), np.zeros(17), 1.0)
     assert np.abs(found.across_m - places).max() * PX_PER_M < 0.012
     assert (found.contrast > 20).all()
 
@@ -46,8 +46,8 @@ def test_places_without_noise(kind, sides, sign):
 def test_claimed_scatter_is_the_scatter(width_m):
     rng = np.random.default_rng(1)
     places = rng.uniform(-0.01, 0.01, 400)
-    x, grey = profiles(BAND, places, rng, width_m=width_m, noise=3.0)
-    found = fit_profiles(Shape(BAND, width_m, 0.66, 1), x, grey, np.full(400, PX_PER_M),
+    x, grey = sections(BAND, places, rng, width_m=width_m, noise=3.0)
+    found = fit_sections(Shape(BAND, width_m, 0.66, 1), x, grey, np.full(400, PX_PER_M),
                          np.zeros(400), 3.0)
     score = (found.across_m - places) / found.std_m
     assert 0.85 < score.std() < 1.15 and abs(score.mean()) < 0.15
@@ -55,7 +55,7 @@ def test_claimed_scatter_is_the_scatter(width_m):
 
 def test_width_and_blur_are_found():
     rng = np.random.default_rng(2)
-    x, grey = profiles(BAND, rng.uniform(-0.01, 0.01, 40), rng, width_m=0.12, noise=1.0)
+    x, grey = sections(BAND, rng.uniform(-0.01, 0.01, 40), rng, width_m=0.12, noise=1.0)
     shape = tuned(Shape(BAND, 0.15, 0.9, 1), x, grey, np.full(40, PX_PER_M), np.zeros(40), 1.0)
     assert shape.width_m == pytest.approx(0.12, abs=0.003)
     # the pixel adds to the blur of the lens: 0.6 and 0.29 px
@@ -63,11 +63,11 @@ def test_width_and_blur_are_found():
 
 
 def test_an_edge_is_no_band():
-    """What is looked for in a cut shows where it is, and an edge shows no band."""
+    """What is looked for on a cross-section shows where it is, and an edge shows no band."""
     rng = np.random.default_rng(3)
     scale = np.full(1, PX_PER_M)
     for kind, width in ((BAND, 0.15), (EDGE, 0.0)):
-        x, grey = profiles(kind, [0.03], rng, sides=(80.0, 80.0 if kind == BAND else 160.0))
+        x, grey = sections(kind, [0.03], rng, sides=(80.0, 80.0 if kind == BAND else 160.0))
         light, dark = detect(x, grey, scale, width)
         assert x[0, np.argmax(light)] == pytest.approx(0.03, abs=0.6 / PX_PER_M)
         assert light.max() > 70 and dark[0, np.argmax(light)] < 0

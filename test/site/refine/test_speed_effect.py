@@ -9,8 +9,8 @@ from stereo_speed.geometry.camera import Camera
 from stereo_speed.geometry.rig import StereoRig
 from stereo_speed.road.lanes import LanePath
 from stereo_speed.road.path import SplinePath, StraightPath
-from stereo_speed.road.scale import scale_by_turn, with_scale
-from stereo_speed.site.refine.speed_effect import heading_effect, speed_error
+from stereo_speed.road.scale import scale_by_drift, with_scale
+from stereo_speed.site.refine.speed_effect import heading_effect, Setup, speed_error
 
 
 def make_rig(baseline_m=0.5):
@@ -24,32 +24,32 @@ PATH = StraightPath(np.array([-3.0, 3.0, 70.0]), np.array([0.0, 0.0, -1.0]), 50.
 
 
 def test_nothing_wrong():
-    assert abs(speed_error((PATH, make_rig()), (PATH, make_rig()))) < 1e-9
+    assert abs(speed_error(Setup(PATH, make_rig()), Setup(PATH, make_rig()))) < 1e-9
 
 
 def test_baseline_and_path_in_proportion():
     """Rig and path a thousandth too large: speeds a thousandth too high."""
     large = StraightPath(PATH.position(0.0) * 1.001, PATH.tangent(0.0), 50.05)
-    used = large, make_rig(0.5005)
-    assert speed_error((PATH, make_rig()), used) == pytest.approx(1e-3, rel=1e-3)
+    used = Setup(large, make_rig(0.5005))
+    assert speed_error(Setup(PATH, make_rig()), used) == pytest.approx(1e-3, rel=1e-3)
 
 
 def test_pan_along_the_line_of_sight():
     """Disparity d + f pan: Z' = f b / (d + f pan), so dZ'/dZ = 1 - 2 Z pan / b."""
     s = np.array([5.0, 25.0, 45.0])
     z = PATH.position(s)[:, 2]
-    slope = scale_by_turn(PATH, make_rig(), s)[:, 0]
+    slope = scale_by_drift(PATH, make_rig(), s)[:, 0]
     assert np.all(np.abs(np.abs(slope) / (2 * z / 0.5) - 1) < 0.02)
     assert len(set(np.sign(slope))) == 1
 
 
-def test_turned_rig_and_path_seen_with_it():
+def test_drifted_rig_and_path_seen_with_it():
     """The effect of a pan on a speed is that of the distorted space at the weighted range."""
     rig, pan = make_rig(), np.radians(0.01)
-    turned = rig.turned([pan, 0.0, 0.0])
+    drifted = rig.drifted([pan, 0.0, 0.0])
     points = rig.project(PATH.position(np.linspace(0, 50, 11)))
-    seen = SplinePath(turned.triangulate(points[0], points[1]))
-    error = speed_error((PATH, rig), (seen, turned))
+    seen = SplinePath(drifted.triangulate(points[0], points[1]))
+    error = speed_error(Setup(PATH, rig), Setup(seen, drifted))
     lane = LanePath('lane', PATH, None, np.zeros(2), 0.0)
     lane = with_scale(lane, rig, np.diag([pan**2, 0.0, 0.0]))
     assert abs(error) == pytest.approx(lane.scale_std, rel=0.05) and abs(error) > 0.01

@@ -1,0 +1,55 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""The numbers that decide what a refinement finds, how certain it is, and what it warns of."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ...core.config import check_bounds, parameter
+
+
+@dataclass(frozen=True)
+class RefineConfig:
+    """Parameters of the refinement of a site."""
+
+    search_px: float = parameter(
+        8.0, 1.0, 50.0, 'px', 'how far from the clicked line its marking may lie: some times the '
+        'scatter of clicks')
+    painted_share: float = parameter(
+        0.5, 0.05, 0.95, '', 'share of the usual contrast below which a cross-section shows no '
+        'marking: a gap, or something in front')
+    floor_std_px: float = parameter(
+        0.012, 0.0, 1.0, 'px', '1-sigma of a point that more cross-sections do not improve: '
+        'texture, wear, the lens')
+    correlated_sections: float = parameter(
+        2.0, 1.0, 20.0, '', 'number of neighbouring cross-sections that share one error')
+    stray_sigmas: float = parameter(
+        5.0, 2.0, 50.0, '', 'points further from the road of all lines are dropped: a rail, a '
+        'shadow')
+    detail_std_px: float = parameter(
+        0.05, 0.001, 1.0, 'px', 'no detail of the background is matched better than this')
+    independent_details: float = parameter(
+        60.0, 3.0, 1500.0, '', 'errors of neighbours, and of one tree, are alike: more details '
+        'than this add nothing')
+    moved_std_deg: float = parameter(
+        0.05, 0.001, 1.0, 'degrees', '1-sigma of an angle of a camera that has moved')
+    moved_probability: float = parameter(
+        0.05, 0.0001, 0.5, '', 'share of rigs of which one angle has moved, beforehand')
+    most_drift_deg: float = parameter(
+        0.3, 0.01, 1.0, 'degrees', 'a camera that has moved by more is another rig: calibrate '
+        'again')
+    few_pairs: int = parameter(
+        5, 1, 1000, '', 'with fewer pairs a median may still show what passed: warn')
+    worst_residual_px: float = parameter(
+        0.15, 0.0, 10.0, 'px', 'r.m.s. distance of a marking from the road of all lines beyond '
+        'which to warn; good ones are below 0.05')
+    doubtful_probability: float = parameter(
+        0.2, 0.0, 1.0, '', 'probability of a drift that is not corrected beyond which to warn')
+    worst_speed_std: float = parameter(
+        0.0025, 0.0, 1.0, '', '1-sigma that path and rig leave of speeds, as a share, beyond '
+        'which to warn')
+    length_sigmas: float = parameter(
+        3.0, 1.0, 10.0, '', 'sigmas by which a known length may differ from the measured one')
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
