@@ -24,11 +24,14 @@ pytestmark = pytest.mark.usefixtures('private_graph')
 
 
 def test_live_readings_equal_replay(sample, tmp_path):
-    assert main(['replay', str(sample / 'bag'), '--site', str(sample / 'site.yaml'), '--init',
+    """Also at a site that gives tolerances of its own."""
+    site = tmp_path / 'own.yaml'
+    site.write_text((sample / 'site.yaml').read_text() + 'tolerances: {focal_std: 0.003}\n')
+    assert main(['replay', str(sample / 'bag'), '--site', str(site), '--init',
                  str(sample / 'init.yaml'), '--out', str(tmp_path), '--no-plots']) == 0
     rows = list(csv.DictReader((tmp_path / 'tracks.csv').open()))
     wanted = {int(r['stamp_ns']): r for r in rows if r['state'] == 'confirmed'}
-    readings, frames = live(sample, sample / 'site.yaml', len(wanted), 2.0,
+    readings, frames = live(sample, site, len(wanted), 2.0,
                             read_truth(sample / 'truth.csv')[0],
                             parameters=[f'init:={sample / "init.yaml"}'])
     assert [r[0] for r in readings] == sorted(wanted)

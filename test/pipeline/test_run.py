@@ -1,0 +1,65 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""The loop: what it gathers, in which order, and what it leaves out."""
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+from stereo_speed.core.records import PassResult, StereoPair, TrackState, TrackUpdate, Verdict
+from stereo_speed.pipeline.pipeline import Step
+from stereo_speed.pipeline.run import run
+
+UPDATE = TrackUpdate(
+    stamp_ns=0, track=0, lane='lane', state=TrackState.CONFIRMED, speed_mps=20.0,
+    speed_std_mps=0.1, s_m=0.0, lateral_m=0.0, position_m=np.zeros(3),
+    position_cov_m2=np.eye(3), axes=np.eye(3), quad_left_px=np.zeros((4, 2)),
+    quad_right_px=np.zeros((4, 2)))
+PASS = PassResult(track=0, lane='lane', first_ns=0, last_ns=1, pairs=1, speed_mps=20.0,
+                  speed_std_mps=0.1, verdict=Verdict.MEASURED, reason='', smoothed={},
+                  smoothed_std={})
+
+
+def pairs(count):
+    """Return pairs without images."""
+    blank = np.zeros((2, 2), np.uint8)
+    return [StereoPair(k, 10 * k, 10 * k, blank, blank) for k in range(count)]
+
+
+def scripted(steps, at_end):
+    """Return a pipeline that says what it is told to."""
+    waiting = iter(steps)
+    return SimpleNamespace(process=lambda pair: next(waiting), finish=lambda: at_end)
+
+
+def test_updates_of_what_became_no_vehicle_are_left_out():
+    two = replace(UPDATE, track=1)
+    done = run(scripted([Step([UPDATE, two], []), Step([two], [])], [PASS]), pairs(2))
+    assert done.updates == [UPDATE] and done.passes == [PASS]
+    assert done.stamps_ns == [0, 10]
+
+
+def test_passes_are_sorted_by_track_whenever_they_end():
+    later, last = replace(PASS, track=2), replace(PASS, track=1)
+    done = run(scripted([Step([], [later]), Step([], [])], [PASS, last]), pairs(2))
+    assert [p.track for p in done.passes] == [0, 1, 2]
+
+
+def test_an_observer_sees_every_pair_with_what_came_of_it():
+    steps, seen = [Step([UPDATE], []), Step([], [PASS]), Step([], [])], []
+    run(scripted(steps, []), pairs(3), lambda pair, step: seen.append((pair.index, step)))
+    assert seen == list(enumerate(steps))
+
+
+def test_time_in_the_pipeline_is_counted():
+    def busy(pair):
+        sum(k * k for k in range(200_000))
+        return Step([], [])
+    done = run(SimpleNamespace(process=busy, finish=list), pairs(2))
+    assert 0 < done.cpu_s < done.wall_s + 0.05
+
+
+def test_no_pairs_give_nothing():
+    done = run(scripted([], []), [])
+    assert (done.updates, done.passes, done.stamps_ns) == ([], [], [])
