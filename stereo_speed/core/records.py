@@ -102,6 +102,15 @@ class StereoPair:
     left: NDArray[Any]
     right: NDArray[Any]
 
+    def lag_s(self, trigger_tolerance_s: float) -> float:
+        """
+        Return the time from the left to the right exposure, s.
+
+        :param trigger_tolerance_s: stamps that differ by less are of one exposure: 0.
+        """
+        difference_s = (self.right_stamp_ns - self.stamp_ns) * 1e-9
+        return difference_s if abs(difference_s) > trigger_tolerance_s else 0.0
+
 
 @dataclass(frozen=True, eq=False)
 class TrackUpdate:

@@ -1,198 +1,243 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-From a seed to a face: its depth by both views, its middle and its width by its symmetry.
+From a proposal to a front: its depth by both views, its middle and its width by its symmetry.
 
 Through a window at the height of bumpers one sees a front only from the plane it stands on, so
 moving to the depth at which both views agree, and looking through that plane again, ends there.
-Fronts and rears are symmetric: the axis tells their middle to a few centimetres, and the outermost
-edges that are mirrored and stand at the same depth tell their width.
+Fronts and rears are symmetric: the axis gives their middle to a few centimetres, and the outermost
+edges that are mirrored and stand at the same depth give their width.
+
+Where the right view is exposed later, each round first asks the left views of two pairs how fast
+such a front moves, and looks for it in the right view as far ahead as that says.
 """
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from typing import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .lane_geometry import LaneGeometry
-from .patches import correlate, cut, Floats, level_rows, mirrored, peak
+from .config import FrontConfig, MotionConfig
+from .front_sampler import FrontHypothesis, FrontSampler, GRID_M, ROWS
+from .patches import correlate, cut, Floats, level_rows, mirrored
 from .plane_sweep import Proposal
-from .pyramid import level_of, PairPyramids, Patches, View
+from .pyramid import PairPyramids, Patches
+from .temporal_match import find_travel, Interval
+from ..vision.subpixel import parabola_peak
 
-GRID_M = 0.03
-ROWS = 9
 HALF = 42  # samples from the axis to the edge of the window: lorries are as wide
-_SHIFTS = 4
-_FIRST_HALF_M = 0.9  # as much is looked at before the width is known
-_ASIDE_M, _CLOSE_M = 1.4, 0.3  # the axis is sought this far to either side: first, and later
-_MIDDLE = 25  # samples from the axis to the edge of what tells the axis then
-_STRIDE = 2
-_DARK = 16.0
-_ROUNDS = 5
-_SETTLED_M = 0.006  # of x in the right view: the depth is found
-_HOPELESS = 0.3  # correlations below this are no face nearby
+_SHIFTS = 4  # samples either way by which the views are compared
+_ASIDE_M = 1.4  # the axis is sought this far to either side at first
+_CLOSE_M = 0.3  # and this far later
+_MIDDLE = 25  # samples from the axis to the edge of what then gives the axis
+_STRIDE = 2  # every other sample is enough to find the axis at first
+_DARK = 16.0  # grey levels added before logarithms, which would make much of the darkest pixels
+_ROUNDS = 5  # by then a proposal has settled or never will
+_SETTLED_M = 0.006  # a smaller shift of the right view leaves the depth as it is
 _MOST_M = 8.0  # a step of depth is no longer
-_SAME_S_M, _SAME_X_M = 1.5, 0.3  # faces nearer to each other are one
-_ALIKE = 0.5  # edges of a face are alike by more than this, mirrored and in the other view
+_SAME_S_M = 1.5  # fronts nearer to each other along the lane,
+_SAME_X_M = 0.3  # and nearer across it, are one
+_ALIKE = 0.5  # edges of a front are alike by more than this, mirrored and in the other view
 _OFF_AXIS = 2  # samples by which an edge may be nearer to the axis than its mirror image
 _BAND = 3  # columns an edge takes
 _WEAK_SHARE = 0.5  # weaker edges, as a share of the strongest, do not count
-_LEAST_HALF_M = 0.45
-_BEYOND_M = 0.06  # a face ends a little beyond its outermost strong edges, often those of lamps
+_LEAST_HALF_M = 0.45  # edges nearer to the axis are not those of a front
+_BEYOND_M = 0.06  # a front ends a little beyond its outermost strong edges, often those of lamps
 _LYING_SHIFTS = 1  # the road may be a little higher or lower than the path says
+_LEAST_RATE = 0.2  # of depth, as a share of that at rest: below it the motion hides the depth
 
 
-@dataclass(frozen=True)
-class FrontHypothesis:
+@dataclass(frozen=True, eq=False)
+class FrontBatch:
     """
-    An upright, symmetric thing on a plane across the lane.
+    Places that are refined together.
 
-    :param s_m: arc length, m.
-    :param x_m: offset of its axis to the left of the path, m.
-    :param half_m: half of its width, m.
-    :param cross_ncc: left-right correlation of what varies across it.
-    :param symmetry: correlation with its mirror image, mean of both views.
-    :param contrast: standard deviation of its grey values about the mean of their row.
+    :param s_m: (n,) arc lengths, m.
+    :param x_m: (n,) offsets of their axes to the left of the path, m.
+    :param half_m: (n,) halves of their widths, m.
+    :param ahead_m: (n,) how far they go on until the right view is exposed, m.
+    :param shift_m: (n,) of the right view where it agrees with the left one, m.
+    :param cross_ncc: (n,) left-right correlations there.
+    :param symmetry: (n,) correlations with their mirror images.
     """
 
-    s_m: float
-    x_m: float
-    half_m: float
-    cross_ncc: float
-    symmetry: float
-    contrast: float
+    s_m: Floats
+    x_m: Floats
+    half_m: Floats
+    ahead_m: Floats
+    shift_m: Floats
+    cross_ncc: Floats
+    symmetry: Floats
+
+    def __len__(self) -> int:
+        return len(self.s_m)
+
+    @classmethod
+    def of(cls, proposals: Sequence[Proposal]) -> FrontBatch:
+        """Return proposals as they are before they are looked at."""
+        none = np.zeros(len(proposals))
+        return cls(s_m=np.array([p.s_m for p in proposals]),
+                   x_m=np.array([p.x_m for p in proposals]),
+                   half_m=np.array([p.half_m for p in proposals]),
+                   ahead_m=np.array([p.ahead_m for p in proposals]),
+                   shift_m=none, cross_ncc=none, symmetry=none)
+
+    def take(self, which: NDArray[np.bool_] | NDArray[np.int64]) -> FrontBatch:
+        """Return some of them, by a mask or by their numbers."""
+        return FrontBatch(*(getattr(self, f.name)[which] for f in fields(self)))
+
+    def hypotheses(self) -> list[FrontHypothesis]:
+        """Return them one by one."""
+        return [FrontHypothesis(s_m=s, x_m=x, half_m=half, ahead_m=ahead, cross_ncc=ncc,
+                                symmetry=symmetry)
+                for s, x, half, ahead, ncc, symmetry in zip(
+                    *(values.tolist() for values in (
+                        self.s_m, self.x_m, self.half_m, self.ahead_m, self.cross_ncc,
+                        self.symmetry)))]
 
 
 class FrontRefiner:
     """
-    Refines seeds of one lane.
+    Refines proposals of one lane.
 
-    :param geometry: the lane.
-    :param low_m: height above the road of the lower edge of what is looked at.
-    :param high_m: height of its upper edge.
+    :param sampler: of its planes, at the height of the fronts sought.
     :param least_width_m: what is narrower is none.
+    :param front: what a front is.
+    :param motion: how it may move, for views that are exposed apart.
     """
 
-    def __init__(self, geometry: LaneGeometry, low_m: float, high_m: float,
-                 least_width_m: float) -> None:
-        self.geometry, self.least_width_m = geometry, least_width_m
-        self.heights_m = np.linspace(high_m, low_m, ROWS)
+    def __init__(self, sampler: FrontSampler, least_width_m: float, front: FrontConfig,
+                 motion: MotionConfig) -> None:
+        self.sampler, self.least_width_m = sampler, least_width_m
+        self.front, self.motion = front, motion
 
-    def refine(self, seeds: Sequence[Proposal], now: PairPyramids, noise: float) -> list[FrontHypothesis]:
+    def refine(self, proposals: Sequence[Proposal], interval: Interval, noise: float,
+               symmetric: bool = True) -> list[FrontHypothesis]:
         """
-        Refine seeds in one batch.
+        Refine proposals in one batch.
 
+        :param interval: the pair, and an earlier one.
         :param noise: 1-sigma of a grey value.
+        :param symmetric: find middle and width by symmetry; else those of the proposals stay.
         """
-        s = np.array([seed.s_m for seed in seeds])
-        x = np.array([seed.x_m for seed in seeds])
-        half = np.full(len(s), _FIRST_HALF_M)
+        batch, now = FrontBatch.of(proposals), interval.now
         out: list[FrontHypothesis] = []
-        for turn in range(_ROUNDS):
-            if not len(s):
+        for round_ in range(_ROUNDS):
+            if not len(batch):
                 break
-            if turn == 0:
-                x = self._axis(s, x, now)
-            x, shift, half, cross, symmetry, contrast = self._look(s, x, half, now, noise)
-            settled = (np.abs(shift) < _SETTLED_M) & (turn > 0)
-            done = settled & (2 * half >= self.least_width_m)
-            if done.any():
-                done[done] = np.abs(self._axis(s[done], x[done], now) - x[done]) < _CLOSE_M
-            out += [FrontHypothesis(*map(float, f)) for f in zip(
-                s[done], x[done], half[done], cross[done], symmetry[done], contrast[done])]
-            s = s + np.clip(shift / self.geometry.rates(s).shift, -_MOST_M, _MOST_M)
-            stay = np.flatnonzero(~settled & (cross > _HOPELESS) & (symmetry > _HOPELESS))
-            stay = stay[_distinct(s[stay], x[stay], symmetry[stay])]
-            s, x, half = s[stay], x[stay], half[stay]
+            if symmetric and round_ == 0:
+                batch = replace(batch, x_m=self._axis(batch, now))
+            if now.lag_s:
+                batch = replace(batch, ahead_m=self._ahead(batch, interval, round_ == 0))
+            batch = self._observe(batch, now, noise, symmetric)
+            settled = (np.abs(batch.shift_m) < _SETTLED_M) & (round_ > 0)
+            done = settled & (2 * batch.half_m >= self.least_width_m)
+            if symmetric and done.any():
+                some = batch.take(done)
+                done[done] = np.abs(self._axis(some, now) - some.x_m) < _CLOSE_M
+            out += batch.take(done).hypotheses()
+            step_m = np.clip(batch.shift_m / self._rate(batch), -_MOST_M, _MOST_M)
+            batch = replace(batch, s_m=batch.s_m + step_m)
+            stay = ~settled & (batch.cross_ncc > self.front.hopeless_ncc)
+            if symmetric:
+                stay &= batch.symmetry > self.front.hopeless_ncc
+            batch = batch.take(np.flatnonzero(stay))
+            batch = batch.take(np.array(_distinct(batch, symmetric), dtype=np.int64))
         return out
 
-    def lying_ncc(self, face: FrontHypothesis, now: PairPyramids) -> float:
-        """Correlate the views as if what is seen through a face's plane lay on the road."""
-        s, x = np.array([face.s_m]), np.array([face.x_m])
-        half = round(face.half_m / GRID_M)
-        left = level_rows(self.windows(s, x, half, now.left, False))
-        right = self.windows(s, x, half + _LYING_SHIFTS, now.right, True, lying=True)
+    def lying_ncc(self, front: FrontHypothesis, now: PairPyramids) -> float:
+        """Return the correlation of the views as if what is seen of a front lay on the road."""
+        s, x, ahead = (np.array([v]) for v in (front.s_m, front.x_m, front.ahead_m))
+        half = round(front.half_m / GRID_M)
+        left = level_rows(self.sampler.left(s, x, half, now))
+        right = self.sampler.right(s, x, half + _LYING_SHIFTS, now, ahead, lying=True)
         width = left.shape[2]
         return max(float(correlate(left, level_rows(right[:, :, k:k + width]))[0])
                    for k in range(2 * _LYING_SHIFTS + 1))
 
-    def windows(self, s_m: Floats, x_m: Floats, half: int, view: View, right: bool,
-                stride: int = 1, lying: bool = False) -> Patches:
-        """
-        Sample planes about x.
+    def _ahead(self, batch: FrontBatch, interval: Interval, first: bool) -> Floats:
+        """Return how far fronts (n,) go on in the lag of the right view, by the left views."""
+        lag_s = interval.now.lag_s
+        return np.array([
+            find_travel(self.sampler, front, interval, self.motion,
+                        None if first else front.ahead_m / lag_s * interval.seconds
+                        ).gone_m / interval.seconds * lag_s for front in batch.hypotheses()])
 
-        :param s_m: (n,).
-        :param x_m: (n,).
-        :param half: samples from the middle to the edge, a multiple of the stride.
-        :param stride: 2 takes every other sample of both axes.
-        :param lying: sample where the road is that is seen through the planes from the left.
-        :return: (n, rows, 2 half + 1), or as many as the stride leaves.
+    def _rate(self, batch: FrontBatch) -> Floats:
         """
-        reach = np.arange(-half, half + 1, stride, dtype=np.float64) * GRID_M
-        uv = self.geometry.pixels(s_m, x_m, reach, self.heights_m[::stride], right, lying)
-        levels = level_of(self.geometry.rates(s_m).px_per_m * GRID_M)
-        out = np.empty(uv.shape[:3], np.float32)
-        for level in np.unique(levels):
-            out[levels == level] = view.sample(uv[levels == level], int(level))
-        return out
+        Return the shift of the right view (n,) per metre that a front is in truth further along.
 
-    def _axis(self, s: Floats, x: Floats, now: PairPyramids) -> Floats:
+        What is nearer to the camera than it seems has gone less far than it seems to have.
         """
-        Find the axes (n,) about which most of what is seen, as wide as a lorry, is mirrored.
+        rates = self.sampler.geometry.rates(batch.s_m)
+        if not batch.ahead_m.any():
+            return rates.shift
+        rate = rates.shift + rates.slide * batch.ahead_m / rates.ahead_m
+        seen = np.abs(rate) > _LEAST_RATE * np.abs(rates.shift)
+        return np.where(seen, rate, rates.shift)
 
-        Not the share of it: each lamp is symmetric by itself.  Logarithms, lest lamps be all.
+    def _axis(self, batch: FrontBatch, now: PairPyramids) -> Floats:
+        """
+        Return the axes (n,) about which most of what is seen, as wide as a lorry, is mirrored.
+
+        Not the share of it: each lamp is symmetric by itself.  Logarithms keep lamps from being
+        all that counts.
         """
         aside, half = round(_ASIDE_M / GRID_M / _STRIDE), HALF // _STRIDE
-        both = np.log(np.maximum(self._both(s, x, (half + aside) * _STRIDE, now, _STRIDE), 0.0)
+        both = np.log(np.maximum(self._both(batch, (half + aside) * _STRIDE, now, _STRIDE), 0.0)
                       + _DARK)
         energy, _ = mirrored(both, 2 * half + 1)
-        return np.asarray(x + (np.argmax(energy, axis=1) - aside) * _STRIDE * GRID_M)
+        return np.asarray(batch.x_m + (np.argmax(energy, axis=1) - aside) * _STRIDE * GRID_M)
 
-    def _both(self, s: Floats, x: Floats, half: int, now: PairPyramids, stride: int) -> Patches:
+    def _both(self, batch: FrontBatch, half: int, now: PairPyramids, stride: int) -> Patches:
         """Sample both views, the rows of the right one below those of the left."""
-        return np.concatenate([self.windows(s, x, half, view, right, stride)
-                               for view, right in ((now.left, False), (now.right, True))], axis=1)
+        place = batch.s_m, batch.x_m, half, now
+        return np.concatenate([self.sampler.left(*place, stride),
+                               self.sampler.right(*place, batch.ahead_m, stride)], axis=1)
 
-    def _look(self, s: Floats, x: Floats, half_m: Floats, now: PairPyramids, noise: float
-              ) -> tuple[Floats, ...]:
-        """Find axis, shift, half width, correlation, symmetry and contrast (n,) of planes s."""
+    def _observe(self, batch: FrontBatch, now: PairPyramids, noise: float, symmetric: bool
+                 ) -> FrontBatch:
+        """Return the batch with what both views show of it."""
         aside = round(_CLOSE_M / GRID_M)
-        both = self._both(s, x, HALF + aside + _SHIFTS, now, 1)
-        moved = _middle_axis(both[:, :, HALF + _SHIFTS - _MIDDLE:_MIDDLE - HALF - _SHIFTS])
-        x = x + (moved - aside) * GRID_M
+        both = self._both(batch, HALF + aside + _SHIFTS, now, 1)
+        moved = np.full(len(batch), aside)
+        if symmetric:
+            moved = _middle_axis(both[:, :, HALF + _SHIFTS - _MIDDLE:_MIDDLE - HALF - _SHIFTS])
         width, start = 2 * HALF + 1, moved + _SHIFTS
         left, right = cut(both[:, :ROWS], start, width), both[:, ROWS:]
-        mask = _mask(half_m)
+        mask = _mask(batch.half_m)
         mine = level_rows(left, mask)
-        contrast = np.sqrt((mine ** 2).sum(axis=(1, 2)) / (ROWS * mask.sum(axis=1)))
         scores = np.stack([correlate(mine, level_rows(cut(right, start + k, width), mask))
                            for k in range(-_SHIFTS, _SHIFTS + 1)])
-        place, ncc = peak(scores)
+        place, ncc = parabola_peak(scores)
         matched = cut(right, start - _SHIFTS + np.round(place).astype(np.int64), width)
-        half_m = np.minimum(_half_width(left, matched, noise) + _BEYOND_M, HALF * GRID_M)
+        half_m = batch.half_m
+        if symmetric:
+            half_m = np.minimum(_half_width(left, matched, noise) + _BEYOND_M, HALF * GRID_M)
         mask = _mask(half_m)
-        symmetry = sum(correlate(v, v[:, :, ::-1]) for v in (
-            level_rows(left, mask), level_rows(matched, mask))) / 2
-        return x, (place - _SHIFTS) * GRID_M, half_m, ncc, np.asarray(symmetry), contrast
+        a, b = (level_rows(v, mask) for v in (left, matched))
+        return replace(batch, x_m=batch.x_m + (moved - aside) * GRID_M, half_m=half_m,
+                       shift_m=(place - _SHIFTS) * GRID_M, cross_ncc=ncc,
+                       symmetry=(correlate(a, a[:, :, ::-1]) + correlate(b, b[:, :, ::-1])) / 2)
 
 
 def _middle_axis(both: Patches) -> NDArray[np.int64]:
-    """Find the windows (n,) in which the middle of a face is most symmetric."""
+    """Return the windows (n,) in which the middle of a front is most symmetric."""
     found, most = mirrored(both, 2 * _MIDDLE + 1)
     return np.asarray(np.argmax(found / most, axis=1))
 
 
 def _mask(half_m: Floats) -> NDArray[np.bool_]:
-    """Mark the columns (n, 2 HALF + 1) within half a width (n,) of the axis."""
+    """Return the columns (n, 2 HALF + 1) within half a width (n,) of the axis."""
     columns = np.abs(np.arange(-HALF, HALF + 1)) * GRID_M
     return np.asarray(columns <= half_m[:, None] + 1e-9)
 
 
 def _half_width(left: Patches, right: Patches, noise: float) -> Floats:
     """
-    Find the outermost edges that are mirrored and that both views see at this depth.
+    Return how far out the outermost edges are that are mirrored and seen at this depth by both.
 
     :param left: (n, rows, 2 HALF + 1).
     :param right: the same, already shifted to agree.
@@ -209,7 +254,7 @@ def _half_width(left: Patches, right: Patches, noise: float) -> Floats:
         mixed = np.mean([_band(a, np.roll(b, k, axis=2)) for a, b in zip(plus, minus)], axis=0)
         alike = np.maximum(alike, mixed / np.sqrt(of_plus * np.roll(of_minus, k, axis=1) + 1e-6))
     weaker = np.sqrt(np.minimum(of_plus, of_minus) / (ROWS * _BAND))
-    weaker[:, :round(_LEAST_HALF_M / GRID_M)] = 0  # there is more on a face than its edges
+    weaker[:, :round(_LEAST_HALF_M / GRID_M)] = 0  # there is more on a front than its edges
     weaker[:, HALF - 1:] = 0
     alike = np.where((alike > _ALIKE) & (same > _ALIKE) & (weaker > noise), weaker, 0.0)
     good = alike > _WEAK_SHARE * alike.max(axis=1, keepdims=True)
@@ -220,7 +265,7 @@ def _half_width(left: Patches, right: Patches, noise: float) -> Floats:
 
 
 def _band(a: Patches, b: Patches) -> Floats:
-    """Sum up products over the rows and a few columns: (n, rows, k) to (n, k)."""
+    """Return sums of products over the rows and a few columns: (n, rows, k) to (n, k)."""
     products = np.einsum('nrk,nrk->nk', a, b).astype(np.float64)
     out = products.copy()
     out[:, 1:] += products[:, :-1]
@@ -228,10 +273,11 @@ def _band(a: Patches, b: Patches) -> Floats:
     return np.asarray(out)
 
 
-def _distinct(s_m: Floats, x_m: Floats, worth: Floats) -> list[int]:
-    """Give the numbers of places that are not near a better one."""
+def _distinct(batch: FrontBatch, symmetric: bool) -> list[int]:
+    """Return the numbers of places that are not near a better one."""
+    s, x = batch.s_m, batch.x_m
     out: list[int] = []
-    for k in np.argsort(-worth, kind='stable'):
-        if all(abs(s_m[k] - s_m[j]) > _SAME_S_M or abs(x_m[k] - x_m[j]) > _SAME_X_M for j in out):
+    for k in np.argsort(-(batch.symmetry if symmetric else batch.cross_ncc), kind='stable'):
+        if all(abs(s[k] - s[j]) > _SAME_S_M or abs(x[k] - x[j]) > _SAME_X_M for j in out):
             out.append(int(k))
     return out

@@ -3,10 +3,11 @@
 """
 Upright planes across a lane's path, and what a wrong depth does on them.
 
-A face stands on the plane across the path at ``s``; a point of the plane is (x, h): metres to the
+A front stands on the plane across the path at ``s``; a point of the plane is (x, h): metres to the
 left of the path and above the road.  If what is seen through a point of the plane at ``s`` is in
 truth at ``s + ds``, the right view shows it at another x, by ``shift`` per metre of ds, and it is
-in truth at another height, by ``climb`` per metre.
+in truth at another height, by ``climb`` per metre.  What has gone on along the lane before the
+right view is exposed is shown by it at another x as well, by ``slide`` per metre.
 """
 from __future__ import annotations
 
@@ -15,12 +16,13 @@ from functools import lru_cache
 
 import numpy as np
 
+from .pyramid import Patches
 from ..core.records import Array
 from ..geometry.rig import StereoRig
 from ..road.lanes import LanePath
 
-_HEIGHT_M = 0.5  # where rates are taken
-_STEP_M = 0.5
+_HEIGHT_M = 0.5  # rates are taken at this height above the road
+_STEP_M = 0.5  # between arc lengths at which rates are taken, and of their differences
 MOST_BEYOND_M = 40.0  # the path goes on straight beyond its ends by so much
 _NODES = (3, 5)  # up and across: pixels between them are interpolated by polynomials
 
@@ -33,11 +35,15 @@ class Rates:
     :param shift: change of x in the right view per metre that the truth lies further along.
     :param climb: change of height per metre that the truth lies further along.
     :param px_per_m: pixels of the left view per metre across.
+    :param slide: change of x in the right view per metre that what is seen has gone on.
+    :param ahead_m: distance of the plane ahead of the left camera, along the path's direction.
     """
 
     shift: Array
     climb: Array
     px_per_m: Array
+    slide: Array
+    ahead_m: Array
 
 
 class LaneGeometry:
@@ -58,7 +64,7 @@ class LaneGeometry:
 
     def points(self, s_m: Array, x_m: Array, h_m: Array) -> Array:
         """
-        Points of planes.
+        Return points of planes.
 
         :param s_m: (n,).
         :param x_m: (n, w) or (w,).
@@ -71,50 +77,76 @@ class LaneGeometry:
                 + h_m[None, :, None, None] * frame[:, None, None, :, 2])
 
     def project(self, s_m: Array, x_m: Array, h_m: Array) -> tuple[Array, Array, Array, Array]:
-        """Project points of planes: pixels left and right, and whether they are in the image."""
+        """Return the pixels of points of planes, left and right, and whether they are in the image."""
         return self.rig.project(self.points(s_m, x_m, h_m))
 
-    def pixels(self, s_m: Array, x_m: Array, reach_m: Array, h_m: Array, right: bool,
-               lying: bool = False) -> Array:
+    def left_pixels(self, s_m: Array, x_m: Array, reach_m: Array, h_m: Array) -> Patches:
         """
-        Project a small grid on each of many planes into one view, by few exact points.
+        Project a small grid on each of many planes into the left view, by few exact points.
 
         :param s_m: (n,).
         :param x_m: (n,) middles of the grids.
         :param reach_m: (w,) columns about the middle, evenly rising.
         :param h_m: (m,) heights, evenly spaced.
-        :param lying: project what the left camera sees through the grid where that lies on the
-            road, not on the plane.
         :return: (n, m, w, 2) pixels, float32; far outside the image where there are none.
         """
+        points = self._nodes(s_m, x_m, reach_m, h_m)
+        return _interpolated(self.rig.left.project(points)[0], len(h_m), len(reach_m))
+
+    def right_pixels(self, s_m: Array, x_m: Array, reach_m: Array, h_m: Array, ahead_m: Array,
+                     lying: bool = False) -> Patches:
+        """
+        Project a small grid on each of many planes into the right view.
+
+        The arguments are those of :meth:`left_pixels`, and
+
+        :param ahead_m: (n,) how far it has gone on along the path when the right view is exposed.
+        :param lying: project what the left camera sees through the grid where that lies on the
+            road, not on the plane.
+        """
+        if lying:
+            points = self._carried(self._on_road(
+                s_m, self._nodes(s_m, x_m, reach_m, h_m)), s_m, ahead_m)
+        else:
+            points = self._nodes(s_m + ahead_m, x_m, reach_m, h_m)
+        uv = self.rig.right.project(self.rig.to_right(points))[0]
+        return _interpolated(uv, len(h_m), len(reach_m))
+
+    def _nodes(self, s_m: Array, x_m: Array, reach_m: Array, h_m: Array) -> Array:
+        """Return the few points (n, up, across, 3) of grids that are projected exactly."""
         nodes_h = np.linspace(h_m[0], h_m[-1], _NODES[0])
         nodes_x = np.linspace(reach_m[0], reach_m[-1], _NODES[1])
-        points = self.points(s_m, x_m[:, None] + nodes_x, nodes_h)
-        if lying:
-            up = self.lane.path.frame(s_m)[..., 2]
-            below = np.sum(self.lane.path.position(s_m) * up, axis=-1)
-            points = points * (below[:, None, None] / np.einsum('nmwi,ni->nmw', points, up)
-                               )[..., None]
-        if right:
-            points = self.rig.to_right(points)
-        uv = (self.rig.right if right else self.rig.left).project(points)[0]
-        uv = np.nan_to_num(uv, nan=-1e4)
-        by_height, across = _lagrange(_NODES[0], len(h_m)), _lagrange(_NODES[1], len(reach_m))
-        mixed = np.einsum('mh,nhxc->nmcx', by_height, uv) @ across.T  # (n, m, 2, w)
-        return np.ascontiguousarray(np.swapaxes(mixed, 2, 3), dtype=np.float32)
+        return self.points(s_m, x_m[:, None] + nodes_x, nodes_h)
+
+    def _on_road(self, s_m: Array, points: Array) -> Array:
+        """Return where the left camera's rays through points (n, m, w, 3) meet the road."""
+        up = self.lane.path.frame(s_m)[..., 2]
+        below = np.sum(self.lane.path.position(s_m) * up, axis=-1)
+        return np.asarray(points * (below[:, None, None] / np.einsum('nmwi,ni->nmw', points, up)
+                                    )[..., None])
+
+    def _carried(self, points: Array, s_m: Array, ahead_m: Array) -> Array:
+        """Return points (n, m, w, 3) after they have gone on along the path."""
+        if not ahead_m.any():
+            return points
+        path, there = self.lane.path, s_m + ahead_m
+        turned = path.frame(there) @ np.swapaxes(path.frame(s_m), 1, 2)
+        return np.asarray(path.position(there)[:, None, None] + np.einsum(
+            'nij,nmwj->nmwi', turned, points - path.position(s_m)[:, None, None]))
 
     def rates(self, s_m: Array) -> Rates:
         """
-        Look up the rates in the middle of the lane.
+        Return the rates in the middle of the lane.
 
         :param s_m: (n,).
         """
         return Rates(*(np.interp(s_m, self._s_m, values) for values in (
-            self._rates.shift, self._rates.climb, self._rates.px_per_m)))
+            self._rates.shift, self._rates.climb, self._rates.px_per_m, self._rates.slide,
+            self._rates.ahead_m)))
 
     def exact_rates(self, s_m: Array) -> Rates:
         """
-        Compute the rates in the middle of the lane.
+        Return the rates, computed anew, in the middle of the lane.
 
         :param s_m: (n,).
         """
@@ -126,18 +158,26 @@ class LaneGeometry:
         depth = np.sum(here * tangent, axis=-1)
         there = here * (1 + _STEP_M / depth)[:, None]
         # and the right camera's ray to that point meets this plane there:
-        ray = there - self._centre
-        t = np.sum((here - self._centre) * tangent, axis=-1) / np.sum(ray * tangent, axis=-1)
-        seen = self._centre + t[:, None] * ray
+        seen = self._seen_on(here, tangent, there)
+        on = path.position(s_m + _STEP_M) + _HEIGHT_M * path.frame(s_m + _STEP_M)[..., 2]
+        gone = self._seen_on(here, tangent, on)
         a, _ = self.rig.left.project(here + 0.5 * left)
         b, _ = self.rig.left.project(here - 0.5 * left)
         return Rates(shift=np.sum((seen - here) * left, axis=-1) / _STEP_M,
                      climb=np.sum((there - here) * up, axis=-1) / _STEP_M,
-                     px_per_m=np.linalg.norm(a - b, axis=-1))
+                     px_per_m=np.linalg.norm(a - b, axis=-1),
+                     slide=np.sum((gone - here) * left, axis=-1) / _STEP_M,
+                     ahead_m=depth)
+
+    def _seen_on(self, plane: Array, normal: Array, points: Array) -> Array:
+        """Return where the right camera's rays to points (n, 3) meet the planes (n, 3)."""
+        ray = points - self._centre
+        t = np.sum((plane - self._centre) * normal, axis=-1) / np.sum(ray * normal, axis=-1)
+        return np.asarray(self._centre + t[:, None] * ray)
 
     def seen(self, least_px_per_m: float, width_m: float, heights_m: Array) -> Array:
         """
-        Find where along the lane a face is wholly seen in both views, and large enough.
+        Return where along the lane a front is wholly seen in both views, and large enough.
 
         :return: (n,) arc lengths, 0.5 m apart.
         """
@@ -146,9 +186,17 @@ class LaneGeometry:
         return self._s_m[left.all(axis=(1, 2)) & right.all(axis=(1, 2)) & large]
 
 
+def _interpolated(uv: Array, rows: int, columns: int) -> Patches:
+    """Return the pixels (n, rows, columns, 2) between those of nodes (n, up, across, 2)."""
+    uv = np.nan_to_num(uv, nan=-1e4)
+    by_height, across = _lagrange(_NODES[0], rows), _lagrange(_NODES[1], columns)
+    mixed = np.einsum('mh,nhxc->nmcx', by_height, uv) @ across.T  # (n, m, 2, w)
+    return np.ascontiguousarray(np.swapaxes(mixed, 2, 3), dtype=np.float32)
+
+
 @lru_cache(maxsize=256)
 def _lagrange(nodes: int, count: int) -> Array:
-    """Weights (count, nodes) of the polynomial through even nodes, at even places."""
+    """Return the weights (count, nodes) of the polynomial through even nodes, at even places."""
     at, places = np.linspace(0.0, 1.0, nodes), np.linspace(0.0, 1.0, count)
     weights = np.ones((count, nodes))
     for i in range(nodes):

@@ -10,6 +10,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from .pyramid import Patches
+from ..vision.box_sums import window_sums
 
 Floats = NDArray[np.float64]
 
@@ -18,7 +19,7 @@ _LEAST_VARIANCE = 1.0  # in squared grey levels: patches with less are noise and
 
 def level_rows(values: Patches, mask: Optional[NDArray[np.bool_]] = None) -> Patches:
     """
-    Take the mean off each row: what varies up and down only tells nothing of depth.
+    Return rows without their means: what varies up and down only tells nothing of depth.
 
     :param values: (n, rows, w).
     :param mask: (n, w) columns that count; the others become 0.
@@ -32,7 +33,7 @@ def level_rows(values: Patches, mask: Optional[NDArray[np.bool_]] = None) -> Pat
 
 def correlate(a: Patches, b: Patches) -> Floats:
     """
-    Correlate patches (n, rows, w) of zero mean one by one; those without contrast give 0.
+    Return the correlations of patches (n, rows, w) of zero mean; 0 for those without contrast.
 
     :return: (n,).
     """
@@ -44,7 +45,7 @@ def correlate(a: Patches, b: Patches) -> Floats:
 
 def slide(patch: Patches, wide: Patches) -> Floats:
     """
-    Correlate one patch with every window of its width in each of wider ones.
+    Return the correlations of one patch with every window of its width in each of wider ones.
 
     :param patch: (rows, w).
     :param wide: (n, rows, w + k).
@@ -63,7 +64,7 @@ def slide(patch: Patches, wide: Patches) -> Floats:
 
 def mirrored(values: Patches, width: int) -> tuple[Floats, Floats]:
     """
-    Multiply each window with its mirror image, both about the means of their rows, and sum up.
+    Return the product of each window with its mirror image, both about the means of their rows.
 
     :param values: (n, rows, w + k).
     :param width: w of the windows, odd.
@@ -80,28 +81,7 @@ def mirrored(values: Patches, width: int) -> tuple[Floats, Floats]:
     return np.asarray(mixed - mean), np.maximum(square - mean, floor)
 
 
-def window_sums(values: Patches, width: int) -> Floats:
-    """Sum over all windows of a width: (n, rows, w + k) to (n, rows, k + 1)."""
-    total = np.cumsum(values, axis=-1, dtype=np.float64)
-    total = np.concatenate([np.zeros_like(total[..., :1]), total], axis=-1)
-    return np.asarray(total[..., width:] - total[..., :-width])
-
-
 def cut(values: Patches, start: NDArray[np.int64], width: int) -> Patches:
-    """Cut columns ``start`` (n,) to ``start + width`` out of each of (n, rows, w)."""
+    """Return columns ``start`` (n,) to ``start + width`` of each of (n, rows, w)."""
     columns: NDArray[Any] = start[:, None] + np.arange(width)
     return np.take_along_axis(values, columns[:, None, :], axis=2)
-
-
-def peak(scores: Floats) -> tuple[Floats, Floats]:
-    """
-    Find the place of the greatest score along the first axis, to a fraction, and the score.
-
-    :param scores: (k, n).
-    """
-    top = np.argmax(scores, axis=0)
-    inner = np.clip(top, 1, len(scores) - 2)
-    low, mid, high = (np.take_along_axis(scores, inner[None] + k, axis=0)[0] for k in (-1, 0, 1))
-    bend = np.minimum(low - 2 * mid + high, -1e-9)
-    part = np.clip((low - high) / (2 * bend), -1.0, 1.0)
-    return np.where(top == inner, inner + part, top), scores.max(axis=0)

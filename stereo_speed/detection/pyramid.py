@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Sequence
+from typing import Any, NamedTuple, Sequence
 
 import cv2
 import numpy as np
@@ -13,15 +13,30 @@ from numpy.typing import NDArray
 from ..core.records import Array, StereoPair
 
 Patches = NDArray[np.float32]
-Region = tuple[int, int, int, int]  # first column and row, and those after the last
 
 LEVELS = 4
-_MARGIN_PX = 40
+_MARGIN_PX = 40  # the coarsest level blurs over as many pixels
 _MAX_ROWS = 1 << 14  # cv2.remap takes maps of fewer than 32768 rows
 
 
+class Region(NamedTuple):
+    """A region of an image: its first column and row, and those after its last."""
+
+    left: int
+    top: int
+    right: int
+    bottom: int
+
+
+class PairRegions(NamedTuple):
+    """The regions of both images that a detector looks at."""
+
+    left: Region
+    right: Region
+
+
 @dataclass(frozen=True, eq=False)
-class View:
+class Pyramid:
     """
     One image at full, half, quarter and eighth size.
 
@@ -33,13 +48,12 @@ class View:
     origin_px: tuple[int, int]
 
     @classmethod
-    def of(cls, image: NDArray[Any], region: Region) -> View:
+    def of(cls, image: NDArray[Any], region: Region) -> Pyramid:
         """Build the pyramid of a region of an image."""
-        u0, v0, u1, v1 = region
-        levels = [image[v0:v1, u0:u1].astype(np.float32)]
+        levels = [image[region.top:region.bottom, region.left:region.right].astype(np.float32)]
         for _ in range(LEVELS - 1):
             levels.append(np.asarray(cv2.pyrDown(levels[-1]), dtype=np.float32))
-        return cls(tuple(levels), (u0, v0))
+        return cls(tuple(levels), (region.left, region.top))
 
     def sample(self, uv_px: NDArray[np.float32], level: int) -> Patches:
         """
@@ -65,23 +79,30 @@ class PairPyramids:
     Both views of a pair.
 
     :param pair: the pair itself.
-    :param stamp_ns: of the left image.
-    :param right_lag_s: from the left to the right stamp.
+    :param lag_s: from the left to the right exposure.
     :param left: left view.
     :param right: right view.
     """
 
     pair: StereoPair
-    stamp_ns: int
-    right_lag_s: float
-    left: View
-    right: View
+    lag_s: float
+    left: Pyramid
+    right: Pyramid
 
     @classmethod
-    def of(cls, pair: StereoPair, regions: tuple[Region, Region]) -> PairPyramids:
-        """Build the pyramids of a region of each image."""
-        return cls(pair, pair.stamp_ns, (pair.right_stamp_ns - pair.stamp_ns) * 1e-9,
-                   View.of(pair.left, regions[0]), View.of(pair.right, regions[1]))
+    def of(cls, pair: StereoPair, regions: PairRegions, trigger_tolerance_s: float
+           ) -> PairPyramids:
+        """
+        Build the pyramids of a region of each image.
+
+        :param trigger_tolerance_s: stamps that differ by less are of one exposure.
+        """
+        return cls(pair, pair.lag_s(trigger_tolerance_s), Pyramid.of(pair.left, regions.left),
+                   Pyramid.of(pair.right, regions.right))
+
+    def age_s(self, stamp_ns: int) -> float:
+        """Return the time from this pair to a stamp, s."""
+        return (stamp_ns - self.pair.stamp_ns) * 1e-9
 
 
 def region_of(pixels: Sequence[Patches], size: tuple[int, int]) -> Region:
@@ -101,11 +122,11 @@ def region_of(pixels: Sequence[Patches], size: tuple[int, int]) -> Region:
             high = np.maximum(high, flat.max(axis=0).astype(int) + _MARGIN_PX)
     low, high = np.clip(low, 0, last - 1), np.clip(high, 1, last)
     low = np.minimum(low, high - 1)
-    return int(low[0]), int(low[1]), int(high[0]), int(high[1])
+    return Region(int(low[0]), int(low[1]), int(high[0]), int(high[1]))
 
 
 def level_of(step_px: Array) -> NDArray[np.int64]:
-    """Give the level whose pixels are the next finer than steps (...,) of full-size pixels."""
+    """Return the level whose pixels are the next finer than steps (...,) of full-size pixels."""
     with np.errstate(invalid='ignore'):
         levels = np.floor(np.log2(np.maximum(np.nan_to_num(step_px, nan=1.0), 1.0)))
     return np.clip(levels, 0, LEVELS - 1).astype(np.int64)

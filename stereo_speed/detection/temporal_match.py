@@ -1,42 +1,73 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a face came along its lane: where it was in an earlier pair."""
+"""Whether a front came along its lane: where it was in an earlier pair."""
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
+from typing import Optional
 
 import numpy as np
 
-from .config import DetectorConfig
-from .front_refiner import FrontHypothesis, FrontRefiner, GRID_M
+from .config import MotionConfig
+from .front_sampler import FrontHypothesis, FrontSampler, GRID_M
 from .patches import correlate, slide
 from .pyramid import PairPyramids
 from ..core.records import Array
 
-_ASIDE_MPS = 3.5  # fastest change of lanes
-_ASIDE_M = 0.15  # and what the path may be wrong
-_MOST_STEPS = 240
-_FINE_STEPS = 7
+_MOST_STEPS = 240  # places along the lane that are tried, at most
+_FINE_STEPS = 7  # places about the best of them that are tried
+_NEAR_STEPS = 15  # places that are tried where it is known about how far a front came
+_NEAR_SHARE = 0.2  # either way, as a share of that way
 _STEP_PX = 1.0  # between the places tried
-_STRIDE = 2
-_SURE_HALF_M = 0.6
-_OFF_SAMPLES = 0.5  # by which two samplings of a face may be displaced
-_TIMES_ALLOWED = 3.0
-_HIDDEN_SHARE = 0.2  # of the middle of a face may change
-_LEAST_PX = 2.0  # what moved less in the image did not move
+_STRIDE = 2  # every other sample is enough at first
+_SURE_HALF_M = 0.6  # half of the middle of a front, which must not change
+_OFF_SAMPLES = 0.5  # two samplings of a front may be displaced by so much
+
+
+@dataclass(frozen=True, eq=False)
+class Interval:
+    """
+    A pair and an earlier one.
+
+    :param now: the pair.
+    :param before: the earlier pair.
+    """
+
+    now: PairPyramids
+    before: PairPyramids
+
+    @property
+    def seconds(self) -> float:
+        """Return the time between their left views, s."""
+        return self.before.age_s(self.now.pair.stamp_ns)
+
+
+@dataclass(frozen=True)
+class Travel:
+    """
+    Where a front fits best in an earlier pair.
+
+    :param gone_m: how far back along the lane.
+    :param aside_m: how far to the left of where it is now.
+    :param ncc: correlation of the front with what is there.
+    """
+
+    gone_m: float
+    aside_m: float
+    ncc: float
 
 
 @dataclass(frozen=True)
 class Motion:
     """
-    Where a face was.
+    How a front came to where it is.
 
     :param speed_mps: along the lane.
     :param gone_m: how far back along the lane it was.
     :param aside_m: and how far to the left of where it is now.
-    :param ncc: correlation with the face as it was there.
-    :param still_ncc: correlation with what was then where the face is now.
+    :param ncc: correlation with the front as it was there.
+    :param still_ncc: correlation with what was then where the front is now.
     :param moved_px: how far it moved in the left view.
     """
 
@@ -48,100 +79,122 @@ class Motion:
     moved_px: float
 
 
-def find_motion(finder: FrontRefiner, face: FrontHypothesis, now: PairPyramids, before: PairPyramids,
-                config: DetectorConfig) -> Motion:
+def find_motion(sampler: FrontSampler, front: FrontHypothesis, interval: Interval,
+                config: MotionConfig) -> Motion:
     """
-    Find where a face was in an earlier pair.
+    Find where a front was in an earlier pair.
 
-    :param finder: of its lane.
-    :param face: in the pair.
-    :param now: the pair.
-    :param before: the earlier pair.
+    :param sampler: of its lane.
+    :param front: in the pair.
+    :param interval: the pair and the earlier one.
     :param config: parameters.
     """
-    dt = (now.stamp_ns - before.stamp_ns) * 1e-9
-    s, x = np.array([face.s_m]), np.array([face.x_m])
-    rates = finder.geometry.rates(s)
+    travel = find_travel(sampler, front, interval, config)
+    place = np.array([front.s_m]), np.array([front.x_m]), round(front.half_m / GRID_M)
+    mine, then = (sampler.left(*place, pair) for pair in (interval.now, interval.before))
+    still = correlate(mine - mine.mean(), then - then.mean())
+    here, there = (sampler.geometry.project(
+        np.array([front.s_m - d]), np.array([front.x_m + a]), sampler.heights_m[:1])[0][0, 0, 0]
+        for d, a in ((0.0, 0.0), (travel.gone_m, travel.aside_m)))
+    return Motion(travel.gone_m / interval.seconds, travel.gone_m, travel.aside_m, travel.ncc,
+                  float(still[0]), float(np.linalg.norm(here - there)))
+
+
+def find_travel(sampler: FrontSampler, front: FrontHypothesis, interval: Interval,
+                config: MotionConfig, expected_m: Optional[float] = None) -> Travel:
+    """
+    Find where a front fits best in the left view of an earlier pair.
+
+    :param sampler: of its lane.
+    :param front: in the pair.
+    :param interval: the pair and the earlier one.
+    :param config: parameters.
+    :param expected_m: about how far back along the lane that is; None where nothing is known.
+    """
+    rates = sampler.geometry.rates(np.array([front.s_m]))
     scale = max(1.0, float(rates.px_per_m[0]) * GRID_M)  # coarser pixels are used up close
     step = scale * _STEP_PX / max(float(rates.px_per_m[0] * abs(rates.climb[0])), 1e-3)
-    far = config.greatest_speed_mps * dt
+    far = config.greatest_speed_mps * interval.seconds
     step = max(step, far / _MOST_STEPS)
-    reach = _STRIDE * math.ceil((_ASIDE_MPS * dt + _ASIDE_M) / GRID_M / _STRIDE)
-    gone, aside, _ = _best(finder, face, (now, before), np.arange(0.0, far + step, step),
-                           (0.0, reach), _STRIDE)
-    fine = gone + step * np.linspace(-1, 1, _FINE_STEPS)
-    gone, aside, ncc = _best(finder, face, (now, before), fine, (aside, 2 * _STRIDE), 1)
-    half = round(face.half_m / GRID_M)
-    mine, then = (finder.windows(s, x, half, v.left, False) for v in (now, before))
-    still = correlate(mine - mine.mean(), then - then.mean())
-    here, there = (finder.geometry.project(
-        np.array([face.s_m - d]), np.array([face.x_m + a]), finder.heights_m[:1])[0][0, 0, 0]
-        for d, a in ((0.0, 0.0), (gone, aside)))
-    return Motion(gone / dt, gone, aside, ncc, float(still[0]),
-                  float(np.linalg.norm(here - there)))
+    reach = _STRIDE * math.ceil(
+        (config.aside_mps * interval.seconds + config.aside_m) / GRID_M / _STRIDE)
+    gone_m = np.arange(0.0, far + step, step)
+    if expected_m is not None:
+        gone_m = expected_m + max(_NEAR_SHARE * expected_m, step) * np.linspace(
+            -1, 1, _NEAR_STEPS)
+        step = float(gone_m[1] - gone_m[0])
+    first = _best(sampler, front, interval, gone_m, Travel(0.0, 0.0, 0.0), reach, _STRIDE)
+    fine_m = first.gone_m + step * np.linspace(-1, 1, _FINE_STEPS)
+    return _best(sampler, front, interval, fine_m, first, 2 * _STRIDE, 1)
 
 
-def moved(motion: Motion, config: DetectorConfig) -> bool:
-    """Say whether a motion is that of a vehicle along its lane."""
-    return (motion.ncc >= config.least_motion_ncc and motion.moved_px >= _LEAST_PX
+def moved(motion: Motion, config: MotionConfig) -> bool:
+    """Return whether a motion is that of a vehicle along its lane."""
+    return (motion.ncc >= config.least_ncc and motion.moved_px >= config.least_px
             and config.least_speed_mps <= motion.speed_mps <= config.greatest_speed_mps
-            and motion.ncc > motion.still_ncc + 0.05)
+            and motion.ncc > motion.still_ncc + config.still_margin)
 
 
-def moving_half(finder: FrontRefiner, face: FrontHypothesis, motion: Motion, now: PairPyramids,
-                before: PairPyramids, noise: float) -> float:
+def moving_half(sampler: FrontSampler, front: FrontHypothesis, motion: Motion,
+                interval: Interval, noise: float, config: MotionConfig) -> float:
     """
-    Find how much of a face, from its axis outwards, looks as it did where it came from.
+    Find how much of a front, from its middle outwards, looks as it did where it came from.
 
-    What is beyond its edges lies deeper and changes.  A face whose middle changes was hidden in
-    part, by a pole or another vehicle, or is not what was there: it tells neither place nor speed.
+    What is beyond its edges lies deeper and changes.  A front whose middle changes was occluded in
+    part, by a pole or another vehicle, or is not what was there: it gives neither place nor speed.
 
-    :param finder: of its lane.
-    :param face: in the pair.
+    :param sampler: of its lane.
+    :param front: in the pair.
     :param motion: from the earlier pair.
-    :param now: the pair.
-    :param before: the earlier pair.
+    :param interval: the pair and the earlier one.
     :param noise: 1-sigma of a grey value.
-    :return: m, at most the half width of the face; 0 where its middle changes.
+    :param config: parameters.
+    :return: m, at most the half width of the front; 0 where its middle changes.
     """
-    half = round(face.half_m / GRID_M)
+    half = round(front.half_m / GRID_M)
     sure = min(round(_SURE_HALF_M / GRID_M), half)
     middle = slice(half - sure, half + sure + 1)
     change, allowed = np.zeros(2 * half + 1), np.zeros(2 * half + 1)
-    here = np.array([face.s_m]), np.array([face.x_m])
-    there = here[0] - motion.gone_m, here[1] + motion.aside_m
-    for view, earlier, right in ((now.left, before.left, False), (now.right, before.right, True)):
-        a = finder.windows(*here, half, view, right)[0]
-        b = finder.windows(*there, half, earlier, right)[0]
+    then = replace(front, s_m=front.s_m - motion.gone_m, x_m=front.x_m + motion.aside_m,
+                   ahead_m=interval.before.lag_s * motion.speed_mps)
+    for a, b in zip(_views(sampler, front, half, interval.now),
+                    _views(sampler, then, half, interval.before)):
         gain = a[:, middle].std() / max(float(b[:, middle].std()), 1.0)
         b = (b - b[:, middle].mean()) * gain + a[:, middle].mean()
         steep = np.square(np.gradient(a)).sum(axis=0)
         change += np.square(a - b).sum(axis=0)
         allowed += (2 * noise ** 2 + _OFF_SAMPLES ** 2 * steep).sum(axis=0)
     change, allowed = (np.convolve(v, np.ones(3), 'same') for v in (change, allowed))
-    bad = change > _TIMES_ALLOWED * allowed
-    if bad[middle].mean() > _HIDDEN_SHARE:
+    bad = change > config.change_factor * allowed
+    if bad[middle].mean() > config.occluded_share:
         return 0.0
     bad = (bad | bad[::-1])[half + sure:]
     return (sure + int(np.argmax(bad)) - 1 if bad.any() else half) * GRID_M
 
 
-def _best(finder: FrontRefiner, face: FrontHypothesis, views: tuple[PairPyramids, PairPyramids], gone_m: Array,
-          aside: tuple[float, int], stride: int) -> tuple[float, float, float]:
+def _views(sampler: FrontSampler, front: FrontHypothesis, half: int, pair: PairPyramids
+           ) -> tuple[Array, Array]:
+    """Return the windows (rows, 2 half + 1) of a front in both views."""
+    s, x, ahead = (np.array([v]) for v in (front.s_m, front.x_m, front.ahead_m))
+    return sampler.left(s, x, half, pair)[0], sampler.right(s, x, half, pair, ahead)[0]
+
+
+def _best(sampler: FrontSampler, front: FrontHypothesis, interval: Interval, gone_m: Array,
+          about: Travel, reach: int, stride: int) -> Travel:
     """
-    Find where the face fits best in the earlier pair.
+    Find where a front fits best in the earlier pair.
 
     :param gone_m: (n,) metres back along the lane to try.
-    :param aside: metres to the left of where it is now, and samples either way to try.
+    :param about: how far to the left of where it is now to look.
+    :param reach: samples either way of that to try.
     :param stride: of the samples.
-    :return: metres back, metres to the left, correlation.
     """
-    s, x = np.array([face.s_m]), np.array([face.x_m])
-    half = stride * round(face.half_m / GRID_M / stride)
-    mine = finder.windows(s, x, half, views[0].left, False, stride)[0]
-    there = finder.windows(face.s_m - gone_m, np.full(len(gone_m), face.x_m + aside[0]),
-                           half + aside[1], views[1].left, False, stride)
+    s, x = np.array([front.s_m]), np.array([front.x_m])
+    half = stride * round(front.half_m / GRID_M / stride)
+    mine = sampler.left(s, x, half, interval.now, stride)[0]
+    there = sampler.left(front.s_m - gone_m, np.full(len(gone_m), front.x_m + about.aside_m),
+                         half + reach, interval.before, stride)
     scores = slide(mine, there)
     i, j = np.unravel_index(int(np.argmax(scores)), scores.shape)
-    return (float(gone_m[i]), aside[0] + (int(j) * stride - aside[1]) * GRID_M,
-            float(scores[i, j]))
+    return Travel(float(gone_m[i]), about.aside_m + (int(j) * stride - reach) * GRID_M,
+                  float(scores[i, j]))

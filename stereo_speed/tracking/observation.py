@@ -90,8 +90,7 @@ def lag_s(pair: StereoPair, trigger_tolerance_s: float) -> float:
 
     :param trigger_tolerance_s: stamps that differ by less are of one exposure: 0.
     """
-    difference_s = (pair.right_stamp_ns - pair.stamp_ns) * 1e-9
-    return difference_s if abs(difference_s) > trigger_tolerance_s else 0.0
+    return pair.lag_s(trigger_tolerance_s)
 
 
 class ObservationSampler:

@@ -14,7 +14,7 @@ from stereo_speed.detection.protocol import TrackedRegion
 
 
 def offset_m(found, row, drive):
-    """How far a detection is from the true middle of a face, m along the lane and across."""
+    """How far a detection is from the true middle of a front, m along the lane and across."""
     path = drive.lanes[found.lane].path
     centre = drive.rig.triangulate(found.left_px, found.right_px).mean(axis=0)
     frame = path.frame(path.arc_length(centre))
@@ -64,7 +64,7 @@ def test_where_it_was_is_told_too(straight):
 
 
 def hidden(pair, row, rig):
-    """Hide 0.5 m about the middle of a face behind a post, in both views."""
+    """Occlude 0.5 m about the middle of a front by a post, in both views."""
     centre = np.array([row[k] for k in 'xyz'], float)
     views = []
     for view, (left, right) in zip(
@@ -76,7 +76,7 @@ def hidden(pair, row, rig):
     return replace(pair, left=views[0], right=views[1])
 
 
-def test_a_face_that_was_hidden_in_part_is_found_a_pair_later(straight):
+def test_a_front_that_was_occluded_in_part_is_found_a_pair_later(straight):
     first = straight.pairs[0]
     post = hidden(first, straight.truth[first.stamp_ns][0], straight.rig)
     pair, found = first_pair_found(straight._replace(pairs=[post, *straight.pairs[1:]]))

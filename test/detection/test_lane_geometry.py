@@ -26,7 +26,8 @@ def seen_m(geometry):
 @pytest.mark.parametrize('right', [False, True])
 def test_interpolated_pixels_are_exact_ones(geometry, seen_m, right):
     x = np.full(len(seen_m), 0.2)
-    uv = geometry.pixels(seen_m, x, REACH_M, HEIGHTS_M, right)
+    args = seen_m, x, REACH_M, HEIGHTS_M
+    uv = geometry.right_pixels(*args, 0 * x) if right else geometry.left_pixels(*args)
     exact = geometry.project(seen_m, 0.2 + REACH_M, HEIGHTS_M)[int(right)]
     assert uv.shape == exact.shape
     assert np.abs(uv - exact).max() < 0.05
@@ -36,8 +37,8 @@ def test_what_lies_on_the_road_is_seen_where_it_lies(geometry, seen_m):
     rig, path = geometry.rig, geometry.lane.path
     s, x = seen_m[1:2], np.array([0.2])
     reach, heights = np.array([-0.3, 0.0, 0.3]), np.array([0.6, 0.4, 0.2])
-    left = geometry.pixels(s, x, reach, heights, False)[0, 1, 1]
-    right = geometry.pixels(s, x, reach, heights, True, lying=True)[0, 1, 1]
+    left = geometry.left_pixels(s, x, reach, heights)[0, 1, 1]
+    right = geometry.right_pixels(s, x, reach, heights, 0 * s, lying=True)[0, 1, 1]
     point = rig.triangulate(left.astype(float), right.astype(float))
     up = path.frame(s)[0, :, 2]
     assert abs((point - path.position(s)[0]) @ up) < 0.02

@@ -5,8 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from stereo_speed.detection.patches import (
-    correlate, cut, level_rows, mirrored, peak, slide, window_sums)
+from stereo_speed.detection.patches import correlate, cut, level_rows, mirrored, slide
 
 
 @pytest.fixture
@@ -60,19 +59,6 @@ def test_masked_columns_do_not_count(patches):
     assert levelled[..., 4:11] == pytest.approx(level_rows(patches[..., 4:11]), abs=1e-3)
 
 
-def test_sums_and_cuts(patches):
-    sums = window_sums(patches, 5)
-    assert sums[1, 2, 6] == pytest.approx(float(patches[1, 2, 6:11].sum()), rel=1e-6)
+def test_columns_are_cut_out_patch_by_patch(patches):
     pieces = cut(patches, np.array([0, 4, 8]), 6)
     assert np.array_equal(pieces[1], patches[1, :, 4:10])
-
-
-@pytest.mark.parametrize('at', [1.3, 2.0, 2.8])
-def test_the_peak_of_a_parabola_is_exact(at):
-    place, score = peak((1 - 0.1 * (np.arange(5) - at) ** 2)[:, None])
-    assert place[0] == pytest.approx(at)
-    assert score[0] <= 1
-
-
-def test_a_peak_at_the_end_stays_there():
-    assert peak(np.array([[1.0], [0.5], [0.2]]))[0][0] == 0

@@ -1,0 +1,90 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Fronts on upright planes across a lane, as both views show them."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .lane_geometry import LaneGeometry
+from .patches import Floats
+from .pyramid import level_of, PairPyramids, Patches, Pyramid
+from ..core.records import Array
+
+GRID_M = 0.03  # between samples across
+ROWS = 9  # samples up a front
+
+
+@dataclass(frozen=True)
+class FrontHypothesis:
+    """
+    An upright thing on a plane across the lane.
+
+    :param s_m: arc length, m.
+    :param x_m: offset of its middle to the left of the path, m.
+    :param half_m: half of its width, m.
+    :param ahead_m: how far it has gone on along the lane when the right view is exposed, m.
+    :param cross_ncc: left-right correlation of what varies across it.
+    :param symmetry: correlation with its mirror image, mean of both views.
+    """
+
+    s_m: float
+    x_m: float
+    half_m: float
+    ahead_m: float = 0.0
+    cross_ncc: float = 0.0
+    symmetry: float = 0.0
+
+
+class FrontSampler:
+    """
+    Samples windows at the height of fronts.
+
+    :param geometry: the lane.
+    :param low_m: height above the road of the lower edge of what is sampled.
+    :param high_m: height of its upper edge.
+    """
+
+    def __init__(self, geometry: LaneGeometry, low_m: float, high_m: float) -> None:
+        self.geometry = geometry
+        self.heights_m = np.linspace(high_m, low_m, ROWS)
+
+    def left(self, s_m: Floats, x_m: Floats, half: int, pair: PairPyramids, stride: int = 1
+             ) -> Patches:
+        """
+        Return windows of planes in the left view.
+
+        :param s_m: (n,).
+        :param x_m: (n,) middles.
+        :param half: samples from the middle to the edge, a multiple of the stride.
+        :param stride: 2 takes every other sample of both axes.
+        :return: (n, rows, 2 half + 1), or as many as the stride leaves.
+        """
+        uv = self.geometry.left_pixels(s_m, x_m, _reach(half, stride), self.heights_m[::stride])
+        return self._sampled(s_m, uv, pair.left)
+
+    def right(self, s_m: Floats, x_m: Floats, half: int, pair: PairPyramids, ahead_m: Floats,
+              stride: int = 1, lying: bool = False) -> Patches:
+        """
+        Return windows of planes in the right view.
+
+        The arguments are those of :meth:`left`, and
+
+        :param ahead_m: (n,) how far a front goes on until the right view is exposed.
+        :param lying: sample where the road is that is seen through the planes from the left.
+        """
+        uv = self.geometry.right_pixels(s_m, x_m, _reach(half, stride), self.heights_m[::stride],
+                                        ahead_m, lying)
+        return self._sampled(s_m, uv, pair.right)
+
+    def _sampled(self, s_m: Floats, uv: Patches, view: Pyramid) -> Patches:
+        levels = level_of(self.geometry.rates(s_m).px_per_m * GRID_M)
+        out = np.empty(uv.shape[:3], np.float32)
+        for level in np.unique(levels):
+            out[levels == level] = view.sample(uv[levels == level], int(level))
+        return out
+
+
+def _reach(half: int, stride: int) -> Array:
+    return np.arange(-half, half + 1, stride, dtype=np.float64) * GRID_M

@@ -1,0 +1,245 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+From proposals to fronts of vehicles: what every detector of this package shares.
+
+Two things must agree.  Both views: what stands upright on the road at one depth is a front; what
+lies on the road, such as shadows, pools of light and lane markings, is none.  And time: it was
+further back along the lane in an earlier pair; what stands still is no vehicle in traffic.
+"""
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Mapping, Optional, Protocol, Sequence
+
+import numpy as np
+
+from .config import FrontConfig, MotionConfig, SpacingConfig
+from .front_refiner import FrontRefiner
+from .front_sampler import FrontHypothesis, FrontSampler
+from .lane_geometry import LaneGeometry
+from .plane_sweep import Proposal
+from .protocol import Detection, EarlierFront
+from .pyramid import PairPyramids
+from .spacing import Place, Spacing
+from .temporal_match import find_motion, Interval, Motion, moved, moving_half
+from ..core.records import Array, StereoPair
+from ..geometry.camera import Camera
+from ..geometry.rig import StereoRig
+from ..road.lanes import LanePath
+
+_MARGIN_PX = 2.0  # a quad nearer to the edge of an image cannot be sampled about its corners
+_LEAST_DOUBT = 0.005  # no two views agree better than this, whatever their correlation
+_NOISE_SHARE = 0.2  # of each pair in the running estimate of the noise
+_NOISE_STEP = 8  # pixels between those that the noise is estimated from
+_FIRST_NOISE = 2.0  # grey levels, before two pairs have been seen
+_NORMAL = 0.6745  # median of the absolute value of a normal variable of unit variance
+
+
+class SearchConfig(Protocol):
+    """What the parameters of every detector of this package contain."""
+
+    @property
+    def front(self) -> FrontConfig:
+        """Return what both views must show."""
+
+    @property
+    def motion(self) -> MotionConfig:
+        """Return how a front must have moved."""
+
+    @property
+    def spacing(self) -> SpacingConfig:
+        """Return how near two vehicles can be."""
+
+
+@dataclass(frozen=True, eq=False)
+class FoundFront:
+    """
+    A front that stands upright and came along its lane.
+
+    :param lane: name of its lane.
+    :param front: where it is and how wide.
+    :param motion: how it came there.
+    :param place: where it is, for its distance from others.
+    :param heights_m: (2,) of its upper and its lower edge above the road.
+    :param interval: the pair it is in, and the earlier one.
+    """
+
+    lane: str
+    front: FrontHypothesis
+    motion: Motion
+    place: Place
+    heights_m: Array
+    interval: Interval
+
+
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """
+    What fronts are sought in.
+
+    :param now: the pair.
+    :param past: earlier pairs in which they may be found further back, that to be tried first in
+        front.
+    :param noise: 1-sigma of a grey value.
+    """
+
+    now: PairPyramids
+    past: Sequence[PairPyramids]
+    noise: float
+
+
+class NoiseEstimate:
+    """The noise of a grey value, from how most pixels differ from one pair to the next."""
+
+    def __init__(self) -> None:
+        self.std = _FIRST_NOISE
+
+    def learn(self, now: PairPyramids, before: PairPyramids) -> None:
+        """Take in two pairs."""
+        a, b = (v.left.levels[0][::_NOISE_STEP, ::_NOISE_STEP] for v in (now, before))
+        difference = a - b
+        spread = float(np.median(np.abs(difference - np.median(difference))))
+        self.std += _NOISE_SHARE * (spread / _NORMAL / np.sqrt(2) - self.std)
+
+
+class FrontSearch:
+    """
+    Makes fronts of proposals.
+
+    :param rig: the cameras.
+    :param lanes: lane name to lane path.
+    :param config: parameters.
+    :param least_symmetry: correlation of a front with its mirror image; None where fronts need
+        not be symmetric.
+    """
+
+    def __init__(self, rig: StereoRig, lanes: Mapping[str, LanePath], config: SearchConfig,
+                 least_symmetry: Optional[float]) -> None:
+        self.rig, self.lanes, self.config = rig, dict(lanes), config
+        self.least_symmetry = least_symmetry
+        self.spacing = Spacing(self.lanes, config.spacing)
+        self.geometry = {name: LaneGeometry(rig, lane) for name, lane in self.lanes.items()}
+        front = config.front
+        kinds = ((front.low_m, front.high_m, front.least_width_m),
+                 (front.tall_low_m, front.tall_high_m, front.tall_width_m))
+        self._refiners = {
+            name: [FrontRefiner(FrontSampler(geometry, low_m, high_m), width_m, front,
+                                config.motion) for low_m, high_m, width_m in kinds]
+            for name, geometry in self.geometry.items()}
+
+    def search(self, lane: str, proposals: Sequence[Proposal], moment: Moment,
+               taken: Sequence[Place], most: int) -> list[FoundFront]:
+        """
+        Return the fronts of a lane that proposals lead to.
+
+        :param lane: its name.
+        :param proposals: the best first.
+        :param moment: pairs to look at.
+        :param taken: places where no vehicle is sought.
+        :param most: proposals, at most, that are refined at each height of fronts.
+        """
+        out: list[FoundFront] = []
+        for refiner in self._refiners[lane]:
+            held = [*taken, *(f.place for f in out)]
+            free = [p for p in proposals if not self.spacing.meet(
+                lane, self._place(lane, p.s_m, p.x_m, 0.0), held)][:most]
+            fronts = refiner.refine(free, Interval(moment.now, moment.past[0]), moment.noise)
+            for front in sorted(fronts, key=lambda f: -min(f.cross_ncc, f.symmetry)):
+                found = self._verified(lane, refiner, front, moment,
+                                       [*taken, *(f.place for f in out)])
+                if found is not None:
+                    out.append(found)
+        return out
+
+    def _verified(self, lane: str, refiner: FrontRefiner, front: FrontHypothesis, moment: Moment,
+                  others: Sequence[Place]) -> Optional[FoundFront]:
+        """Return a front that stands upright and was further back in one of the earlier pairs."""
+        place = self._place(lane, front.s_m, front.x_m, front.half_m)
+        if self.spacing.meet(lane, place, others) or not self._is_upright(
+                front, refiner, moment.now):
+            return None
+        for before in moment.past:
+            interval = Interval(moment.now, before)
+            motion = find_motion(refiner.sampler, front, interval, self.config.motion)
+            if not moved(motion, self.config.motion) or self.spacing.meet(
+                    lane, place, others, motion.speed_mps):
+                continue
+            half_m = moving_half(refiner.sampler, front, motion, interval, moment.noise,
+                                 self.config.motion)
+            if half_m > 0:
+                return FoundFront(lane, replace(front, half_m=half_m), motion, place,
+                                  refiner.sampler.heights_m[[0, -1]], interval)
+        return None
+
+    def _is_upright(self, front: FrontHypothesis, refiner: FrontRefiner, now: PairPyramids
+                    ) -> bool:
+        """Return whether a front stands on its plane and looks like one."""
+        limits = self.config.front
+        doubt = max(1 - front.cross_ncc, _LEAST_DOUBT)
+        return (front.cross_ncc >= limits.least_cross_ncc
+                and (self.least_symmetry is None or front.symmetry >= self.least_symmetry)
+                and abs(front.x_m) < limits.reach_m
+                and 1 - refiner.lying_ncc(front, now) > limits.upright_factor * doubt)
+
+    def _place(self, lane: str, s_m: float, x_m: float, half_m: float) -> Place:
+        front = self.config.front
+        height = np.array([(front.low_m + front.high_m) / 2])
+        return Place(self.geometry[lane].points(
+            np.array([s_m]), np.array([x_m]), height)[0, 0, 0], half_m)
+
+    def distinct(self, found: Sequence[FoundFront]) -> list[FoundFront]:
+        """Return the best of those that are one vehicle, seen from two lanes."""
+        out: list[FoundFront] = []
+        for one in sorted(found, key=lambda f: abs(f.front.x_m)):
+            if not self.spacing.meet(one.lane, one.place, [f.place for f in out]):
+                out.append(one)
+        return out
+
+    def detection(self, found: FoundFront, since: tuple[StereoPair, ...]) -> Optional[Detection]:
+        """
+        Return what is reported of a front; None where it does not lie well in both images.
+
+        :param since: the earlier pair that it was in and those since, without the newest.
+        """
+        front, motion, before = found.front, found.motion, found.interval.before
+        left, right = self._quads(found, front)
+        if not self._inside(left, right):
+            return None
+        then = self._quads(found, replace(
+            front, s_m=front.s_m - motion.gone_m, x_m=front.x_m + motion.aside_m,
+            ahead_m=before.lag_s * motion.speed_mps))
+        rates = self.geometry[found.lane].rates(np.array([front.s_m]))
+        return Detection(
+            lane=found.lane, left_px=left, right_px=right,
+            std_px=self.config.front.axis_std_m * float(rates.px_per_m[0]),
+            s_m=front.s_m, lateral_m=front.x_m, width_m=2 * front.half_m,
+            height_m=float(np.ptp(found.heights_m)), speed_mps=motion.speed_mps,
+            speed_std_mps=self.config.motion.speed_std_share * motion.speed_mps,
+            earlier=EarlierFront(pairs=since, left_px=then[0], right_px=then[1])
+            if self._inside(*then) else None)
+
+    def _quads(self, found: FoundFront, front: FrontHypothesis) -> tuple[Array, Array]:
+        """Return the corners of a front at a place, clockwise, in both views as exposed."""
+        edges = front.x_m + np.array([-1.0, 1.0]) * front.half_m
+        geometry = self.geometry[found.lane]
+        left = geometry.project(np.array([front.s_m]), edges, found.heights_m)[0]
+        right = geometry.project(np.array([front.s_m + front.ahead_m]), edges,
+                                 found.heights_m)[1]
+        return _clockwise(left[0]), _clockwise(right[0])
+
+    def _inside(self, left_px: Array, right_px: Array) -> bool:
+        """Return whether a quad lies well in both images."""
+        return _well_in(self.rig.left, left_px) and _well_in(self.rig.right, right_px)
+
+
+def _well_in(camera: Camera, quad: Array) -> bool:
+    last = np.array([camera.width_px, camera.height_px]) - 1 - _MARGIN_PX
+    return bool(((quad >= _MARGIN_PX) & (quad <= last)).all())
+
+
+def _clockwise(corners: Array) -> Array:
+    """Return corners (upper and lower, by x) clockwise from the image's top left."""
+    if corners[0, 0, 0] > corners[0, 1, 0]:
+        corners = corners[:, ::-1]
+    return np.stack([corners[0, 0], corners[0, 1], corners[1, 1], corners[1, 0]])

@@ -1,0 +1,66 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Whether two fronts are nearer to each other than two vehicles can be."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Iterable, Mapping
+
+import numpy as np
+
+from .config import SpacingConfig
+from .protocol import TrackedRegion
+from ..core.records import Array
+from ..road.lanes import LanePath
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """
+    Where a front is and how wide.
+
+    :param centre_m: (3,) its middle, left optical frame, m.
+    :param half_m: half of its width, m.
+    """
+
+    centre_m: Array
+    half_m: float
+
+
+class Spacing:
+    """
+    Distances between fronts, along the lanes and across them.
+
+    :param lanes: lane name to lane path.
+    :param config: parameters.
+    """
+
+    def __init__(self, lanes: Mapping[str, LanePath], config: SpacingConfig) -> None:
+        self.lanes, self.config = lanes, config
+
+    def tracked(self, regions: Iterable[TrackedRegion]) -> list[Place]:
+        """Return the places that tracks hold."""
+        out = []
+        for region in regions:
+            if region.finite and region.lane in self.lanes:
+                path, s = self.lanes[region.lane].path, np.array(region.s_m)
+                centre = path.position(s) + region.lateral_m * path.frame(s)[:, 1]
+                out.append(Place(centre, max(region.width_m / 2, self.config.least_half_m)))
+        return out
+
+    def meet(self, lane: str, one: Place, others: Iterable[Place], speed_mps: float = 0.0) -> bool:
+        """
+        Return whether a front is nearer to another one than two vehicles can be.
+
+        :param lane: of the front.
+        :param speed_mps: of the front; 0 where it is not known.
+        """
+        along_m = self.config.along_m + self.config.headway_s * speed_mps
+        return any(self._near(lane, one, other, along_m) for other in others)
+
+    def _near(self, lane: str, one: Place, other: Place, along_m: float) -> bool:
+        path = self.lanes[lane].path
+        frame = path.frame(path.arc_length(other.centre_m))
+        apart = np.abs(frame.T @ (one.centre_m - other.centre_m))
+        across_m = max(one.half_m + other.half_m, self.config.across_m)
+        return bool(apart[0] < along_m and apart[1] < across_m)
