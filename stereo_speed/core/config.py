@@ -135,6 +135,10 @@ class StartConfig:
         4.0, 0.5, 20.0, '', 'depths searched to either side of the one that the quads give')
     least_ncc: float = parameter(
         0.5, 0.0, 1.0, '', 'views of one front correlate better than this')
+    any_speed_share: float = parameter(
+        0.25, 0.0, 1.0, '', 'share of the first particles that are spread evenly over all speeds')
+    any_speed_factor: float = parameter(
+        2.5, 0.1, 20.0, '', 'up to the expected speed times this: no speed limit foresees them')
 
     def __post_init__(self) -> None:
         check_bounds(self)
@@ -188,6 +192,9 @@ class EffortConfig:
 
     def __post_init__(self) -> None:
         check_bounds(self)
+        if self.pass_observations < self.live_observations:
+            raise InputError('configuration', 'pass_observations', self.pass_observations,
+                             f'at least live_observations, {self.live_observations}')
 
 
 @dataclass(frozen=True)

@@ -102,7 +102,7 @@ class StereoPair:
     left: NDArray[Any]
     right: NDArray[Any]
 
-    def lag_s(self, trigger_tolerance_s: float) -> float:
+    def right_lag_s(self, trigger_tolerance_s: float) -> float:
         """
         Return the time from the left to the right exposure, s.
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.linalg import lapack
 
 from ..core.records import Array
@@ -20,7 +20,7 @@ class NormalEquations:
         self.H, self.g = np.zeros((size, size)), np.zeros(size)
 
     def __add__(self, other: NormalEquations) -> NormalEquations:
-        """Put together what both say."""
+        """Return what both say together."""
         both = NormalEquations(len(self.g))
         both.H, both.g = self.H + other.H, self.g + other.g
         return both
@@ -29,7 +29,7 @@ class NormalEquations:
         """Add ``values . x[columns] = rest`` with a 1-sigma."""
         self.rows([columns], [values], np.array([std]), rest)
 
-    def rows(self, columns: Any, values: Any, std: Array, rest: float = 0.0) -> None:
+    def rows(self, columns: ArrayLike, values: ArrayLike, std: Array, rest: float = 0.0) -> None:
         """
         Add several rows at once.
 
@@ -44,7 +44,7 @@ class NormalEquations:
         if rest:
             np.add.at(self.g, at, scaled * (rest / std)[:, None])
 
-    def correlated(self, columns: Any, values: Any, covariance: Array) -> None:
+    def correlated(self, columns: ArrayLike, values: ArrayLike, covariance: Array) -> None:
         """
         Add several rows whose errors belong together; they rest at 0.
 
@@ -74,7 +74,7 @@ class Conditioned:
 
     @cached_property
     def covariance(self) -> Array:
-        """Give the covariance of the unknowns."""
+        """Return the covariance of the unknowns."""
         half = lapack.dpotri(self.factor, lower=1)[0]  # its lower triangle
         whole = half + half.T
         np.fill_diagonal(whole, np.diag(half))
@@ -83,8 +83,9 @@ class Conditioned:
 
 def condition(prior: NormalEquations, H: Array, g: Array) -> Conditioned:
     """
-    Condition a Gaussian prior on linear measurements of its first unknowns.
+    Return a Gaussian conditioned on linear measurements of its first unknowns.
 
+    :param prior: the Gaussian before them.
     :param H: (m, m) information of the measurements about the first m unknowns.
     :param g: (m,) information times measurement.
     """
@@ -99,7 +100,7 @@ def condition(prior: NormalEquations, H: Array, g: Array) -> Conditioned:
 
 
 def _factor(information: Array) -> Array:
-    """Give the lower Cholesky factor of a symmetric positive definite matrix."""
+    """Return the lower Cholesky factor of a symmetric positive definite matrix."""
     factor, failed = lapack.dpotrf(information, lower=1)
     if failed:
         raise np.linalg.LinAlgError('information matrix not positive definite')

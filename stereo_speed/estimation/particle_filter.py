@@ -33,7 +33,7 @@ class Weighed:
 
     @property
     def resampled(self) -> bool:
-        """Whether the ancestors are anything but the particles themselves."""
+        """Return whether the ancestors are anything but the particles themselves."""
         return bool(np.any(self.ancestors != np.arange(len(self.ancestors))))
 
 

@@ -14,7 +14,7 @@ class DegenerateWeightsError(ValueError):
 
 def normalise_log_weights(log_weights: Array) -> Array:
     """
-    Weights that sum to one.
+    Return weights that sum to one.
 
     :param log_weights: (N,) unnormalised; -inf is an impossible particle.
     :return: (N,).
@@ -24,17 +24,17 @@ def normalise_log_weights(log_weights: Array) -> Array:
     if not np.isfinite(top):
         raise DegenerateWeightsError(f'largest log weight is {top}')
     weights = np.exp(log_weights - top)
-    return weights / weights.sum()
+    return np.asarray(weights / weights.sum())
 
 
 def effective_sample_size(weights: Array) -> float:
-    """Kish's effective sample size 1 / sum w^2 of normalised weights, from 1 to N."""
+    """Return Kish's effective sample size 1 / sum w^2 of normalised weights, from 1 to N."""
     return float(1.0 / np.sum(np.square(weights)))
 
 
 def mean_and_covariance(weights: Array, states: Array) -> tuple[Array, Array]:
     """
-    Posterior mean (eq. 3) and covariance of weighted particles.
+    Return the posterior mean (eq. 3) and covariance of weighted particles.
 
     :param weights: (N,) normalised.
     :param states: (N, D).

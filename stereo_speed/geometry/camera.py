@@ -122,6 +122,10 @@ class Camera:
             valid &= np.hypot(xy[..., 0], xy[..., 1]) <= self.lens.limit
         return uv_px, valid
 
+    def holds(self, uv_px: Array) -> bool:
+        """Return whether all of some pixels (..., 2) lie in the image."""
+        return bool(self.inside(uv_px).all())
+
     def inside(self, uv_px: Array) -> NDArray[np.bool_]:
         """
         Return which pixels lie in the image, whose edge is half a pixel beyond the centres.

@@ -8,8 +8,9 @@ path, all in m.  The front's plane passes through C(s) and holds the path's norm
 B, so its normal is the tangent T (2012, Section IV-B).  A point of the front has fixed
 coordinates (x, y) on that plane, and lies at C(s) + (a + x) P(s) + (b + y) B(s).
 
-A vehicle that changes lanes turns: its front's plane turns about B by the heading psi, which is
-that of its motion, and the point lies at C(s) + a P + x (cos psi P - sin psi T) + (b + y) B.
+A vehicle that changes lanes points where it drives: its front's plane is rotated about B by the
+heading psi of its motion, and the point lies at
+C(s) + a P + x (cos psi P - sin psi T) + (b + y) B.
 """
 from __future__ import annotations
 
@@ -22,12 +23,13 @@ from ..core.records import Array
 from ..geometry.camera import Camera
 from ..geometry.rig import StereoRig
 from ..road.path import Path
+from ..vision.sampling import quad_grid
 
 
 def plane_points(path: Path, poses: Array, plane_xy_m: Array, heading_rad: float = 0.0,
                  relief_m: Array | float = 0.0) -> Array:
     """
-    Points of the front for many poses.
+    Return points of the front for many poses.
 
     :param poses: (N, 3) s, a, b in m.
     :param plane_xy_m: (M, 2) coordinates on the plane along P and B, m.
@@ -42,18 +44,18 @@ def plane_points(path: Path, poses: Array, plane_xy_m: Array, heading_rad: float
     on_vehicle = np.stack([cos * relief_m - sin * x, sin * relief_m + cos * x, y], axis=-1)
     beside = np.concatenate([np.zeros((len(poses), 1)), poses[:, 1:]], axis=1)
     offset = on_vehicle[None] + beside[:, None]
-    return path.position(s_m)[:, None] + offset @ np.swapaxes(frame, 1, 2)
+    return np.asarray(path.position(s_m)[:, None] + offset @ np.swapaxes(frame, 1, 2))
 
 
-def turned(frame: Array, heading_rad: float) -> Array:
-    """Turn a path's frame (3, 3), columns T, P, B, about B by a heading to the left."""
+def rotated(frame: Array, heading_rad: float) -> Array:
+    """Return a path's frame (3, 3), columns T, P, B, rotated about B by a heading to the left."""
     cos, sin = math.cos(heading_rad), math.sin(heading_rad)
-    return frame @ np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    return np.asarray(frame @ np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]]))
 
 
-def back_project(path: Path, camera: Camera, s_m: float, uv_px: Array) -> Array:
+def onto_cross_plane(path: Path, camera: Camera, s_m: float, uv_px: Array) -> Array:
     """
-    Where pixels of a view of the left camera meet the plane across the path at ``s_m``.
+    Return where the rays of pixels of the left camera meet the plane across the path at ``s_m``.
 
     :param uv_px: (M, 2) raw pixels of the left camera.
     :return: (M, 2) coordinates along P and B measured from the path, m.
@@ -61,33 +63,7 @@ def back_project(path: Path, camera: Camera, s_m: float, uv_px: Array) -> Array:
     rays = camera.rays(uv_px)
     origin, frame = path.position(np.array(s_m)), path.frame(np.array(s_m))
     depth = (origin @ frame[:, 0]) / (rays @ frame[:, 0])
-    return (rays * depth[:, None] - origin) @ frame[:, 1:]
-
-
-def quad_grid(corners: Array, unit_xy: Array) -> Array:
-    """
-    Map the unit square onto quadrilaterals by the homography of their four corners.
-
-    Closed form (Heckbert 1989, "Fundamentals of texture mapping", section 2.2.3).
-
-    :param corners: (N, 4, 2) images of (0, 0), (1, 0), (1, 1), (0, 1).
-    :param unit_xy: (G, 2) points of the unit square.
-    :return: (2, N, G) u and v, the type of ``corners``.
-    """
-    p0, p1, p2, p3 = (corners[:, k] for k in range(4))
-    d1, d2, d3 = p1 - p2, p3 - p2, p0 - p1 + p2 - p3
-    det = d1[:, 0] * d2[:, 1] - d2[:, 0] * d1[:, 1]
-    g = (d3[:, 0] * d2[:, 1] - d2[:, 0] * d3[:, 1]) / det
-    h = (d1[:, 0] * d3[:, 1] - d3[:, 0] * d1[:, 1]) / det
-    homography = np.ones((3, len(corners), 3), corners.dtype)
-    homography[:2, :, 0] = (p1 - p0 + g[:, None] * p1).T
-    homography[:2, :, 1] = (p3 - p0 + h[:, None] * p3).T
-    homography[:2, :, 2] = p0.T
-    homography[2, :, 0], homography[2, :, 1] = g, h
-    xy1 = np.vstack([unit_xy.T, np.ones(len(unit_xy))]).astype(corners.dtype)
-    mapped = homography @ xy1
-    mapped[:2] /= mapped[2]
-    return mapped[:2]
+    return np.asarray((rays * depth[:, None] - origin) @ frame[:, 1:])
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +82,7 @@ class Front:
     def corners(self, rig: StereoRig, poses: Array, heading_rad: float = 0.0,
                 right_poses: Array | None = None) -> tuple[Array, Array]:
         """
-        Project the corners of the front: the 2-D sub-states of both views (eq. 11).
+        Return the projected corners of the front: the 2-D sub-states of both views (eq. 11).
 
         The plane moves rigidly, so these are the quads that the homographies of eq. 5 and 8
         carry along; projecting in 3-D also holds for distorted lenses.
@@ -124,16 +100,16 @@ class Front:
         return left, right
 
     def grid_m(self, unit_xy: Array) -> Array:
-        """Grid samples on the plane about the front's centre, (G, 2) m."""
-        return quad_grid(self.corners_m[None], unit_xy)[:, 0].T
+        """Return grid samples on the plane about the front's centre, (G, 2) m."""
+        return np.asarray(quad_grid(self.corners_m[None], unit_xy)[:, 0].T)
 
     def centre(self, pose: Array) -> Array:
-        """Centre of the front for one pose, (3,), left optical frame, m."""
-        return plane_points(self.path, pose[None], np.zeros((1, 2)))[0, 0]
+        """Return the centre of the front for one pose, (3,), left optical frame, m."""
+        return np.asarray(plane_points(self.path, pose[None], np.zeros((1, 2)))[0, 0])
 
     def ground_speed(self, pose: Array, speed_mps: float, lateral_mps: float = 0.0) -> float:
         """
-        Speed over ground of the front's centre, m/s.
+        Return the speed over ground of the front's centre, m/s.
 
         Off the path on a bend the centre travels on another radius than the path; across the
         path it travels while it changes lanes.
@@ -142,12 +118,13 @@ class Front:
         :param speed_mps: speed along the path.
         :param lateral_mps: rate of the offset from the path.
         """
-        along = speed_mps * float(self.stretch(pose[None])[0])
+        along = speed_mps * float(self.path_scale(pose[None])[0])
         return math.copysign(math.hypot(along, lateral_mps), speed_mps)
 
-    def stretch(self, poses: Array) -> Array:
-        """Metres (N,) that the centre travels per metre of the path: 1 - kappa a on a bend."""
+    def path_scale(self, poses: Array) -> Array:
+        """Return the metres (N,) travelled per metre of the path: 1 - kappa a on a bend."""
         step = np.array([0.05, 0.0, 0.0])
         both = plane_points(self.path, np.concatenate([poses + step, poses - step]),
                             np.zeros((1, 2)))[:, 0]
-        return np.linalg.norm(both[:len(poses)] - both[len(poses):], axis=1) / (2 * step[0])
+        way = np.linalg.norm(both[:len(poses)] - both[len(poses):], axis=1)
+        return np.asarray(way / (2 * step[0]))

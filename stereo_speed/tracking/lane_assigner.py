@@ -27,7 +27,7 @@ class LaneAssigner:
         self.pairs = self.off_road = 0
 
     def place(self, update: TrackUpdate) -> TrackUpdate:
-        """Tell the lane a vehicle is in, and its place along and beside that lane's path."""
+        """Return an update with the lane a vehicle is in, and its place by that lane's path."""
         places = {name: _place(lane, update) for name, lane in self.lanes.items()}
         nearest = min(places, key=lambda name: abs(places[name][1]))
         self.current = self.current or update.lane
@@ -43,16 +43,17 @@ class LaneAssigner:
         return replace(update, lane=self.current, s_m=s_m, lateral_m=lateral_m)
 
     def conclude(self, result: PassResult) -> PassResult:
-        """Tell from which lane to which a pass went; reject one beside the road."""
+        """Return a pass with its first and last lane; reject one off the road."""
         result = replace(result, lane=self.first or result.lane,
                          lane_to=self.current or result.lane)
-        if result.verdict is Verdict.MEASURED and self.off_road > self.limits.off_road_share * self.pairs:
+        most_off = self.limits.off_road_share * self.pairs
+        if result.verdict is Verdict.MEASURED and self.off_road > most_off:
             return result.rejected(Reason.OFF_PATH)
         return result
 
 
 def _place(lane: LanePath, update: TrackUpdate) -> tuple[float, float]:
-    """Arc length along a lane's path and offset to its left, m."""
+    """Return the arc length along a lane's path and the offset to its left, m."""
     s_m = float(lane.path.arc_length(update.position_m))
     at = np.array(s_m)
     left = lane.path.frame(at)[:, 1]

@@ -10,62 +10,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .front import quad_grid
 from ..core.config import TrackerConfig
 from ..core.records import Array
 from ..vision.haar import PartGrid
 from ..vision.ncc import ncc
+from ..vision.sampling import Patches, sample_quads
 
-Patches = NDArray[np.float32]
-
-_MARGIN_PX = 4
-_BLOCK = 128  # particles sampled at once, so that their maps stay in the cache
 _IMPOSSIBLE = -np.inf
-
-
-def crop_for(image: NDArray[Any], low: Array, high: Array, step_px: float
-             ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """
-    Cut out the part of an image that samples need, low-passed to their spacing.
-
-    :param low: (2,) least u, v of the samples, px.
-    :param high: (2,) greatest u, v, px.
-    :param step_px: spacing of the samples; detail finer than this would alias.
-    :return: the crop as float32 and (2,) its origin in the image, px.
-    """
-    sigma = 0.5 * max(step_px - 1.0, 0.0)
-    margin = _MARGIN_PX + int(np.ceil(3 * sigma))
-    size = np.array(image.shape[1::-1])
-    first = np.clip(np.floor(low).astype(int) - margin, 0, size - 2)
-    last = np.clip(np.ceil(high).astype(int) + margin + 1, first + 2, size)
-    crop = image[first[1]:last[1], first[0]:last[0]].astype(np.float32)
-    if sigma > 0.1:
-        crop = cv2.GaussianBlur(crop, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE)
-    return crop, first.astype(np.float32)
-
-
-def sample_quads(image: NDArray[Any], quads: Array, grid: PartGrid) -> Patches:
-    """
-    Sample the grid mapped onto each quadrilateral.
-
-    :param quads: (N, 4, 2) finite corners in px.
-    :return: (N, G) grey values; outside the image the border value repeats.
-    """
-    corners = quads.astype(np.float32)
-    flat = corners.reshape(-1, 2)
-    width = np.median(np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1))
-    crop, origin = crop_for(image, flat.min(axis=0), flat.max(axis=0),
-                            float(width) / grid.shape[1])
-    out = np.empty((len(quads), len(grid.unit_xy)), np.float32)
-    for k in range(0, len(quads), _BLOCK):
-        u, v = quad_grid(corners[k:k + _BLOCK] - origin, grid.unit_xy)
-        cv2.remap(crop, u, v, cv2.INTER_LINEAR, out[k:k + _BLOCK],
-                  borderMode=cv2.BORDER_REPLICATE)
-    return out
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +35,7 @@ class Reference:
     right: Patches
 
     def updated(self, left: Patches, right: Patches, epsilon: float) -> Reference:
-        """Blend in the features at the estimated state: g = eps g + (1 - eps) f (eq. 14)."""
+        """Return g = eps g + (1 - eps) f of the features f at the estimated state (eq. 14)."""
         return Reference(*(_unit(epsilon * old + (1 - epsilon) * new)
                            for old, new in ((self.left, left), (self.right, right))))
 
@@ -106,13 +60,12 @@ class Scores:
 def score(left_image: NDArray[Any], right_image: NDArray[Any], quads: tuple[Array, Array],
           reference: Reference | None, *, grid: PartGrid, config: TrackerConfig) -> Scores:
     """
-    Evaluate all particles in one batch.
+    Return the scores of all particles, in one batch.
 
     :param quads: (N, 4, 2) corners in the left and the right view, px; NaN where not seen.
     :param reference: None scores the cross-view term alone (the first pair).
     """
-    shown = [np.isfinite(q).all(axis=(1, 2)) for q in quads]
-    seen = shown[0] & shown[1]
+    seen = np.asarray(np.isfinite(np.concatenate(quads, axis=1)).all(axis=(1, 2)))
     if not seen.any():
         empty = np.zeros((len(seen), grid.size), np.float32)
         return Scores(np.full(len(seen), _IMPOSSIBLE), np.zeros(len(seen)), empty, empty)

@@ -3,9 +3,9 @@
 """
 What is known of a pass without its images: where it begins, and how vehicles move.
 
-The unknowns of a pass of n looks are its poses (s, a, b of each look), then the relief of the
-front at its m nodes, the n speeds along the path, the n accelerations and the two
-errors of the heading of the path: 5 n + m + 2 numbers.
+The unknowns of a pass of n observations are its poses (s, a, b of each), then the relief of the
+front at its m nodes, the n speeds along the path, the n accelerations and the two errors of the
+heading of the path: 5 n + m + 2 numbers.
 
 Every model of motion is a Gaussian prior over them.  *Cruising* and *steady*: the speed is a
 Wiener process, of a small rate and of the paper's (2012, eq. 24).  *Changing speed*: the
@@ -21,23 +21,25 @@ import math
 from typing import Optional, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
-from .relief import STD_M as RELIEF_STD_M
 from ..core.config import TrackerConfig
 from ..core.records import Array
 from ..estimation.gaussian import NormalEquations
 
-_GAUGE_STD_M = 0.005  # the first look defines what the front's centre is
+Indices = NDArray[np.intp]
+
 _LEAST_RATE = 1e-3  # no process is noiseless
-_UNUSED_STD = 1.0  # of accelerations in a model that has none: any number, it is never told
+_UNUSED_STD = 1.0  # of accelerations in a model that has none; its value has no effect
 _RATE_WINDOW_S = 0.35  # lateral rates are slopes over this time either way
-_RATE_LOOKS = 3  # and over this many looks at least
+_RATE_OBSERVATIONS = 3  # a lateral rate comes from this many observations at least
+_MOVING_MPS = 2.0  # what is slower has no heading of its own
 
 
 @dataclass(frozen=True, eq=False)
 class PassPrior:
     """
-    What is known of a pass before its looks.
+    What is known of a pass before its observations.
 
     :param s_m: arc length of the front in its first pair, m, and
     :param s_std_m: its 1-sigma.
@@ -77,7 +79,7 @@ class MotionModel:
 
 
 def motion_models(config: TrackerConfig) -> list[MotionModel]:
-    """Give the models that a configuration allows for, the steady one first."""
+    """Return the models of motion that a configuration allows for, at least one."""
     p, c = config.manoeuvre_probability, config
     drives = (((1 - p) ** 2 * c.cruise_share, c.cruise_rate_std, False),
               ((1 - p) ** 2 * (1 - c.cruise_share), c.speed_rate_std, False),
@@ -91,51 +93,51 @@ def motion_models(config: TrackerConfig) -> list[MotionModel]:
 
 
 @dataclass(frozen=True)
-class Layout:
+class StateIndex:
     """
     Where the unknowns of a pass are.
 
-    :param looks: their number n.
+    :param observations: their number n.
     :param nodes: number m of the relief's nodes.
     """
 
-    looks: int
+    observations: int
     nodes: int
 
     @property
-    def poses(self) -> Array:
-        """Give the indices (n, 3) of s, a, b."""
-        return np.arange(3 * self.looks).reshape(-1, 3)
+    def poses(self) -> Indices:
+        """Return the indices (n, 3) of s, a, b."""
+        return np.arange(3 * self.observations).reshape(-1, 3)
 
     @property
-    def relief(self) -> Array:
-        """Give the indices (m,) of the relief."""
-        return 3 * self.looks + np.arange(self.nodes)
+    def relief(self) -> Indices:
+        """Return the indices (m,) of the relief."""
+        return 3 * self.observations + np.arange(self.nodes)
 
     @property
-    def speeds(self) -> Array:
-        """Give the indices (n,) of the speeds."""
-        return 3 * self.looks + self.nodes + np.arange(self.looks)
+    def speeds(self) -> Indices:
+        """Return the indices (n,) of the speeds."""
+        return 3 * self.observations + self.nodes + np.arange(self.observations)
 
     @property
-    def accelerations(self) -> Array:
-        """Give the indices (n,) of the accelerations."""
-        return self.speeds + self.looks
+    def accelerations(self) -> Indices:
+        """Return the indices (n,) of the accelerations."""
+        return self.speeds + self.observations
 
     @property
-    def tilt(self) -> Array:
-        """Give the indices (2,) of the error of the path's heading, across and up."""
-        return 5 * self.looks + self.nodes + np.arange(2)
+    def heading_error(self) -> Indices:
+        """Return the indices (2,) of the errors of the path's heading, across and up."""
+        return 5 * self.observations + self.nodes + np.arange(2)
 
     @property
     def size(self) -> int:
-        """Give the number of unknowns."""
-        return 5 * self.looks + self.nodes + 2
+        """Return the number of unknowns."""
+        return 5 * self.observations + self.nodes + 2
 
 
 class PassMotion:
     """
-    The priors of a pass at the stamps of its looks.
+    The priors of a pass at the stamps of its observations.
 
     :param prior: how it begins.
     :param config: rates of the random walks.
@@ -147,18 +149,18 @@ class PassMotion:
                  nodes: int) -> None:
         self.prior, self.config, self.stamp_std_s = prior, config, stamp_std_s
         self.nodes = nodes
-        self._begun = NormalEquations(0)  # the same for each number of looks
+        self._begun = NormalEquations(0)  # the same for each number of observations
 
     def equations(self, times_s: Array, state: Array,
                   models: Sequence[MotionModel]) -> list[NormalEquations]:
         """
-        Write down all that is known without the images, for each way to drive.
+        Return all that is known without the images, for each way to drive.
 
         :param times_s: (n,) stamps, s.
         :param state: (n, 4) s, a, b and speed as known so far; for what is not linear.
-        :param models: ways to drive; what they share is written down once.
+        :param models: ways to drive; what they share is made once.
         """
-        if len(self._begun.g) != Layout(len(times_s), self.nodes).size:
+        if len(self._begun.g) != StateIndex(len(times_s), self.nodes).size:
             self._begun = self._beginning(len(times_s))
         common = self._begun
         if len(times_s) < 2:
@@ -172,29 +174,30 @@ class PassMotion:
         return [up[m.ride_std_m] + across[m.changes_lanes] + along[m.speed_rate_std]
                 for m in models]
 
-    def _beginning(self, looks: int) -> NormalEquations:
-        """Write down how the pass begins, and what is static in it."""
-        p, at = self.prior, Layout(looks, self.nodes)
+    def _beginning(self, observations: int) -> NormalEquations:
+        """Return how the pass begins, and what is static in it."""
+        p, at, noise = self.prior, StateIndex(observations, self.nodes), self.config.noise
         normal = NormalEquations(at.size)
         normal.row([0], [1.0], p.s_m, p.s_std_m)
         for axis in (0, 1):
             slope = float(p.offset_slope[axis])
             rest = float(p.offset_m[axis]) - slope * p.s_m
-            normal.row([1 + axis, 0], [1.0, -slope], rest, _GAUGE_STD_M)
-            normal.row([at.tilt[axis]], [1.0], 0.0, float(p.heading_std_rad[axis]))
-        normal.rows(at.relief[:, None], [1.0], np.full(self.nodes, RELIEF_STD_M))
+            normal.row([1 + axis, 0], [1.0, -slope], rest, noise.gauge_std_m)
+            normal.row([at.heading_error[axis]], [1.0], 0.0, float(p.heading_std_rad[axis]))
+        normal.rows(at.relief[:, None], [1.0], np.full(self.nodes, noise.relief_std_m))
         normal.row([at.speeds[0]], [1.0], p.speed_mps, p.speed_std_mps)
         return normal
 
     def _along(self, times_s: Array, state: Array, rate: Optional[float]) -> NormalEquations:
-        """Write down the motion along the path; a rate of None is a changing speed."""
-        at = Layout(len(times_s), self.nodes)
+        """Return the motion along the path; a rate of None is a changing speed."""
+        at = StateIndex(len(times_s), self.nodes)
         normal = NormalEquations(at.size)
         if rate is None:
-            normal.row([at.accelerations[0]], [1.0], 0.0, self.config.acceleration_std_mps2)
+            normal.row([at.accelerations[0]], [1.0], 0.0,
+                       max(self.config.acceleration_std_mps2, _LEAST_RATE))
         else:
-            normal.rows(at.accelerations[:, None], [1.0], np.full(at.looks, _UNUSED_STD))
-        if at.looks > 1:
+            normal.rows(at.accelerations[:, None], [1.0], np.full(at.observations, _UNUSED_STD))
+        if at.observations > 1:
             dt, speed = np.diff(times_s), np.abs(state[:, 3])
             if rate is None:
                 _changing_speed(self, normal, dt, speed)
@@ -203,12 +206,12 @@ class PassMotion:
         return normal
 
     def stamp_covariance(self, speed_mps: Array) -> Array:
-        """Covariance (n - 1, n - 1) of the ways between looks for their stamps' errors."""
+        """Return the covariance (n - 1, n - 1) of ways between stamps that are wrong."""
         step = np.diff(np.eye(len(speed_mps)), axis=0)
-        return step @ np.diag(np.square(self.stamp_std_s * speed_mps)) @ step.T
+        return np.asarray(step @ np.diag(np.square(self.stamp_std_s * speed_mps)) @ step.T)
 
     def _across(self, times_s: Array, state: Array, changes_lanes: bool) -> NormalEquations:
-        """Write down the drift across the path (eq. 27), and the rate of a change of lanes."""
+        """Return the drift across the path (eq. 27), and the rate of a change of lanes."""
         c, dt = self.config, np.diff(times_s)
         moves = np.diag(max(c.drift_across_std_m, _LEAST_RATE) ** 2 * dt)
         if changes_lanes:
@@ -217,7 +220,7 @@ class PassMotion:
 
     def _above(self, times_s: Array, state: Array, ride_m: float) -> NormalEquations:
         """
-        Write down the drift above the path (eq. 27).
+        Return the drift above the path (eq. 27).
 
         The road carries the vehicle: it drifts little, and bounces on its springs.
         """
@@ -227,27 +230,28 @@ class PassMotion:
 
     def _beside(self, state: Array, axis: int, moves: Array) -> NormalEquations:
         """
-        Write down moves across (axis 0) or above (1) the path, which may itself be turned.
+        Return moves across (axis 0) or above (1) the path, whose own heading has an error.
 
         :param moves: (n - 1, n - 1) their covariance, m^2.
         """
         n = len(state)
-        at = Layout(n, self.nodes)
+        at = StateIndex(n, self.nodes)
         normal, offsets = NormalEquations(at.size), at.poses[:, 1 + axis]
         ones, ds = np.ones(n - 1), np.diff(state[:, 0])
-        columns = np.column_stack([offsets[1:], offsets[:-1], np.full(n - 1, at.tilt[axis])])
+        heading_error = np.full(n - 1, at.heading_error[axis])
+        columns = np.column_stack([offsets[1:], offsets[:-1], heading_error])
         normal.correlated(columns, np.column_stack([ones, -ones, -ds]), moves)
         return normal
 
 
 def persistent_moves(times_s: Array, across_std_m: float, persists_s: float) -> Array:
     """
-    Covariance of the moves between looks of a rate that is an Ornstein-Uhlenbeck process.
+    Return the covariance of the moves that an Ornstein-Uhlenbeck rate makes.
 
     The rate has the covariance r^2 exp(-|t - t'| / T); integrated over both intervals.  Over long
     times the moves are those of a drift of sqrt(2 T) r.
 
-    :param times_s: (n,) times of the looks, s.
+    :param times_s: (n,) times of the observations, s.
     :param across_std_m: that drift, m/sqrt(s).
     :param persists_s: T, s.
     :return: (n - 1, n - 1), m^2.
@@ -264,12 +268,12 @@ def persistent_moves(times_s: Array, across_std_m: float, persists_s: float) -> 
 def _steady(motion: PassMotion, normal: NormalEquations, dt: Array, speed_mps: Array,
             rate: float) -> None:
     """
-    Speed as a Wiener process.
+    Add speed as a Wiener process.
 
     Given both ends, the way between them scatters by q dt^3 / 12 about their mean.
     """
     n = len(dt) + 1
-    at = Layout(n, motion.nodes)
+    at = StateIndex(n, motion.nodes)
     s, v = at.poses[:, 0], at.speeds
     rate = max(rate, _LEAST_RATE)
     ways = np.column_stack([np.ones(n - 1), -np.ones(n - 1), -dt / 2, -dt / 2])
@@ -280,10 +284,10 @@ def _steady(motion: PassMotion, normal: NormalEquations, dt: Array, speed_mps: A
 
 def _changing_speed(motion: PassMotion, normal: NormalEquations, dt: Array,
                     speed_mps: Array) -> None:
-    """Acceleration as a Wiener process; way, speed and acceleration scatter together."""
+    """Add acceleration as a Wiener process; way, speed and acceleration scatter together."""
     n = len(dt) + 1
     k, rate = np.arange(n - 1), max(motion.config.jerk_rate_std, _LEAST_RATE)
-    at = Layout(n, motion.nodes)
+    at = StateIndex(n, motion.nodes)
     s, v, a = at.poses[:, 0], at.speeds, at.accelerations
     zero, one = np.zeros(n - 1), np.ones(n - 1)
     columns = np.column_stack([s[1:], s[:-1], v[1:], v[:-1], a[1:], a[:-1]])
@@ -301,36 +305,37 @@ def _changing_speed(motion: PassMotion, normal: NormalEquations, dt: Array,
 
 def lateral_rates(times_s: Array, offset_m: Array) -> Array:
     """
-    Rates at which a front moves across its path.
+    Return the rates at which a front moves across its path.
 
-    Each is the slope there of a parabola through the looks around it; differences of neighbours
-    would be late by half an interval at the newest look, and noisy at high frame rates.
+    Each is the slope there of a parabola through the observations around it; differences of
+    neighbours would be late by half an interval at the newest one, and noisy at high frame rates.
 
     :param times_s: (n,) s.
     :param offset_m: (n,) offsets from the path, m.
-    :return: (n,) m/s; 0 for a single look.
+    :return: (n,) m/s; 0 for a single observation.
     """
     n = len(times_s)
     if n < 3:
         return np.full(n, 0.0 if n < 2 else np.diff(offset_m)[0] / np.diff(times_s)[0])
-    apart = times_s - times_s[:, None]  # row k: as seen from look k
+    apart = times_s - times_s[:, None]  # row k: as seen from observation k
     nearest = np.sort(np.abs(apart), axis=1)
-    reach = np.maximum(nearest[:, _RATE_LOOKS - 1], _RATE_WINDOW_S) + 1e-9
+    reach = np.maximum(nearest[:, _RATE_OBSERVATIONS - 1], _RATE_WINDOW_S) + 1e-9
     t = np.where(np.abs(apart) <= reach[:, None], apart / reach[:, None], 0.0)
     inside = (np.abs(apart) <= reach[:, None]).astype(float)
     basis = np.stack([inside, t, t * t], axis=-1)  # (n, n, 3)
     normal = np.einsum('kji,kjl->kil', basis, basis)
-    return np.linalg.solve(normal, (offset_m @ basis)[..., None])[:, 1, 0] / reach
+    return np.asarray(np.linalg.solve(normal, (offset_m @ basis)[..., None])[:, 1, 0] / reach)
 
 
-def headings(state: Array, rates_mps: Array, stretch: Array) -> Array:
+def headings(state: Array, rates_mps: Array, path_scale: Array) -> Array:
     """
-    Headings of a vehicle that drives where it points.
+    Return the headings of a vehicle that drives where it points.
 
     :param state: (n, 4) s, a, b, speed along the path.
     :param rates_mps: (n,) lateral rates.
-    :param stretch: (n,) metres travelled per metre of the path.
+    :param path_scale: (n,) metres travelled per metre of the path.
     :return: (n,) rad against the path; 0 for what hardly moves.
     """
-    along = np.abs(state[:, 3]) * stretch
-    return np.array([math.atan2(r, v) if v > 2.0 else 0.0 for r, v in zip(rates_mps, along)])
+    along = np.abs(state[:, 3]) * path_scale
+    return np.array([math.atan2(rate, speed) if speed > _MOVING_MPS else 0.0
+                     for rate, speed in zip(rates_mps, along)])

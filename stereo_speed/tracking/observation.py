@@ -1,10 +1,10 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-One look at the front: its patch in both views at a pose, and how it changes with the pose.
+One observation of the front: its patch in both views at a pose, and how it changes with that.
 
-Particles are sampled coarsely and fast; the refinement needs looks that are right to hundredths
-of a pixel, so they go through the exact lens model and cubic B-splines.
+Particles are sampled coarsely and fast; the refinement needs observations that are right to
+hundredths of a pixel, so they go through the exact lens model and cubic B-splines.
 """
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from .front import Front, plane_points
-from .likelihood import crop_for
 from .relief import relief_basis
 from ..core.records import Array, StereoPair
-from ..geometry.camera import Camera
 from ..geometry.rig import StereoRig
+from ..vision.sampling import low_pass_crop
 
-# Marked corners are a pixel off, and what lies beyond the front's edges moves otherwise: only the
-# inner share of the quad is looked at.
+# Given corners are a pixel off, and what lies beyond the front's edges moves otherwise: only the
+# inner share of the quad is sampled.
 _INNER = 0.94
 _STEP_M = 1e-4  # of the differences of the geometry: a curved way bends by far less over it
-_BLUR_STEPS = 0.6  # low-pass of every look, in grid steps, so that near and far looks compare
+_BLUR_STEPS = 0.6  # low-pass of every observation, in grid steps, so that near and far compare
+_BORDER_PX = 3  # image around the samples that the low-pass and the splines need
 
 
 @dataclass(frozen=True, eq=False)
 class Observation:
     """
-    A linearised look at the front in one pair.
+    A linearised observation of the front in one pair; equal to itself alone.
 
     :param pose: (3,) s, a, b where it was taken, m.
     :param heading_rad: heading of the vehicle against the path it was taken with.
@@ -64,7 +64,7 @@ class Observation:
 
 
 class _View(NamedTuple):
-    """What one view adds to a look, as told there."""
+    """What one view adds to an observation, as documented there."""
 
     patch: Array
     jacobian: Array
@@ -73,7 +73,7 @@ class _View(NamedTuple):
 
 def normalised_change(jacobian: Array, patches: Array) -> Array:
     """
-    Differentiate patches that are kept at zero mean and unit variance.
+    Return the derivatives of patches that are kept at zero mean and unit variance.
 
     :param jacobian: (..., 3, G) derivatives of the grey values before, per their deviation.
     :param patches: (..., G).
@@ -84,25 +84,16 @@ def normalised_change(jacobian: Array, patches: Array) -> Array:
     return np.asarray(jacobian - along * patches[..., None, :])
 
 
-def lag_s(pair: StereoPair, trigger_tolerance_s: float) -> float:
-    """
-    Time from the left to the right exposure, s.
-
-    :param trigger_tolerance_s: stamps that differ by less are of one exposure: 0.
-    """
-    return pair.lag_s(trigger_tolerance_s)
-
-
 class ObservationSampler:
     """
-    Takes looks at one front: fixed grid on its plane, any pose, any pair.
+    Makes observations of one front: fixed grid on its plane, any pose, any pair.
 
     :param rig: the cameras.
     :param front: the front.
     :param unit_xy: (G, 2) grid samples in the unit square.
     :param grid_shape: rows and columns of the grid.
     :param trigger_tolerance_s: pairs whose stamps differ by less were exposed at once, and their
-        stamps tell the difference only by mistake; others are two exposures, each at its time.
+        stamps differ by mistake; others are two exposures, each at its time.
     """
 
     def __init__(self, rig: StereoRig, front: Front, unit_xy: Array,
@@ -114,17 +105,17 @@ class ObservationSampler:
         self._count = len(unit_xy)
         self.relief_basis = relief_basis(unit_xy)
 
-    def look(self, pair: StereoPair, pose: Array, velocity_mps: Array, heading_rad: float,
-             relief: Array) -> Observation | None:
+    def observe(self, pair: StereoPair, pose: Array, velocity_mps: Array, heading_rad: float,
+                relief: Array) -> Observation | None:
         """
-        Take a look with its derivatives; None where the front is not wholly seen.
+        Return an observation with its derivatives; None where the front is not in both images.
 
         :param pose: (3,) s, a, b at the left stamp, m.
         :param velocity_mps: (3,) their rates, for the right view where it was exposed later.
         :param heading_rad: heading of the vehicle against the path.
         :param relief: (M,) relief of the front at its nodes, m.
         """
-        n, lag = self._count, lag_s(pair, self.trigger_tolerance_s)
+        n, lag = self._count, pair.right_lag_s(self.trigger_tolerance_s)
         poses = np.concatenate([pose[None], pose + _STEP_M * np.eye(3)])
         depth = np.concatenate([self.relief_basis @ relief, np.zeros(4)])
         points = plane_points(self.front.path, poses, self._plane_m, heading_rad, depth)
@@ -139,19 +130,19 @@ class ObservationSampler:
                  zip((pair.left, pair.right), (left, right), motion)]
         centre = [m[:, :n].mean(axis=1) for m in motion]  # (3, 2)
         area = 0.5 * (_area(left[0, n:]) + _area(right[0, n:]))
-        unheeded_s = (pair.right_stamp_ns - pair.stamp_ns) * 1e-9 - lag
+        ignored_s = (pair.right_stamp_ns - pair.stamp_ns) * 1e-9 - lag
         patches, jacobian, alone = (np.stack(part) for part in zip(*views))
-        return Observation(pose=pose, heading_rad=heading_rad, relief=relief, patches=patches,
-                    jacobian=jacobian, relief_jacobian=alone,
-                    pixels=min(area, float(n)),
-                    shift_px=np.stack([np.linalg.norm(c, axis=1) for c in centre]),
-                    disparity_px=centre[0][:, 0] - centre[1][:, 0],
-                    right_m=lag * float(velocity_mps[0]),
-                    skew_px=float(np.linalg.norm(velocity_mps @ centre[1]) * abs(unheeded_s)))
+        return Observation(
+            pose=pose, heading_rad=heading_rad, relief=relief, patches=patches,
+            jacobian=jacobian, relief_jacobian=alone, pixels=min(area, float(n)),
+            shift_px=np.stack([np.linalg.norm(c, axis=1) for c in centre]),
+            disparity_px=centre[0][:, 0] - centre[1][:, 0],
+            right_m=lag * float(velocity_mps[0]),
+            skew_px=float(np.linalg.norm(velocity_mps @ centre[1]) * abs(ignored_s)))
 
     def _patch(self, image: NDArray[Any], uv: Array, motion: Array) -> _View:
         """
-        Sample one view, low-passed to the grid's spacing.
+        Return the samples of one view, low-passed to the grid's spacing.
 
         :param uv: (G, 2) px.
         :param motion: (3, G, 2) their derivatives by the pose, px/m.
@@ -159,7 +150,8 @@ class ObservationSampler:
         grid = uv.reshape(*self.grid_shape, 2)
         sigma = [_BLUR_STEPS * float(np.linalg.norm(np.diff(grid, axis=k), axis=-1).mean())
                  for k in (0, 1)]
-        crop, origin = crop_for(image, uv.min(axis=0) - 3, uv.max(axis=0) + 3, 1.0)
+        crop, origin = low_pass_crop(
+            image, uv.min(axis=0) - _BORDER_PX, uv.max(axis=0) + _BORDER_PX, 1.0)
         size = [2 * math.ceil(3 * s) + 1 for s in sigma]
         smooth = cv2.GaussianBlur(crop, size[::-1], sigmaX=sigma[1], sigmaY=sigma[0],
                                   borderType=cv2.BORDER_REPLICATE)
@@ -173,11 +165,6 @@ class ObservationSampler:
                       for slope in np.gradient(smooth))
         jacobian = motion[..., 0] * by_u + motion[..., 1] * by_v  # (3, G)
         return _View(patch, normalised_change(jacobian, patch), jacobian[0])
-
-
-def inside(camera: Camera, quad: Array) -> bool:
-    """Whether all corners of a (4, 2) quad lie in the camera's image."""
-    return bool(np.isfinite(quad).all() and camera.inside(quad).all())
 
 
 def _area(quad: Array) -> float:

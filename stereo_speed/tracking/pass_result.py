@@ -14,7 +14,7 @@ from typing import Optional, Sequence
 
 import numpy as np
 
-from .window import Posterior
+from .window import Posterior, SolvedPass
 from ..core.config import TrackerConfig
 from ..core.records import Array, PassResult, Reason, SpeedBudget, TrackEnd, Verdict
 from ..geometry.rig import StereoRig
@@ -24,9 +24,10 @@ from ..road.lanes import LanePath
 def calibration_share(rig: StereoRig, lane: LanePath, config: TrackerConfig,
                       s_m: Optional[float] = None) -> float:
     """
-    1-sigma of the scale of all speeds, as a share: focal length, baseline and the path's length.
+    Return the 1-sigma of the scale of all speeds, as a share.
 
-    Ranges, and so speeds along the path, are proportional to both (Z = f b / d).
+    Focal length, baseline and the length of the path add to it: ranges, and so speeds along the
+    path, are proportional to the first two (Z = f b / d).
 
     :param s_m: arc length of a live reading; None for the mean of a pass.
     """
@@ -36,7 +37,7 @@ def calibration_share(rig: StereoRig, lane: LanePath, config: TrackerConfig,
 
 
 def live_std(posterior_std_mps: float, speed_mps: float, calibration: float) -> float:
-    """1-sigma of a live reading, m/s: images, motion, path and stamps; and calibration."""
+    """Return the 1-sigma of a live reading, m/s: of its posterior, and of the calibration."""
     return math.hypot(posterior_std_mps, calibration * speed_mps)
 
 
@@ -48,9 +49,7 @@ class Pass:
     :param track: number of the track.
     :param lane: lane whose path it was measured along.
     :param stamps_ns: stamps of the pairs it was wholly seen in; of the first pair if in none.
-    :param posterior: of all its looks; None when it was never seen.
-    :param exact_speeds: two (n, n) covariances of the speeds: were the stamps exact, and the
-        path's heading as well.
+    :param solved: from all its observations; None when it was never seen.
     :param width_px: greatest width of its front in a view.
     :param end: how its track ended.
     """
@@ -58,23 +57,22 @@ class Pass:
     track: int
     lane: LanePath
     stamps_ns: Sequence[int]
-    posterior: Optional[Posterior]
-    exact_speeds: Optional[tuple[Array, Array]]
+    solved: Optional[SolvedPass]
     width_px: float
     end: TrackEnd
 
 
 def conclude(found: Pass, rig: StereoRig, config: TrackerConfig) -> PassResult:
-    """Measure a pass, or say why it cannot be measured."""
-    posterior = found.posterior
-    if posterior is None or found.exact_speeds is None:
+    """Return the measurement of a pass, or why it cannot be measured."""
+    if found.solved is None:
         return _result(found, pairs=0, reason=Reason.NEVER_SEEN)
+    posterior = found.solved.posterior
     speeds, share = posterior.ground_speeds(), calibration_share(rig, found.lane, config)
     at = (np.array(found.stamps_ns) - posterior.first_ns) * 1e-9
     between = _interpolation(at, posterior.stamps_s)
     profile = between @ speeds
     speed = float(profile.mean())
-    budget = _budget(posterior, found.exact_speeds, between.mean(axis=0), abs(speed) * share)
+    budget = _budget(found.solved, between.mean(axis=0), abs(speed) * share)
     reason = _reason(found, posterior, speeds, budget.total_mps, share, config)
     if reason:
         return _result(found, pairs=len(found.stamps_ns), reason=reason)
@@ -88,24 +86,23 @@ def conclude(found: Pass, rig: StereoRig, config: TrackerConfig) -> PassResult:
 
 
 def _interpolation(at_s: Array, known_s: Array) -> Array:
-    """Shares (m, n) of known times in others, by linear interpolation between neighbours."""
+    """Return shares (m, n) of known times in others, by linear interpolation of neighbours."""
     return np.stack([np.interp(at_s, known_s, row) for row in np.eye(len(known_s))], axis=1)
 
 
-def _budget(posterior: Posterior, exact_speeds: tuple[Array, Array], mean: Array,
-            calibration_mps: float) -> SpeedBudget:
+def _budget(solved: SolvedPass, mean: Array, calibration_mps: float) -> SpeedBudget:
     """
-    Split the variance of the mean ground speed by where it comes from.
+    Return the variance of the mean ground speed, split by where it comes from.
 
-    :param mean: (n,) shares of the looks' speeds in the mean over all pairs.
+    :param mean: (n,) shares of the observations' speeds in the mean over all pairs.
     """
-    share = posterior.ground_ratio() * mean
+    share = solved.posterior.ground_ratio() * mean
 
     def std(covariance: Array) -> float:
         return math.sqrt(max(float(share @ covariance @ share), 0.0))
 
-    everything = std(posterior.covariance[3::4, 3::4])
-    unstamped, matching = (std(covariance) for covariance in exact_speeds)
+    everything = std(solved.posterior.covariance[3::4, 3::4])
+    unstamped, matching = std(solved.exact_stamps), std(solved.exact_path)
     return SpeedBudget(
         matching_mps=matching, path_mps=_rest(unstamped, matching),
         stamps_mps=_rest(everything, unstamped), calibration_mps=calibration_mps)

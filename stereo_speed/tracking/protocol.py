@@ -44,8 +44,17 @@ class TrackStart:
 
     @property
     def expected_mps(self) -> float:
-        """Expected speed: the limit of the lane, or that of lanes without one."""
+        """Return the expected speed: the limit of the lane, or that of lanes without one."""
         return self.lane.speed_limit_mps or self.config.initial_speed_mps
+
+    @property
+    def expected_std_mps(self) -> float:
+        """
+        Return the 1-sigma of a Gaussian about the expected speed.
+
+        It is twice that of most particles, which leave the unforeseen speeds to a few others.
+        """
+        return 2 * self.config.initial_speed_std * self.expected_mps
 
 
 @dataclass(frozen=True)

@@ -14,12 +14,11 @@ import numpy as np
 from ..core.records import Array
 
 NODES = (8, 4)  # across and down the front
-STD_M = 0.04  # of the relief at a node
 
 
 def relief_basis(unit_xy: Array) -> Array:
     """
-    Bilinear functions on a net of nodes over the front.
+    Return bilinear functions on a net of nodes over the front.
 
     :param unit_xy: (G, 2) grid samples in the unit square.
     :return: (G, M) share of each of the M nodes in the relief at each sample; rows sum to 1.
@@ -27,4 +26,4 @@ def relief_basis(unit_xy: Array) -> Array:
     across, down = (np.maximum(1 - np.abs(unit_xy[:, axis, None] * (count - 1)
                                           - np.arange(count)), 0)
                     for axis, count in enumerate(NODES))
-    return (down[:, :, None] * across[:, None, :]).reshape(len(unit_xy), -1)
+    return np.asarray((down[:, :, None] * across[:, None, :]).reshape(len(unit_xy), -1))

@@ -28,7 +28,7 @@ _FLOOR = 1e-6  # a patch without contrast has no direction; keep the division fi
 
 def haar_basis() -> NDArray[np.float64]:
     """
-    Build the two-level Haar basis of a part.
+    Return the two-level Haar basis of a part.
 
     :return: (16, 4, 4) orthonormal patterns over the part's 4 x 4 cells: mean, up-down,
         left-right, diagonal, then these three differences for each quadrant.
@@ -69,25 +69,25 @@ class PartGrid:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns of the grid."""
+        """Return the rows and columns of the grid."""
         across, down = PART_LAYOUT[self.parts]
         return down * self.samples_per_part, across * self.samples_per_part
 
     @cached_property
     def unit_xy(self) -> NDArray[np.float64]:
-        """Sample centres in the unit square, (G, 2), row by row from the top left."""
+        """Return the sample centres in the unit square, (G, 2), row by row from the top left."""
         rows, cols = self.shape
         x, y = np.meshgrid((np.arange(cols) + 0.5) / cols, (np.arange(rows) + 0.5) / rows)
         return np.stack([x.ravel(), y.ravel()], axis=-1)
 
     @property
     def size(self) -> int:
-        """Give the number of features of a patch, 16 N_p."""
+        """Return the number of features of a patch, 16 N_p."""
         return FEATURES_PER_PART * self.parts
 
     @cached_property
     def _patterns(self) -> NDArray[np.float32]:
-        """Give the (samples, 16) matrix that takes the samples of a part to its features."""
+        """Return the (samples, 16) matrix that takes the samples of a part to its features."""
         cell = self.samples_per_part // 4
         # Each orthonormal cell pattern becomes an orthonormal sample pattern when its cells
         # are repeated cell x cell times and scaled by 1 / cell.
@@ -96,21 +96,23 @@ class PartGrid:
 
     def features(self, patches: NDArray[np.float32]) -> NDArray[np.float32]:
         """
-        Features of patches, of unit length so that light and contrast do not matter.
+        Return features of patches, of unit length so that light and contrast do not matter.
 
         :param patches: (N, G) grey values on the grid.
         :return: (N, 16 N_p), rows of unit Euclidean length, orthogonal to a constant patch.
         """
         raw = self.transform(patches - patches.mean(axis=1, keepdims=True))
-        return raw / (np.linalg.norm(raw, axis=1, keepdims=True) + np.float32(_FLOOR))
+        return np.asarray(
+            raw / (np.linalg.norm(raw, axis=1, keepdims=True) + np.float32(_FLOOR)))
 
     def transform(self, patches: NDArray[np.float32]) -> NDArray[np.float32]:
         """
-        Haar coefficients of patches, part after part.
+        Return the Haar coefficients of patches, part after part.
 
         :param patches: (N, G) grey values on the grid.
         :return: (N, 16 N_p).
         """
         n, (rows, cols) = self.samples_per_part, self.shape
         by_part = patches.reshape(-1, rows // n, n, cols // n, n).swapaxes(2, 3)
-        return (by_part.reshape(-1, n * n) @ self._patterns).reshape(len(patches), self.size)
+        features = by_part.reshape(-1, n * n) @ self._patterns
+        return np.asarray(features.reshape(len(patches), self.size))

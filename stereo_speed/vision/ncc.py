@@ -3,15 +3,19 @@
 """Normalised cross-correlation of patches (2012, eq. 17)."""
 from __future__ import annotations
 
+from typing import TypeVar
+
 import numpy as np
 from numpy.typing import NDArray
 
 _NO_CONTRAST = 1e-12
 
+_Float = TypeVar('_Float', np.float32, np.float64)
 
-def ncc(first: NDArray[np.float32], second: NDArray[np.float32]) -> NDArray[np.float32]:
+
+def ncc(first: NDArray[_Float], second: NDArray[_Float]) -> NDArray[_Float]:
     """
-    Correlation of matching rows, in [-1, 1]; 0 where either has no contrast.
+    Return the correlation of matching rows, in [-1, 1]; 0 where either has no contrast.
 
     :param first: (N, G) grey values.
     :param second: (N, G), or (G,) to compare every row with one patch.
@@ -19,5 +23,5 @@ def ncc(first: NDArray[np.float32], second: NDArray[np.float32]) -> NDArray[np.f
     """
     a, b = (p - p.mean(axis=-1, keepdims=True) for p in (first, second))
     length = np.sqrt(np.einsum('...g,...g', a, a) * np.einsum('...g,...g', b, b))
-    return np.divide(np.einsum('...g,...g', a, b), length, out=np.zeros_like(length),
-                     where=length > _NO_CONTRAST)
+    return np.asarray(np.divide(np.einsum('...g,...g', a, b), length, out=np.zeros_like(length),
+                                where=length > _NO_CONTRAST))

@@ -3,14 +3,13 @@
 """The front on its path: by hand, against OpenCV, and on a circle in closed form."""
 from __future__ import annotations
 
-import cv2
 import numpy as np
 import pytest
 
 from stereo_speed.geometry.camera import Camera
 from stereo_speed.geometry.rig import StereoRig
 from stereo_speed.road.path import SplinePath, StraightPath
-from stereo_speed.tracking.front import back_project, Front, plane_points, quad_grid
+from stereo_speed.tracking.front import Front, onto_cross_plane, plane_points
 
 
 @pytest.fixture()
@@ -34,24 +33,12 @@ def test_points_of_an_oncoming_front_by_hand(oncoming):
     np.testing.assert_allclose(got[0], [[0.5, 1.2, 50.0], [1.5, 0.9, 50.0]], atol=1e-12)
 
 
-def test_back_projection_undoes_projection(rig, oncoming):
+def test_onto_cross_planeion_undoes_projection(rig, oncoming):
     plane_xy = np.array([[-0.9, 0.4], [0.9, 0.4], [0.9, -0.4]])
     points = plane_points(oncoming, np.array([[20.0, 0.3, 0.7]]), plane_xy)[0]
     uv, _ = rig.left.project(points)
-    np.testing.assert_allclose(back_project(oncoming, rig.left, 20.0, uv),
+    np.testing.assert_allclose(onto_cross_plane(oncoming, rig.left, 20.0, uv),
                                plane_xy + [0.3, 0.7], atol=1e-9)
-
-
-def test_quad_grid_is_opencvs_perspective_transform():
-    rng = np.random.default_rng(0)
-    square = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32)
-    quads = (100 * square + rng.uniform(-15, 15, (20, 4, 2))).astype(np.float32)
-    unit = rng.uniform(0, 1, (30, 2))
-    got = quad_grid(quads.astype(float), unit)
-    for quad, mapped in zip(quads, got.swapaxes(0, 1)):
-        H = cv2.getPerspectiveTransform(square, quad)
-        want = cv2.perspectiveTransform(unit[None].astype(np.float64), H)[0]
-        np.testing.assert_allclose(mapped.T, want, atol=1e-3)
 
 
 def test_quads_of_both_views_follow_the_plane_induced_homographies(rig, oncoming):

@@ -14,7 +14,7 @@ from stereo_speed.geometry.rig import StereoRig
 from stereo_speed.road.lanes import LanePath
 from stereo_speed.road.path import StraightPath
 from stereo_speed.tracking.pass_result import conclude, Pass
-from stereo_speed.tracking.window import Posterior
+from stereo_speed.tracking.window import Posterior, SolvedPass
 
 SECOND = 1_000_000_000
 EXACT = TrackerConfig(focal_std=0.0, baseline_std_m=0.0)
@@ -40,12 +40,17 @@ def found(speeds=(20.0, 20.0, 20.0, 20.0, 20.0), std=0.1, **changes):
                     None, np.full(2, 1e-3), 0.1)
     parts = std ** 2 * np.eye(n)
     base = Pass(track=3, lane=lane, stamps_ns=[k * SECOND for k in range(n)],
-                posterior=posterior, exact_speeds=(0.8 * parts, 0.5 * parts), width_px=100.0,
-                end='left_view')
+                solved=SolvedPass(posterior, frozenset(), 0.8 * parts, 0.5 * parts),
+                width_px=100.0, end='left_view')
     return replace(base, **changes)
 
 
-def test_speeds_stand_at_their_own_times_when_the_first_look_does_not_count():
+def changed(solved, **changes):
+    """Return a solved pass with another posterior."""
+    return replace(solved, posterior=replace(solved.posterior, **changes))
+
+
+def test_speeds_stand_at_their_own_times_when_the_first_observation_does_not_count():
     late = found((20.0, 21.0, 22.0, 23.0, 24.0), stamps_ns=[k * SECOND for k in (1, 2, 3, 4)])
     result = conclude(late, rig(), TrackerConfig())
     assert result.smoothed == pytest.approx(
@@ -68,18 +73,18 @@ def test_budget_adds_up_as_by_hand():
     assert result.smoothed_std[0] == pytest.approx(np.hypot(0.05, 0.02))
 
 
-def test_speed_is_the_mean_over_all_pairs_also_where_looks_were_left_out():
-    # Looks at 0 and 4 s, pairs at 0, 1 and 4 s: between looks the profile is a line.
+def test_speed_is_the_mean_over_all_pairs_also_where_observations_were_left_out():
+    # Observations at 0 and 4 s, pairs at 0, 1, 2 and 4 s; between them the profile is a line.
     braking = found(speeds=(20.0, 16.0))
-    posterior = replace(braking.posterior, stamps_s=np.array([0.0, 4.0]))
-    result = conclude(replace(braking, posterior=posterior,
+    solved = changed(braking.solved, stamps_s=np.array([0.0, 4.0]))
+    result = conclude(replace(braking, solved=solved,
                               stamps_ns=[0, SECOND, 2 * SECOND, 4 * SECOND]), rig(), EXACT)
     assert result.speed_mps == pytest.approx((20 + 19 + 18 + 16) / 4)
     assert result.profile_mps == (20.0, 16.0, 20.0)
 
 
 @pytest.mark.parametrize('reason, changes', [
-    ('never_seen', {'posterior': None, 'exact_speeds': None}),
+    ('never_seen', {'solved': None}),
     ('too_few_pairs', {'stamps_ns': [0, SECOND, 2 * SECOND]}),
     ('too_far', {'width_px': 15.0}),
     ('uncertain', {'std': 1.5}),
@@ -99,12 +104,12 @@ def test_each_reason_for_rejection(reason, changes):
 def test_rejections_by_the_images(reason, column, values):
     one = found()
     if column is None:
-        posterior = replace(one.posterior, cross_ncc=np.full(5, values))
+        solved = changed(one.solved, cross_ncc=np.full(5, values))
     else:
-        mean = one.posterior.mean.copy()
+        mean = one.solved.posterior.mean.copy()
         mean[:, column] = values
-        posterior = replace(one.posterior, mean=mean)
-    assert conclude(replace(one, posterior=posterior), rig(), EXACT).reason == reason
+        solved = changed(one.solved, mean=mean)
+    assert conclude(replace(one, solved=solved), rig(), EXACT).reason == reason
 
 
 def test_a_rig_that_is_too_uncertain_measures_nothing():

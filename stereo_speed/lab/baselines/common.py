@@ -20,7 +20,6 @@ from .speed_profile import Profile
 from ...core.records import (
     Array, PassResult, Reason, StereoPair, TrackEnd, TrackState, TrackUpdate, Verdict)
 from ...tracking.initialise import place_front, Placement
-from ...tracking.observation import inside, lag_s
 from ...tracking.pass_result import calibration_share, live_std
 from ...tracking.protocol import Refusal, TrackStart
 from ...vision.haar import PartGrid
@@ -122,10 +121,10 @@ class Baseline(ABC):
         self._predict((pair.stamp_ns - self.last_ns) * 1e-9)
         self.last_ns = pair.stamp_ns
         quads = self._reading().quads
-        if not (inside(self.rig.left, quads[0]) and inside(self.rig.right, quads[1])):
+        if not (self.rig.left.holds(quads[0]) and self.rig.right.holds(quads[1])):
             self._end = TrackEnd.LEFT_VIEW
             return None
-        if not self._observe(pair, lag_s(pair, self.config.trigger_tolerance_s)):
+        if not self._observe(pair, pair.right_lag_s(self.config.trigger_tolerance_s)):
             self.missed += 1
             if (pair.stamp_ns - self.seen_ns) * 1e-9 > self.config.visibility.lost_after_s:
                 self._end = TrackEnd.LOST

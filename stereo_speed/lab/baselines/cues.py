@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.records import Array
-from ...tracking.likelihood import crop_for, sample_quads
 from ...vision.haar import PartGrid
+from ...vision.sampling import low_pass_crop, sample_quads
 
 BINS = 16
 _EDGE_SAMPLES = 12
@@ -53,7 +53,7 @@ def outline_gradient(image: NDArray[Any], quads: Array) -> Array:
     :return: (N,).
     """
     flat = quads.reshape(-1, 2)
-    crop, origin = crop_for(image, flat.min(axis=0) - 3, flat.max(axis=0) + 3, 1.0)
+    crop, origin = low_pass_crop(image, flat.min(axis=0) - 3, flat.max(axis=0) + 3, 1.0)
     smooth = cv2.GaussianBlur(crop, (0, 0), _GRADIENT_BLUR_PX)
     slope_v, slope_u = np.gradient(smooth)
     ends = np.roll(quads, -1, axis=1)

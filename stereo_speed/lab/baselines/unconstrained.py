@@ -30,7 +30,7 @@ from scipy.spatial.transform import Rotation
 from .cloud import CloudTracker
 from .settings import BaselineSettings
 from ...core.records import Array, StereoPair
-from ...tracking.front import back_project
+from ...tracking.front import onto_cross_plane
 from ...tracking.initialise import Placement
 from ...tracking.likelihood import Reference, score
 from ...tracking.protocol import TrackStart
@@ -70,7 +70,7 @@ class UnconstrainedTracker(CloudTracker):
             pose[1:] + self.placed.front.corners_m) @ self.first_axes[:, 1:].T)[0]
         states = np.zeros((n, 20))
         for k, s_m in enumerate(pose[0] + ds):  # the same quad at each depth (Section III-A)
-            quad = back_project(path, self.rig.left, float(s_m), uv)
+            quad = onto_cross_plane(path, self.rig.left, float(s_m), uv)
             offset = quad.mean(axis=0)
             at = np.array(s_m)
             states[k, :3] = path.position(at) + path.frame(at)[:, 1:] @ offset

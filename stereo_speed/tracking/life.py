@@ -1,0 +1,76 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""The life of a track, the same for every tracker: confirmed, coasting, lost or out of view."""
+from __future__ import annotations
+
+from typing import Optional
+
+import numpy as np
+
+from .protocol import TrackStart
+from ..core.records import Array, StereoPair, TrackEnd, TrackState
+
+
+class TrackLife:
+    """
+    In which pairs a vehicle was seen, and what follows from it by ``VisibilityConfig``.
+
+    ``first_ns`` is the stamp of the first pair and ``stamps_ns`` are those of the pairs it was
+    wholly seen in; ``width_px`` is the greatest width of its front in the left view, and ``end``
+    is how its pass ended, None until then.
+
+    :param start: what the track starts from.
+    """
+
+    def __init__(self, start: TrackStart) -> None:
+        self.rig, self.limits = start.rig, start.config.visibility
+        self.stamps_ns: list[int] = []
+        self.width_px = 0.0
+        self.end: Optional[TrackEnd] = None
+        self.first_ns = self._last_ns = self._seen_ns = start.pair.stamp_ns
+
+    def advance_s(self, pair: StereoPair) -> float:
+        """Go on to a pair; return the time since the last one, s."""
+        passed_s = (pair.stamp_ns - self._last_ns) * 1e-9
+        self._last_ns = pair.stamp_ns
+        return passed_s
+
+    def leaves_view(self, left_px: Array, right_px: Array) -> bool:
+        """
+        End the pass if a front is not wholly in both images; return whether it is over.
+
+        :param left_px: (4, 2) its corners in the left view, and
+        :param right_px: (4, 2) in the right one.
+        """
+        if not (self.rig.left.holds(left_px) and self.rig.right.holds(right_px)):
+            self.end = TrackEnd.LEFT_VIEW
+        return self.end is not None
+
+    def seen(self, pair: StereoPair, left_px: Array) -> TrackState:
+        """
+        Take in a pair that shows the whole front.
+
+        :param left_px: (4, 2) its corners in the left view.
+        :return: the state of the track.
+        """
+        self._seen_ns = pair.stamp_ns
+        self.stamps_ns.append(pair.stamp_ns)
+        self.width_px = max(self.width_px, float(np.ptp(left_px[:, 0])))
+        confirmed = len(self.stamps_ns) >= self.limits.confirm_pairs
+        return TrackState.CONFIRMED if confirmed else TrackState.TENTATIVE
+
+    def coasts(self, pair: StereoPair, *, partly_seen: bool = False) -> bool:
+        """
+        Take in a pair that does not show the whole front; end the pass if this lasts too long.
+
+        :param partly_seen: whether it shows a part of the front.
+        :return: whether the track goes on.
+        """
+        now = pair.stamp_ns
+        if partly_seen:
+            self._seen_ns = now
+        unoccluded_ns = self.stamps_ns[-1] if self.stamps_ns else self.first_ns
+        if (now - self._seen_ns) * 1e-9 > self.limits.lost_after_s \
+                or (now - unoccluded_ns) * 1e-9 > self.limits.occluded_for_s:
+            self.end = TrackEnd.LOST
+        return self.end is None

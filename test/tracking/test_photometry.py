@@ -1,0 +1,161 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Observations as normal equations: in a linear world that is known, and by hand."""
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from stereo_speed.core.config import NoiseConfig, VisibilityConfig
+from stereo_speed.tracking.observation import normalised_change, Observation
+from stereo_speed.tracking.photometry import PassPhotometry, Photometry
+from stereo_speed.tracking.relief import relief_basis
+from stereo_speed.vision.haar import PartGrid
+
+BASIS = relief_basis(PartGrid(10, 8).unit_xy)
+NODES = BASIS.shape[1]
+FLAT = np.zeros(NODES)
+
+
+def photometry(limits=VisibilityConfig(), **noise):
+    return PassPhotometry(BASIS, NoiseConfig(**noise), limits)
+
+
+def linear_observations(rng, count, relief, texture_noise=0.0):
+    """Make observations of one texture that change linearly with small poses and the relief."""
+    samples, texture = len(BASIS), rng.normal(size=len(BASIS))
+    texture -= texture.mean()
+    gradient = rng.normal(size=(2, samples))
+    observations, poses = [], 1e-5 * rng.normal(size=(count, 3))
+    for pose in poses:
+        flow = rng.normal(size=(2, 2, 3, samples))
+        raw = np.einsum('vipg,ig->vpg', flow, gradient)
+        for part in (np.ones(samples), texture):  # what a patch of unit variance cannot show
+            share = part * (raw @ part / (part @ part))[..., None]  # (2, 3, G)
+            flow -= (gradient / np.square(gradient).sum(axis=0))[:, None] * share[:, None]
+        raw = np.einsum('vipg,ig->vpg', flow, gradient)
+        change = normalised_change(raw, np.stack([texture, texture]))
+        values = texture - pose @ change - raw[:, 0] * (BASIS @ relief)
+        values = values + texture_noise * rng.normal(size=values.shape)
+        observations.append(Observation(
+            pose=np.zeros(3), heading_rad=0.0, relief=FLAT, patches=values, jacobian=change,
+            relief_jacobian=raw[:, 0], pixels=float(samples), shift_px=np.ones((2, 3)),
+            disparity_px=np.ones(3), right_m=0.0, skew_px=0.0))
+    return observations, poses
+
+
+def test_equations_find_poses_and_relief_of_a_linear_world():
+    rng = np.random.default_rng(4)
+    relief = 1e-5 * rng.normal(size=NODES)
+    observations, poses = linear_observations(rng, 5, relief)
+    seen = photometry()(observations)
+    solution = np.linalg.lstsq(seen.H, seen.right, rcond=1e-6)[0]
+    found, depth = solution[:15].reshape(5, 3), solution[15:]
+    np.testing.assert_allclose(found[:, 1:], poses[:, 1:], atol=1e-8)
+    # Relief that stands out everywhere alike is a front further on.
+    np.testing.assert_allclose(depth - depth.mean(), relief - relief.mean(), atol=1e-8)
+    np.testing.assert_allclose(found[:, 0] + depth.mean(), poses[:, 0] + relief.mean(), atol=1e-8)
+
+
+def test_equations_do_not_depend_on_the_relief_they_were_linearised_at():
+    rng = np.random.default_rng(4)
+    relief = rng.normal(0, 0.05, NODES)
+    observations, _ = linear_observations(rng, 4, relief, 0.1)
+    assumed = rng.normal(0, 0.05, NODES)
+    moved = [replace(o, relief=assumed, patches=o.patches + o.relief_jacobian * (BASIS @ assumed))
+             for o in observations]
+    answers = []
+    for one in (observations, moved):
+        seen = photometry()(one)
+        known = np.r_[np.full(12, 1e-9), np.full(NODES, NoiseConfig().relief_std_m ** -2)]
+        answers.append(np.linalg.solve(seen.H + np.diag(known), seen.right))
+    # Weights follow the residuals, which differ; the answer nearly does not.
+    np.testing.assert_allclose(answers[0], answers[1], atol=0.02)
+
+
+def test_observations_that_do_not_count_say_nothing_to_the_others():
+    rng = np.random.default_rng(7)
+    observations, _ = linear_observations(rng, 4, FLAT, 0.1)
+    noise = rng.normal(size=observations[1].patches.shape)
+    observations[1] = replace(observations[1], patches=observations[1].patches + noise)
+    kept = [0, 2, 3]
+    alone = photometry()([observations[k] for k in kept])
+    seen = photometry()(observations, np.array([True, False, True, True]))
+    at = np.r_[np.add.outer([0, 6, 9], np.arange(3)).ravel(), np.arange(12, len(seen.right))]
+    np.testing.assert_allclose(seen.H[np.ix_(at, at)], alone.H, atol=1e-6 * np.abs(alone.H).max())
+    np.testing.assert_allclose(seen.right[at], alone.right, atol=1e-6 * np.abs(alone.right).max())
+    assert not seen.H[3:6].any() and not seen.right[3:6].any()
+    np.testing.assert_allclose(seen.cross_ncc[kept], alone.cross_ncc)
+
+
+def test_the_same_observations_give_the_same_equations_again():
+    rng = np.random.default_rng(8)
+    observations, _ = linear_observations(rng, 3, FLAT, 0.1)
+    written = photometry()
+    first = written(observations)
+    written(observations[:1])
+    again = written(observations)
+    np.testing.assert_array_equal(again.H, first.H)
+    np.testing.assert_array_equal(again.right, first.right)
+
+
+def test_information_grows_with_the_share_of_independent_samples():
+    """Without floors it is proportional to it."""
+    observations, _ = linear_observations(np.random.default_rng(9), 3, FLAT, 0.1)
+    some, twice = (photometry(independent_share=share, match_floor_px=0.0, texture_floor_px=0.0)(
+        observations).H for share in (0.2, 0.4))
+    np.testing.assert_allclose(twice, 2 * some, atol=1e-9 * np.abs(some).max())
+
+
+@pytest.mark.parametrize('floor, other, row, share', [
+    ('match_floor_px', 'texture_floor_px', 0, 1.0),
+    ('texture_floor_px', 'match_floor_px', 1, 0.75)])
+def test_no_observation_is_believed_beyond_its_floor(floor, other, row, share):
+    """
+    The 1-sigma by one observation is the floor, however many its samples are.
+
+    ``disparity_px`` and ``shift_px`` are 1 px/m here, so that a pixel is a metre.  The texture is
+    the mean of four patches with independent derivatives, and takes a quarter of what they say.
+    """
+    observations, _ = linear_observations(np.random.default_rng(10), 2, FLAT, 0.01)
+    information = []
+    for std in (0.02, 0.0):
+        only = {floor: std, other: 1.0}  # the other term says next to nothing
+        information.append(photometry(independent_share=1.0, **only)(observations).H[row, row])
+    assert information[1] > 1e5  # as the noise allows
+    assert 0.02 ** 2 * information[0] == pytest.approx(share, rel=0.05)
+
+
+def seen_with(cross, texture, **limits):
+    return Photometry(np.zeros(0), np.zeros(0), np.array(cross), np.array(texture),
+                      VisibilityConfig(**limits))
+
+
+@pytest.mark.parametrize('cross, unoccluded', [
+    ((0.99, 0.98, 0.93, 0.92, 0.4), (1, 1, 1, 0, 0)),
+    ((0.9, 0.9, 0.9, 0.68, 0.6), (1, 1, 1, 1, 0))])
+def test_observations_occluded_in_part_are_told_from_noisy_ones(cross, unoccluded):
+    """A lack of 0.03, and three times that of the best: 0.03 + 3 * 0.014 or 0.03 + 3 * 0.1."""
+    texture = (0.99,) * 5
+    wanted = np.array(unoccluded, bool)
+    np.testing.assert_array_equal(seen_with(cross, texture).unoccluded, wanted)
+    np.testing.assert_array_equal(seen_with(texture, cross).unoccluded, wanted)
+
+
+@pytest.mark.parametrize('limits, unoccluded', [
+    ({'occlusion_deficit': 0.2}, (1, 1, 1)),
+    ({'occlusion_noise_factor': 0.0}, (1, 0, 0)),
+    ({'occlusion_best_share': 1.0}, (1, 1, 1)),
+    ({'occlusion_deficit': 0.2, 'least_ncc': 0.9}, (1, 1, 0))])
+def test_each_limit_of_occlusion_counts(limits, unoccluded):
+    """Of lacks of 0.01, 0.09 and 0.2; by default 0.03 + 3 * 0.026 are allowed."""
+    found = seen_with((0.99, 0.91, 0.8), (1.0, 1.0, 1.0), **limits)
+    np.testing.assert_array_equal(found.unoccluded, np.array(unoccluded, bool))
+    np.testing.assert_array_equal(seen_with((0.99, 0.91, 0.8), (1.0,) * 3).unoccluded,
+                                  [True, True, False])
+
+
+def test_what_agrees_too_little_is_not_the_vehicle():
+    found = seen_with((0.9, 0.49, 0.9), (0.9, 0.9, 0.49))
+    np.testing.assert_array_equal(found.seen, [True, False, False])
