@@ -43,7 +43,7 @@ def check_map_size(labels: Labels, image: NDArray[np.uint8], where: object) -> N
     :param labels: (H, W) the map.
     :param image: (H, W, 3) a frame.
     :param where: the map's file.
-    :raises InputError: tells both sizes.
+    :raises InputError: names both sizes.
     """
     if image.shape[:2] != labels.shape:
         height, width = image.shape[:2]

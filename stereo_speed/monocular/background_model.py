@@ -75,10 +75,10 @@ class BackgroundModel:
         """
         rows, columns = _cells(box_px, 0.0)
         known = self.count[rows, columns] >= least_count
-        hidden_rows, hidden_columns = _cells(excluded_px, _MARGIN)
-        known[max(hidden_rows.start - rows.start, 0):max(hidden_rows.stop - rows.start, 0),
-              max(hidden_columns.start - columns.start, 0):
-              max(hidden_columns.stop - columns.start, 0)] = False
+        out_rows, out_columns = _cells(excluded_px, _MARGIN)
+        known[max(out_rows.start - rows.start, 0):max(out_rows.stop - rows.start, 0),
+              max(out_columns.start - columns.start, 0):
+              max(out_columns.stop - columns.start, 0)] = False
         return float(known.mean()) if known.size else 1.0
 
     def forget(self, box_px: Array) -> None:

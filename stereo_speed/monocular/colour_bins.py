@@ -98,8 +98,8 @@ class BinImage:
     Bins are computed only where they are asked for.
 
     :param image: (H, W, 3) uint8, BGR.
-    :param background: tells which pixels belong to no target: these have a bin of their own. None
-        where all may belong to a target.
+    :param background: its pixels belong to no target and have a bin of their own; None where all
+        pixels may belong to a target.
     """
 
     def __init__(self, image: NDArray[np.uint8],
@@ -129,7 +129,7 @@ class BinImage:
         return float(np.mean(inside == BACKGROUND)) if inside.size else 0.0
 
     def background_changed(self) -> None:
-        """Compute the bins anew where they are asked for next."""
+        """Discard the bins, so that they are computed with the background as it is now."""
         self._computed.clear()
 
     def sample(self, boxes: Boxes, at: Union[Grid, Points]) -> Samples:

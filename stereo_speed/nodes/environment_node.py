@@ -4,7 +4,7 @@
 ``environment_node``: the images of one camera in, the marked targets out.
 
 It runs the same tracker as ``track-environment``. Frames are numbered from 1 since the start or
-the last jump of time, as ``frame`` of the targets file means them; their stamps tell how many
+the last jump of time, as ``frame`` of the targets file means them; their stamps show how many
 were dropped on the way.
 """
 from __future__ import annotations
@@ -123,7 +123,7 @@ class EnvironmentNode(Node):
     def restart(self, ns: int) -> None:
         """End all targets and count frames from 1: time has jumped back."""
         self.get_logger().warning(
-            f'stamps jumped back from {self.counter.last_ns} to {ns} ns: starting anew')
+            f'stamps jumped back from {self.counter.last_ns} to {ns} ns: starting again')
         self.close()
         self.counter.restart()
         self.tracker = self._new_tracker()

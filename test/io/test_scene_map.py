@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from stereo_speed.core.errors import InputError, SiteError
-from stereo_speed.io.scene_map import load_map, load_regions
+from stereo_speed.io.scene_map import check_map_size, load_map, load_regions
 from stereo_speed.monocular.regions import draw_map
 
 
@@ -73,3 +73,11 @@ def test_regions_that_are_wrong(written, old, new, told):
     with pytest.raises(SiteError, match=told) as raised:
         load_regions(path)
     assert str(raised.value).startswith(f'{path}: ') and '\n' not in str(raised.value)
+
+
+def test_map_of_another_size_than_the_frames():
+    labels = np.full((20, 30), 128, np.uint8)
+    check_map_size(labels, np.zeros((20, 30, 3), np.uint8), 'map.png')
+    with pytest.raises(InputError, match=r'map\.png: size of the map: found 30x20 px, '
+                                         r'wanted 20x30 px as the frames'):
+        check_map_size(labels, np.zeros((30, 20, 3), np.uint8), 'map.png')

@@ -109,7 +109,7 @@ def test_summary_names_what_went_in(scene, tmp_path):
     assert summary['frames_missing'] == 0
 
 
-def test_video_that_breaks_off_is_told(scene, tmp_path, capsys):
+def test_video_that_breaks_off_is_reported(scene, tmp_path, capsys):
     whole, part = tmp_path / 'whole.avi', tmp_path / 'part.avi'
     writer = VideoWriter(whole, (200, 240, 3))
     for number in range(1, FRAMES + 1):

@@ -37,7 +37,7 @@ def test_some_stop_and_the_others_go_on(frames):
 
 
 @pytest.mark.parametrize('frames', [1.0, 3.0])
-def test_some_set_off_as_at_the_mark(frames):
+def test_some_set_off_as_at_the_start(frames):
     """Slower than 0.3 of the spread, which is 2 px: it stands."""
     config = replace(STILL, start_speed=0.1, stop_chance=0.5, start_chance=0.1)
     velocity, new = stop_and_start(particles((0.3, 0.4))[1], frames, config,
@@ -56,7 +56,7 @@ def test_no_chance_no_change():
         assert not new.any() and np.all(found == velocity)
 
 
-def test_who_stops_stays_where_he_is_and_keeps_his_distance(maps):
+def test_target_that_stops_stays_where_it_is_and_keeps_its_distance(maps):
     """Both models: a stopped particle does not move, and d does not change."""
     config = replace(STILL, stop_chance=0.25, horizon_noise=0.0)
     target, before = particles((3, 0))
@@ -90,19 +90,18 @@ def test_one_that_strays_far_up_leaves_the_horizons_of_the_others(maps):
     assert near.horizon_px[1:].mean() == pytest.approx(40, abs=0.2)
 
 
-@pytest.mark.parametrize('seed', [0, 1])
-def test_states_stay_finite_however_wild_the_noise(maps, seed):
+def test_states_stay_finite_however_wild_the_noise(maps):
     """A walk whose rates walk as well would leave the range of numbers within 40 steps."""
     config = MonocularConfig(
         velocity_noise=1.0, position_noise=1.0, start_speed=2.0, stop_chance=0.0,
         size_noise=0.5, size_rate_noise=0.5, horizon_noise=0.5, width_spread=1.0,
         height_spread=1.0, prior_rounds=2)
     target = Target(id=1, frame=1, box_px=np.array([60.0, 60, 10, 40]))
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     field = DistanceField(maps.two_kinds(maps.pixels()[0] - 99.5))
     for motion in (PlainMotion(config, True), EnvironmentMotion(field, config, target)):
         moved = motion.start(first_particles(target, 50, 2.0, np.full(50, -200.0), rng))
-        for _ in range(200):
+        for _ in range(100):
             moved, log_weights = motion.move(moved, 10.0, rng)
         for values in (moved.point_px, moved.size_px, moved.horizon_px, moved.velocity_px,
                        log_weights):

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Sizes as perspective has them, and the horizon that marks tell of."""
+"""Sizes as perspective has them, and the horizon that initial boxes imply."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -23,7 +23,7 @@ STILL = MonocularConfig(
     stop_chance=0.0, start_chance=0.0)
 
 
-def mark(number, foot, height, x=50.0):
+def target_at(number, foot, height, x=50.0):
     return Target(id=number, frame=1, box_px=np.array([x, foot - height, height / 3, height]))
 
 
@@ -34,23 +34,23 @@ def test_growth_by_hand():
     np.testing.assert_allclose(found, [1.2, 0.5, 2.0, 0.5, 2.0])
 
 
-def test_two_marks_far_and_near_fix_the_horizon():
+def test_two_boxes_far_and_near_fix_the_horizon():
     """Heights 20 and 40 at rows 100 and 140: half the rows below row 60."""
     config = MonocularConfig(mark_height_spread=0.02, mark_ratio_spread=3.0)
-    rows, p = horizon_posterior([mark(1, 100, 20), mark(2, 140, 40)], config)
+    rows, p = horizon_posterior([target_at(1, 100, 20), target_at(2, 140, 40)], config)
     assert p.sum() == pytest.approx(1) and np.all(p >= 0)
     assert p @ rows == pytest.approx(60, abs=3)
     assert np.sqrt(p @ (rows - p @ rows) ** 2) < 6
-    drawn = draw_horizons([mark(1, 100, 20), mark(2, 140, 40)], config, 5000,
+    drawn = draw_horizons([target_at(1, 100, 20), target_at(2, 140, 40)], config, 5000,
                           np.random.default_rng(0))
     assert drawn.mean() == pytest.approx(p @ rows, abs=0.5)
     assert drawn.max() < 100
 
 
-def test_one_mark_gives_a_rough_guess():
+def test_one_box_gives_a_rough_guess():
     """A quarter of the camera's height: as high above the foot as four heights."""
     config = MonocularConfig(mark_ratio=0.25, mark_ratio_spread=0.4, mark_height_spread=0.3)
-    rows, p = horizon_posterior([mark(1, 200, 20)], config)
+    rows, p = horizon_posterior([target_at(1, 200, 20)], config)
     log_above = np.log(200 - rows)
     mean = p @ log_above
     assert np.exp(mean) == pytest.approx(80, rel=0.02)
@@ -60,7 +60,7 @@ def test_one_mark_gives_a_rough_guess():
 def test_posterior_against_integration_of_the_common_ratio():
     """Oracle: the common logarithm of the ratio on a grid of its own."""
     config = MonocularConfig()
-    targets = [mark(1, 100, 18), mark(2, 170, 45), mark(3, 130, 33)]
+    targets = [target_at(1, 100, 18), target_at(2, 170, 45), target_at(3, 130, 33)]
     rows, p = horizon_posterior(targets, config)
     common = np.linspace(-4, 4, 1601)[None]
     total = -0.5 * (common / config.mark_ratio_spread) ** 2
@@ -80,7 +80,7 @@ def still_particles(target, velocity, horizon, count=4):
 def test_upright_size_goes_with_the_rows_below_the_horizon(maps):
     """From row 100 to 104, horizon at 60: by a tenth; so does what is seen of its speed."""
     field = DistanceField(maps.two_kinds(maps.pixels()[0] - 99.5))
-    target = mark(1, 100.0, 30.0, x=120.0)
+    target = target_at(1, 100.0, 30.0, x=120.0)
     motion = EnvironmentMotion(field, STILL, target)
     start = motion.start(still_particles(target, (0, 4), 60.0))
     moved, log_weights = motion.move(start, 1.0, np.random.default_rng(1))

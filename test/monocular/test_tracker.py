@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The monocular tracker on a synthetic road: kept, hidden, lost, left, several and in strides."""
+"""The monocular tracker on a synthetic road: kept, occluded, lost, left, and in strides."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -31,7 +31,7 @@ def drive(road, maps, frames, gone=(), **lane):
     return images
 
 
-def mark(road, number=1, frame=1, **lane):
+def target_on(road, number=1, frame=1, **lane):
     centre, angle = road.place(frame, **lane)
     return Target(id=number, frame=frame, box_px=box_of(centre), angle_rad=angle)
 
@@ -65,7 +65,7 @@ def overlaps(road, found, **lane):
 def test_target_is_kept_round_the_bend(road, maps, seed, stride):
     lane = {'radius_px': 138.0}
     images = drive(road, maps, 31, **lane)
-    found, ends = follow(road, images, [mark(road, **lane)], seed=seed, stride=stride)
+    found, ends = follow(road, images, [target_on(road, **lane)], seed=seed, stride=stride)
     assert list(found) == [(1, n) for n in range(1, 32, stride)]
     assert all(e.state is TargetState.TRACKED for e in found.values())
     assert overlaps(road, found, **lane).min() > 0.5
@@ -82,7 +82,7 @@ def test_target_is_kept_round_the_bend(road, maps, seed, stride):
 
 
 def test_marked_frame_gives_the_mark_itself(road, maps):
-    target = mark(road, frame=4)
+    target = target_on(road, frame=4)
     found, _ = follow(road, drive(road, maps, 5), [target])
     assert list(found) == [(1, 4), (1, 5)]
     np.testing.assert_array_equal(found[1, 4].box_px, target.box_px)
@@ -94,7 +94,7 @@ def test_marked_frame_gives_the_mark_itself(road, maps):
 
 @pytest.mark.parametrize('tracker', ['environment', 'plain'])
 def test_same_seed_same_result_and_another_seed_another(road, maps, tracker):
-    images, targets = drive(road, maps, 8), [mark(road)]
+    images, targets = drive(road, maps, 8), [target_on(road)]
     first, again, other = (as_numbers(follow(road, images, targets, tracker=tracker,
                                              seed=seed)[0]) for seed in (3, 3, 4))
     np.testing.assert_array_equal(first, again)
@@ -104,13 +104,13 @@ def test_same_seed_same_result_and_another_seed_another(road, maps, tracker):
 
 def test_plain_tracker_keeps_an_easy_target_and_ignores_the_map(road, maps):
     images = drive(road, maps, 20)
-    found, _ = follow(road, images, [mark(road)], tracker='plain')
+    found, _ = follow(road, images, [target_on(road)], tracker='plain')
     assert overlaps(road, found).min() > 0.4
 
     class NoRoad:
         field = maps_of_one_kind(road)
 
-    elsewhere, _ = follow(NoRoad, images, [mark(road)], tracker='plain')
+    elsewhere, _ = follow(NoRoad, images, [target_on(road)], tracker='plain')
     columns = [0, 1, 2, 3, 4, 5, 6, 8, 9, 10]  # all but the distance
     np.testing.assert_array_equal(as_numbers(found)[:, columns],
                                   as_numbers(elsewhere)[:, columns])
@@ -120,10 +120,10 @@ def maps_of_one_kind(road):
     return type(road.field)(np.full_like(road.map, 128))
 
 
-def test_target_that_vanishes_is_hidden_then_lost(road, maps):
+def test_target_that_vanishes_is_occluded_then_lost(road, maps):
     """Seen up to frame 12; eight frames later it is given up, and stays so."""
     images = drive(road, maps, 30, gone=range(13, 31))
-    found, ends = follow(road, images, [mark(road)])
+    found, ends = follow(road, images, [target_on(road)])
     states = {n: e.state for (_, n), e in found.items()}
     assert all(states[n] is TargetState.TRACKED for n in range(1, 13))
     assert [states[n] for n in range(14, 21)] == [TargetState.OCCLUDED] * 7
@@ -132,10 +132,10 @@ def test_target_that_vanishes_is_hidden_then_lost(road, maps):
     assert end.last_frame == end.frames == max(states) and end.last_frame in (20, 21)
 
 
-def test_hidden_target_is_taken_up_again(road, maps):
+def test_occluded_target_is_reacquired(road, maps):
     images = drive(road, maps, 26, gone=range(10, 15))
     for seed in range(3):
-        found, ends = follow(road, images, [mark(road)], seed=seed)
+        found, ends = follow(road, images, [target_on(road)], seed=seed)
         assert all(found[1, n].state is TargetState.OCCLUDED for n in range(11, 15))
         assert found[1, 26].state is TargetState.TRACKED
         assert overlaps(road, found)[-8:].min() > 0.4
@@ -148,7 +148,7 @@ def test_target_that_drives_out_of_the_image_has_left(road, maps):
     """The road leaves the image at the lower edge, after 50 frames of 1.6 degrees."""
     lane = {'start_deg': 40.0, 'step_deg': 2.0}
     images = drive(road, maps, 32, **lane)
-    found, ends = follow(road, images, [mark(road, **lane)])
+    found, ends = follow(road, images, [target_on(road, **lane)])
     end, = ends
     assert end.state is TargetState.LEFT_VIEW
     # the middle crosses the edge at 4.4 degrees below the corner's row
@@ -163,7 +163,7 @@ def test_several_targets_do_not_disturb_one_another(road, maps):
         blocks = [(*road.place(number, **lanes[1]), SIZE, maps.RED)]
         blocks.append((*road.place(number, **lanes[5]), SIZE, maps.BLUE))
         images.append(road.image(blocks, number))
-    targets = [mark(road, 5, frame=3, **lanes[5]), mark(road, 1, **lanes[1])]
+    targets = [target_on(road, 5, frame=3, **lanes[5]), target_on(road, 1, **lanes[1])]
     found, ends = follow(road, images, targets)
     assert sorted(found) == [(1, n) for n in range(1, 22)] + [(5, n) for n in range(3, 22)]
     assert sorted((e.id, e.frames, e.state.value) for e in ends) == [
@@ -180,7 +180,7 @@ def test_several_targets_do_not_disturb_one_another(road, maps):
 
 
 def passing_scene(road, maps, frames):
-    """Draw one who stands, and one of the same colour who walks past behind."""
+    """Draw a person who stands, and one of the same colour who walks past behind."""
     boxes, images = {1: [], 2: []}, []
     for number in range(1, frames + 1):
         boxes[1].append(np.array([112.0, 102, 16, 44]))
@@ -191,7 +191,7 @@ def passing_scene(road, maps, frames):
     return images, targets, boxes
 
 
-def test_who_passes_behind_another_is_kept_and_keeps_off(road, maps):
+def test_target_that_passes_behind_another_is_kept_and_leaves_it_its_pixels(road, maps):
     images, targets, boxes = passing_scene(road, maps, 33)
     kept = {}
     for covering in (False, True):
@@ -228,8 +228,8 @@ def test_nearest_occludes_also_in_a_frame_in_which_it_is_not_due(road, maps, mon
 
 
 @pytest.mark.parametrize('contrast', [0.0, 25.0])
-def test_mark_wholly_inside_that_of_a_nearer_one_is_followed(road, maps, contrast):
-    """All of it is covered in the frame it is marked in, where no background is known."""
+def test_target_marked_inside_the_box_of_a_nearer_one_is_followed(road, maps, contrast):
+    """All of it is occluded in the frame it is marked in, where no background is known."""
     image = road.image([((150, 120), 0.0, (100, 80), maps.RED)], 1)
     targets = [Target(id=1, frame=1, box_px=np.array([100.0, 80, 100, 80])),
                Target(id=2, frame=1, box_px=np.array([120.0, 100, 20, 40]))]
@@ -237,8 +237,8 @@ def test_mark_wholly_inside_that_of_a_nearer_one_is_followed(road, maps, contras
     assert (2, 2) in found and all(np.isfinite(e.box_px).all() for e in found.values())
 
 
-def test_who_stood_still_before_the_mark_is_no_background(road, maps):
-    """He stands for 30 frames, all of them learnt, is marked in the last and walks off."""
+def test_target_that_stood_still_before_it_was_marked_is_no_background(road, maps):
+    """It stands for 30 frames, all of them learnt, is marked in the last and walks off."""
     size, images, boxes = (16.0, 44.0), [], []
     for number in range(1, 56):
         centre = np.array([90.0 + 2.5 * max(number - 30, 0), 110.0])
@@ -277,14 +277,14 @@ def test_upright_target_grows_as_it_comes_nearer(road, maps):
     assert np.mean(grown) == pytest.approx(boxes[-1, 3] / boxes[0, 3], rel=0.15)  # by 2.2
 
 
-def test_ends_are_told_once_and_later_frames_are_quiet(road, maps):
+def test_ends_are_reported_once_and_later_frames_have_no_estimates(road, maps):
     images = drive(road, maps, 6, gone=range(3, 7))
-    tracker = MonocularTracker(road.field, [mark(road)], replace(CONFIG, hidden_frames=1))
-    told = []
+    tracker = MonocularTracker(road.field, [target_on(road)], replace(CONFIG, hidden_frames=1))
+    ends = []
     for number, image in enumerate(images, 1):
         tracker.process(number, image)
-        told.append(len(tracker.ended()))
-    assert sum(told) == 1 and tracker.finish() == [] and tracker.filters == {}
+        ends.append(len(tracker.ended()))
+    assert sum(ends) == 1 and tracker.finish() == [] and tracker.filters == {}
     assert tracker.process(7, images[0]) == []
 
 
@@ -300,5 +300,5 @@ def test_no_targets_no_estimates(road, maps):
 
 
 def test_estimate_is_of_a_target(road, maps):
-    found, _ = follow(road, drive(road, maps, 2), [mark(road)])
+    found, _ = follow(road, drive(road, maps, 2), [target_on(road)])
     assert all(isinstance(e, TargetEstimate) for e in found.values())

@@ -144,7 +144,7 @@ def test_live_tracks_equal_those_of_the_command_and_a_jump_starts_anew(scene, ca
 
 
 @pytest.mark.parametrize('dropped, stopped', [(7, []), (8, [3, 9])])
-def test_nobody_is_followed_over_a_gap_longer_than_one_may_be_hidden(dropped, stopped):
+def test_no_target_is_followed_over_a_gap_longer_than_it_may_be_occluded(dropped, stopped):
     found = []
     node = SimpleNamespace(
         counter=SimpleNamespace(number=40), targets=[], config=SimpleNamespace(hidden_frames=8),
@@ -153,7 +153,7 @@ def test_nobody_is_followed_over_a_gap_longer_than_one_may_be_hidden(dropped, st
     assert found == stopped
 
 
-def test_dropped_repeated_and_missed_frames_are_told_and_the_end_is_quiet(scene, camera):
+def test_dropped_repeated_and_missed_frames_are_reported_and_the_end_is_quiet(scene, camera):
     """Frames 1 to 3, 3 again, then 5 to 8; target 4 is marked in frame 4, which never comes."""
     (scene / 'two.yaml').write_text(
         (scene / 'targets.yaml').read_text() + f'- {{id: 4, frame: 4, box: {list(BOX)}}}\n')

@@ -4,7 +4,8 @@
 The monocular tracker against ground truth: with the environment and without.
 
 A target is kept to the end when the overlap of its box with the true one, intersection over
-union, is above 0.25 in the last frame it was looked for. A frame without a box has overlap 0.
+union, is above 0.25 in the last frame of the truth that is used. A frame without a box has
+overlap 0.
 """
 from __future__ import annotations
 
