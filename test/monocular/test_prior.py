@@ -117,7 +117,7 @@ def test_motion_draws_dynamics_times_prior(maps, frames, rounds):
     """Along columns: x is the product of eq. 19 and eq. 20, y that of eq. 19 alone."""
     field = DistanceField(maps.two_kinds(maps.pixels()[0] - 99.5))
     config = MonocularConfig(prior_rounds=rounds, velocity_noise=0.03, position_noise=0.04,
-                               stop_chance=0.0, start_chance=0.0)
+                             stop_chance=0.0, start_chance=0.0)
     found, log_weights, size = moved(field, config, (140.0, 60.0), (0.4, 3.0), frames, 5)
     free = size * np.sqrt(frames) * np.hypot(0.03 * frames, 0.04)
     prior = size * config.prior_noise * frames
