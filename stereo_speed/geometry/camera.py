@@ -75,7 +75,7 @@ class Camera:
 
     def distort(self, xy: Array) -> Array:
         """
-        Turn undistorted normalised coordinates into raw pixels.
+        Return the raw pixels of undistorted normalised coordinates.
 
         :param xy: (..., 2) coordinates at depth 1.
         """
@@ -85,7 +85,7 @@ class Camera:
 
     def undistort(self, uv_px: Array) -> Array:
         """
-        Turn raw pixels into undistorted normalised coordinates; NaN where there is no such ray.
+        Return the undistorted normalised coordinates of raw pixels; NaN where there is no ray.
 
         :param uv_px: (..., 2).
         """

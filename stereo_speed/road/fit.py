@@ -3,7 +3,7 @@
 """
 The joint fit of a road: all picks of all its lines, in both raw views, at once.
 
-Lines of one road are parallel, so they share one heading and one surface. What each pick says is
+Lines of one road are parallel, so they share one heading and one surface. What each pick measures is
 how far it lies from its projected line, in its own 1-sigma; a far line thus weighs as little as
 it should. The data decide (BIC) how the road curves and whether its surface is bent; weak
 priors keep both from following the scatter of the picks.
@@ -79,7 +79,7 @@ class RoadFit:
         picks = self.problem.picks
         off = self.feet.residual_px / picks.std_px
         free = max(len(off) - len(self.x), 1)
-        # one pick gone astray says nothing of the others
+        # one stray pick is no measure of the others
         std = max(robust_std(off), _NARROW * float(np.sqrt(np.mean(off**2))),
                   float(np.sqrt(_least_variance(self.problem))))
         return std * float(np.sqrt(len(off) / free))

@@ -17,7 +17,7 @@ from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from ..core.records import Array
 
-# Where nothing says better, in the left optical frame.
+# Up in the left optical frame, where nothing better is known.
 CAMERA_UP: Array = np.array([0.0, -1.0, 0.0])
 
 

@@ -9,7 +9,6 @@ from stereo_speed.lab.reference.straight_path import straight_path
 from stereo_speed.road.first_guess import guess_road
 from stereo_speed.road.fit import fit_road
 from stereo_speed.road.lanes import lane_of_road
-from stereo_speed.road.model import RoadModel, Weights
 from stereo_speed.road.problem import Picks, RoadProblem
 
 
@@ -124,24 +123,6 @@ def test_jacobian_against_differences(make_scene):
         wanted = (problem.residuals(x + step) - problem.residuals(x - step)) / (2 * h)
         np.testing.assert_allclose(
             got[:, i], wanted, atol=2e-3 * np.abs(wanted).max(), err_msg=f'parameter {i}')
-
-
-def test_model_hand_worked():
-    """Constant curvature is a circle; frames are rotations; widening changes nothing."""
-    frame = np.array([[0, 1.0, 0], [0, 0, -1], [-1, 0, 0]])
-    model = RoadModel(frame, np.array([0, 2.0, 40]), 30.0, 2, 1, 0)
-    x = np.array([0, 0, 0, 0, -1.0, 2.0, 30.0 / 41])
-    points, frames = model.reference(x)
-    centre = np.array([41.0, 2, 40])  # to the left of travel
-    np.testing.assert_allclose(np.linalg.norm(points - centre, axis=-1), 41, atol=1e-5)
-    np.testing.assert_allclose(
-        frames @ np.swapaxes(frames, -1, -2), np.tile(np.eye(3), (len(points), 1, 1)), atol=1e-12)
-    wide, wide_x = model.widened(3, 2, x)
-    np.testing.assert_allclose(wide.reference(wide_x)[0], points)
-    assert model.offsets(x).tolist() == [-1.0, 2.0]
-    at = Weights.at(model.s_m, np.array([1.234, -7.0]))(points)
-    want = 41 * (1 - np.cos(np.array([1.234, -7.0]) / 41))
-    np.testing.assert_allclose(at[:, 0], want, atol=1e-5)
 
 
 def test_views_with_nothing_in_common(make_scene):

@@ -6,8 +6,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from stereo_speed.core.errors import SiteError
-from stereo_speed.road.lanes import between
-from stereo_speed.road.path import StraightPath
 from stereo_speed.site.file import LaneSpec, PickedLine, Site, SurveyedLine
 from stereo_speed.site.lane_paths import lane_paths
 
@@ -55,15 +53,6 @@ def test_path_line_and_surveyed_and_mixed(scene):
     single = lane_paths(
         site_of({'line_0': scene.lines['line_0']}, (None, None, 'line_0')), scene.rig)
     assert single['lane_0'].path.tangent(0.0) @ scene.tangent[0] > np.cos(np.radians(0.2))
-
-
-def test_middle_of_two_lines():
-    """Halfway between, up square to both."""
-    right = StraightPath(np.array([-2.0, 2, 60]), np.array([0.0, 0, -1]), 40.0)
-    left = StraightPath(np.array([2.0, 2, 60]), np.array([0.0, 0, -1]), 40.0)
-    middle = between(right, left)
-    np.testing.assert_allclose(middle.position(10.0), [0, 2, 50], atol=1e-9)
-    np.testing.assert_allclose(middle.frame(10.0)[:, 2], [0, -1, 0], atol=1e-9)
 
 
 def shuffled(uv):

@@ -66,7 +66,7 @@ class _Branch(NamedTuple):
     covariance_rad2: Array
 
 
-def judged(shown_rad: Array, covariance_rad2: Array, config: RefineConfig = RefineConfig(),
+def decide_drift(shown_rad: Array, covariance_rad2: Array, config: RefineConfig = RefineConfig(),
            prior: RoadPrior = RoadPrior()) -> Drift:
     """
     Decide whether the camera has rotated, and about which axes.

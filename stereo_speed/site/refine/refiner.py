@@ -17,7 +17,7 @@ import numpy as np
 from .config import RefineConfig
 from .cross_sections import LineView
 from .empty_road import Background, backgrounds
-from .extrinsic_drift import Drift, judged
+from .extrinsic_drift import Drift, decide_drift
 from .markings import locate, LocatedLine
 from .rig_check import Epipolar, epipolar_check
 from ..extras import RigCorrection
@@ -198,7 +198,7 @@ def _checked(site: Site, first: Optional[RoadFit], views: tuple[Background, Back
     Points that lie off the road that the others make are dropped.
     """
     if first is None:
-        return _Checked(judged(np.zeros(3), _UNKNOWN_RAD2, config, prior), None, None, found)
+        return _Checked(decide_drift(np.zeros(3), _UNKNOWN_RAD2, config, prior), None, None, found)
     rig = first.problem.rig
     epipolar = epipolar_check(rig, views, first.plane, config)
     information = np.linalg.inv(_UNKNOWN_RAD2)
@@ -213,7 +213,7 @@ def _checked(site: Site, first: Optional[RoadFit], views: tuple[Background, Back
         lines = _with_found(site, kept).picked
         picks = picks_of((lines[n] for n in fit.names), prior)
         fit = same_family(fit, RoadProblem(rig, picks, fit.problem.model, before, prior))
-    drift = judged(fit.drift_rad, fit.covariance[-3:, -3:], config, prior)
+    drift = decide_drift(fit.drift_rad, fit.covariance[-3:, -3:], config, prior)
     worst = int(np.argmax(np.abs(drift.drift_rad)))
     if np.degrees(abs(drift.drift_rad[worst])) > config.most_drift_deg:
         raise SiteError(site.where, f'{("pan", "tilt", "roll")[worst]} of the right camera since '

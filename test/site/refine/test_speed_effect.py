@@ -9,7 +9,7 @@ from stereo_speed.geometry.camera import Camera
 from stereo_speed.geometry.rig import StereoRig
 from stereo_speed.road.lanes import LanePath
 from stereo_speed.road.path import SplinePath, StraightPath
-from stereo_speed.road.scale import scale_by_drift, with_scale
+from stereo_speed.road.scale import with_scale
 from stereo_speed.site.refine.speed_effect import heading_effect, Setup, speed_error
 
 
@@ -32,15 +32,6 @@ def test_baseline_and_path_in_proportion():
     large = StraightPath(PATH.position(0.0) * 1.001, PATH.tangent(0.0), 50.05)
     used = Setup(large, make_rig(0.5005))
     assert speed_error(Setup(PATH, make_rig()), used) == pytest.approx(1e-3, rel=1e-3)
-
-
-def test_pan_along_the_line_of_sight():
-    """Disparity d + f pan: Z' = f b / (d + f pan), so dZ'/dZ = 1 - 2 Z pan / b."""
-    s = np.array([5.0, 25.0, 45.0])
-    z = PATH.position(s)[:, 2]
-    slope = scale_by_drift(PATH, make_rig(), s)[:, 0]
-    assert np.all(np.abs(np.abs(slope) / (2 * z / 0.5) - 1) < 0.02)
-    assert len(set(np.sign(slope))) == 1
 
 
 def test_drifted_rig_and_path_seen_with_it():

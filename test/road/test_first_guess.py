@@ -1,0 +1,43 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""The start of the fit, from exact picks."""
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from stereo_speed.road.first_guess import guess_road, NoRoadError
+from stereo_speed.road.problem import Picks, RoadProblem
+
+
+@pytest.mark.parametrize('distorted', [False, True])
+def test_exact_picks_of_a_straight_road(make_scene, distorted):
+    """Height, direction and offsets are right to centimetres, residuals to a pixel."""
+    scene = make_scene(std_px=0.0, distorted=distorted)
+    model, x = guess_road(scene.rig, list(scene.lines.values()), 0)
+    assert model.curvature_terms == model.surface_terms == 0 and model.lines == 3
+    np.testing.assert_allclose(np.diff(np.sort(model.offsets(x))), [3.5, 3.5], atol=0.05)
+    assert model.frame[:, 0] @ scene.tangent[0] > np.cos(np.radians(0.1))
+    picks = Picks.of(scene.lines)
+    assert np.abs(RoadProblem(scene.rig, picks, model).feet(x).residual_px).max() < 1.0
+
+
+def test_exact_picks_of_a_curve(make_scene):
+    """One curvature coefficient is the half length over the radius."""
+    scene = make_scene(curvature=1 / 80, std_px=0.0)
+    model, x = guess_road(scene.rig, list(scene.lines.values()), 1)
+    along = x[4 + model.lines] / model.half_length_m  # of the longest line, not of the lane
+    assert along == pytest.approx(1 / 80, rel=0.12)
+    np.testing.assert_allclose(np.diff(np.sort(model.offsets(x))), [3.5, 3.5], atol=0.4)
+
+
+def test_every_pick_is_within_the_road(make_scene):
+    scene = make_scene(std_px=0.0)
+    model, x = guess_road(scene.rig, list(scene.lines.values()), 0)
+    feet = RoadProblem(scene.rig, Picks.of(scene.lines), model).feet(x)
+    assert np.all(np.abs(feet.s_m) < 1.05 * model.half_length_m)
+
+
+def test_views_with_nothing_in_common(make_scene):
+    flat = np.stack([np.linspace(100, 900, 10), np.full(10, 400.0)], axis=-1)
+    with pytest.raises(NoRoadError, match='fewer than 3 points in common'):
+        guess_road(make_scene().rig, [(flat, flat - [10, 0])], 0)

@@ -1,0 +1,84 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""The family of roads: hand-worked shapes, and interpolation between nodes."""
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from stereo_speed.road.model import drift_matrix, NODES, RoadModel, rotation, Weights
+
+FRAME = np.array([[0, 1.0, 0], [0, 0, -1], [-1, 0, 0]])  # comes nearer, left is right of the image
+
+
+def model_of(curvature_terms=0, surface_terms=0, lines=2):
+    """Make a family about a level road 2 m below the camera."""
+    return RoadModel(FRAME, np.array([0, 2.0, 40]), 30.0, lines, curvature_terms, surface_terms)
+
+
+def test_constant_curvature_is_a_circle():
+    """Frames are rotations, and widening the family changes nothing."""
+    model = model_of(1)
+    x = np.array([0, 0, 0, 0, -1.0, 2.0, 30.0 / 41])
+    points, frames = model.reference(x)
+    centre = np.array([41.0, 2, 40])  # to the left of travel
+    np.testing.assert_allclose(np.linalg.norm(points - centre, axis=-1), 41, atol=1e-5)
+    np.testing.assert_allclose(
+        frames @ np.swapaxes(frames, -1, -2), np.tile(np.eye(3), (len(points), 1, 1)), atol=1e-12)
+    wide, wide_x = model.widened(3, 2, x)
+    np.testing.assert_allclose(wide.reference(wide_x)[0], points)
+    assert model.offsets(x).tolist() == [-1.0, 2.0]
+    at = Weights.at(model.s_m, np.array([1.234, -7.0]))(points)
+    want = 41 * (1 - np.cos(np.array([1.234, -7.0]) / 41))
+    np.testing.assert_allclose(at[:, 0], want, atol=1e-5)
+
+
+def test_grade_and_crest():
+    """A grade climbs by its tangent; a crest adds a parabola; crossfall tilts the left axis."""
+    model = model_of(0, 3)
+    x = np.zeros(model.size)
+    x[-3:] = 0.05, 0.02, -0.03
+    points, frames = model.reference(x)
+    s = model.s_m
+    # height above the middle: the integral of sin(0.05 - 0.03 s / 30)
+    want = 30 / 0.03 * (np.cos(0.05 - 0.03 * s / 30) - np.cos(0.05))
+    np.testing.assert_allclose(2 - points[:, 1], want, atol=1e-6)
+    middle = frames[NODES // 2]
+    np.testing.assert_allclose(middle[:, 1] @ [0, -1, 0], np.cos(0.05) * np.sin(0.02), atol=1e-12)
+    assert model.surface(x).tolist() == [0.05, 0.02, -0.03]
+    assert model_of(0, 1).surface(np.arange(7.0)).tolist() == [6.0, 0.0, 0.0]
+
+
+def test_stacks_of_roads_are_the_roads_one_by_one():
+    model = model_of(2, 2)
+    x = np.random.default_rng(0).normal(0, 0.05, (4, model.size))
+    points, frames = model.reference(x)
+    assert points.shape == (4, NODES, 3) and frames.shape == (4, NODES, 3, 3)
+    for one, p, f in zip(x, points, frames):
+        alone = model.reference(one)
+        np.testing.assert_allclose(alone[0], p, atol=1e-12)
+        np.testing.assert_allclose(alone[1], f, atol=1e-12)
+
+
+def test_rotations_are_scipy_s():
+    vectors = np.random.default_rng(1).normal(0, 1.0, (5, 3))
+    np.testing.assert_allclose(rotation(vectors), Rotation.from_rotvec(vectors).as_matrix(),
+                               atol=1e-12)
+    np.testing.assert_allclose(rotation(np.zeros((2, 3))), np.tile(np.eye(3), (2, 1, 1)))
+
+
+def test_drift_is_that_of_the_rig(make_scene):
+    """The matrix carries points where the rig with the same drift sees them."""
+    rig, drift = make_scene().rig, np.array([0.01, -0.02, 0.03])
+    points = np.array([[1.0, 2, 30], [-4, 1, 60]])
+    np.testing.assert_allclose(rig.to_right(points) @ drift_matrix(drift),
+                               rig.drifted(drift).to_right(points), atol=1e-12)
+
+
+@pytest.mark.parametrize('power', [0, 1, 2, 3])
+def test_cubics_are_interpolated_exactly(power):
+    """Between the nodes and a little beyond."""
+    nodes = np.linspace(-33, 33, NODES)
+    s = np.array([-34.0, -33.0, 0.1, 12.34, 33.0, 33.5])
+    values = np.tile(((nodes / 33)**power)[:, None], 3)
+    np.testing.assert_allclose(Weights.at(nodes, s)(values)[:, 0], (s / 33)**power, atol=1e-10)

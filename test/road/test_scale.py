@@ -1,0 +1,50 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""What extrinsic drift does to lengths, against closed forms."""
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from stereo_speed.geometry.camera import Camera
+from stereo_speed.geometry.rig import StereoRig
+from stereo_speed.road.lanes import LanePath
+from stereo_speed.road.path import StraightPath
+from stereo_speed.road.scale import scale_by_drift, with_scale
+
+
+def make_rig(baseline_m=0.5):
+    """Make a parallel rig."""
+    k = np.array([[1800.0, 0.0, 511.5], [0.0, 1800.0, 383.5], [0.0, 0.0, 1.0]])
+    cameras = [Camera(n, 1024, 768, k, np.zeros(0), 'plumb_bob') for n in ('left', 'right')]
+    return StereoRig(*cameras, np.eye(3), np.array([-baseline_m, 0.0, 0.0]))
+
+
+PATH = StraightPath(np.array([-3.0, 3.0, 70.0]), np.array([0.0, 0.0, -1.0]), 50.0)
+
+
+def test_pan_along_the_line_of_sight():
+    """Disparity d + f pan: Z' = f b / (d + f pan), so dZ'/dZ = 1 - 2 Z pan / b."""
+    s = np.array([5.0, 25.0, 45.0])
+    z = PATH.position(s)[:, 2]
+    slope = scale_by_drift(PATH, make_rig(), s)[:, 0]
+    assert np.all(np.abs(np.abs(slope) / (2 * z / 0.5) - 1) < 0.02)
+    assert len(set(np.sign(slope))) == 1
+
+
+def test_scale_of_a_lane():
+    """At each place 2 Z pan / b; over the pass between its near and its far end, nearer to near."""
+    pan = np.radians(0.001)
+    lane = with_scale(LanePath('lane', PATH, None, np.zeros(2), 0.0), make_rig(),
+                      np.diag([pan**2, 0.0, 0.0]))
+    np.testing.assert_allclose(lane.scale_std_at(np.array([1.0, 49.0])),
+                               4 * pan * np.array([69.0, 21.0]), rtol=0.05)
+    assert 4 * pan * 20 < lane.scale_std < 4 * pan * 45
+    twice = with_scale(lane, make_rig(), np.diag([4 * pan**2, 0.0, 0.0]))
+    assert twice.scale_std == pytest.approx(2 * lane.scale_std)
+
+
+def test_a_path_that_nobody_sees_keeps_what_it_had():
+    behind = StraightPath(np.array([0.0, 3.0, -70.0]), np.array([0.0, 0.0, -1.0]), 50.0)
+    lane = LanePath('lane', behind, None, np.zeros(2), 0.0)
+    assert with_scale(lane, make_rig(), np.eye(3)) is lane
+    assert np.isnan(scale_by_drift(behind, make_rig(), np.array([1.0]))).all()
