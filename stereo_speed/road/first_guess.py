@@ -39,8 +39,8 @@ class _Curve(NamedTuple):
         x, y = (Legendre.fit(s_m, column, degree, domain=[0, s_m[-1]]) for column in flat.T)
         return cls(x, y)
 
-    def place(self, s_m: float) -> Array:
-        """Return the place (2,) at an arc length."""
+    def at(self, s_m: float) -> Array:
+        """Return the point (2,) of an arc length."""
         return np.array([self.x(s_m), self.y(s_m)])
 
     def slope(self, s_m: Array) -> Array:
@@ -120,7 +120,7 @@ def _along(line: Array, on_road: list[Array], curvature_terms: int, up: Array
     # the middle of the line, and a half length that reaches every pick of every line
     middle = s[-1] / 2
     tangent = unit(frame[:, :2] @ curve.slope(middle))
-    centre = line[0] + frame[:, :2] @ curve.place(middle)
+    centre = line[0] + frame[:, :2] @ curve.at(middle)
     frame = frame_of(tangent, up)
     reach = np.abs((np.concatenate(on_road) - centre) @ chord).max()
     half = max(s[-1] / 2, min(reach, _LONGEST * s[-1]))

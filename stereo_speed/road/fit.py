@@ -3,7 +3,7 @@
 """
 The joint fit of a road: all picks of all its lines, in both raw views, at once.
 
-Lines of one road are parallel, so they share one heading and one surface. What each pick measures is
+Lines of one road are parallel, so they share one heading and one surface. Each pick measures
 how far it lies from its projected line, in its own 1-sigma; a far line thus weighs as little as
 it should. The data decide (BIC) how the road curves and whether its surface is bent; weak
 priors keep both from following the scatter of the picks.

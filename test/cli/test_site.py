@@ -10,6 +10,7 @@ from stereo_speed.site.file import load_site
 import yaml
 
 
+@pytest.mark.slow
 def test_refine_writes_a_site_that_can_be_used(sample, short_bag, tmp_path, capsys):
     out, pictures = tmp_path / 'new' / 'near.yaml', tmp_path / 'pictures'
     assert main(['site', 'refine', str(short_bag), '--site', str(sample / 'site.yaml'),
@@ -30,9 +31,13 @@ def test_refine_writes_a_site_that_can_be_used(sample, short_bag, tmp_path, caps
     assert [p.name for p in out.parent.iterdir()] == ['near.yaml']
 
 
-def test_check_changes_nothing(sample, short_bag, tmp_path, capsys):
-    site = tmp_path / 'site.yaml'
-    site.write_text((sample / 'site.yaml').read_text())
+@pytest.mark.slow
+def test_check_changes_nothing(edited, short_bag, tmp_path, capsys):
+    """On a site of one line, for it takes as long as there are lines."""
+    def one_line(data):
+        data['lines'] = {'edge_right': data['lines']['edge_right']}
+        data['lanes'] = [{'name': 'lane_0', 'path': 'edge_right', 'speed_limit': '55 mph'}]
+    site = edited('site.yaml', one_line)
     before = site.read_bytes()
     assert main(['site', 'check', str(short_bag), '--site', str(site)]) == 0
     assert 'lane_0' in capsys.readouterr().out

@@ -17,8 +17,10 @@ def mapping(**data):
 
 
 def test_what_is_given_is_returned():
-    fields = mapping(n=2, f=-0.5, all=[1, 2.5], name='a', names=['a', 'b'], quad=QUAD, flat=[[1, 2]])
-    assert fields.number('n', 0, 9, 'm') == 2.0 and isinstance(fields.number('n', 0, 9, 'm'), float)
+    fields = mapping(n=2, f=-0.5, all=[1, 2.5], name='a', names=['a', 'b'], quad=QUAD,
+                     flat=[[1, 2]])
+    two = fields.number('n', 0, 9, 'm')
+    assert two == 2.0 and isinstance(two, float)
     assert fields.number('f', -0.5, 0, 'm') == -0.5  # bounds are allowed
     np.testing.assert_array_equal(fields.numbers('all', 0, 3, 'px'), [1.0, 2.5])
     assert fields.choice('name', ('a', 'b')) == 'a'

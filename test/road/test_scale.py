@@ -32,7 +32,7 @@ def test_pan_along_the_line_of_sight():
 
 
 def test_scale_of_a_lane():
-    """At each place 2 Z pan / b; over the pass between its near and its far end, nearer to near."""
+    """At each place 2 Z pan / b; over the pass between its two ends, nearer to the near one."""
     pan = np.radians(0.001)
     lane = with_scale(LanePath('lane', PATH, None, np.zeros(2), 0.0), make_rig(),
                       np.diag([pan**2, 0.0, 0.0]))

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Reading of site and init files: what is taken and what is refused, by name."""
+"""Reading of site files: what is taken and what is refused, by name."""
 from __future__ import annotations
 
 import copy
@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from stereo_speed.core.errors import InputError, SiteError
 from stereo_speed.site.file import load_site
-from stereo_speed.site.init_file import load_init
 from stereo_speed.site.write import site_text
 import yaml
 
@@ -23,9 +22,6 @@ SITE = {'stereo_speed_site': 1, 'name': 'here', 'lines': {
     'a': PICKS, 'b': OTHER, 'p': {'points_m': [[0, 2, 50], [0, 2, 30], [0, 2, 10]]}},
     'lanes': [{'name': 'l0', 'right': 'a', 'left': 'b', 'speed_limit': '55 mph'},
               {'name': 'l1', 'path': 'p', 'speed_limit': '80 km/h'}]}
-QUAD = [[10, 10], [50, 11], [51, 40], [9, 39]]
-INIT = {'stereo_speed_init': 1, 'vehicles': [
-    {'frame': 0, 'left_image': QUAD, 'right_image': QUAD}]}
 
 
 def put(base, place, value):
@@ -132,34 +128,6 @@ def test_missing_and_binary_files(tmp_path):
     (tmp_path / 'x.yaml').write_bytes(b'\xff\xfe\x00')
     with pytest.raises(SiteError, match='wanted readable YAML'):
         load_site(tmp_path / 'x.yaml')
-
-
-def test_init_is_read(write):
-    """Marks arrive as arrays."""
-    marks = load_init(write(INIT))
-    assert len(marks) == 1 and marks[0].frame == 0
-    np.testing.assert_allclose(marks[0].left_px, QUAD)
-
-
-@pytest.mark.parametrize('place, value, match', [
-    (['stereo_speed_init'], 0, 'stereo_speed_init: found 0'),
-    (['vehicle'], [], 'vehicle: found unknown key'),
-    (['vehicles'], [], 'vehicles: found an empty list'),
-    (['vehicles', 0, 'frame'], -1, r'vehicles\[0\].frame: found -1'),
-    (['vehicles', 0, 'frame'], 0.5, r'vehicles\[0\].frame: found 0.5'),
-    (['vehicles', 0, 'frame'], True, r'vehicles\[0\].frame: found True'),
-    (['vehicles', 0, 'id'], 3, r'vehicles\[0\].id: found unknown key id'),
-    (['vehicles', 0, 'left_image'], QUAD + QUAD[:1], r'left_image: found 5 points, wanted 4'),
-    (['vehicles', 0, 'left_image'], QUAD[:3], r'left_image: found 3 points, wanted at least 4'),
-    (['vehicles', 0, 'left_image', 2, 1], NAN, r'left_image\[2\]: found nan'),
-    (['vehicles', 0, 'right_image'], QUAD[::-1], 'right_image: found .*wanted corners clockwise'),
-    (['vehicles', 0, 'right_image'], QUAD[1:] + QUAD[:1], 'clockwise from the image.s top-left'),
-    (['vehicles', 0, 'right_image'], [QUAD[i] for i in (0, 2, 1, 3)], 'corners clockwise'),
-])
-def test_init_faults(write, place, value, match):
-    """Each fault names its place."""
-    with pytest.raises(SiteError, match=match):
-        load_init(write(put(INIT, place, value)))
 
 
 def test_tolerances_of_the_rig_come_with_the_site(tmp_path):

@@ -67,7 +67,7 @@ class _Branch(NamedTuple):
 
 
 def decide_drift(shown_rad: Array, covariance_rad2: Array, config: RefineConfig = RefineConfig(),
-           prior: RoadPrior = RoadPrior()) -> Drift:
+                 prior: RoadPrior = RoadPrior()) -> Drift:
     """
     Decide whether the camera has rotated, and about which axes.
 

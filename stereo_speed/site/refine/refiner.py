@@ -17,7 +17,7 @@ import numpy as np
 from .config import RefineConfig
 from .cross_sections import LineView
 from .empty_road import Background, backgrounds
-from .extrinsic_drift import Drift, decide_drift
+from .extrinsic_drift import decide_drift, Drift
 from .markings import locate, LocatedLine
 from .rig_check import Epipolar, epipolar_check
 from ..extras import RigCorrection

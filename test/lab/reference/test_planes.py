@@ -6,10 +6,10 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from stereo_speed.geometry.ray_plane import back_project
-from stereo_speed.lab.reference import planes as plane
 from stereo_speed.geometry.camera import Camera
+from stereo_speed.geometry.ray_plane import back_project
 from stereo_speed.geometry.rig import StereoRig
+from stereo_speed.lab.reference import planes as plane
 
 K = np.array([[1500.0, 0.0, 511.5], [0.0, 1500.0, 383.5], [0.0, 0.0, 1.0]])
 

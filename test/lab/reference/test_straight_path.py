@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from stereo_speed.geometry.camera import Camera
 from stereo_speed.geometry.rig import StereoRig
-from stereo_speed.lab.reference.planes import map_points, motion_homography
 from stereo_speed.lab.reference import straight_path as straight
+from stereo_speed.lab.reference.planes import map_points, motion_homography
 
 K = np.array([[1500.0, 0.0, 511.5], [0.0, 1480.0, 383.5], [0.0, 0.0, 1.0]])
 START, TRAVEL = np.array([-4.0, 2.0, 70.0]), np.array([0.08, 0.02, -1.0])

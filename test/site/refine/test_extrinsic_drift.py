@@ -44,7 +44,7 @@ def test_uncertainty_covers_the_decision():
     rng = np.random.default_rng(0)
     covariance = np.diag(np.radians(STD_DEG)**2)
     scores, variances, squares = [], [], []
-    for _ in range(3000):
+    for _ in range(2000):
         moved = rng.random(3) < CONFIG.moved_probability
         truth = np.radians(np.where(moved, CONFIG.moved_std_deg, CALIBRATED_DEG)
                            * rng.standard_normal(3))

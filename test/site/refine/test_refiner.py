@@ -8,10 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from stereo_speed.core.errors import SiteError
+from stereo_speed.core.records import StereoPair
+from stereo_speed.geometry.rig import StereoRig
 from stereo_speed.lab.sim.config import circle_config, DISTORTED, RoadConfig, straight_config
 from stereo_speed.site.extras import as_calibrated, DashPeriod, KnownLength, LinesApart
-from stereo_speed.site.file import load_site
+from stereo_speed.site.file import LaneSpec, load_site, PickedLine
 from stereo_speed.site.lane_paths import lane_paths
+from stereo_speed.site.refine.config import RefineConfig
 from stereo_speed.site.refine.known_lengths import check_lengths
 from stereo_speed.site.refine.picture import picture
 from stereo_speed.site.refine.refiner import refine_site
@@ -55,6 +58,7 @@ def circle(make_scene):
     return scene, refine_site(scene.site, scene.sequence.rig, scene.sequence.pairs)
 
 
+@pytest.mark.slow
 def test_points_lie_on_the_markings(drifted, circle):
     """To a few hundredths of a pixel, and as far as they say."""
     for scene, refined in (drifted, circle):
@@ -68,6 +72,7 @@ def test_points_lie_on_the_markings(drifted, circle):
                 assert line.shape.width_m == pytest.approx(0.15, abs=0.02)
 
 
+@pytest.mark.slow
 def test_pan_is_seen_and_corrected(drifted):
     """A pan of 0.02 degrees costs 3 %; corrected, less than 0.1 %."""
     scene, refined = drifted
@@ -84,6 +89,7 @@ def test_pan_is_seen_and_corrected(drifted):
     assert 'pan +0.0' in text and 'calibrate the rig again' in text
 
 
+@pytest.mark.slow
 def test_bend_is_right(circle):
     scene, refined = circle
     assert not refined.drift.moved
@@ -97,6 +103,7 @@ def test_bend_is_right(circle):
     assert refined.road.problem.model.curvature_terms >= 1
 
 
+@pytest.mark.slow
 def test_known_lengths(drifted):
     """The right ones agree within their claims; the wrong one is reported."""
     _, refined = drifted
@@ -108,6 +115,7 @@ def test_known_lengths(drifted):
     assert len(warned) == 1 and 'm found, 3.6 m' in warned[0]
 
 
+@pytest.mark.slow
 def test_file_says_it_all(drifted, tmp_path):
     """Written and read again, the site makes the same lanes with the corrected rig only."""
     scene, refined = drifted
@@ -129,6 +137,7 @@ def test_file_says_it_all(drifted, tmp_path):
     assert len(site.known_lengths) == 3
 
 
+@pytest.mark.slow
 def test_pictures(drifted):
     _, refined = drifted
     for right in (False, True):
@@ -137,18 +146,53 @@ def test_pictures(drifted):
         assert (drawn.max(axis=-1) > drawn.min(axis=-1) + 80).sum() > 1000  # colours
 
 
-def test_nothing_where_nothing_is(make_scene):
+def test_nothing_where_nothing_is(drawn):
     """Lines clicked on bare road stay as clicked, and that is reported."""
-    config = straight_config(pairs=3, rig=replace(straight_config().rig, **SMALL),
-                             road=RoadConfig(paint_width_m=1e-6))
-    scene = make_scene(config, 1)
-    refined = refine_site(scene.site, scene.sequence.rig, scene.sequence.pairs)
-    assert set(refined.lost) == set(scene.site.lines)
-    np.testing.assert_array_equal(refined.site.lines['line_0'].left_px,
-                                  scene.site.lines['line_0'].left_px)
-    assert sum('left as it was clicked' in w for w in report(refined).warnings) == 3
+    rng, shape = np.random.default_rng(0), drawn.image(0).shape
+    pairs = [StereoPair(i, i, i, *(rng.normal(90, 2, (2, *shape)).astype(np.uint8)))
+             for i in range(3)]
+    refined = refine_site(drawn.site, drawn.rig, pairs)
+    assert set(refined.lost) == set(drawn.lines) and refined.found == {}
+    np.testing.assert_array_equal(refined.site.lines['left'].left_px,
+                                  drawn.lines['left'].left_px)
+    assert sum('left as it was clicked' in w for w in report(refined).warnings) == 2
 
 
+@pytest.mark.slow
+def test_a_drawn_road_from_rough_clicks(drawn):
+    """Clicks with a scatter of a pixel become points with one of hundredths, in their order."""
+    rng = np.random.default_rng(1)
+    lines = {name: PickedLine(name, *(uv + rng.normal(0, 1.0, uv.shape) for uv in line.views_px))
+             for name, line in drawn.lines.items()}
+    lines['left'] = lines['left'].in_reverse()
+    site = replace(drawn.site, lines=lines, lanes=(LaneSpec('a', None, None, 'right', 25.0),
+                                                   LaneSpec('b', None, None, 'left', 25.0)))
+    images = [np.rint(drawn.image(right)).astype(np.uint8) for right in (0, 1)]
+    refined = refine_site(site, drawn.rig, [StereoPair(0, 0, 0, *images)])
+    assert refined.lost == () and not refined.drift.moved
+    for name, line in refined.site.picked.items():
+        for right in (0, 1):
+            found = line.views_std_px[right] < 0.5  # not the ends that were carried on
+            off = drawn.off_px(name, line.views_px[right][found], right)
+            assert np.sqrt(np.mean(off**2)) < 0.02 and found.sum() > 10
+    directions = [refined.lanes[n].path.tangent(5.0) @ [0, 0, -1] for n in ('a', 'b')]
+    np.testing.assert_allclose(directions, [1, -1], atol=1e-3)
+
+
+@pytest.mark.slow
+def test_a_camera_that_moved_too_far_is_refused(drawn):
+    """By half a degree of tilt, in images whose road shows it."""
+    rng = np.random.default_rng(2)
+    texture = rng.normal(0, 12, (12, 360, 640)).mean(axis=0) * 4
+    images = [np.clip(drawn.image(right) + texture, 0, 255).astype(np.uint8) for right in (0, 1)]
+    moved = drawn.rig.drifted(np.radians([0.0, 0.1, 0.0]))
+    calibrated = StereoRig(moved.left, moved.right, moved.R, moved.t)
+    with pytest.raises(SiteError, match='tilt of the right camera since its calibration: found'):
+        refine_site(drawn.site, calibrated, [StereoPair(0, 0, 0, *images)],
+                    RefineConfig(most_drift_deg=0.05))
+
+
+@pytest.mark.slow
 def test_a_doubtful_drift_is_warned_of_and_reported_beside_the_results(circle):
     _, refined = circle
     for probability, words in ((0.15, 0), (0.4, 1)):
@@ -161,6 +205,7 @@ def test_a_doubtful_drift_is_warned_of_and_reported_beside_the_results(circle):
     np.testing.assert_allclose(list(reported_std.values()), left, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_a_site_nobody_refined_is_as_certain_as_a_calibration(circle):
     scene, _ = circle
     rig = scene.sequence.rig

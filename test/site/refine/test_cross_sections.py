@@ -1,0 +1,53 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Cross-sections against the closed forms of a level road."""
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from stereo_speed.site.refine.cross_sections import BORDER_PX, LineView, SPACING_PX
+from stereo_speed.vision.spline_image import SplineImage
+
+F_PX, HEIGHT_M = 900.0, 3.0
+
+
+@pytest.fixture(scope='module')
+def view(drawn):
+    """Give the right-hand line in an image whose grey level is the column."""
+    ramp = np.tile(np.arange(640.0), (360, 1))
+    return LineView(drawn.fit, 0, False, SplineImage(ramp, np.float64), 1.0)
+
+
+def test_places_and_scale(drawn, view):
+    """A metre across is f / z px along a row, of which a part is across the line."""
+    ends = drawn.lines['right'].left_px[[0, -1]]
+    sections = view.sections(ends)
+    uv = view.seen(sections.s_m, np.zeros(len(sections.s_m)))
+    z = F_PX * HEIGHT_M / (uv[:, 1] - 60.0)
+    sine = HEIGHT_M / np.hypot(HEIGHT_M, 2.0)  # the line is at x = -2
+    np.testing.assert_allclose(sections.px_per_m, F_PX / z * sine, rtol=1e-4)
+    steps = np.linalg.norm(np.diff(uv, axis=0), axis=-1)
+    np.testing.assert_allclose(steps, steps[0], rtol=1e-2)
+    assert SPACING_PX <= steps[0] < 1.02 * SPACING_PX
+    inside = (uv >= BORDER_PX) & (uv <= np.array([639, 359]) - BORDER_PX)
+    assert inside.all() and np.linalg.norm(uv[0] - ends[0]) < 3
+
+
+def test_grey_levels_are_read_across(drawn, view):
+    """On a ramp of columns the levels are the columns of the places."""
+    sections = view.sections(drawn.lines['right'].left_px[[0, -1]])
+    across = np.tile(np.linspace(-0.3, 0.3, 7), (len(sections.s_m), 1))
+    grey = view.read(sections, across)
+    uv = view.seen(sections.s_m, across)
+    known = np.isfinite(grey)
+    assert known.mean() > 0.9
+    np.testing.assert_allclose(grey[known], uv[known][:, 0], atol=1e-6)
+    assert np.all(np.diff(grey, axis=1)[known[:, 1:] & known[:, :-1]] > 0)  # to the left of travel
+
+
+def test_some_of_them(drawn, view):
+    sections = view.sections(drawn.lines['right'].left_px[[0, -1]])
+    some = np.arange(len(sections.s_m)) % 3 == 0
+    taken = sections.take(some)
+    np.testing.assert_array_equal(taken.arc_px, sections.arc_px[some])
+    np.testing.assert_array_equal(taken.px_per_m, sections.px_per_m[some])

@@ -1,0 +1,79 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Lane markings and kerbs in drawn views, whose place is known exactly."""
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+from stereo_speed.site.refine.config import RefineConfig
+from stereo_speed.site.refine.markings import locate
+
+WIDTH_M, ASPHALT = 0.15, 80.0
+
+
+def ends(road, name, right):
+    """Return where a line was clicked to begin and to end."""
+    return road.lines[name].views_px[right][[0, -1]]
+
+
+@pytest.mark.parametrize('name, right', [('right', 0), ('left', 1)])
+def test_bands_are_found_to_hundredths_of_a_pixel(drawn_off, name, right):
+    """From a road that is wrong by some px, and as certain as they say."""
+    road, noise = drawn_off, 2.0
+    view = road.view(name, right, road.image(right, noise=noise), noise)
+    found = locate(view, ends(road, name, right))
+    off = road.off_px(name, found.uv_px, right)
+    assert found.shape.kind == 'band' and found.shape.width_m == pytest.approx(WIDTH_M, abs=0.01)
+    assert np.sqrt(np.mean(off**2)) < 0.03
+    assert np.sum((off / found.std_px)**2) < chi2.ppf(0.999, len(off))
+    assert found.used > 0.8 * found.sections and len(off) > 15
+    again = locate(view, ends(road, name, right), found.shape)
+    assert again.shape.width_m == pytest.approx(WIDTH_M, abs=0.01)
+
+
+def test_without_noise_only_the_floor_is_left(drawn):
+    config = RefineConfig(floor_std_px=0.05)
+    found = locate(drawn.view('right', 0, drawn.image(0)), ends(drawn, 'right', 0), config=config)
+    assert np.abs(drawn.off_px('right', found.uv_px, 0)).max() < 0.01
+    np.testing.assert_allclose(found.std_px, 0.05, rtol=0.05)
+    some = np.arange(len(found.s_m)) < 4
+    np.testing.assert_array_equal(found.take(some).uv_px, found.uv_px[:4])
+    assert found.take(some).shape is found.shape
+
+
+def test_kerbs_are_edges(drawn_off):
+    found = locate(drawn_off.view('left', 0, drawn_off.image(0, width_m=0.0, noise=1.0)),
+                   ends(drawn_off, 'left', 0))
+    assert found.shape.kind == 'edge' and found.shape.width_m == 0
+    assert np.abs(drawn_off.off_px('left', found.uv_px, 0)).max() < 0.15
+
+
+def test_gaps_and_poles_are_left_out(drawn):
+    """Of a dashed line less than its dashes is used; a dark pole in front of it bends nothing."""
+    image = drawn.image(0, period_m=8.0, noise=1.0)
+    image[:200, 255:262] = 20.0
+    found = locate(drawn.view('right', 0, image), ends(drawn, 'right', 0))
+    assert 0.15 < found.used / found.sections < 0.65
+    off = drawn.off_px('right', found.uv_px, 0)
+    assert np.sqrt(np.mean(off**2)) < 0.05
+
+
+@pytest.mark.parametrize('noise', [0.0, 3.0])
+def test_bare_road_has_no_line(drawn, noise):
+    bare = ASPHALT + noise * np.random.default_rng(0).standard_normal((360, 640))
+    assert locate(drawn.view('right', 0, bare, max(noise, 1.0)), ends(drawn, 'right', 0)) is None
+
+
+def test_the_search_reaches_as_far_as_it_is_told(draw):
+    """A road known to 40 cm is 8 to 30 px off: a search of 35 px finds its line, one of 3 not."""
+    road = draw(0.4)
+    view = road.view('right', 0, road.image(0))
+    found = locate(view, ends(road, 'right', 0), config=RefineConfig(search_px=35.0))
+    assert np.abs(road.off_px('right', found.uv_px, 0)).max() < 0.02 and len(found.uv_px) > 15
+    assert locate(view, ends(road, 'right', 0), config=RefineConfig(search_px=3.0)) is None
+
+
+def test_a_line_too_short_is_none(drawn):
+    a = ends(drawn, 'right', 0)[0]
+    assert locate(drawn.view('right', 0, drawn.image(0)), np.stack([a, a + 3.0])) is None
