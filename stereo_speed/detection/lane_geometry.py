@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .pyramid import Patches
 from ..core.records import Array
@@ -76,7 +77,8 @@ class LaneGeometry:
         return (position[:, None, None] + across[:, None, :, None] * frame[:, None, None, :, 1]
                 + h_m[None, :, None, None] * frame[:, None, None, :, 2])
 
-    def project(self, s_m: Array, x_m: Array, h_m: Array) -> tuple[Array, Array, Array, Array]:
+    def project(self, s_m: Array, x_m: Array, h_m: Array) -> tuple[
+            Array, Array, NDArray[np.bool_], NDArray[np.bool_]]:
         """Return the pixels of points of planes, left and right, and whether they are in the image."""
         return self.rig.project(self.points(s_m, x_m, h_m))
 

@@ -97,7 +97,8 @@ class PairPyramids:
 
         :param trigger_tolerance_s: stamps that differ by less are of one exposure.
         """
-        return cls(pair, pair.right_lag_s(trigger_tolerance_s), Pyramid.of(pair.left, regions.left),
+        return cls(pair, pair.right_lag_s(trigger_tolerance_s),
+                   Pyramid.of(pair.left, regions.left),
                    Pyramid.of(pair.right, regions.right))
 
     def age_s(self, stamp_ns: int) -> float:

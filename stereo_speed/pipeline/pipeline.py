@@ -168,7 +168,8 @@ class SpeedPipeline:
         tracker = self._start_tracker(TrackStart(
             rig=self.rig, lane=lane, front=front, pair=pair, track=number,
             config=replace(self.config, particles=self._share(len(tracks) + 1)),
-            rng=np.random.default_rng([self.seed, number])))
+            rng=np.random.default_rng([self.seed, number]),
+            seen_mps=detection.speed_mps if detection is not None else None))
         if isinstance(tracker, Refusal):
             return tracker
         self._next_track += 1

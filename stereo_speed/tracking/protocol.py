@@ -32,6 +32,7 @@ class TrackStart:
     :param pair: the first pair; it is fed to the tracker as well.
     :param track: number of the track, never reused.
     :param rng: source of all randomness of the track.
+    :param seen_mps: speed as the detector saw it; None where it saw none.
     """
 
     rig: StereoRig
@@ -41,6 +42,7 @@ class TrackStart:
     pair: StereoPair
     track: int
     rng: np.random.Generator
+    seen_mps: Optional[float] = None
 
     @property
     def expected_mps(self) -> float:
