@@ -6,7 +6,8 @@ from __future__ import annotations
 import argparse
 import os
 from pathlib import Path
-from typing import Callable, TypeVar
+import sys
+from typing import Callable, Sequence, TypeVar
 
 Number = TypeVar('Number', int, float)
 
@@ -28,3 +29,14 @@ def add_job_options(parser: argparse.ArgumentParser) -> None:
                         help='processes (default: one for each core; 0: only this one)')
     parser.add_argument('--out', type=Path, metavar='DIR',
                         help='folder for the results; a run that was interrupted goes on there')
+
+
+def report_failures(failed: Sequence[str]) -> int:
+    """
+    Print the jobs that failed, and return the exit status.
+
+    :param failed: a line for each.
+    """
+    for line in failed:
+        print(f'failed: {line}', file=sys.stderr)
+    return 1 if failed else 0

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from typing import Any
 
 import numpy as np
@@ -12,8 +11,9 @@ import numpy as np
 from ..evaluation.accuracy import (
     accuracy_jobs, accuracy_table, gather, measure_job, passes_table, rejections,
     silently_wrong)
+from ..evaluation.labeled_sequence import LineKnowledge
 from ..evaluation.runner import failures, run_jobs
-from ...cli.options import add_job_options, number_in
+from ...cli.options import add_job_options, number_in, report_failures
 from ...core.config import TrackerConfig
 from ...io.atomic import write_whole
 
@@ -28,7 +28,7 @@ def add_parser(subparsers: Any) -> None:
     add('--seed', type=number_in(int, 0, 2 ** 31), default=0, help='another set of passes')
     add('--particles', type=int, default=TrackerConfig().particles)
     lines = parser.add_mutually_exclusive_group()
-    lines.add_argument('--lines', choices=('picked', 'refined', 'exact'), default='refined',
+    lines.add_argument('--lines', choices=[k.value for k in LineKnowledge], default='refined',
                        help='how the lines of the site are known (default: refined)')
     lines.add_argument('--picked', action='store_const', const='picked', dest='lines',
                        help='picks of 0.3 px scatter as they are')
@@ -45,8 +45,9 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Measure the passes that are not measured yet, print the table, write the files."""
     TrackerConfig(particles=args.particles)  # refuse before the work begins
-    jobs = accuracy_jobs(args.passes, seed=args.seed, site=args.lines, pan_deg=args.pan_deg,
-                         tolerances=args.tolerances, changes={'particles': args.particles})
+    jobs = accuracy_jobs(args.passes, seed=args.seed, lines=LineKnowledge(args.lines),
+                         pan_deg=args.pan_deg, tolerances=args.tolerances,
+                         changes={'particles': args.particles})
     results = run_jobs(jobs, measure_job, out_dir=args.out, workers=args.jobs,
                        description='accuracy')
     passes = gather(jobs, results)
@@ -59,7 +60,4 @@ def run(args: argparse.Namespace) -> int:
     print(f'lines {args.lines}, {args.particles} particles; not measured: {reasons or "none"}; '
           f'measured, more than 0.1 mph and 2 σ off: {silently_wrong(passes)}; '
           f'{np.nanmedian([p.cpu_ms for p in passes]):.1f} ms of one core per pair')
-    failed = failures(results)
-    for line in failed:
-        print(f'failed: {line}', file=sys.stderr)
-    return 1 if failed else 0
+    return report_failures(failures(results))

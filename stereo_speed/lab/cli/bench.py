@@ -48,7 +48,7 @@ def run(args: argparse.Namespace) -> int:
             return [_milliseconds(pipeline.process, pair) for pair in pairs]
         return once
 
-    matcher = cv2.StereoSGBM_create(minDisparity=0, numDisparities=64, blockSize=5)
+    matcher = cv2.StereoSGBM.create(minDisparity=0, numDisparities=64, blockSize=5)
 
     def sgbm() -> list[float]:
         return [_milliseconds(_disparity, matcher, pair) for pair in pairs[:4]]
@@ -73,7 +73,7 @@ def _print(times: dict[str, list[float]]) -> None:
         print(f'{name:36}{statistics.median(values):8.2f}{min(values):8.2f}{max(values):8.2f}')
 
 
-def _disparity(matcher: Any, pair: StereoPair) -> None:
+def _disparity(matcher: cv2.StereoSGBM, pair: StereoPair) -> None:
     matcher.compute(pair.left, pair.right)
 
 

@@ -5,29 +5,26 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
-from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
-import sys
 from typing import Any, Optional, Sequence
 
+from . import evaluate_monocular
 from ..evaluation.comparison import comparison_table
-from ..evaluation.drives import SITES
 from ..evaluation.experiments import (
-    Experiment, LINES, plan, Runs, sequence_experiment, Source, track_job)
+    Experiment, plan, Runs, sequence_experiment, Source, track_job)
+from ..evaluation.labeled_sequence import LineKnowledge
+from ..evaluation.paper_sequences import find_sequence, SEQUENCES
 from ..evaluation.paper_tables import (
     checks, checks_text, contest_table, paper_table, PaperPlan)
 from ..evaluation.runner import failures, run_jobs
-from ..evaluation.sequences import find_sequence, SEQUENCES
 from ..evaluation.tables import Table
-from ...cli.options import add_job_options, number_in
+from ...cli.options import add_job_options, number_in, report_failures
 from ...core.config import TrackerConfig
 from ...core.errors import InputError
 from ...io.atomic import prepare_folder, write_whole
 from ...pipeline.registry import TRACKERS
 
 _FILES = ('site.yaml', 'init.yaml', 'truth.csv')
-_OTHERS = 'evaluate_monocular'  # the monocular trackers, on videos
 
 
 def add_parser(subparsers: Any) -> None:
@@ -51,18 +48,13 @@ def add_parser(subparsers: Any) -> None:
         help='runs of each (default: 10; 20 of each cell of the tables of the paper)')
     add('--particles', type=number_in(int, 20, 20000), nargs='+', metavar='N', default=None,
         help='numbers of particles (default: those of the paper)')
-    add('--lines', choices=SITES, default=LINES,
-        help=f'how the lines of simulated sites are known (default: {LINES})')
+    add('--lines', choices=[k.value for k in LineKnowledge], default='refined',
+        help='how the lines of simulated sites are known (default: refined)')
     add('--paper', action='store_true', help='run the tables of Zhu et al. (2012) again')
     add('--quick', action='store_true', help='with --paper: a small part of it')
     add_job_options(parser)
-    if _has_others():
-        import_module(f'.{_OTHERS}', __package__).add_options(parser)
+    evaluate_monocular.add_options(parser)
     parser.set_defaults(run=run)
-
-
-def _has_others() -> bool:
-    return find_spec(f'{__package__}.{_OTHERS}') is not None
 
 
 def _sequences(text: str) -> list[str]:
@@ -84,8 +76,8 @@ def _names(text: str, known: Sequence[str]) -> list[str]:
 
 def run(args: argparse.Namespace) -> int:
     """Run what is asked for; what was run before with the same parameters is kept."""
-    if getattr(args, 'video', None):
-        return int(import_module(f'.{_OTHERS}', __package__).run(args) or 0)
+    if args.video:
+        return evaluate_monocular.run(args)
     if args.out is None:
         raise InputError('evaluate', '--out', 'nothing', 'a folder for the results')
     if not (args.paper or args.bags or args.sequences):
@@ -100,15 +92,13 @@ def run(args: argparse.Namespace) -> int:
 
 def _paper(args: argparse.Namespace) -> int:
     """Run the paper's tables again."""
-    wanted = PaperPlan(trackers=tuple(args.trackers or TRACKERS.names), lines=args.lines)
+    wanted = PaperPlan(trackers=tuple(args.trackers or TRACKERS.names),
+                       lines=LineKnowledge(args.lines))
     if args.quick:
         wanted = wanted.quick()
     if args.seeds:
         wanted = replace(wanted, table_seeds=range(args.seeds), compare_seeds=range(args.seeds))
-    jobs = plan(wanted.cells(), wanted.table_seeds)
-    known = {job.key for job in jobs}
-    jobs += [j for j in plan(wanted.contests(), wanted.compare_seeds) if j.key not in known]
-    results = run_jobs(sorted(jobs, key=lambda job: job.group), track_job, out_dir=args.out,
+    results = run_jobs(plan([*wanted.cells(), *wanted.contests()]), track_job, out_dir=args.out,
                        workers=args.jobs, description='evaluate --paper')
     runs = Runs(results)
     tables = {f'table_{t.name.split()[1].strip(")").replace("(", "")}': paper_table(
@@ -118,7 +108,8 @@ def _paper(args: argparse.Namespace) -> int:
     text = f'**Checks**\n\n{checks_text(found)}'
     _write(args.out, tables, text)
     _paper_plots(args.out, wanted, runs)
-    return _report(args.out, failures(results))
+    print(f'in {args.out}')
+    return report_failures(failures(results))
 
 
 def _paper_plots(out: Path, wanted: PaperPlan, runs: Runs) -> None:
@@ -138,18 +129,20 @@ def _compare(args: argparse.Namespace) -> int:
     """Run trackers over bags and simulated sequences."""
     seeds = range(args.seeds or 10)
     trackers = args.trackers or list(TRACKERS.names)
-    groups = [[sequence_experiment(name, t, lines=args.lines, particles=n) for t in trackers
-               for n in args.particles or [None]] for name in args.sequences]
+    groups = [[sequence_experiment(name, t, lines=LineKnowledge(args.lines), particles=n)
+               for t in trackers for n in args.particles or [None]] for name in args.sequences]
     groups += [[Experiment(source=source, tracker=t, changes=_particles(n)) for t in trackers
                 for n in args.particles or [TrackerConfig().particles]]
                for source in _sources(args)]
-    results = run_jobs(plan([e for group in groups for e in group], seeds), track_job,
-                       out_dir=args.out, workers=args.jobs, description='evaluate')
+    jobs = plan([(e, seed) for group in groups for e in group for seed in seeds])
+    results = run_jobs(jobs, track_job, out_dir=args.out, workers=args.jobs,
+                       description='evaluate')
     runs = Runs(results)
     _write(args.out, {_file_name(i, group): comparison_table(group, seeds, runs)
                       for i, group in enumerate(groups)})
     _plots(args.out, groups, seeds, runs)
-    return _report(args.out, failures(results))
+    print(f'in {args.out}')
+    return report_failures(failures(results))
 
 
 def _particles(count: int) -> dict[str, int]:
@@ -209,11 +202,3 @@ def _write(out: Path, tables: dict[str, Table], more: Optional[str] = None) -> N
     write_whole(out, {'evaluation.md': text,
                       **{f'{name}.csv': table.csv() for name, table in tables.items()}})
     print(text)
-
-
-def _report(out: Path, failed: Sequence[str]) -> int:
-    """Tell where everything is, and what failed."""
-    print(f'in {out}')
-    for line in failed:
-        print(f'failed: {line}', file=sys.stderr)
-    return 1 if failed else 0

@@ -1,31 +1,33 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Measure many passes drawn at random and sum up how far off they are, and how honestly."""
+"""Measure many passes drawn at random, and sum up their errors and how well sigmas fit them."""
 from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
-from typing import Any, Iterable, Mapping, Optional, Sequence
+from typing import Any, Mapping, Optional, Sequence
 
 import numpy as np
 
-from .drives import DriveRun, simulated_drive, track_drive, VehicleRun
+from .labeled_sequence import LineKnowledge, run_tracker, simulated_sequence
 from .metrics import pass_error, pass_figures, readings, sigma_share
+from .random_passes import draw_pass
 from .runner import Job, Result
-from .scenes import draw_scene
-from .tables import mph, signed, Table
+from .scorer import SequenceRun, VehicleRun
+from .tables import Cell, mph, signed, Table
 from ...core.config import TrackerConfig
 from ...core.units import MPH_MPS
 
 COLUMNS = ('', 'passes', 'measured', 'mean error, mph', 'sd, mph', 'max, mph',
            'r.m.s. of error/σ', 'beyond 4 σ', 'worst reading of the second half, mph')
-_WRONG_MPS = 0.1 * MPH_MPS  # what a rig that has moved may cost, at most
+# The error that a rig that has moved may cause at most.
+_WRONG_MPS = 0.1 * MPH_MPS
 
 
 @dataclass(frozen=True, kw_only=True)
 class PassRun:
     """
-    A pass and what was made of it.
+    A pass and what was measured of it.
 
     :param number: of the pass.
     :param kinds: what it counts for: heading to kind.
@@ -41,20 +43,22 @@ class PassRun:
     cpu_ms: float = 0.0
 
 
-def accuracy_jobs(passes: int, *, seed: int, site: str, pan_deg: float, tolerances: bool,
-                  changes: Mapping[str, Any], tracker: str = 'constrained') -> list[Job]:
+def accuracy_jobs(passes: int, *, seed: int, lines: LineKnowledge, pan_deg: float,
+                  tolerances: bool, changes: Mapping[str, Any],
+                  tracker: str = 'constrained') -> list[Job]:
     """
-    Plan the passes.
+    Return a job for each pass.
 
     :param passes: how many.
     :param seed: of the set.
-    :param site: ``picked``, ``refined`` or ``exact``.
+    :param lines: how well the lines of the site are known.
     :param pan_deg: by which the right camera has turned since its calibration.
     :param tolerances: whether calibration and stamps are off within the tracker's tolerances.
     :param changes: parameters of the tracker that differ from the defaults.
+    :param tracker: name of the tracker.
     """
     return [Job(key=f'pass{number:04d}', parameters={
-        'number': number, 'seed': seed, 'site': site, 'pan_deg': pan_deg,
+        'number': number, 'seed': seed, 'lines': lines.value, 'pan_deg': pan_deg,
         'tolerances': tolerances, 'tracker': tracker, 'changes': dict(changes)})
         for number in range(passes)]
 
@@ -62,29 +66,29 @@ def accuracy_jobs(passes: int, *, seed: int, site: str, pan_deg: float, toleranc
 def measure_job(parameters: Mapping[str, Any]) -> Mapping[str, Any]:
     """Simulate one pass and measure it; runs in a worker process."""
     number, seed = parameters['number'], parameters['seed']
-    scene = draw_scene(seed, number, pan_deg=parameters['pan_deg'])
+    drawn = draw_pass(seed, number, pan_deg=parameters['pan_deg'])
     config = TrackerConfig(**parameters['changes'])
-    drive = simulated_drive(scene.config, (seed, number), parameters['site'],
-                            tolerances=config if parameters['tolerances'] else None)
-    return track_drive(drive, parameters['tracker'], config, number).to_json()
+    sequence = simulated_sequence(drawn.config, (seed, number), LineKnowledge(parameters['lines']),
+                                  tolerances=config if parameters['tolerances'] else None)
+    return run_tracker(sequence, parameters['tracker'], config, number).to_json()
 
 
-def gather(jobs: Sequence[Job], results: Iterable[Result]) -> list[PassRun]:
-    """Put passes and results together."""
+def gather(jobs: Sequence[Job], results: Sequence[Result]) -> list[PassRun]:
+    """Return each pass with its result."""
     out = []
     for job, result in zip(jobs, results):
         p = job.parameters
-        scene = draw_scene(p['seed'], p['number'], pan_deg=p['pan_deg'])
-        drive = None if result.value is None else DriveRun.from_json(result.value)
+        kinds = draw_pass(p['seed'], p['number'], pan_deg=p['pan_deg']).kinds
+        done = None if result.value is None else SequenceRun.from_json(result.value)
         out.append(PassRun(
-            number=p['number'], kinds=scene.kinds, error=result.error,
-            run=None if drive is None else drive.vehicles[0],
-            cpu_ms=np.nan if drive is None else drive.cpu_ms))
+            number=p['number'], kinds=kinds, error=result.error,
+            run=None if done is None else done.vehicles[0],
+            cpu_ms=np.nan if done is None else done.cpu_ms))
     return out
 
 
 def accuracy_table(passes: Sequence[PassRun]) -> Table:
-    """Sum up all passes, then each kind of them."""
+    """Return a row for all passes, then one for each kind of them."""
     rows = [_row('all', passes)]
     for heading in passes[0].kinds if passes else ():
         for kind in sorted({p.kinds[heading] for p in passes}):
@@ -93,7 +97,7 @@ def accuracy_table(passes: Sequence[PassRun]) -> Table:
     return Table(title='', columns=COLUMNS, rows=rows)
 
 
-def _row(name: str, passes: Sequence[PassRun]) -> list[Any]:
+def _row(name: str, passes: Sequence[PassRun]) -> list[Cell]:
     runs = [p.run or VehicleRun(vehicle=0) for p in passes]
     f = pass_figures(runs)
     late = [e for run in runs for e in late_errors(run)]
@@ -114,23 +118,23 @@ def late_errors(run: VehicleRun) -> list[float]:
 
 
 def rejections(passes: Sequence[PassRun]) -> dict[str, int]:
-    """Count why passes were not measured; ``lost`` had no track at its end."""
+    """Return how often each reason kept a pass from being measured; ``lost`` had no track."""
     reasons = Counter(
-        p.error and 'failed' or (p.run.reason if p.run and p.run.verdict else 'lost')
+        'failed' if p.error else p.run.reason if p.run and p.run.verdict else 'lost'
         for p in passes if p.run is None or not p.run.measured)
     return dict(sorted(reasons.items()))
 
 
 def silently_wrong(passes: Sequence[PassRun]) -> int:
-    """Count measured passes that are more than 0.1 mph off and more than 2 of their 1-sigmas."""
+    """Return how many measured passes are more than 0.1 mph and 2 of their 1-sigmas off."""
     return sum(abs(pass_error(p.run)) > _WRONG_MPS and abs(sigma_share(p.run)) > 2
                for p in passes if p.run is not None and p.run.measured)
 
 
 def passes_table(passes: Sequence[PassRun]) -> Table:
-    """List every pass, for programs."""
+    """Return a row for every pass, for programs."""
     kinds = list(passes[0].kinds) if passes else []
-    rows = []
+    rows: list[list[Cell]] = []
     for p in passes:
         run = p.run or VehicleRun(vehicle=0)
         rows.append([p.number, *(p.kinds[k] for k in kinds), run.verdict or 'none',

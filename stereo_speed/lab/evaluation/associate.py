@@ -1,6 +1,12 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Match tracks to true vehicles by their places, one to one."""
+"""
+Associate tracks with true vehicles by their positions, one to one.
+
+Two measures say how near a track is to a vehicle. ``distance`` is generous in depth, which stereo
+knows least, so that a poor tracker is scored by its errors. ``support`` distinguishes the vehicles
+of dense traffic, neighbours in the next lane included.
+"""
 from __future__ import annotations
 
 from typing import Mapping, Sequence
@@ -11,28 +17,71 @@ from scipy.optimize import linear_sum_assignment
 from ...core.records import Array, TrackUpdate
 from ...io.truth import VehicleTruth
 
-# Depth is what stereo knows least; a tracker that is this far off is not on the vehicle.
+# A tracker that is farther off than the greater of these is not on the vehicle.
 GATE_M, GATE_SHARE = 4.0, 0.15
-# The nearer part of its places decides: a track that leaves its vehicle later is still that
+# The nearer part of its positions decides: a track that leaves its vehicle later remains that
 # vehicle's, with the errors it then makes.
 NEARER_SHARE = 0.25
+# Farther to the side than this a track is on a neighbour.
+GATE_SIDE_M = 1.2
+# Of a tall vehicle the upper or the lower part may be tracked.
+GATE_UP_M = 2.5
+# The greater of these holds along the line of sight.
+GATE_DEPTH_M, GATE_DEPTH_SHARE = 2.0, 0.06
+# A track is on a vehicle when its support is more than this share of its updates: half of them,
+# at half the gate.
+LEAST_SUPPORT = 0.25
+
+
+def common_positions(track: Sequence[TrackUpdate], truth: VehicleTruth) -> tuple[Array, Array]:
+    """Return a track's positions, (n, 3), and the true ones beside them, where both are known."""
+    rows = truth.at([u.stamp_ns for u in track])
+    true = truth.position_m[rows]
+    known = (rows >= 0) & np.isfinite(true).all(axis=1)
+    return np.array([u.position_m for u in track]).reshape(-1, 3)[known], true[known]
 
 
 def distance(track: Sequence[TrackUpdate], truth: VehicleTruth) -> float:
     """
-    Tell how far a track is from a vehicle, in gates: 1 is the farthest that can be matched.
+    Return how far a track is from a vehicle, in gates: 1 is the farthest that can be matched.
 
     :param track: updates of one track.
     :return: quantile of the distances at common stamps; infinite when there is none.
     """
-    rows = truth.at([u.stamp_ns for u in track])
-    there = truth.position_m[rows]
-    known = (rows >= 0) & np.isfinite(there).all(axis=1)
-    if not known.any():
+    found, true = common_positions(track, truth)
+    if not len(true):
         return np.inf
-    here = np.array([u.position_m for u in track])[known]
-    gate = np.maximum(GATE_M, GATE_SHARE * np.abs(there[known, 2]))
-    return float(np.quantile(np.linalg.norm(here - there[known], axis=1) / gate, NEARER_SHARE))
+    gate = np.maximum(GATE_M, GATE_SHARE * np.abs(true[:, 2]))
+    return float(np.quantile(np.linalg.norm(found - true, axis=1) / gate, NEARER_SHARE))
+
+
+def support(track: Sequence[TrackUpdate], truth: VehicleTruth) -> float:
+    """Return how well and how often a track is on a vehicle: the sum of its ``nearness``."""
+    return float(nearness(*common_positions(track, truth)).sum())
+
+
+def nearness(track_m: Array, true_m: Array) -> Array:
+    """
+    Return how well a track is on a vehicle: 1 on its centre, 0 from the gate on.
+
+    :param track_m: (..., 3) centre of the tracked front, left optical frame.
+    :param true_m: (..., 3) the true one.
+    """
+    reach = np.linalg.norm(true_m, axis=-1, keepdims=True)
+    ray, gap = true_m / reach, track_m - true_m
+    along = (gap * ray).sum(axis=-1, keepdims=True)
+    across = gap - along * ray  # x to the side and y down: rigs stand about upright
+    shares: Array = np.concatenate([
+        along / np.maximum(GATE_DEPTH_M, GATE_DEPTH_SHARE * reach),
+        across[..., :1] / GATE_SIDE_M, across[..., 1:2] / GATE_UP_M], axis=-1)
+    found: Array = np.maximum(0.0, 1.0 - np.linalg.norm(shares, axis=-1))
+    return found
+
+
+def one_to_one(gain: Array) -> list[tuple[int, int]]:
+    """Return pairs of row and column with the greatest sum of gains; no gain makes no pair."""
+    rows, columns = linear_sum_assignment(gain, maximize=True)
+    return [(int(i), int(j)) for i, j in zip(rows, columns) if gain[i, j] > 0]
 
 
 def match(tracks: Mapping[int, Sequence[TrackUpdate]],
@@ -40,7 +89,7 @@ def match(tracks: Mapping[int, Sequence[TrackUpdate]],
     """
     Match tracks to vehicles, one to one, with the least sum of distances within the gate.
 
-    Where the truth tells no places and there is but one vehicle, it gets the longest track.
+    Where the truth has no positions and a single vehicle, that gets the longest track.
 
     :param tracks: track number to its updates.
     :param truths: the vehicles.
@@ -53,7 +102,30 @@ def match(tracks: Mapping[int, Sequence[TrackUpdate]],
         return {truths[0].vehicle: max(names, key=lambda name: len(tracks[name]))}
     cost: Array = np.array([[distance(tracks[name], truth) for name in names]
                             for truth in truths])
-    # What is beyond the gate costs more than any assignment within it.
-    far = 1.0 + len(names) * len(truths)
-    rows, columns = linear_sum_assignment(np.where(cost <= 1.0, cost, far))
-    return {truths[i].vehicle: names[j] for i, j in zip(rows, columns) if cost[i, j] <= 1.0}
+    # Any pair within the gate gains more than all distances together.
+    gain = np.where(cost <= 1.0, 1.0 + cost.size - cost, 0.0)
+    return {truths[i].vehicle: names[j] for i, j in one_to_one(gain)}
+
+
+def vehicles_of(tracks: Mapping[int, Sequence[TrackUpdate]],
+                truths: Sequence[VehicleTruth]) -> dict[int, int]:
+    """
+    Return the vehicle that each track is on.
+
+    Tracks and vehicles are matched one to one, with the greatest support; what is left over is a
+    second track of a vehicle, or on none.
+
+    :param tracks: track number to its updates.
+    :param truths: the vehicles.
+    :return: track number to vehicle number, without the tracks on nothing.
+    """
+    names = sorted(tracks)
+    if not names or not truths:
+        return {}
+    gain: Array = np.array([[support(tracks[name], truth) for truth in truths] for name in names])
+    enough: Array = np.array([LEAST_SUPPORT * len(tracks[name]) for name in names])
+    gain = np.where(gain > enough[:, None], gain, 0.0)
+    on = {names[i]: truths[int(j)].vehicle for i, j in enumerate(gain.argmax(axis=1))
+          if gain[i, j] > 0}
+    on.update({names[i]: truths[j].vehicle for i, j in one_to_one(gain)})
+    return on

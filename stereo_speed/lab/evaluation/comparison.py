@@ -4,11 +4,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, Sequence
+from typing import Sequence
 
 from .experiments import Experiment, Runs
 from .metrics import pass_figures, reading_figures, ReadingFigures
-from .tables import mph, Table
+from .tables import Cell, mph, Table
 
 COLUMNS = ('tracker', 'truth, mph', 'mean, mph', 'max error, mph', 'sd, mph', 'r.m.s., mph',
            'last reading max, mph', 'pass max, mph', 'passes measured', 'lost', 'ms per pair')
@@ -17,16 +17,16 @@ DIGITS = (0, 2, 2, 3, 3, 3, 3, 3, 0, 0, 1)
 
 def whole_figures(experiment: Experiment, seeds: Sequence[int], vehicle: int,
                   runs: Runs) -> ReadingFigures:
-    """Sum up the readings of a vehicle; runs that failed count as lost."""
+    """Return the figures of a vehicle's readings; runs that failed count as lost."""
     found = runs.vehicle(experiment, seeds, vehicle)
     f = reading_figures(found)
     return replace(f, runs=len(seeds), lost=f.lost + len(seeds) - len(found))
 
 
 def comparison_row(label: str, experiment: Experiment, seeds: Sequence[int], vehicle: int,
-                   runs: Runs) -> list[Any]:
+                   runs: Runs) -> list[Cell]:
     """
-    Make a row under ``COLUMNS``.
+    Return a row under ``COLUMNS``.
 
     :param label: of the row.
     :param vehicle: number of the vehicle.
@@ -41,11 +41,12 @@ def comparison_row(label: str, experiment: Experiment, seeds: Sequence[int], veh
 def comparison_table(experiments: Sequence[Experiment], seeds: Sequence[int],
                      runs: Runs) -> Table:
     """
-    Compare experiments on one source.
+    Return a row for each experiment and vehicle.
 
     :param experiments: of one source.
     """
-    rows, several = [], len({e.changes.get('particles') for e in experiments}) > 1
+    several = len({e.changes.get('particles') for e in experiments}) > 1
+    rows: list[list[Cell]] = []
     vehicles = sorted({v for e in experiments for v in runs.vehicles(e, seeds)})
     for vehicle in vehicles or [0]:
         for e in experiments:

@@ -1,11 +1,11 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Trackers over sequences and seeds: what to run, the worker that runs it, and its runs.
+Trackers over sequences and seeds: what to run, the job that runs it, and its runs.
 
 A run is one tracker with one set of parameters over one sequence with one seed. The seed stands
-for all that is random: textures, noise, picks and marks of a simulation, and the tracker. Runs on
-one sequence and seed share its images.
+for all that is random: textures, noise, picks and annotations of a simulation, and the tracker.
+Runs on one sequence and seed share its images.
 """
 from __future__ import annotations
 
@@ -13,16 +13,15 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 import json
 from pathlib import Path
-from typing import Any, Mapping, Optional, Sequence
+from typing import Any, Iterable, Mapping, Optional, Sequence, Union
 
-from .drives import bag_drive, Drive, DriveRun, simulated_drive, track_drive, VehicleRun
+from .labeled_sequence import (
+    bag_sequence, LabeledSequence, LineKnowledge, run_tracker, simulated_sequence)
+from .paper_sequences import find_sequence, rate_std
 from .runner import Job, Result
-from .sequences import find_sequence, rate_std
+from .scorer import SequenceRun, VehicleRun
 from ...core.config import TrackerConfig
 from ...pipeline.registry import TRACKERS
-
-# How well the lines of a simulated site are known unless one says otherwise.
-LINES = 'refined'
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,24 +30,24 @@ class Source:
     Where the pairs come from: a simulated sequence, or a bag with its files.
 
     :param sequence: name of a simulated sequence; empty for a bag.
-    :param lines: how the lines of a simulated site are known.
+    :param lines: how well the lines of a simulated site are known.
     :param files: ``bag``, ``site``, ``truth`` and perhaps ``init``, ``left`` and ``right``.
     """
 
     sequence: str = ''
-    lines: str = LINES
+    lines: LineKnowledge = LineKnowledge.REFINED
     files: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def name(self) -> str:
-        """Name it, for tables."""
+        """Name for tables."""
         bag = Path(self.files.get('bag', ''))
         return self.sequence or (bag.parent.name if bag.name == 'bag' else bag.name)
 
     def to_json(self, seed: int) -> dict[str, Any]:
-        """Tell all that the pairs depend on."""
+        """Return all that the pairs depend on."""
         if self.sequence:
-            return {'sequence': self.sequence, 'lines': self.lines, 'seed': seed}
+            return {'sequence': self.sequence, 'lines': self.lines.value, 'seed': seed}
         return {'files': dict(self.files), 'state': [_state(Path(self.files[k])) for k in sorted(
             set(self.files) & {'bag', 'site', 'truth', 'init'})]}
 
@@ -68,31 +67,32 @@ class Experiment:
     changes: Mapping[str, Any] = field(default_factory=dict)
 
     def key(self, seed: int) -> str:
-        """Name one of its runs."""
+        """Return the name of one of its runs."""
         changes = ','.join(f'{k}={self.changes[k]:g}' for k in sorted(self.changes))
         lines = f' {self.source.lines}' if self.source.sequence else ''
         name = self.source.name if self.source.sequence else self.source.files['bag']
         return f'{name}{lines} {self.tracker} {changes or "defaults"} seed {seed}'
 
     def job(self, seed: int) -> Job:
-        """Make the job of one of its runs."""
+        """Return the job of one of its runs."""
         source = self.source.to_json(seed)
         return Job(key=self.key(seed), group=json.dumps(source, sort_keys=True), parameters={
             'source': source, 'tracker': self.tracker, 'changes': dict(self.changes),
             'seed': seed})
 
 
-def _state(path: Path) -> list[Any]:
-    """Tell whether a file, or a folder's files, changed."""
+def _state(path: Path) -> list[list[Union[str, int]]]:
+    """Return what changes when a file, or a file of a folder, changes."""
     files = sorted(path.rglob('*')) if path.is_dir() else [path]
     return [[f.name, f.stat().st_size, f.stat().st_mtime_ns] for f in files if f.is_file()]
 
 
-def sequence_experiment(sequence: str, tracker: str, *, lines: str = LINES,
+def sequence_experiment(sequence: str, tracker: str, *,
+                        lines: LineKnowledge = LineKnowledge.REFINED,
                         particles: Optional[int] = None, parts: Optional[int] = None,
                         step_mps: Optional[float] = None) -> Experiment:
     """
-    Plan a tracker on a simulated sequence, with the paper's parameters unless told otherwise.
+    Return a tracker on a simulated sequence, with the paper's parameters unless given.
 
     :param step_mps: 1-sigma of the change of speed from pair to pair, m/s.
     :raises InputError: an unknown sequence or tracker, parameters out of bounds.
@@ -109,32 +109,33 @@ def sequence_experiment(sequence: str, tracker: str, *, lines: str = LINES,
                       changes=changes)
 
 
-def plan(experiments: Sequence[Experiment], seeds: Sequence[int]) -> list[Job]:
-    """List the jobs of experiments, each once, those that share images together."""
-    jobs: dict[str, Job] = {}
-    for seed in seeds:
-        for experiment in experiments:
-            jobs.setdefault(experiment.key(seed), experiment.job(seed))
+def plan(runs: Iterable[tuple[Experiment, int]]) -> list[Job]:
+    """
+    Return the jobs of runs, each once, those that share images together.
+
+    :param runs: experiments with a seed.
+    """
+    jobs = {experiment.key(seed): experiment.job(seed) for experiment, seed in runs}
     return sorted(jobs.values(), key=lambda job: job.group)
 
 
 def track_job(parameters: Mapping[str, Any]) -> Mapping[str, Any]:
     """Run one tracker over one sequence; runs in a worker process."""
-    drive = _drive(json.dumps(parameters['source'], sort_keys=True))
+    sequence = _sequence(json.dumps(parameters['source'], sort_keys=True))
     config = TrackerConfig(**parameters['changes'])
-    return track_drive(drive, parameters['tracker'], config, parameters['seed']).to_json()
+    return run_tracker(sequence, parameters['tracker'], config, parameters['seed']).to_json()
 
 
 @lru_cache(maxsize=1)
-def _drive(source: str) -> Drive:
-    """Simulate or read a drive, once for the jobs that follow one another on it."""
-    told = json.loads(source)
-    if 'sequence' in told:
-        name = told['sequence']
-        return simulated_drive(find_sequence(name).config(), (told['seed'],), told['lines'])
-    f = told['files']
-    return bag_drive(Path(f['bag']), Path(f['site']), Path(f['init']) if 'init' in f else None,
-                     Path(f['truth']), left=f.get('left'), right=f.get('right'))
+def _sequence(source: str) -> LabeledSequence:
+    """Simulate or read a sequence, once for the jobs that follow one another on it."""
+    given = json.loads(source)
+    if 'sequence' in given:
+        return simulated_sequence(find_sequence(given['sequence']).config(), (given['seed'],),
+                                  LineKnowledge(given['lines']))
+    f = given['files']
+    return bag_sequence(Path(f['bag']), Path(f['site']), Path(f['init']) if 'init' in f else None,
+                        Path(f['truth']), left=f.get('left'), right=f.get('right'))
 
 
 class Runs:
@@ -145,26 +146,26 @@ class Runs:
     """
 
     def __init__(self, results: Sequence[Result]) -> None:
-        self._drives = {r.key: DriveRun.from_json(r.value) for r in results
-                        if r.value is not None}
+        self._runs = {r.key: SequenceRun.from_json(r.value) for r in results
+                      if r.value is not None}
 
-    def of(self, experiment: Experiment, seeds: Sequence[int]) -> list[DriveRun]:
-        """Give its runs; those that failed are not among them."""
+    def of(self, experiment: Experiment, seeds: Sequence[int]) -> list[SequenceRun]:
+        """Return its runs; those that failed are not among them."""
         keys = [experiment.key(seed) for seed in seeds]
-        return [self._drives[key] for key in keys if key in self._drives]
+        return [self._runs[key] for key in keys if key in self._runs]
 
     def vehicle(self, experiment: Experiment, seeds: Sequence[int],
                 vehicle: int) -> list[VehicleRun]:
-        """Give what its runs made of one vehicle."""
-        return [run for drive in self.of(experiment, seeds) for run in drive.vehicles
+        """Return what its runs reported of one vehicle."""
+        return [run for done in self.of(experiment, seeds) for run in done.vehicles
                 if run.vehicle == vehicle]
 
     def vehicles(self, experiment: Experiment, seeds: Sequence[int]) -> list[int]:
-        """Give the numbers of the vehicles its runs tell of."""
-        return sorted({run.vehicle for drive in self.of(experiment, seeds)
-                       for run in drive.vehicles})
+        """Return the numbers of the vehicles of its runs."""
+        return sorted({run.vehicle for done in self.of(experiment, seeds)
+                       for run in done.vehicles})
 
     def cpu_ms(self, experiment: Experiment, seeds: Sequence[int]) -> float:
-        """Give the mean processor time per pair, ms; NaN without runs."""
-        times = [drive.cpu_ms for drive in self.of(experiment, seeds)]
+        """Return the mean processor time per pair, ms; NaN without runs."""
+        times = [done.cpu_ms for done in self.of(experiment, seeds)]
         return sum(times) / len(times) if times else float('nan')

@@ -36,7 +36,7 @@ class Journal:
                              'a folder for each run') from None
 
     def __enter__(self) -> Journal:
-        """Give itself."""
+        """Return itself."""
         return self
 
     def __exit__(self, *_: object) -> None:

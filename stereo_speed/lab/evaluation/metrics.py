@@ -13,8 +13,9 @@ from typing import Iterable, Sequence
 
 import numpy as np
 
-from .drives import VehicleRun
+from .scorer import VehicleRun
 from ...core.records import Array
+from ...core.units import MPH_MPS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,7 +23,7 @@ class ReadingFigures:
     """
     Figures of the live readings of one vehicle over several runs, m/s.
 
-    :param runs: how often it was driven.
+    :param runs: how many there were.
     :param lost: runs without a confirmed reading in the last quarter of the vehicle's pairs.
     :param mean_mps: mean of all confirmed readings.
     :param max_error_mps: greatest error of a confirmed reading.
@@ -55,7 +56,7 @@ class PassFigures:
     :param std_mps: standard deviation of their errors.
     :param max_mps: greatest error.
     :param sigma_ratio: root mean square of error over 1-sigma; 1 is honest.
-    :param beyond_4: errors beyond 4 of their own 1-sigmas.
+    :param beyond_4: how many errors are beyond 4 of their own 1-sigmas.
     """
 
     passes: int
@@ -68,7 +69,7 @@ class PassFigures:
 
 
 def readings(run: VehicleRun) -> tuple[Array, Array]:
-    """Give the confirmed speeds, (n,) in m/s and in time order, and the truth beside them."""
+    """Return the confirmed speeds, (n,) in m/s and in time order, and the truth beside them."""
     rows = [(speed, truth) for speed, truth, sure in zip(
         run.speeds_mps, run.truth_mps, run.confirmed) if sure and truth is not None]
     values = np.array(rows, dtype=float).reshape(-1, 2)
@@ -76,7 +77,7 @@ def readings(run: VehicleRun) -> tuple[Array, Array]:
 
 
 def lost(run: VehicleRun) -> bool:
-    """Say whether a vehicle had no confirmed reading in the last quarter of its pairs."""
+    """Return whether a vehicle had no confirmed reading in the last quarter of its pairs."""
     return not any(sure and ns >= run.last_quarter_ns
                    for ns, sure in zip(run.stamps_ns, run.confirmed))
 
@@ -92,10 +93,10 @@ def reading_figures(runs: Sequence[VehicleRun]) -> ReadingFigures:
     every, final = _joined(errors), _joined([e[-1:] for e in errors])
     return ReadingFigures(
         runs=len(runs), lost=sum(lost(run) for run in runs),
-        mean_mps=_mean(_joined(speeds)), max_error_mps=_greatest(every), std_mps=_std(every),
-        rms_mps=float(np.sqrt(_mean(every ** 2))),
-        final_mean_mps=_mean(_joined([v[-1:] for v in speeds])),
-        final_max_error_mps=_greatest(final), truth_mps=_mean(_joined(truths)))
+        mean_mps=mean(_joined(speeds)), max_error_mps=greatest(every), std_mps=std(every),
+        rms_mps=rms(every),
+        final_mean_mps=mean(_joined([v[-1:] for v in speeds])),
+        final_max_error_mps=greatest(final), truth_mps=mean(_joined(truths)))
 
 
 def pass_error(run: VehicleRun) -> float:
@@ -119,27 +120,47 @@ def pass_figures(runs: Iterable[VehicleRun]) -> PassFigures:
     :return: NaN for what no pass gave.
     """
     runs = list(runs)
-    errors = np.array([pass_error(run) for run in runs], dtype=float)
-    shares = np.array([sigma_share(run) for run in runs], dtype=float)
-    errors, shares = errors[np.isfinite(errors)], shares[np.isfinite(shares)]
+    errors = finite(np.array([pass_error(run) for run in runs], dtype=float))
+    shares = finite(np.array([sigma_share(run) for run in runs], dtype=float))
     return PassFigures(
-        passes=len(runs), measured=sum(run.measured for run in runs), mean_mps=_mean(errors),
-        std_mps=_std(errors), max_mps=_greatest(errors),
-        sigma_ratio=float(np.sqrt(_mean(shares ** 2))),
+        passes=len(runs), measured=sum(run.measured for run in runs), mean_mps=mean(errors),
+        std_mps=std(errors), max_mps=greatest(errors),
+        sigma_ratio=rms(shares),
         beyond_4=int((np.abs(shares) > 4).sum()))
+
+
+def mean_and_std(mean_mps: float, std_mps: float) -> str:
+    """Return mean and standard deviation of errors in mph, for a table; a dash for NaN."""
+    if not np.isfinite(mean_mps):
+        return '-'
+    return f'{mean_mps / MPH_MPS:+.3f} ± {std_mps / MPH_MPS:.3f}'
+
+
+def finite(values: Array) -> Array:
+    """Return what is finite of values (n,)."""
+    found: Array = values[np.isfinite(values)]
+    return found
+
+
+def mean(values: Array) -> float:
+    """Return the mean; NaN of nothing."""
+    return float(values.mean()) if len(values) else np.nan
+
+
+def std(values: Array) -> float:
+    """Return the standard deviation; NaN of nothing."""
+    return float(values.std()) if len(values) else np.nan
+
+
+def rms(values: Array) -> float:
+    """Return the root mean square; NaN of nothing."""
+    return float(np.sqrt(mean(np.square(values))))
+
+
+def greatest(values: Array) -> float:
+    """Return the greatest magnitude; NaN of nothing."""
+    return float(np.abs(values).max()) if len(values) else np.nan
 
 
 def _joined(parts: Sequence[Array]) -> Array:
     return np.concatenate([np.zeros(0), *parts])
-
-
-def _mean(values: Array) -> float:
-    return float(values.mean()) if len(values) else np.nan
-
-
-def _std(values: Array) -> float:
-    return float(values.std()) if len(values) else np.nan
-
-
-def _greatest(values: Array) -> float:
-    return float(np.abs(values).max()) if len(values) else np.nan

@@ -5,7 +5,7 @@ The tables of Zhu, Yuan, Zheng and Ewing (2012), Section V, as data, and what th
 
 Every figure below is the paper's. It ran each cell 20 times from the same start and gives the
 average of the *final* estimated speeds and the maximum error. Its comparison of trackers is in
-plots (Figures 6, 9, 11, 13 and 15), of which the text tells what is in ``FINDINGS``.
+plots (Figures 6, 9, 11, 13 and 15), of which the text says what is in ``FINDINGS``.
 """
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class PaperRow:
     :param value: what the table varies.
     :param speed_mph: average speed.
     :param max_error_mph: maximum error.
-    :param ms: average time per pair of frames, ms; None where the table does not tell.
+    :param ms: average time per pair of frames, ms; None where the table has none.
     """
 
     value: float
@@ -98,6 +98,6 @@ FINDINGS: dict[tuple[str, str], str] = {
     ('circle36', 'kalman'): 'still not very accurate (Fig. 9)',
     ('curve28', 'constrained'): 'settles after one frame; 27.86, max 0.961 (Table II)',
     ('two_vehicles', 'constrained'): 'slightly above the reference (Fig. 15)',
-    ('lane_change35', 'constrained'): 'kept, less accurate (Figs. 15, 16)',
-    ('lane_change30', 'constrained'): 'kept, less accurate (Figs. 15, 16)',
+    ('lane_change35', 'constrained'): 'followed, less accurate (Figs. 15, 16)',
+    ('lane_change30', 'constrained'): 'followed, less accurate (Figs. 15, 16)',
 }

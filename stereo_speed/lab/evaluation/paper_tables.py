@@ -9,16 +9,19 @@ from typing import Any, Iterator, Optional, Sequence
 import numpy as np
 
 from .comparison import COLUMNS, comparison_row, DIGITS, whole_figures
-from .experiments import Experiment, LINES, Runs, sequence_experiment
+from .experiments import Experiment, Runs, sequence_experiment
+from .labeled_sequence import LineKnowledge
 from .metrics import pass_figures, reading_figures
 from .paper import COMPARED, FINDINGS, LEAST_SPEEDUP, PaperRow, PaperTable, TABLES
-from .sequences import find_sequence
-from .tables import mph, Table
+from .paper_sequences import find_sequence
+from .tables import Cell, mph, Table
 from ...core.units import MPH_MPS
 
 OURS = 'constrained'
-_HALF_FROM = 200  # particles from which our errors are to be half of the paper's
-_TIMED = 400  # particles at which the paper's time is asked to be beaten
+# Particles from which our errors are to be half of the paper's.
+_HALF_FROM = 200
+# Particles at which the paper's time is to be beaten.
+_TIMED = 400
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,7 +32,7 @@ class PaperPlan:
     :param tables: the tables.
     :param compared: sequences of the comparison.
     :param trackers: trackers of the comparison.
-    :param lines: how the lines of the sites are known.
+    :param lines: how well the lines of the sites are known.
     :param table_seeds: runs of each cell of the tables.
     :param compare_seeds: runs of each tracker and sequence.
     """
@@ -37,18 +40,18 @@ class PaperPlan:
     tables: tuple[PaperTable, ...] = TABLES
     compared: tuple[str, ...] = COMPARED
     trackers: tuple[str, ...] = (OURS,)
-    lines: str = LINES
+    lines: LineKnowledge = LineKnowledge.REFINED
     table_seeds: range = range(20)
     compare_seeds: range = range(10)
 
     def quick(self) -> PaperPlan:
-        """Reduce it to two rows of each table, one sequence and one seed."""
+        """Return two rows of each table, one sequence and one seed of it."""
         tables = tuple(replace(t, rows=(t.rows[0], t.rows[len(t.rows) // 2])) for t in self.tables)
         return replace(self, tables=tables, compared=self.compared[:1], table_seeds=range(1),
                        compare_seeds=range(1))
 
     def cell(self, table: PaperTable, row: PaperRow) -> Experiment:
-        """Return what a row of a table is made from."""
+        """Return the experiment of a row of a table."""
         varied: dict[str, Any] = {}
         if table.particles is None:
             varied['particles'] = int(row.value)
@@ -61,29 +64,31 @@ class PaperPlan:
             **varied})
 
     def contest(self, sequence: str, tracker: str) -> Experiment:
-        """Return what a row of the comparison is made from."""
+        """Return the experiment of a row of the comparison."""
         return sequence_experiment(sequence, tracker, lines=self.lines)
 
-    def cells(self) -> list[Experiment]:
-        """List the experiments of the tables."""
-        return [self.cell(table, row) for table in self.tables for row in table.rows]
+    def cells(self) -> list[tuple[Experiment, int]]:
+        """Return the runs of the tables: experiments with a seed."""
+        return [(self.cell(table, row), seed) for table in self.tables for row in table.rows
+                for seed in self.table_seeds]
 
-    def contests(self) -> list[Experiment]:
-        """List the experiments of the comparison."""
-        return [self.contest(s, t) for s in self.compared for t in self.trackers]
+    def contests(self) -> list[tuple[Experiment, int]]:
+        """Return the runs of the comparison: experiments with a seed."""
+        return [(self.contest(s, t), seed) for s in self.compared for t in self.trackers
+                for seed in self.compare_seeds]
 
 
 def paper_table(plan: PaperPlan, table: PaperTable, runs: Runs) -> Table:
-    """Put a table of ours beside the paper's."""
-    rows: list[list[Any]] = []
+    """Return a table of ours beside the paper's."""
+    rows: list[list[Cell]] = []
     for row in table.rows:
         cell = plan.cell(table, row)
         mine = runs.vehicle(cell, plan.table_seeds, 0)
         f, final = reading_figures(mine), pass_figures(mine)
-        line = [f'{row.value:g}', row.speed_mph, mph(f.final_mean_mps), row.max_error_mph,
-                mph(f.final_max_error_mps), mph(f.max_error_mps), mph(f.rms_mps),
-                mph(final.max_mps), f'{final.measured}/{len(plan.table_seeds)}']
-        rows.append(line + ([row.ms, runs.cpu_ms(cell, plan.table_seeds)] if row.ms else []))
+        rows.append([f'{row.value:g}', row.speed_mph, mph(f.final_mean_mps), row.max_error_mph,
+                     mph(f.final_max_error_mps), mph(f.max_error_mps), mph(f.rms_mps),
+                     mph(final.max_mps), f'{final.measured}/{len(plan.table_seeds)}',
+                     *([row.ms, runs.cpu_ms(cell, plan.table_seeds)] if row.ms else [])])
     columns = [table.varies, 'mean speed, mph: paper', 'ours', 'max error, mph: paper',
                'ours, last reading', 'ours, every reading', 'ours, r.m.s.', 'ours, pass max',
                'measured']
@@ -98,9 +103,9 @@ def paper_table(plan: PaperPlan, table: PaperTable, runs: Runs) -> Table:
 
 
 def contest_table(plan: PaperPlan, sequence: str, runs: Runs) -> Table:
-    """Compare the trackers on a sequence, vehicle by vehicle, with what the paper says."""
+    """Return the trackers on a sequence, vehicle by vehicle, with what the paper says."""
     paper = find_sequence(sequence)
-    rows = []
+    rows: list[list[Cell]] = []
     for vehicle, name in enumerate(paper.vehicles):
         for tracker in plan.trackers:
             label = f'{tracker} ({name})' if name else tracker
@@ -127,7 +132,7 @@ class Check:
 
 
 def checks(plan: PaperPlan, runs: Runs) -> list[Check]:
-    """Compare with what the figures of the paper call for."""
+    """Return whether our figures are as good as those of the paper call for."""
     found = [check for table in plan.tables for row in table.rows
              for check in _cell_checks(plan, table, row, runs)]
     return found + [check for s in plan.compared for check in _contest_checks(plan, s, runs)]
@@ -135,7 +140,7 @@ def checks(plan: PaperPlan, runs: Runs) -> list[Check]:
 
 def _cell_checks(plan: PaperPlan, table: PaperTable, row: PaperRow,
                  runs: Runs) -> Iterator[Check]:
-    """Errors no greater than the paper's, half of them where there are particles enough."""
+    """Yield whether the errors are at most the paper's, or half of them with enough particles."""
     cell = plan.cell(table, row)
     mine = runs.vehicle(cell, plan.table_seeds, 0)
     f = reading_figures(mine)
@@ -152,7 +157,7 @@ def _cell_checks(plan: PaperPlan, table: PaperTable, row: PaperRow,
 
 
 def _contest_checks(plan: PaperPlan, sequence: str, runs: Runs) -> Iterator[Check]:
-    """Ours has the smallest maximum error on every sequence."""
+    """Yield whether ours has a smaller maximum error than each of the others."""
     if OURS not in plan.trackers:
         return
     for vehicle, name in enumerate(find_sequence(sequence).vehicles):
@@ -176,6 +181,6 @@ def _shown(worst_mph: Optional[float]) -> str:
 
 
 def checks_text(found: Sequence[Check]) -> str:
-    """Write the checks for people."""
+    """Return the checks for people."""
     lines = [f'- {"yes" if c.holds else "**NO**"}: {c.claim} ({c.detail})' for c in found]
     return '\n'.join(lines) + '\n'

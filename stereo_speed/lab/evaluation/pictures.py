@@ -4,16 +4,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Callable, Optional, Sequence
+from typing import Callable, Sequence
 
 import numpy as np
 
-from .drives import VehicleRun
 from .experiments import Experiment, Runs
-from .metrics import reading_figures, readings
+from .metrics import reading_figures, ReadingFigures, readings
 from .paper import PaperTable
 from .paper_tables import PaperPlan
-from .tables import mph
+from .scorer import VehicleRun
+from ...core.units import MPH_MPS
 from ...report.comparison import (
     ErrorCurve, errors_figure, Readings, save_figure, speeds_figure)
 
@@ -26,7 +26,7 @@ def draw_speeds(path: Path, title: str, experiments: Sequence[Experiment], seed:
     :param path: of the file to write.
     :param experiments: of one source, one for each tracker.
     """
-    found = {e.tracker: [run for drive in runs.of(e, [seed]) for run in drive.vehicles]
+    found = {e.tracker: [run for done in runs.of(e, [seed]) for run in done.vehicles]
              for e in experiments}
     stamps = [run.stamps_ns[0] for many in found.values() for run in many if run.stamps_ns]
     if not stamps:
@@ -42,14 +42,14 @@ def draw_speeds(path: Path, title: str, experiments: Sequence[Experiment], seed:
 
 
 def _live(run: VehicleRun, origin_ns: int) -> Readings:
-    """Take the confirmed readings of a run."""
+    """Return the confirmed readings of a run."""
     times = [(ns - origin_ns) * 1e-9 for ns, sure, true in zip(
         run.stamps_ns, run.confirmed, run.truth_mps) if sure and true is not None]
     return Readings(times_s=np.array(times), speeds_mps=readings(run)[0])
 
 
 def _true(run: VehicleRun, origin_ns: int) -> Readings:
-    """Take the truth beside a run."""
+    """Return the truth beside a run."""
     rows = [((ns - origin_ns) * 1e-9, true) for ns, true in zip(run.stamps_ns, run.truth_mps)
             if true is not None]
     values = np.array(rows, dtype=float).reshape(-1, 2)
@@ -62,7 +62,7 @@ def draw_errors(path: Path, title: str, what: str, curves: Sequence[ErrorCurve])
 
 
 def paper_curves(plan: PaperPlan, table: PaperTable, runs: Runs) -> list[ErrorCurve]:
-    """Take the errors of a table, the paper's and ours."""
+    """Return the errors of a table, the paper's and ours."""
     values = [row.value for row in table.rows]
     figures = [reading_figures(runs.vehicle(plan.cell(table, row), plan.table_seeds, 0))
                for row in table.rows]
@@ -70,13 +70,13 @@ def paper_curves(plan: PaperPlan, table: PaperTable, runs: Runs) -> list[ErrorCu
         ErrorCurve(name=f'{table.name}, the paper: maximum', values=values, dashed=True,
                    errors_mph=[row.max_error_mph for row in table.rows]),
         ErrorCurve(name=f'{table.name}, ours: maximum', values=values,
-                   errors_mph=[_told(mph(f.final_max_error_mps)) for f in figures])]
+                   errors_mph=[f.final_max_error_mps / MPH_MPS for f in figures])]
 
 
 def particle_curves(experiments: Sequence[Experiment], seeds: Sequence[int], runs: Runs,
-                    error: Callable[..., Optional[float]]) -> list[ErrorCurve]:
+                    error: Callable[[ReadingFigures], float]) -> list[ErrorCurve]:
     """
-    Take the errors of experiments that vary the number of particles.
+    Return the errors of experiments that vary the number of particles.
 
     :param error: picks the error of figures of readings, m/s.
     """
@@ -87,9 +87,5 @@ def particle_curves(experiments: Sequence[Experiment], seeds: Sequence[int], run
         figures = [reading_figures([run for v in runs.vehicles(e, seeds)
                                     for run in runs.vehicle(e, seeds, v)]) for e in mine]
         curves.append(ErrorCurve(name=tracker, values=[e.changes['particles'] for e in mine],
-                                 errors_mph=[_told(mph(error(f))) for f in figures]))
+                                 errors_mph=[error(f) / MPH_MPS for f in figures]))
     return curves
-
-
-def _told(value: Optional[float]) -> float:
-    return float('nan') if value is None else value

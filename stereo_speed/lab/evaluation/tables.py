@@ -32,7 +32,7 @@ class Table:
     note: str = ''
 
     def markdown(self) -> str:
-        """Write it for people."""
+        """Return it for people."""
         digits = [self.digits] * len(self.columns) if isinstance(self.digits, int) \
             else list(self.digits)
         lines = [f'**{self.title}**', ''] if self.title else []
@@ -41,26 +41,26 @@ class Table:
         return '\n'.join(lines + (['', self.note] if self.note else [])) + '\n'
 
     def csv(self) -> str:
-        """Write it for programs."""
+        """Return it for programs."""
         return csv_text(self.columns, [
             ['' if _missing(c) else f'{c:.5f}' if isinstance(c, float) else c for c in row]
             for row in self.rows])
 
 
 def shown(cell: Cell, digits: int) -> str:
-    """Write a cell for people."""
+    """Return a cell for people."""
     if _missing(cell):
         return '-'
     return f'{cell:.{digits}f}' if isinstance(cell, float) else str(cell)
 
 
 def mph(speed_mps: Optional[float]) -> Optional[float]:
-    """Turn m/s into mph; None stays None."""
+    """Return m/s in mph; None stays None."""
     return None if speed_mps is None else speed_mps / MPH_MPS
 
 
 def signed(speed_mps: float, digits: int = 3) -> str:
-    """Write a speed difference in mph with its sign."""
+    """Return a speed difference in mph with its sign."""
     return '-' if not math.isfinite(speed_mps) else f'{speed_mps / MPH_MPS:+.{digits}f}'
 
 

@@ -1,81 +1,57 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Score tracks of many vehicles against exact truth.
+Score a stream of traffic against exact truth.
 
-Tracks and vehicles are matched one to one by their places over time, so that a vehicle with two
-tracks, a track on nothing and a track that jumps from one vehicle to another all show.
+A vehicle with two tracks, a track on nothing and a track that jumps from one vehicle to another
+all show.
 """
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Any, Iterable, Mapping, Optional, Sequence
+from collections import Counter
+from dataclasses import dataclass
+from typing import Any, Iterable, Mapping, Sequence
 
-import numpy as np
-from scipy.optimize import linear_sum_assignment
-
-from ...core.records import Array, PassResult, TrackState, TrackUpdate, Verdict
+from .associate import vehicles_of
+from .metrics import mean_and_std, pass_error, pass_figures, PassFigures, reading_figures
+from .scorer import by_track, vehicle_run
+from .tables import mph, Table
+from ...core.records import PassResult, TrackState, TrackUpdate, Verdict
 from ...core.units import MPH_MPS
+from ...io.truth import truth_of_rows
 
-# A track is on a vehicle when it is this near: to the side of the line of sight, along it (the
-# greater of both), and up or down, where a part of a tall face may be tracked.
-GATE_SIDE_M, GATE_UP_M = 1.2, 2.5
-GATE_DEPTH_M, GATE_DEPTH_SHARE = 2.0, 0.06
-SEEN_PX, SEEN_SHARE = 40.0, 0.7  # a vehicle is well seen when its face is so wide and so clear
-SEEN_S, SEEN_PAIRS = 0.8, 4  # and counts when it was for so long, in so many pairs
-WRONG_MPS = 1.0 * MPH_MPS
-SURE_OF_LANE_M = 1.3  # this near to a lane's path there is no doubt which lane it is
-SHARE_OF_TRACK = 0.5  # a track is a second one of a vehicle when it spent this share on it
+Row = Mapping[str, Any]  # of truth.csv, and its stamp_ns
 
 
-@dataclass
-class Vehicle:
+@dataclass(frozen=True, kw_only=True)
+class TrafficRules:
     """
-    What is true of a vehicle.
+    What decides how traffic is counted.
 
-    :param number: of the vehicle.
-    :param speeds: stamp, ns, to ground speed, m/s, wherever its face's centre is in view.
-    :param clear_ns: stamps at which it was well seen.
+    :param seen_px: least width of the front of a vehicle that is well seen.
+    :param seen_share: least unoccluded share of that front.
+    :param seen_s: time for which a vehicle must be well seen to count.
+    :param seen_pairs: pairs in which it must be.
+    :param wrong_mps: greatest error of a pass that is not wrong.
+    :param sure_of_lane_m: distance from a lane's path up to which the lane is beyond doubt.
     """
 
-    number: int
-    speeds: dict[int, float] = field(default_factory=dict)
-    clear_ns: list[int] = field(default_factory=list)
+    seen_px: float = 40.0
+    seen_share: float = 0.7
+    seen_s: float = 0.8
+    seen_pairs: int = 4
+    wrong_mps: float = 1.0 * MPH_MPS
+    sure_of_lane_m: float = 1.3
 
-    @property
-    def counts(self) -> bool:
-        """Whether it was well seen for long enough to be measured."""
-        seen = self.clear_ns
-        return len(seen) >= SEEN_PAIRS and (seen[-1] - seen[0]) * 1e-9 >= SEEN_S
-
-
-@dataclass
-class Track:
-    """
-    What was said of a track.
-
-    :param number: of the track.
-    :param stamps_ns: stamps of its updates.
-    :param confirmed: whether it ever was.
-    :param result: its pass, when there is one.
-    :param votes: vehicle to how well and how often the track was on it.
-    """
-
-    number: int
-    stamps_ns: list[int] = field(default_factory=list)
-    confirmed: bool = False
-    result: Optional[PassResult] = None
-    votes: dict[int, float] = field(default_factory=dict)
-
-    @property
-    def measured(self) -> bool:
-        """Whether it ended in a speed."""
-        return self.result is not None and self.result.verdict is Verdict.MEASURED
-
-    @property
-    def counts(self) -> bool:
-        """Whether anybody heard of it: a tentative track that ends is nothing."""
-        return self.confirmed or self.measured
+    def counted(self, rows: Iterable[Row]) -> set[int]:
+        """Return the vehicles that were well seen for long enough to be measured."""
+        seen: dict[int, list[int]] = {}
+        for row in rows:
+            if row['in_view'] and row['width_px'] >= self.seen_px \
+                    and row['visible'] >= self.seen_share:
+                seen.setdefault(row['vehicle'], []).append(row['stamp_ns'])
+        return {vehicle for vehicle, stamps in seen.items() if len(stamps) >= self.seen_pairs
+                and (stamps[-1] - stamps[0]) * 1e-9 >= self.seen_s}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,14 +64,13 @@ class TrafficScore:
     :param once: measured once.
     :param split: measured more than once.
     :param rejected: followed, but no speed given.
-    :param missed: nobody heard of.
+    :param missed: never reported.
     :param false_tracks: confirmed tracks or measured passes on no vehicle.
-    :param wrong: measured passes more than 1 mph off.
-    :param errors_mps: error of each measured pass on a vehicle, m/s.
-    :param sigmas: the same in 1-sigmas of their own.
-    :param live_mps: error of each confirmed reading, m/s.
+    :param wrong: measured passes that are farther off than the rules allow.
     :param lanes_wrong: confirmed readings with the wrong lane, away from the lines.
     :param lanes_sure: confirmed readings away from the lines.
+    :param passes: errors of the passes on vehicles.
+    :param live_rms_mps: of the errors of the confirmed readings; NaN without any.
     """
 
     vehicles: int
@@ -106,169 +81,65 @@ class TrafficScore:
     missed: int
     false_tracks: int
     wrong: int
-    errors_mps: Array
-    sigmas: Array
-    live_mps: Array
     lanes_wrong: int
     lanes_sure: int
+    passes: PassFigures
+    live_rms_mps: float
 
 
-class TrafficScorer:
+def score_traffic(rows: Sequence[Row], updates: Iterable[TrackUpdate],
+                  passes: Iterable[PassResult], lanes: Sequence[str],
+                  rules: TrafficRules = TrafficRules()) -> TrafficScore:
     """
-    Gathers truth and tracks pair by pair, and scores them at the end.
+    Match tracks and vehicles, and count.
 
-    :param lane_names: name of each lane, by its index in the truth.
+    :param rows: the truth, as of ``sim.TrafficPair``.
+    :param updates: of the pipeline.
+    :param passes: of the pipeline.
+    :param lanes: name of each lane, by its index in the truth.
+    :param rules: what decides.
     """
-
-    def __init__(self, lane_names: Sequence[str]) -> None:
-        self._names = tuple(lane_names)
-        self._vehicles: dict[int, Vehicle] = {}
-        self._tracks: dict[int, Track] = {}
-        self._live: list[tuple[int, int, float, str]] = []
-        self._lanes: dict[tuple[int, int], Optional[str]] = {}
-
-    def add(self, truth: Iterable[Mapping[str, Any]], updates: Iterable[TrackUpdate]) -> None:
-        """
-        Take in a pair.
-
-        :param truth: rows as of ``sim.TrafficPair``.
-        :param updates: of the pipeline.
-        """
-        rows = list(truth)
-        for row in rows:
-            number, stamp_ns = row['vehicle'], row['stamp_ns']
-            vehicle = self._vehicles.setdefault(number, Vehicle(number))
-            vehicle.speeds[stamp_ns] = row['speed']
-            if row['in_view'] and row['width_px'] >= SEEN_PX and row['visible'] >= SEEN_SHARE:
-                vehicle.clear_ns.append(stamp_ns)
-            sure = abs(row['lateral']) <= SURE_OF_LANE_M
-            self._lanes[number, stamp_ns] = self._names[row['lane']] if sure else None
-        for update in updates:
-            track = self._tracks.setdefault(update.track, Track(update.track))
-            track.stamps_ns.append(update.stamp_ns)
-            if update.state is TrackState.CONFIRMED:
-                track.confirmed = True
-                self._live.append(
-                    (update.track, update.stamp_ns, update.speed_mps, update.lane))
-            for row in rows:
-                vote = nearness(update.position_m, np.array([row[k] for k in 'xyz']))
-                if vote > 0:
-                    track.votes[row['vehicle']] = track.votes.get(row['vehicle'], 0.0) + vote
-
-    def close(self, passes: Iterable[PassResult]) -> None:
-        """Take in results of passes."""
-        for result in passes:
-            self._tracks.setdefault(result.track, Track(result.track)).result = result
-
-    def score(self) -> TrafficScore:
-        """Match and count."""
-        tracks = [t for t in self._tracks.values() if t.counts]
-        on = _match(tracks, list(self._vehicles))
-        main = set(on.values())
-        # What the one-to-one matching left over is a second track of a vehicle, or on nothing.
-        for track in tracks:
-            if track.number not in on and track.votes:
-                number = max(track.votes, key=lambda n: track.votes[n])
-                if number in main and track.votes[number] > SHARE_OF_TRACK * sum(
-                        0.5 for _ in track.stamps_ns):
-                    on[track.number] = number
-        return self._count(tracks, on)
-
-    def _count(self, tracks: list[Track], on: Mapping[int, int]) -> TrafficScore:
-        """Count, given which vehicle each track is on."""
-        heard: dict[int, list[Track]] = {n: [] for n in self._vehicles}
-        for track in tracks:
-            if track.number in on:
-                heard[on[track.number]].append(track)
-        counted = [n for n, v in self._vehicles.items() if v.counts]
-        measured = {n: sum(t.measured for t in heard[n]) for n in counted}
-        off = [_error(t, self._vehicles[on[t.number]]) for t in tracks
-               if t.measured and t.number in on]
-        errors = np.array([e for e in off if e is not None]).reshape(-1, 2)
-        live, sure, wrong_lanes = [], 0, 0
-        for number, stamp_ns, speed_mps, lane in self._live:
-            vehicle = self._vehicles.get(on.get(number, -1))
-            if vehicle is None or stamp_ns not in vehicle.speeds:
-                continue
-            live.append(speed_mps - vehicle.speeds[stamp_ns])
-            true = self._lanes[vehicle.number, stamp_ns]
-            sure += true is not None
-            wrong_lanes += true is not None and true != lane
-        return TrafficScore(
-            vehicles=len(counted), brief=len(self._vehicles) - len(counted),
-            once=sum(measured[n] == 1 for n in counted),
-            split=sum(measured[n] > 1 for n in counted),
-            rejected=sum(measured[n] == 0 and bool(heard[n]) for n in counted),
-            missed=sum(not heard[n] for n in counted),
-            false_tracks=sum(t.number not in on for t in tracks),
-            wrong=int((np.abs(errors[:, 0]) > WRONG_MPS).sum()),
-            errors_mps=errors[:, 0], sigmas=errors[:, 1], live_mps=np.array(live),
-            lanes_wrong=wrong_lanes, lanes_sure=sure)
+    truths = {truth.vehicle: truth for truth in truth_of_rows(rows)}
+    results = {result.track: result for result in passes}
+    # A tentative track that ends was reported to nobody.
+    tracks = {number: track for number, track in by_track(updates).items()
+              if any(u.state is TrackState.CONFIRMED for u in track)
+              or number in results and results[number].verdict is Verdict.MEASURED}
+    on = vehicles_of(tracks, list(truths.values()))
+    runs = [vehicle_run(truths[on[n]], track, results.get(n))
+            for n, track in tracks.items() if n in on]
+    counted = rules.counted(rows)
+    followed = counted & {run.vehicle for run in runs}
+    measured = Counter(run.vehicle for run in runs if run.measured)
+    sure = {(row['vehicle'], row['stamp_ns']): lanes[row['lane']] for row in rows
+            if abs(row['lateral']) <= rules.sure_of_lane_m}
+    right = [u.lane == sure[on[n], u.stamp_ns] for n, track in tracks.items() if n in on
+             for u in track if u.state is TrackState.CONFIRMED and (on[n], u.stamp_ns) in sure]
+    return TrafficScore(
+        vehicles=len(counted), brief=len(truths) - len(counted),
+        once=sum(measured[n] == 1 for n in counted), split=sum(measured[n] > 1 for n in counted),
+        rejected=sum(measured[n] == 0 for n in followed), missed=len(counted - followed),
+        false_tracks=len(tracks) - len(runs),
+        wrong=sum(abs(pass_error(run)) > rules.wrong_mps for run in runs),
+        lanes_wrong=right.count(False), lanes_sure=len(right),
+        passes=pass_figures(runs), live_rms_mps=reading_figures(runs).rms_mps)
 
 
-def nearness(track_m: Array, true_m: Array) -> float:
+def traffic_table(name: str, score: TrafficScore, pair_ms: float) -> Table:
     """
-    Say how well a track is on a vehicle: 1 on its centre, 0 from the gate on.
-
-    :param track_m: (3,) centre of the tracked face, left optical frame.
-    :param true_m: (3,) the true one.
-    """
-    reach = float(np.linalg.norm(true_m))
-    ray = true_m / reach
-    gap = np.asarray(track_m) - true_m
-    along = float(gap @ ray)
-    side, up, _ = gap - along * ray  # the camera's x and y: rigs stand about upright
-    shares = (along / max(GATE_DEPTH_M, GATE_DEPTH_SHARE * reach), side / GATE_SIDE_M,
-              up / GATE_UP_M)
-    return max(0.0, 1.0 - float(np.linalg.norm(shares)))
-
-
-def _match(tracks: list[Track], vehicles: list[int]) -> dict[int, int]:
-    """Match tracks and vehicles one to one; those that never met stay out."""
-    column = {number: j for j, number in enumerate(vehicles)}
-    votes = np.zeros((len(tracks), len(vehicles)))
-    for i, track in enumerate(tracks):
-        for number, vote in track.votes.items():
-            votes[i, column[number]] = vote
-    rows, columns = linear_sum_assignment(-votes)
-    return {tracks[i].number: vehicles[j] for i, j in zip(rows, columns)
-            if votes[i, j] > SHARE_OF_TRACK * 0.5 * len(tracks[i].stamps_ns)}
-
-
-def _error(track: Track, vehicle: Vehicle) -> Optional[tuple[float, float]]:
-    """Return the error of a pass, m/s, and in its own 1-sigmas; None where truth is silent."""
-    result = track.result
-    if result is None or result.speed_mps is None:
-        return None
-    # A speed is the mean over its own pairs: those before it was found count, gaps do not.
-    true = [vehicle.speeds[s] for s in result.smoothed or track.stamps_ns if s in vehicle.speeds]
-    if not true:
-        return None
-    off = result.speed_mps - float(np.mean(true))
-    return off, off / result.speed_std_mps if result.speed_std_mps else np.nan
-
-
-HEADER = ('| traffic | vehicles | measured once | more than once | rejected | missed '
-          '| false tracks | wrong by > 1 mph | error: mean ± sd, mph | worst, mph '
-          '| r.m.s. of error/σ | readings r.m.s., mph | wrong lane | seen too briefly '
-          '| ms per pair |\n' + '|---' * 15 + '|')
-
-
-def row(name: str, score: TrafficScore, pair_ms: float) -> str:
-    """
-    Give a line of the Markdown table below ``HEADER``.
+    Return the table of one stream.
 
     :param name: of the stream.
     :param pair_ms: processor time of the pipeline for a pair, ms.
     """
-    def rms(values: Array) -> float:
-        return float(np.sqrt(np.nanmean(np.square(values))))
-    errors, live = score.errors_mps / MPH_MPS, score.live_mps / MPH_MPS
-    shown = ([f'{errors.mean():+.3f} ± {errors.std():.3f}', f'{np.abs(errors).max():.3f}',
-              f'{rms(score.sigmas):.2f}'] if len(errors) else ['-'] * 3)
-    shown.append(f'{rms(live):.2f}' if len(live) else '-')
-    lanes = f'{score.lanes_wrong} of {score.lanes_sure}'
-    counts = (score.vehicles, score.once, score.split, score.rejected, score.missed,
-              score.false_tracks, score.wrong)
-    return '| ' + ' | '.join([name, *map(str, counts), *shown, lanes, str(score.brief),
-                              f'{pair_ms:.1f}']) + ' |'
+    return Table(title='', columns=(
+        'traffic', 'vehicles', 'measured once', 'more than once', 'rejected', 'missed',
+        'false tracks', 'wrong by > 1 mph', 'error: mean ± sd, mph', 'worst, mph',
+        'r.m.s. of error/σ', 'readings r.m.s., mph', 'wrong lane', 'seen too briefly',
+        'ms per pair'), rows=[[
+            name, score.vehicles, score.once, score.split, score.rejected, score.missed,
+            score.false_tracks, score.wrong,
+            mean_and_std(score.passes.mean_mps, score.passes.std_mps),
+            mph(score.passes.max_mps), score.passes.sigma_ratio, mph(score.live_rms_mps),
+            f'{score.lanes_wrong} of {score.lanes_sure}', score.brief, pair_ms]],
+        digits=(0,) * 9 + (3, 2, 2, 0, 0, 1))

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A worker for the tests of the runner."""
+"""What processes of the tests of the runner and of the producer do."""
 from __future__ import annotations
 
 import os
@@ -10,7 +10,7 @@ from stereo_speed.core.errors import InputError
 
 
 def work(parameters):
-    """Square a number, leave a trace of having done so, or fail as told."""
+    """Square a number, leave a trace of having done so, or fail as the parameters say."""
     if parameters.get('trace'):
         with open(parameters['trace'], 'a') as file:
             file.write(f'{parameters["n"]} {os.getpid()}\n')
@@ -21,3 +21,13 @@ def work(parameters):
     if parameters.get('die'):
         os.kill(os.getpid(), signal.SIGKILL)
     return {'square': parameters['n'] ** 2}
+
+
+def squares(count, fail_at=None, die_at=None):
+    """Yield squares, and fail or die at one of them."""
+    for n in range(count):
+        if n == fail_at:
+            raise ValueError(f'no square of {n}')
+        if n == die_at:
+            os.kill(os.getpid(), signal.SIGKILL)
+        yield n ** 2

@@ -9,7 +9,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from stereo_speed.io.truth import VehicleTruth
-from stereo_speed.lab.evaluation.associate import distance, match
+from stereo_speed.lab.evaluation.associate import (
+    distance, match, nearness, one_to_one, support, vehicles_of)
 
 STAMPS = np.arange(8) * 200_000_000
 
@@ -32,7 +33,7 @@ def test_each_gets_its_own():
     assert match({7: track(b, (0.3, 0, 1)), 9: track(a, (-0.2, 0, -1))}, [a, b]) == {0: 9, 1: 7}
 
 
-def test_distance_is_told_in_gates():
+def test_distance_is_in_gates():
     far = vehicle(0, 0.0, from_z_m=170.0)  # 0.15 of 142 to 170 m
     assert distance(track(far, (0, 0, 10.0)), far) == pytest.approx(
         np.quantile(10.0 / (0.15 * far.position_m[:, 2]), 0.25))
@@ -83,3 +84,63 @@ def test_the_sum_of_distances_is_the_least():
             continue
         best = min(sum(cost[i, p[i]] for i in range(4)) for p in permutations(range(4)))
         assert sum(cost[i, found[i]] for i in range(4)) == pytest.approx(best)
+
+
+def test_pairs_have_the_greatest_sum_of_gains_by_brute_force():
+    rng = np.random.default_rng(6)
+    for rows, columns in ((1, 4), (4, 2), (3, 3), (0, 2), (2, 0)):
+        gain = np.maximum(rng.normal(0.2, 1.0, (rows, columns)), 0.0)
+        square = np.zeros((5, 5))
+        square[:rows, :columns] = gain
+        best = max(square[np.arange(5), p].sum() for p in map(list, permutations(range(5))))
+        pairs = one_to_one(gain)
+        assert sum(gain[i, j] for i, j in pairs) == pytest.approx(best)
+        assert all(gain[i, j] > 0 for i, j in pairs)
+        assert len({i for i, _ in pairs}) == len({j for _, j in pairs}) == len(pairs)
+
+
+def test_nearness_gates_by_hand():
+    true = np.array([0.0, 0.0, 50.0])
+    off = np.array([[0.0, 0, 0], [0.6, 0, 0], [0, 0, 1.5], [0, 1.25, 0], [1.3, 0, 0],
+                    [3.7, 0, 0], [0, 0, -8.0], [0.36, 0, 1.2]])
+    # 6 % of 50 m is 3 m; a tall one's lower half; beyond the gates; 0.3 and 0.4 are 0.5
+    assert nearness(true + off, np.tile(true, (8, 1))) == pytest.approx(
+        [1.0, 0.5, 0.5, 0.5, 0.0, 0.0, 0.0, 0.5])
+    assert nearness(true, true) == 1.0
+
+
+def test_depth_counts_along_the_line_of_sight():
+    true = np.array([30.0, 0.0, 40.0])
+    assert nearness(true * (1 + 1.5 / 50), true) == pytest.approx(0.5)
+    across = np.array([0.8, 0.0, -0.6])  # square to the ray: x alone is to the side
+    assert nearness(true + across, true) == pytest.approx(1 - 0.8 / 1.2)
+
+
+def test_support_is_the_sum_over_common_stamps():
+    a = vehicle(0, 0.0)
+    assert support(track(a, (0.6, 0, 0)), a) == pytest.approx(4.0)
+    late = [SimpleNamespace(stamp_ns=u.stamp_ns + 50_000_000, position_m=u.position_m)
+            for u in track(a)]
+    assert support(late, a) == 0.0
+
+
+def test_each_track_is_on_its_vehicle_a_second_one_too_and_one_on_nothing_on_none():
+    a, b = vehicle(0, -1.85), vehicle(1, 1.85)
+    tracks = {3: track(b, rows=slice(4)), 4: track(a), 5: track(b, rows=slice(4, 8)),
+              6: track(a, (0, 0, 30.0))}
+    assert vehicles_of(tracks, [a, b]) == {3: 1, 4: 0, 5: 1}
+    assert vehicles_of(tracks, []) == vehicles_of({}, [a]) == {}
+
+
+def test_a_track_that_jumps_is_on_the_vehicle_that_it_spent_longer_on():
+    a, b = vehicle(0, -1.85), vehicle(1, 1.85)
+    jumping = track(a, rows=slice(3)) + track(b, rows=slice(3, 8))
+    assert vehicles_of({1: jumping}, [a, b]) == {1: 1}
+
+
+def test_a_track_that_is_on_a_vehicle_for_a_moment_only_is_on_none():
+    a = vehicle(0, 0.0)
+    brief = track(a, rows=slice(2)) + track(a, (0, 0, 40.0), rows=slice(2, 8))
+    assert vehicles_of({1: brief}, [a]) == {}  # two of eight updates are a quarter
+    brief = track(a, rows=slice(3)) + track(a, (0, 0, 40.0), rows=slice(3, 8))
+    assert vehicles_of({1: brief}, [a]) == {1: 0}

@@ -3,12 +3,17 @@
 """The paper's lane changes: as long and as fast as it says, and measured."""
 from __future__ import annotations
 
+from dataclasses import asdict
+
 import numpy as np
 import pytest
 
 from stereo_speed.core.units import MPH_MPS
+from stereo_speed.lab.evaluation.labeled_sequence import LineKnowledge
 from stereo_speed.lab.evaluation.lane_changes import (
-    CASES, change_config, ChangeError, HEADER, measure_changes, row, tracker_config, TRACKERS)
+    CASES, change_config, change_job, change_jobs, ChangeError, changes_table, MANOEUVRE_MODELS,
+    tracker_config)
+from stereo_speed.lab.evaluation.runner import Result
 from stereo_speed.lab.sim.kinematics import lateral_m
 
 
@@ -30,19 +35,28 @@ def test_lane_changes_are_those_of_the_paper(case):
 
 
 def test_straight_only_is_the_tracker_without_manoeuvres():
-    assert tracker_config(TRACKERS[0], 300).manoeuvre_probability > 0
-    assert tracker_config(TRACKERS[1], 300).manoeuvre_probability == 0
+    own, straight = (tracker_config(model, 300) for model in MANOEUVRE_MODELS)
+    assert own.manoeuvre_probability > 0
+    assert straight.manoeuvre_probability == 0
 
 
+@pytest.mark.slow
 def test_a_fast_lane_change_is_measured():
-    own, _ = measure_changes('30 mph, lane change over 3 s', 0, 200, 'exact')
-    assert own.kept
-    assert own.pass_mps is not None and abs(own.pass_mps) < 0.3 * MPH_MPS
+    job = change_jobs([0], 200, LineKnowledge.EXACT)[1]
+    own = ChangeError(**change_job(job.parameters)[MANOEUVRE_MODELS[0]])
+    assert own.followed
+    assert abs(own.pass_mps) < 0.3 * MPH_MPS
 
 
-def test_row_counts_by_hand():
-    errors = [ChangeError(True, 0.1 * MPH_MPS, 0.2 * MPH_MPS, 0.3 * MPH_MPS, True),
-              ChangeError(False, None, 0.4 * MPH_MPS, float('nan'), False)]
-    text = row('a', 'b', errors)
-    assert text.count('|') == HEADER.splitlines()[0].count('|')
-    assert text == '| a | b | 1 of 2 | 1 of 2 | +0.100 ± 0.000 | 0.100 | 0.30 | 0.30 | 1 of 2 |'
+def test_a_table_by_hand_in_which_failed_jobs_do_not_count():
+    nan = float('nan')
+    good = asdict(ChangeError(True, 0.1 * MPH_MPS, 0.2 * MPH_MPS, 0.3 * MPH_MPS, True))
+    poor = asdict(ChangeError(False, nan, 0.4 * MPH_MPS, nan, False))
+    jobs = change_jobs([3, 4, 5], 200, LineKnowledge.PICKED)
+    values = [dict.fromkeys(MANOEUVRE_MODELS, good), dict.fromkeys(MANOEUVRE_MODELS, poor), None]
+    results = [Result(key=job.key, value=value) for job, value in zip(jobs, values + [None] * 3)]
+    lines = changes_table(jobs, results).markdown().splitlines()
+    assert len(lines) == 2 + len(CASES) * len(MANOEUVRE_MODELS)
+    assert lines[2] == ('| 35 mph, lane change over 5 s | lane changes | 1 of 2 | 1 of 2 '
+                        '| +0.100 ± 0.000 | 0.100 | 0.30 | 0.30 | 1 of 2 |')
+    assert lines[-1].endswith('| straight only | 0 of 0 | 0 of 0 | - | - | - | - | 0 of 0 |')

@@ -7,9 +7,10 @@ import math
 
 import numpy as np
 import pytest
-from stereo_speed.lab.evaluation.drives import VehicleRun
 from stereo_speed.lab.evaluation.metrics import (
-    lost, pass_error, pass_figures, reading_figures, readings, sigma_share)
+    finite, greatest, lost, mean, mean_and_std, pass_error, pass_figures, reading_figures,
+    readings, rms, sigma_share, std)
+from stereo_speed.lab.evaluation.scorer import VehicleRun
 
 
 def run(speeds, truth=20.0, confirmed=None, **changes):
@@ -17,8 +18,7 @@ def run(speeds, truth=20.0, confirmed=None, **changes):
     n = len(speeds)
     return VehicleRun(**{
         'vehicle': 0, 'stamps_ns': list(range(n)), 'speeds_mps': list(speeds),
-        'stds_mps': [0.1] * n, 'confirmed': confirmed or [True] * n, 'truth_mps': [truth] * n,
-        'seen_pairs': n, **changes})
+        'confirmed': confirmed or [True] * n, 'truth_mps': [truth] * n, **changes})
 
 
 def measured(error, sigma):
@@ -60,17 +60,17 @@ def test_mean_square_is_mean_and_deviation_squared():
     ([True] * 5, True),  # its track ended
     ([], True)], ids=['to the end', 'coasting', 'almost', 'ended', 'never'])
 def test_lost_without_a_reading_in_the_last_quarter(confirmed, wanted):
-    assert lost(run([20.0] * len(confirmed), confirmed=confirmed, seen_pairs=8,
+    assert lost(run([20.0] * len(confirmed), confirmed=confirmed,
                     last_quarter_ns=6)) is wanted
 
 
 def test_found_late_and_followed_to_the_end_is_not_lost():
-    late = run([20.0] * 3, stamps_ns=[5, 6, 7], seen_pairs=8, last_quarter_ns=6)
+    late = run([20.0] * 3, stamps_ns=[5, 6, 7], last_quarter_ns=6)
     assert not lost(late)
 
 
 def test_nothing_gives_no_figures():
-    f = reading_figures([VehicleRun(vehicle=0, seen_pairs=5)])
+    f = reading_figures([VehicleRun(vehicle=0)])
     assert f.lost == 1
     assert all(math.isnan(v) for v in (f.mean_mps, f.max_error_mps, f.rms_mps, f.std_mps))
     assert math.isnan(pass_figures([]).max_mps)
@@ -95,3 +95,16 @@ def test_honest_sigmas_have_a_ratio_of_one():
     f = pass_figures([measured(float(s * rng.standard_normal()), float(s)) for s in sigmas])
     # the mean of 400 squared standard normals has a deviation of sqrt(2 / 400)
     assert abs(f.sigma_ratio ** 2 - 1) < 4 * math.sqrt(2 / 400)
+
+
+def test_statistics_of_nothing_are_nan_and_of_some_those_of_numpy():
+    nothing, some = np.zeros(0), np.array([3.0, -4.0, 1.0])
+    assert all(math.isnan(f(nothing)) for f in (mean, std, rms, greatest))
+    assert (mean(some), greatest(some)) == (0.0, 4.0)
+    assert rms(some) ** 2 == pytest.approx(mean(some) ** 2 + std(some) ** 2) == 26 / 3
+    assert finite(np.array([np.nan, 1.0, np.inf])).tolist() == [1.0]
+
+
+def test_mean_and_deviation_are_written_in_mph():
+    assert mean_and_std(-0.0447, 0.44704) == '-0.100 ± 1.000'
+    assert mean_and_std(math.nan, math.nan) == '-'

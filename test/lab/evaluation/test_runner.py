@@ -7,14 +7,15 @@ from collections import deque
 from dataclasses import replace
 import importlib
 import json
+import multiprocessing
 from pathlib import Path
 
 import pytest
 
 from stereo_speed.core.errors import InputError
-from stereo_speed.lab.evaluation import runner
 from stereo_speed.lab.evaluation.journal import JOURNAL, Journal
-from stereo_speed.lab.evaluation.runner import failures, Job, run_jobs
+from stereo_speed.lab.evaluation.runner import (
+    failures, give_next, Job, run_jobs, source_hash, spread)
 
 
 @pytest.fixture
@@ -55,12 +56,26 @@ def test_only_what_is_missing_or_changed_is_run(tmp_path, work):
     assert run(jobs_of(4, trace, job1={'n': 5})) == ([0, 25, 4, 9], ['5'])
 
 
-def test_results_of_other_code_are_not_ours(tmp_path, monkeypatch, work):
+def test_results_of_other_code_are_not_ours(tmp_path, work):
     trace = tmp_path / 'trace'
-    for version in ('a', 'b'):
-        monkeypatch.setattr(runner, 'source_hash', lambda: version)
-        run_jobs(jobs_of(1, trace), work, out_dir=tmp_path, workers=0, description='squares')
+    run_jobs(jobs_of(1, trace), work, out_dir=tmp_path, workers=0, description='squares')
+    journal = tmp_path / JOURNAL
+    row = json.loads(journal.read_text())
+    journal.write_text(json.dumps({**row, 'fingerprint': 'f' * 16}) + '\n')
+    run_jobs(jobs_of(1, trace), work, out_dir=tmp_path, workers=0, description='squares')
     assert len(trace.read_text().splitlines()) == 2
+
+
+def test_code_is_known_by_its_files_and_their_names(tmp_path):
+    def hashed(folder, **files):
+        (tmp_path / folder).mkdir()
+        for name, text in files.items():
+            (tmp_path / folder / f'{name}.py').write_text(text)
+        return source_hash(tmp_path / folder)
+    same = [hashed(folder, a='x = 1') for folder in ('one', 'two')]
+    assert same[0] == same[1]
+    assert len({*same, hashed('three', a='x = 2'), hashed('four', b='x = 1'),
+                hashed('five', a='x = 1', b='')}) == 4
 
 
 def test_a_failure_is_recorded_and_tried_again(tmp_path, work):
@@ -87,7 +102,7 @@ def test_a_process_that_dies_takes_one_job_with_it(work):
     assert results[1].error == 'its process ended with status -9'
 
 
-class FakeSeat:
+class StandIn:
     """A worker that takes jobs and does nothing."""
 
     def __init__(self):
@@ -100,10 +115,10 @@ class FakeSeat:
 def deal(groups, turns):
     """Hand out the jobs of groups to two workers that ask in this order."""
     queue = deque(deque(Job(key=key, parameters={}) for key in group) for group in groups)
-    seats = [FakeSeat(), FakeSeat()]
+    pool = [StandIn(), StandIn()]
     for turn in turns:
-        runner._next(seats[turn], queue, seats)
-    return [''.join(seat.given) for seat in seats]
+        give_next(pool[turn], queue, pool)
+    return [''.join(worker.given) for worker in pool]
 
 
 def test_a_group_stays_with_one_worker_until_others_would_idle():
@@ -123,30 +138,17 @@ def test_a_line_cut_off_by_a_crash_is_run_again(tmp_path, work):
         assert sorted(kept.rows()) == ['job0', 'job1', 'job2']
 
 
-def test_two_runs_do_not_share_a_folder(tmp_path):
-    with Journal(tmp_path):
-        with pytest.raises(InputError, match='another run'):
-            Journal(tmp_path)
-    with Journal(tmp_path):
-        pass
-
-
 def test_keys_are_unique(work):
     with pytest.raises(InputError, match='same key'):
         run_jobs(jobs_of(2)[:1] * 2, work, out_dir=None, workers=0, description='squares')
 
 
-def test_an_interrupt_ends_the_processes(monkeypatch, work):
-    started = []
-    seat = runner._Seat.__init__
-
-    def watched(self, worker):
-        seat(self, worker)
-        started.append(self.process)
-    monkeypatch.setattr(runner._Seat, '__init__', watched)
-    results = runner._spread(jobs_of(6), work, 2)
+def test_an_interrupt_ends_the_processes(work):
+    before = set(multiprocessing.active_children())
+    results = spread(jobs_of(6), work, 2)
     next(results)
+    started = set(multiprocessing.active_children()) - before
+    assert len(started) == 2
     with pytest.raises(KeyboardInterrupt):
         results.throw(KeyboardInterrupt())
-    assert len(started) == 2
     assert not any(process.is_alive() for process in started)

@@ -6,8 +6,8 @@ The sequences of the 2012 paper (Section V), simulated from what it says of them
 Said: speeds, paths, 5 pairs a second, 1024x768 rendered and 1280x960 recorded, a bar of 0.5 m
 that is not quite parallel, a tilted road and a busier background where recorded, no noise where
 rendered, the angular rate on the circle, frames shown, lane width and drift of the lane changes,
-and that the first speed of the filter is off. Ours: focal length, places of camera and road, and
-all of the looks. The images are not the paper's.
+and that the first speed of the filter is off. Ours: focal length, positions of camera and road,
+and every appearance. The images are not the paper's.
 """
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class PaperSequence:
     A sequence and how the paper ran its filters on it.
 
     :param title: for people.
-    :param config: makes what to simulate.
+    :param config: returns what to simulate.
     :param particles: of the particle filters.
     :param speed_step_mps: 1-sigma of the speed's change from pair to pair, m/s.
     :param vehicles: name of each vehicle.
@@ -50,7 +50,7 @@ class PaperSequence:
 
 
 def _car(mph: float, **changes: object) -> VehicleConfig:
-    """Make a car as a camera records it: textured all over, with a front that is no plane."""
+    """Return a car as a camera records it: textured all over, with a front that is no plane."""
     plain = VehicleConfig(speed_mps=mph * MPH_MPS, kind='car', relief_m=0.04)
     return replace(plain, **changes)  # type: ignore[arg-type]
 
@@ -132,5 +132,5 @@ def find_sequence(name: str) -> PaperSequence:
 
 
 def rate_std(step_mps: float, fps: float = FPS) -> float:
-    """Turn the change of speed from pair to pair, m/s, into our rate, m/s/sqrt(s)."""
+    """Return our rate, m/s/sqrt(s), of a change of speed from pair to pair, m/s."""
     return float(step_mps * fps ** 0.5)

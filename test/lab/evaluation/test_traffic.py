@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from stereo_speed.core.records import PassResult, TrackState, TrackUpdate, Verdict
-from stereo_speed.lab.evaluation.traffic import HEADER, nearness, row, TrafficScorer
+from stereo_speed.lab.evaluation.traffic import score_traffic, traffic_table, TrafficRules
 
 PERIOD_NS = 100_000_000
 
@@ -36,30 +36,27 @@ def _pass(track, speed=20.1, std=0.1, verdict=Verdict.MEASURED):
         smoothed_std={})
 
 
-def _judge(pairs, passes):
-    judge = TrafficScorer(['lane_0', 'lane_1', 'lane_2'])
-    for truth, updates in pairs:
-        judge.add(truth, updates)
-    judge.close(passes)
-    return judge.score()
+def _score(pairs, passes, rules=TrafficRules()):
+    return score_traffic([row for rows, _ in pairs for row in rows],
+                         [update for _, updates in pairs for update in updates], passes,
+                         ['lane_0', 'lane_1', 'lane_2'], rules)
 
 
 def test_one_vehicle_one_track():
-    score = _judge([([_truth(k, 7)], [_update(k, 0)]) for k in range(12)], [_pass(0)])
+    score = _score([([_truth(k, 7)], [_update(k, 0)]) for k in range(12)], [_pass(0)])
     assert (score.vehicles, score.once, score.split, score.rejected, score.missed,
             score.false_tracks, score.wrong, score.brief) == (1, 1, 0, 0, 0, 0, 0, 0)
-    np.testing.assert_allclose(score.errors_mps, [0.1])
-    np.testing.assert_allclose(score.sigmas, [1.0])
-    np.testing.assert_allclose(score.live_mps, [0.1] * 12)
+    assert (score.passes.mean_mps, score.passes.sigma_ratio) == pytest.approx((0.1, 1.0))
+    assert score.live_rms_mps == pytest.approx(0.1)
     assert (score.lanes_wrong, score.lanes_sure) == (0, 12)
 
 
 def test_neighbours_are_told_apart_and_a_swap_shows():
     pairs = [([_truth(k, 0), _truth(k, 1, lane=1)], [_update(k, 5, lane=1), _update(k, 6)])
              for k in range(12)]
-    score = _judge(pairs, [_pass(5, 20.0), _pass(6, 21.0)])
+    score = _score(pairs, [_pass(5, 20.0), _pass(6, 21.0)])
     assert score.once == 2 and score.false_tracks == 0 and score.wrong == 1
-    assert sorted(score.errors_mps) == pytest.approx([0.0, 1.0])
+    assert (score.passes.mean_mps, score.passes.max_mps) == pytest.approx((0.5, 1.0))
 
 
 def test_split_rejected_missed_false_and_brief():
@@ -73,7 +70,7 @@ def test_split_rejected_missed_false_and_brief():
                    _update(k, 2, lane=0, ahead_m=-30.0),  # on nothing
                    _update(k, 3, lane=1, ahead_m=25.0, state=TrackState.TENTATIVE)]
         pairs.append((truth, updates))
-    score = _judge(pairs, [_pass(0), _pass(4), _pass(1, verdict=Verdict.REJECTED), _pass(2),
+    score = _score(pairs, [_pass(0), _pass(4), _pass(1, verdict=Verdict.REJECTED), _pass(2),
                            _pass(3, verdict=Verdict.REJECTED)])
     assert (score.vehicles, score.once, score.split, score.rejected, score.missed,
             score.false_tracks, score.brief) == (3, 0, 1, 1, 1, 1, 1)
@@ -82,30 +79,32 @@ def test_split_rejected_missed_false_and_brief():
 def test_lanes_count_away_from_the_lines_only():
     pairs = [([_truth(k, 0, lateral=1.7 if k < 4 else 0.2)], [_update(k, 0, name='lane_1')])
              for k in range(10)]
-    score = _judge(pairs, [_pass(0)])
+    score = _score(pairs, [_pass(0)])
     assert (score.lanes_wrong, score.lanes_sure) == (6, 6)
 
 
-def test_hidden_far_or_cut_vehicles_need_not_be_measured():
+def test_occluded_far_or_cut_vehicles_need_not_be_measured():
     for changes in ({'visible': 0.3}, {'width_px': 20.0}, {'in_view': False}):
-        score = _judge([([_truth(k, 0, **changes)], []) for k in range(20)], [])
+        score = _score([([_truth(k, 0, **changes)], []) for k in range(20)], [])
         assert (score.vehicles, score.missed, score.brief) == (0, 0, 1)
 
 
-def test_nearness_gates_by_hand():
-    true = np.array([0.0, 0.0, 50.0])
-    assert nearness(true, true) == 1.0
-    assert nearness(true + [0.6, 0, 0], true) == pytest.approx(0.5)
-    assert nearness(true + [0, 0, 1.5], true) == pytest.approx(0.5)  # 6 % of 50 m is 3 m
-    assert nearness(true + [0, 1.25, 0], true) == pytest.approx(0.5)  # a tall one's lower half
-    assert nearness(true + [1.3, 0, 0], true) == 0.0
-    assert nearness(true + [3.7, 0, 0], true) == 0.0
-    assert nearness(true - [0, 0, 8.0], true) == 0.0
+def test_rules_decide_who_counts_and_what_is_wrong():
+    pairs = [([_truth(k, 0, width_px=30.0)], [_update(k, 0)]) for k in range(12)]
+    assert _score(pairs, [_pass(0)]).vehicles == 0
+    near = _score(pairs, [_pass(0)], TrafficRules(seen_px=30.0))
+    assert (near.vehicles, near.once, near.wrong) == (1, 1, 0)
+    assert _score(pairs, [_pass(0)], TrafficRules(wrong_mps=0.09)).wrong == 1
+    assert _score(pairs, [_pass(0)], TrafficRules(seen_px=30.0, seen_s=1.2)).vehicles == 0
+    assert _score(pairs, [_pass(0)], TrafficRules(seen_px=30.0, seen_pairs=13)).vehicles == 0
 
 
-def test_row_fits_its_header():
-    score = _judge([([_truth(k, 7)], [_update(k, 0)]) for k in range(12)], [_pass(0)])
-    columns = HEADER.splitlines()[0].count('|')
-    assert row('a', score, 12.3).count('|') == columns
-    empty = _judge([([_truth(k, 7)], []) for k in range(12)], [])
-    assert row('b', empty, 1.0).count('|') == columns
+def test_a_table_of_one_stream_by_hand():
+    pairs = [([_truth(k, 7)], [_update(k, 0, speed=20.0 + 0.44704)]) for k in range(12)]
+    score = _score(pairs, [_pass(0, 20.0 - 0.044704, 0.05)])
+    assert traffic_table('a', score, 12.34).markdown().splitlines()[-1] == (
+        '| a | 1 | 1 | 0 | 0 | 0 | 0 | 0 | -0.100 ± 0.000 | 0.100 | 0.89 | 1.00 | 0 of 12 | 0 '
+        '| 12.3 |')
+    nothing = _score([([_truth(k, 7)], []) for k in range(12)], [])
+    assert traffic_table('b', nothing, 1.0).markdown().splitlines()[-1] == (
+        '| b | 1 | 0 | 0 | 0 | 1 | 0 | 0 | - | - | - | - | 0 of 0 | 0 | 1.0 |')

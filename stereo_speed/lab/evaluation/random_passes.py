@@ -1,15 +1,14 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Passes drawn at random, over all a roadside rig may meet: what ``accuracy`` measures.
+Passes drawn at random over the conditions of a roadside rig: what ``accuracy`` measures.
 
 The number of the pass and the seed give the pass: more passes do not change the earlier ones.
 """
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
-from typing import Any
 
 import numpy as np
 
@@ -21,14 +20,18 @@ from ...core.units import MPH_MPS
 from ...site.file import VIEWS
 
 PATHS = ('straight', 'circle', 'clothoid')
-MOST_ACROSS_MPS2 = 5.0  # of sideways acceleration: what drivers and tyres bear
+# Greatest lateral acceleration, which drivers and tyres bear.
+MOST_ACROSS_MPS2 = 5.0
 LEAST_MPH, MOST_MPH = 20.0, 90.0
-_LEAST_LINE_PX, _LEAST_PAIRS = 100.0, 5
+# A line that is shorter in an image is out of view.
+_LEAST_LINE_PX = 100.0
+# A vehicle that is whole in fewer pairs is out of view.
+_LEAST_PAIRS = 5
 _MOST_ATTEMPTS = 50
 
 
 @dataclass(frozen=True, kw_only=True)
-class Scene:
+class RandomPass:
     """
     A pass drawn at random.
 
@@ -42,51 +45,51 @@ class Scene:
     kinds: dict[str, str]
 
 
-def draw_scene(seed: int, number: int, *, pan_deg: float = 0.0) -> Scene:
+def draw_pass(seed: int, number: int, *, pan_deg: float = 0.0) -> RandomPass:
     """
     Draw a pass.
 
     Speed 20 to 90 mph (on curves what 5 m/s^2 across allow), straight, circular or on a
     clothoid, to either side, 1 to 3 lanes, five kinds of rig, cameras 2 to 6 m high, noise of 1
-    to 4 grey levels, grades up to 3 %, views of unequal brightness, fronts with a relief
-    of up to 8 cm; picks with 0.3 px and marks
-    with 0.7 px of scatter. Who sets up a camera sees to it that the road is in view: what shows
-    a line over less than 100 px or the vehicle in fewer than 5 pairs is drawn again.
+    to 4 grey levels, grades up to 3 %, views of unequal brightness, fronts with a relief of up to
+    8 cm; picks with 0.3 px and annotations with 0.7 px of scatter. A camera is set up so that the
+    road is in view: a pass that shows a line over less than 100 px or the vehicle in fewer than 5
+    pairs is drawn again.
 
     :param seed: of the whole set.
     :param number: of the pass in it, from 0; paths and rigs take turns.
     :param pan_deg: by which the right camera has turned to either side since its calibration.
     """
     for attempt in range(_MOST_ATTEMPTS):
-        scene = _draw(np.random.default_rng([seed, number, attempt]), number, pan_deg)
-        if _is_a_site(scene.config, seed):
-            return scene
+        drawn = _draw(np.random.default_rng([seed, number, attempt]), number, pan_deg)
+        if _is_in_view(drawn.config, seed):
+            return drawn
     raise InputError('accuracy', 'scene', number, 'a road that comes to lie in view')
 
 
-def _draw(rng: np.random.Generator, number: int, pan_deg: float) -> Scene:
+def _draw(rng: np.random.Generator, number: int, pan_deg: float) -> RandomPass:
     """Draw a pass that need not be in view."""
     path, rig = PATHS[number % len(PATHS)], list(RIGS)[(number // len(PATHS)) % len(RIGS)]
-    road, speed_mps, distances = _road(path, rng)
+    config, speed_mps = _road(path, rng)
     vehicle = VehicleConfig(
-        speed_mps=speed_mps, lane=int(rng.integers(road.lanes)),
+        speed_mps=speed_mps, lane=int(rng.integers(config.road.lanes)),
         front_width_m=float(rng.uniform(1.6, 2.0)), front_height_m=float(rng.uniform(0.6, 1.0)),
         clearance_m=float(rng.uniform(0.2, 0.35)),
         texture_contrast=float(rng.uniform(0.7, 1.2)),
         relief_m=float(rng.uniform(0.0, 0.08)))
     height_m, noise = float(rng.uniform(2.0, 6.0)), float(rng.uniform(1.0, 4.0))
-    config = SimConfig(
-        vehicles=(vehicle,), road=road, rig=RIGS[rig], camera_height_m=height_m,
+    config = replace(
+        config, vehicles=(vehicle,), rig=RIGS[rig], camera_height_m=height_m,
         noise_grey=noise, right_gain=float(rng.uniform(0.96, 1.04)),
         right_offset_grey=float(rng.uniform(-3.0, 3.0)), exposure=float(rng.uniform(0.6, 1.0)),
         speed_limit=f'{5 * round(speed_mps / MPH_MPS * rng.uniform(0.75, 1.1) / 5):.0f} mph',
         rig_moved_deg=(float(rng.choice([-1.0, 1.0])) * pan_deg, 0.0, 0.0),
-        name=f'pass {number}', **distances)
-    return Scene(number=number, config=config, kinds=_kinds(path, rig, config))
+        name=f'pass {number}')
+    return RandomPass(number=number, config=config, kinds=_kinds(path, rig, config))
 
 
-def _is_a_site(config: SimConfig, seed: int) -> bool:
-    """Say whether a camera would be set up this way: lines and vehicle in view."""
+def _is_in_view(config: SimConfig, seed: int) -> bool:
+    """Return whether a camera would be set up this way: lines and vehicle in view."""
     scene = SimScene(config)
     for line in picked_site(scene, np.random.default_rng(seed))['lines'].values():
         for view in VIEWS:
@@ -97,30 +100,30 @@ def _is_a_site(config: SimConfig, seed: int) -> bool:
     return all(seen)
 
 
-def _road(path: str, rng: np.random.Generator) -> tuple[RoadConfig, float, dict[str, Any]]:
-    """Draw a road, a speed fit for it, m/s, and where the pass begins and ends."""
-    shape: dict[str, Any] = {}
-    most_mps = MOST_MPH * MPH_MPS
+def _road(path: str, rng: np.random.Generator) -> tuple[SimConfig, float]:
+    """Draw a road with where the pass begins and ends, and a speed fit for it, m/s."""
+    curvature, start_curvature, most_mps = 0.0, 0.0, MOST_MPH * MPH_MPS
     if path == 'straight':
-        distances = {'start_m': float(rng.uniform(60.0, 80.0)),
-                     'near_m': float(rng.uniform(16.0, 20.0)),
-                     'camera_side_m': float(rng.uniform(3.0, 7.0))}
+        config = SimConfig(start_m=float(rng.uniform(60.0, 80.0)),
+                           near_m=float(rng.uniform(16.0, 20.0)),
+                           camera_side_m=float(rng.uniform(3.0, 7.0)))
     else:
         # Even in the logarithm, from a junction's bend to a highway's.
         radius_m = float(np.exp(rng.uniform(math.log(35.0), math.log(400.0))))
-        bend = float(rng.choice([-1.0, 1.0])) / radius_m
-        start = bend if path == 'circle' else bend * float(rng.uniform(0.0, 0.3))
+        curvature = float(rng.choice([-1.0, 1.0])) / radius_m
+        start_curvature = curvature * (
+            1.0 if path == 'circle' else float(rng.uniform(0.0, 0.3)))
         most_mps = min(most_mps, math.sqrt(MOST_ACROSS_MPS2 * radius_m))
-        shape = {'curvature_start': start, 'curvature_end': bend}
-        distances = {'start_m': float(rng.uniform(44.0, 52.0)),
-                     'near_m': float(rng.uniform(15.0, 18.0))}
+        config = SimConfig(start_m=float(rng.uniform(44.0, 52.0)),
+                           near_m=float(rng.uniform(15.0, 18.0)))
     road = RoadConfig(lanes=int(rng.integers(1, 4)), grade=float(rng.uniform(-0.03, 0.03)),
-                      lane_width_m=float(rng.uniform(3.2, 3.8)), **shape)
-    return road, float(rng.uniform(LEAST_MPH * MPH_MPS, most_mps)), distances
+                      lane_width_m=float(rng.uniform(3.2, 3.8)), curvature_end=curvature,
+                      curvature_start=start_curvature)
+    return replace(config, road=road), float(rng.uniform(LEAST_MPH * MPH_MPS, most_mps))
 
 
 def _kinds(path: str, rig: str, config: SimConfig) -> dict[str, str]:
-    """Name what a pass counts for."""
+    """Return what a pass counts for."""
     mph = config.vehicles[0].speed_mps / MPH_MPS
     return {
         'path': path, 'rig': rig, 'lanes': str(config.road.lanes),

@@ -1,0 +1,153 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Sequences with truth, simulated or from bags, and a tracker's run over one."""
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import Enum
+from pathlib import Path
+import tempfile
+from typing import Callable, Mapping, Optional, Sequence, TypeVar
+
+import numpy as np
+import yaml
+
+from .scorer import beside_truth, SequenceRun
+from ..sim.config import SimConfig
+from ..sim.sequence import SimSequence, simulate
+from ...core.config import TrackerConfig
+from ...core.records import InitialFront, StereoPair
+from ...geometry.rig import StereoRig
+from ...io.bags import StereoBag
+from ...io.truth import read_truth, truth_of_rows, VehicleTruth
+from ...pipeline.assembly import MeasuringSite
+from ...pipeline.config import PipelineConfig
+from ...pipeline.run import run as run_pipeline
+from ...road.problem import RoadPrior
+from ...site.file import load_site
+from ...site.init_file import load_init
+
+Content = TypeVar('Content')
+
+
+class LineKnowledge(str, Enum):
+    """How well the lines of a simulated site are known."""
+
+    PICKED = 'picked'  # as clicked
+    REFINED = 'refined'  # as clicked, then refined by images
+    EXACT = 'exact'
+
+    def __str__(self) -> str:
+        """Return the value."""
+        return self.value
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LabeledSequence:
+    """
+    A sequence with all a tracker needs, and its truth.
+
+    :param site: rig, lanes and tolerances.
+    :param annotations: the fronts as annotated; None has them detected.
+    :param pairs: the pairs.
+    :param truths: one for each vehicle.
+    """
+
+    site: MeasuringSite
+    annotations: Optional[tuple[InitialFront, ...]]
+    pairs: Sequence[StereoPair]
+    truths: tuple[VehicleTruth, ...]
+
+
+def simulated_sequence(config: SimConfig, seed: Sequence[int], lines: LineKnowledge, *,
+                       tolerances: Optional[TrackerConfig] = None) -> LabeledSequence:
+    """
+    Simulate a sequence and reconstruct its lanes.
+
+    :param config: what to simulate.
+    :param seed: of the simulation.
+    :param lines: how well the lanes' lines are known; they are refined by the sequence's own
+        images, as one would before measuring.
+    :param tolerances: draw the errors of calibration and stamps that these parameters allow
+        for; None leaves both exact.
+    :raises InputError: a scene that cannot be drawn.
+    """
+    sequence = simulate(config, np.random.default_rng(list(seed)))
+    if tolerances is not None:
+        sequence = disturbed(sequence, tolerances, np.random.default_rng([*seed, 1]))
+    content = sequence.site_exact if lines is LineKnowledge.EXACT else sequence.site
+    site = MeasuringSite.of(read_back(content, load_site), sequence.rig,
+                            sequence.pairs if lines is LineKnowledge.REFINED else None)
+    return LabeledSequence(site=site, annotations=read_back(sequence.init, load_init),
+                           pairs=sequence.pairs, truths=truth_of_rows(sequence.truth))
+
+
+def disturbed(sequence: SimSequence, tolerances: TrackerConfig,
+              rng: np.random.Generator) -> SimSequence:
+    """
+    Disturb the calibration and the stamps that a tracker gets, within its tolerances.
+
+    Both focal lengths are off by one share, as of one calibration; the stamps of both views by
+    one time, as of one trigger.
+
+    :param tolerances: gives the 1-sigmas: ``focal_std``, ``baseline_std_m``, ``stamp_std_s``;
+        the angles between the cameras are off by what a site allows a calibrated rig.
+    """
+    angles = np.radians(RoadPrior().calibrated_std_deg) * rng.standard_normal(3)
+    rig = sequence.rig.drifted(angles)
+    focal = 1 + tolerances.focal_std * rng.standard_normal()
+    baseline = 1 + tolerances.baseline_std_m / rig.baseline_m * rng.standard_normal()
+    cameras = [replace(camera, K=camera.K * [[focal, focal, 1], [focal, focal, 1], [1, 1, 1]])
+               for camera in (rig.left, rig.right)]
+    late_ns = {pair.stamp_ns: round(1e9 * tolerances.stamp_std_s * rng.standard_normal())
+               for pair in sequence.pairs}
+    return replace(
+        sequence, rig=StereoRig(cameras[0], cameras[1], rig.R, rig.t * baseline),
+        pairs=tuple(replace(p, stamp_ns=p.stamp_ns + late_ns[p.stamp_ns],
+                            right_stamp_ns=p.right_stamp_ns + late_ns[p.stamp_ns])
+                    for p in sequence.pairs),
+        truth=tuple({**row, 'stamp_ns': row['stamp_ns'] + late_ns[row['stamp_ns']]}
+                    for row in sequence.truth))
+
+
+def read_back(content: Mapping[str, object], load: Callable[[Path], Content]) -> Content:
+    """
+    Return what is read from a YAML file of some content, as a person would hand it over.
+
+    :param load: reads the file.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / 'content.yaml'
+        path.write_text(yaml.safe_dump(dict(content)), encoding='utf-8')
+        return load(path)
+
+
+def bag_sequence(bag: Path, site: Path, init: Optional[Path], truth: Path, *,
+                 left: Optional[str] = None, right: Optional[str] = None) -> LabeledSequence:
+    """
+    Read a sequence from a bag, with its site, annotations and truth.
+
+    :raises InputError: a file that cannot be used.
+    """
+    truths, read = read_truth(truth), load_site(site)
+    annotations = None if init is None else load_init(init)
+    with StereoBag(bag, left=left, right=right) as opened:
+        return LabeledSequence(
+            site=MeasuringSite.of(read, opened.rig), annotations=annotations,
+            pairs=tuple(opened.pairs()), truths=truths)
+
+
+def run_tracker(sequence: LabeledSequence, tracker: str, config: TrackerConfig,
+                seed: int) -> SequenceRun:
+    """
+    Run a tracker over a sequence, as ``replay`` would, and set its reports beside the truth.
+
+    :param tracker: name of the tracker.
+    :param config: its parameters.
+    :param seed: of all its randomness.
+    """
+    pipeline = sequence.site.pipeline(PipelineConfig(config, tracker), sequence.annotations,
+                                      seed=seed)
+    done = run_pipeline(pipeline, sequence.pairs)
+    return SequenceRun(vehicles=beside_truth(done.updates, done.passes, sequence.truths),
+                       cpu_ms=round(1e3 * done.cpu_s / len(sequence.pairs), 3))

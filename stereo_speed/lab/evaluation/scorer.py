@@ -1,0 +1,116 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""What a tracker reported of each vehicle, beside the truth."""
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any, Iterable, Mapping, Optional, Sequence
+
+import numpy as np
+
+from .associate import match
+from ...core.records import PassResult, TrackState, TrackUpdate, Verdict
+from ...io.truth import VehicleTruth
+
+
+@dataclass(frozen=True, kw_only=True)
+class VehicleRun:
+    """
+    What a tracker reported of one vehicle, beside the truth.
+
+    :param vehicle: its number.
+    :param stamps_ns: of the readings; none when no track was on it.
+    :param speeds_mps: live readings.
+    :param confirmed: whether each was confirmed: only those are published.
+    :param truth_mps: the truth beside them; None where it is not known.
+    :param verdict: of its pass; empty when there was no track.
+    :param reason: of a rejection.
+    :param pass_mps: speed of the pass, when it was measured.
+    :param pass_std_mps: its 1-sigma.
+    :param pass_truth_mps: mean of the truth over the same pairs.
+    :param pairs: pairs of the pass.
+    :param last_quarter_ns: stamp that the last quarter of the vehicle's pairs begins with.
+    """
+
+    vehicle: int
+    stamps_ns: list[int] = field(default_factory=list)
+    speeds_mps: list[float] = field(default_factory=list)
+    confirmed: list[bool] = field(default_factory=list)
+    truth_mps: list[Optional[float]] = field(default_factory=list)
+    verdict: str = ''
+    reason: str = ''
+    pass_mps: Optional[float] = None
+    pass_std_mps: Optional[float] = None
+    pass_truth_mps: Optional[float] = None
+    pairs: int = 0
+    last_quarter_ns: int = 0
+
+    @property
+    def measured(self) -> bool:
+        """Whether its pass was measured."""
+        return self.verdict == Verdict.MEASURED.value and self.pass_mps is not None
+
+
+@dataclass(frozen=True, kw_only=True)
+class SequenceRun:
+    """
+    What a tracker reported of a sequence.
+
+    :param vehicles: one for each true vehicle.
+    :param cpu_ms: processor time per pair, ms, of all tracks; without the final results.
+    """
+
+    vehicles: list[VehicleRun]
+    cpu_ms: float
+
+    def to_json(self) -> dict[str, Any]:
+        """Return it as JSON values."""
+        return asdict(self)
+
+    @classmethod
+    def from_json(cls, value: Mapping[str, Any]) -> SequenceRun:
+        """Return it from JSON values."""
+        return cls(**{**value, 'vehicles': [VehicleRun(**v) for v in value['vehicles']]})
+
+
+def by_track(updates: Iterable[TrackUpdate]) -> dict[int, list[TrackUpdate]]:
+    """Return the updates of each track, in their order."""
+    tracks: dict[int, list[TrackUpdate]] = {}
+    for update in updates:
+        tracks.setdefault(update.track, []).append(update)
+    return tracks
+
+
+def beside_truth(updates: Iterable[TrackUpdate], passes: Iterable[PassResult],
+                 truths: Sequence[VehicleTruth]) -> list[VehicleRun]:
+    """Match tracks to vehicles, and return what was reported of each vehicle."""
+    tracks, results = by_track(updates), {result.track: result for result in passes}
+    matched = match(tracks, truths)
+    return [vehicle_run(truth, tracks.get(matched.get(truth.vehicle, -1), ()),
+                        results.get(matched.get(truth.vehicle, -1))) for truth in truths]
+
+
+def vehicle_run(truth: VehicleTruth, track: Sequence[TrackUpdate],
+                result: Optional[PassResult]) -> VehicleRun:
+    """
+    Set one track beside its vehicle.
+
+    :param track: its updates; none when no track was on the vehicle.
+    :param result: of its pass, when there is one.
+    """
+    stamps = [u.stamp_ns for u in track]
+    run = VehicleRun(
+        vehicle=truth.vehicle, stamps_ns=stamps, speeds_mps=[float(u.speed_mps) for u in track],
+        confirmed=[u.state is TrackState.CONFIRMED for u in track],
+        truth_mps=[None if np.isnan(v) else float(v) for v in truth.speed_at(stamps)],
+        last_quarter_ns=int(truth.stamps_ns[-max(len(truth.stamps_ns) // 4, 1)]))
+    if result is None:
+        return run
+    # The speed is the mean over its own pairs: those before the detection count, gaps do not.
+    during = sorted(result.smoothed) or [ns for ns in stamps
+                                         if result.first_ns <= ns <= result.last_ns]
+    true = truth.speed_at(during)
+    return replace(
+        run, verdict=result.verdict.value, reason=result.reason, pass_mps=result.speed_mps,
+        pass_std_mps=result.speed_std_mps, pairs=result.pairs,
+        pass_truth_mps=float(np.nanmean(true)) if np.isfinite(true).any() else None)

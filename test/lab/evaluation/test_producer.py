@@ -1,0 +1,45 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Items from another process: the same, in order, with what goes wrong there."""
+from __future__ import annotations
+
+import importlib
+import multiprocessing
+from pathlib import Path
+
+import pytest
+from stereo_speed.lab.evaluation.producer import produced, WAITING
+
+
+@pytest.fixture
+def squares(monkeypatch):
+    """Return a function of a module that processes of their own can import."""
+    monkeypatch.syspath_prepend(str(Path(__file__).parent))
+    return importlib.import_module('squaring').squares
+
+
+def test_more_items_than_wait_at_once_come_in_order(squares):
+    count = 3 * WAITING
+    assert list(produced(squares, count)) == [n ** 2 for n in range(count)]
+
+
+def test_what_goes_wrong_there_is_raised_here_after_what_went_well(squares):
+    items = produced(squares, 5, 2)
+    assert [next(items), next(items)] == [0, 1]
+    with pytest.raises(ValueError, match='no square of 2'):
+        next(items)
+
+
+@pytest.mark.slow
+def test_a_process_that_dies_is_noticed(squares):
+    with pytest.raises(RuntimeError, match='exit code -9'):
+        list(produced(squares, 5, None, 1))
+
+
+def test_the_process_ends_with_its_reader(squares):
+    before = set(multiprocessing.active_children())
+    items = produced(squares, 100 * WAITING)
+    next(items)
+    assert set(multiprocessing.active_children()) - before
+    items.close()
+    assert not set(multiprocessing.active_children()) - before
