@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import numpy as np
-
+import pytest
 from stereo_speed.core.config import TrackerConfig
 from stereo_speed.tracking.likelihood import Reference, score
 from stereo_speed.vision.haar import PartGrid
@@ -12,21 +12,19 @@ from stereo_speed.vision.haar import PartGrid
 GRID, CONFIG = PartGrid(), TrackerConfig()
 
 
-def quads_of(sequence, pair, shift_px=(0.0, 0.0)):
-    mark = sequence.scene.front(sequence.config.vehicles[0],
-                                (pair.stamp_ns - sequence.pairs[0].stamp_ns) * 1e-9)
-    left, right, _, _ = sequence.rig.project(mark.corners_m)
+def quads_of(textured, pose, shift_px=(0.0, 0.0)):
+    left, right = textured.quads(pose)
     return left[None] + shift_px, right[None] + shift_px
 
 
-def test_the_true_place_is_the_most_likely(straight):
-    first, second = straight.pairs[6], straight.pairs[7]
-    at = score(first.left, first.right, quads_of(straight, first), None, grid=GRID,
+def test_the_true_place_is_the_most_likely(textured, textured_drive):
+    (first, second), poses = textured_drive[0][6:8], textured_drive[1]
+    at = score(first.left, first.right, quads_of(textured, poses[6]), None, grid=GRID,
                config=CONFIG)
     reference = Reference(at.left[0], at.right[0])
     shifts = [(0, 0), (2, 0), (-2, 0), (0, 2), (0, -2), (6, 0)]
     quads = [np.concatenate(side) for side in
-             zip(*(quads_of(straight, second, s) for s in shifts))]
+             zip(*(quads_of(textured, poses[7], s) for s in shifts))]
     scores = score(second.left, second.right, tuple(quads), reference, grid=GRID, config=CONFIG)
     assert int(np.argmax(scores.log_likelihood)) == 0
     # Both views moved alike keep their agreement only on the vehicle, never its features.
@@ -34,14 +32,33 @@ def test_the_true_place_is_the_most_likely(straight):
     assert scores.cross_ncc[0] > 0.95
 
 
-def test_particles_not_seen_are_impossible(straight):
-    pair = straight.pairs[0]
-    left, right = quads_of(straight, pair)
-    hidden = np.full_like(left, np.nan)
+def test_the_likelihood_is_that_of_the_paper(textured, textured_drive):
+    """Eq. 13 and 18: squared distances to the reference and the lack of correlation, weighted."""
+    (first, second), poses = textured_drive[0][6:8], textured_drive[1]
+    quads = quads_of(textured, poses[7], (1.0, 0.0))
+    alone = score(second.left, second.right, quads, None, grid=GRID, config=CONFIG)
+    assert alone.log_likelihood[0] == pytest.approx(
+        -CONFIG.lambda_c * (1 - alone.cross_ncc[0]) ** 2)
+    at = score(first.left, first.right, quads_of(textured, poses[6]), None, grid=GRID,
+               config=CONFIG)
+    known = score(second.left, second.right, quads, Reference(at.left[0], at.right[0]),
+                  grid=GRID, config=CONFIG)
+    distance = np.sum((known.left[0] - at.left[0]) ** 2) + np.sum(
+        (known.right[0] - at.right[0]) ** 2)
+    assert known.log_likelihood[0] == pytest.approx(
+        alone.log_likelihood[0] - CONFIG.lambda_d * distance, rel=1e-5)
+
+
+def test_particles_not_seen_are_impossible(textured, textured_drive):
+    pair, pose = textured_drive[0][0], textured_drive[1][0]
+    left, right = quads_of(textured, pose)
+    behind = np.full_like(left, np.nan)
     scores = score(pair.left, pair.right,
-                   (np.concatenate([left, hidden]), np.concatenate([right, right])), None,
+                   (np.concatenate([left, behind]), np.concatenate([right, right])), None,
                    grid=GRID, config=CONFIG)
     assert np.isfinite(scores.log_likelihood[0]) and scores.log_likelihood[1] == -np.inf
+    none = score(pair.left, pair.right, (behind, right), None, grid=GRID, config=CONFIG)
+    assert none.log_likelihood.tolist() == [-np.inf]
 
 
 def test_reference_keeps_epsilon_of_the_old():

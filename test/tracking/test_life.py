@@ -1,0 +1,71 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""The life of a track by hand, one pair every half second."""
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from stereo_speed.core.config import TrackerConfig, VisibilityConfig
+from stereo_speed.core.records import TrackEnd, TrackState
+from stereo_speed.tracking.life import TrackLife
+
+POSE = np.array([20.0, 0.1, 1.9])
+LIMITS = VisibilityConfig(confirm_pairs=3, lost_after_s=1.0, occluded_for_s=2.0)
+
+
+@pytest.fixture()
+def life(textured, empty):
+    return TrackLife(textured.start(empty, POSE, TrackerConfig(visibility=LIMITS)))
+
+
+@pytest.fixture()
+def empty(textured_drive):
+    return textured_drive[0][0]
+
+
+@pytest.fixture()
+def at(empty):
+    return lambda k: replace(empty, index=k, stamp_ns=k * 500_000_000)
+
+
+def test_it_is_confirmed_after_enough_pairs_however_they_are_spread(life, at, textured):
+    left, _ = textured.quads(POSE)
+    assert [life.seen(at(0), left), life.seen(at(1), left)] == [TrackState.TENTATIVE] * 2
+    assert life.coasts(at(2))
+    assert life.seen(at(3), left) is TrackState.CONFIRMED
+    assert life.stamps_ns == [0, 500_000_000, 1_500_000_000] and life.end is None
+
+
+def test_the_width_is_the_greatest(life, at, textured):
+    for k, s in enumerate((20.0, 30.0, 10.0)):
+        life.seen(at(k), textured.quads((s, 0.1, 1.9))[0])
+    assert life.width_px == pytest.approx(1.8 * 1500 / 30)
+
+
+def test_time_goes_on_from_pair_to_pair(life, at):
+    assert [life.advance_s(at(k)) for k in (0, 1, 4)] == [0.0, 0.5, 1.5]
+
+
+@pytest.mark.parametrize('partly_seen, pairs', [(False, 2), (True, 4)])
+def test_it_is_lost_when_unseen_or_occluded_for_too_long(life, at, textured, partly_seen, pairs):
+    life.seen(at(0), textured.quads(POSE)[0])
+    goes_on = [life.coasts(at(k), partly_seen=partly_seen) for k in range(1, pairs + 2)]
+    assert goes_on == [True] * pairs + [False] and life.end is TrackEnd.LOST
+
+
+def test_what_was_never_seen_is_lost_as_well(life, at):
+    assert [life.coasts(at(k)) for k in (0, 1, 2, 3)] == [True, True, True, False]
+    assert life.first_ns == 0 and life.stamps_ns == []
+
+
+@pytest.mark.parametrize('shift', [(0.0, 0.0), (-300.0, 0.0), (0.0, 200.0), (np.nan, np.nan)])
+@pytest.mark.parametrize('side', [0, 1])
+def test_it_leaves_with_the_first_corner_that_is_out_of_an_image(life, textured, shift, side):
+    quads = list(textured.quads(POSE))
+    quads[side] = quads[side].copy()
+    quads[side][2] += shift
+    left = life.leaves_view(*quads)
+    assert left == (shift != (0.0, 0.0))
+    assert life.end is (TrackEnd.LEFT_VIEW if left else None)

@@ -1,0 +1,134 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Observations of a front whose images have a closed form: patches, derivatives, geometry."""
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from stereo_speed.tracking.front import Front
+from stereo_speed.tracking.observation import normalised_change, ObservationSampler
+from stereo_speed.vision.haar import PartGrid
+
+GRID = PartGrid(10, 8)
+POSE = np.array([20.0, 0.1, 1.9])  # 40 m away
+STILL = np.zeros(3)
+
+
+def sampler_of(textured, trigger_tolerance_s=5e-4):
+    front = Front(textured.path, textured.corners_m)
+    return ObservationSampler(textured.rig, front, GRID.unit_xy, GRID.shape, trigger_tolerance_s)
+
+
+@pytest.fixture(scope='module')
+def clear(textured):
+    """Return the front without noise."""
+    return replace(textured, noise=0.0)
+
+
+@pytest.fixture(scope='module')
+def pair(clear):
+    return clear.pair(0, 0, POSE)
+
+
+def observe(sampler, pair, pose=POSE, velocity_mps=STILL, heading_rad=0.0, relief=None):
+    relief = np.zeros(sampler.relief_basis.shape[1]) if relief is None else relief
+    return sampler.observe(pair, pose, velocity_mps, heading_rad, relief)
+
+
+def test_patches_are_the_texture_of_the_front(clear, pair):
+    seen = observe(sampler_of(clear), pair)
+    x, y = (0.94 * (GRID.unit_xy - 0.5) * [1.8, -0.8]).T
+    texture = clear.texture(x, y)
+    np.testing.assert_allclose(seen.patches.mean(axis=1), 0.0, atol=1e-9)
+    np.testing.assert_allclose(seen.patches.std(axis=1), 1.0)
+    for patch in seen.patches:  # but for the low-pass
+        assert np.corrcoef(patch, texture)[0, 1] > 0.97
+
+
+def test_patches_show_the_front_only_where_it_is(clear, pair):
+    sampler = sampler_of(clear)
+    agree = [float(np.mean(np.prod(observe(sampler, pair, POSE + [ds, 0, 0]).patches, axis=0)))
+             for ds in (0.0, -1.5, 1.5)]
+    # 1.5 m of depth shift the views by f b / Z^2 * 1.5 = 0.7 px.
+    assert agree[0] > 0.995 and agree[0] - max(agree[1:]) > 0.01
+
+
+@pytest.mark.parametrize('axis, step_m', [(0, 0.2), (1, 0.005), (2, 0.005)])
+def test_derivatives_are_those_of_the_patches(clear, pair, axis, step_m):
+    sampler = sampler_of(clear)
+    ahead, behind = (observe(sampler, pair, POSE + sign * step_m * np.eye(3)[axis]).patches
+                     for sign in (1, -1))
+    want = (ahead - behind) / (2 * step_m)
+    got = observe(sampler, pair).jacobian[:, axis]
+    # Gradients of pixels are smoother than the splines' own: short waves lose up to a third.
+    assert np.linalg.norm(got - want) < 0.35 * np.linalg.norm(want)
+    assert np.sum(got * want) > 0.95 * np.linalg.norm(got) * np.linalg.norm(want)
+
+
+def test_relief_moves_a_sample_as_going_on_does(clear, pair):
+    """A front that stands out everywhere alike is a front further on."""
+    sampler = sampler_of(clear)
+    relief = np.full(sampler.relief_basis.shape[1], 0.5)
+    out, on = observe(sampler, pair, relief=relief), observe(sampler, pair, POSE + [0.5, 0, 0])
+    # Its outline is then seen nearer: 0.5 m in 40 m.
+    np.testing.assert_allclose(out.patches, on.patches, atol=0.15)
+
+
+def test_geometry_by_hand(clear, pair):
+    """40 m away 1 m across is 37.5 px, and the disparity of 18.75 px grows as f b / Z^2."""
+    seen = observe(sampler_of(clear), pair)
+    np.testing.assert_allclose(seen.shift_px[:, 1:], 37.5, rtol=1e-3)
+    np.testing.assert_allclose(seen.disparity_px, [1500 * 0.5 / 40 ** 2, 0, 0], atol=1e-3)
+    # The centre (0.1, 0.1) m from the axis moves outwards, in the right view inwards.
+    outwards = 1500 * np.hypot([0.1, -0.4], 0.1) / 40 ** 2
+    np.testing.assert_allclose(seen.shift_px[:, 0], outwards, rtol=1e-3)
+    assert seen.pixels == min(1.8 * 0.8 * 37.5 ** 2, len(GRID.unit_xy))
+    assert seen.right_m == 0.0 and seen.skew_px == 0.0
+
+
+def test_few_pixels_count_as_few(clear):
+    far = np.array([-20.0, 0.0, 1.9])  # 80 m away
+    seen = observe(sampler_of(clear), clear.pair(0, 0, far), far)
+    assert seen.pixels == pytest.approx(1.8 * 0.8 * (1500 / 80) ** 2, rel=1e-3)
+
+
+@pytest.mark.parametrize('pose', [(20.0, 3.5, 1.9), (20.0, -3.3, 1.9), (20.0, 0.1, -1.5)])
+def test_a_front_not_wholly_in_both_images_is_not_observed(clear, pair, pose):
+    assert observe(sampler_of(clear), pair, np.array(pose)) is None
+
+
+def test_a_right_view_of_a_later_time_is_sampled_where_the_front_was_then(clear):
+    velocity, lag_ns = np.array([20.0, 0.5, 0.0]), 40_000_000
+    late = clear.pair(0, 0, POSE, right_ns=lag_ns, right_pose=POSE + 0.04 * velocity)
+    seen = observe(sampler_of(clear), late, velocity_mps=velocity)
+    unaware = observe(sampler_of(clear, trigger_tolerance_s=0.1), late, velocity_mps=velocity)
+    agree = [float(np.mean(np.prod(o.patches, axis=0))) for o in (seen, unaware)]
+    assert agree[0] > 0.995 and agree[1] < agree[0]
+    assert seen.right_m == pytest.approx(0.8) and seen.skew_px == 0.0
+    # Taken for one exposure, the right view may be off by what the front moves meanwhile.
+    moved = clear.rig.project(np.array([[0.1, 0.1, 40.0], [0.12, 0.1, 39.2]]))[1]
+    assert unaware.right_m == 0.0
+    assert unaware.skew_px == pytest.approx(np.linalg.norm(np.diff(moved, axis=0)), rel=0.05)
+
+
+def test_a_heading_is_seen_as_a_rotated_plane(clear):
+    rotated = clear.pair(0, 0, POSE, heading_rad=0.3)
+    sampler = sampler_of(clear)
+    x, y = (0.94 * (GRID.unit_xy - 0.5) * [1.8, -0.8]).T
+    likeness = [np.corrcoef(observe(sampler, rotated, heading_rad=psi).patches[0],
+                            clear.texture(x, y))[0, 1] for psi in (0.0, 0.3)]
+    assert likeness[1] > 0.97 > likeness[0]
+
+
+def test_change_has_no_part_along_a_constant_or_the_patch_itself():
+    rng = np.random.default_rng(0)
+    patch = rng.normal(size=50)
+    patch = (patch - patch.mean()) / patch.std()
+    step, raw = 1e-6, rng.normal(size=(3, 50))
+    got = normalised_change(raw, patch)
+    for axis in range(3):
+        values = patch + step * raw[axis]
+        np.testing.assert_allclose(
+            got[axis], ((values - values.mean()) / values.std() - patch) / step, atol=1e-4)

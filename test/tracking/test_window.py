@@ -1,0 +1,215 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""The photometric window on a front whose images have a closed form."""
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+from stereo_speed.core.config import EffortConfig, TrackerConfig
+from stereo_speed.core.errors import InputError
+from stereo_speed.tracking.front import Front
+from stereo_speed.tracking.motion_prior import PassPrior
+from stereo_speed.tracking.observation import ObservationSampler
+from stereo_speed.tracking.window import PhotometricWindow
+from stereo_speed.vision.haar import PartGrid
+
+GRID = PartGrid(10, 4)
+MPS = 20.0
+SECOND = 1_000_000_000
+
+
+def window_of(textured, pose, config=TrackerConfig()):
+    """Return a window of a pass whose first front was placed 0.7 m wrong along its ray."""
+    sampler = ObservationSampler(
+        textured.rig, Front(textured.path, textured.corners_m), GRID.unit_xy, GRID.shape,
+        config.trigger_tolerance_s)
+    range_m = 60 - pose[0]
+    slope = np.array([-pose[1], 2 - pose[2]]) / range_m
+    prior = PassPrior(s_m=pose[0] + 0.7, s_std_m=1.0, offset_m=pose[1:] + 0.7 * slope,
+                      offset_slope=slope, speed_mps=18.0, speed_std_mps=10.0,
+                      heading_std_rad=np.full(2, 1e-4))
+    return PhotometricWindow(sampler, prior, config)
+
+
+def feed(window, pairs, poses, speed_mps=MPS, rng=None):
+    """Add pairs, each guessed as badly as particles do; return the posteriors."""
+    rng = np.random.default_rng(1) if rng is None else rng
+    return [window.add(pair, np.append(pose, speed_mps) + rng.normal(0, [0.3, 0.02, 0.02, 1.0]))
+            for pair, pose in zip(pairs, poses)]
+
+
+@pytest.fixture(scope='module')
+def steady(textured, textured_drive):
+    """Return the window of a steady drive and its posteriors."""
+    pairs, poses = textured_drive
+    window = window_of(textured, poses[0])
+    return window, feed(window, pairs, poses)
+
+
+def chi_square(posterior, k, truth):
+    """Return the normalised square error of s, a, b, v in one pair."""
+    mean, covariance = posterior.at(k)
+    return float((mean - truth) @ np.linalg.solve(covariance, mean - truth))
+
+
+def test_poses_and_speed_are_within_their_covariance_from_the_third_pair_on(
+        textured_drive, steady):
+    """The error of four numbers over its covariance: a chi-square, at the level of 0.1 %."""
+    _, posteriors = steady
+    for k, (posterior, pose) in enumerate(zip(posteriors, textured_drive[1])):
+        assert posterior.seen.all() and posterior.unoccluded.all()
+        assert chi_square(posterior, -1, np.append(pose, MPS)) < stats.chi2.ppf(0.999, 4), k
+    stds = [np.sqrt(posterior.at(-1)[1][3, 3]) for posterior in posteriors]
+    assert stds[-1] < 0.2 < stds[0] and posteriors[-1].mean.shape == (12, 4)
+
+
+def test_the_solved_pass_holds_the_truth_and_its_budget_is_ordered(steady):
+    solved = steady[0].solve_pass()
+    posterior = solved.posterior
+    speeds = posterior.covariance[3::4, 3::4]
+    mean, std = posterior.mean[:, 3].mean(), np.sqrt(speeds.mean())
+    assert abs(mean - MPS) < stats.norm.ppf(0.9995) * std and std < 0.1
+    # Each better instrument leaves less: exact stamps, and an exact path as well.
+    for more, less in ((speeds, solved.exact_stamps), (solved.exact_stamps, solved.exact_path)):
+        assert more.mean() > less.mean() > 0
+    assert solved.occluded_ns == frozenset()
+    np.testing.assert_allclose(posterior.ground_speeds(), np.hypot(
+        posterior.mean[:, 3], posterior.lateral_mps))
+
+
+def test_solving_the_pass_changes_nothing(textured, textured_drive, steady):
+    pairs, poses = textured_drive
+    asked, silent = (window_of(textured, poses[0]) for _ in range(2))
+    for k, (pair, pose) in enumerate(zip(pairs[:6], poses)):
+        guess = np.append(pose, MPS)
+        one, other = asked.add(pair, guess), silent.add(pair, guess)
+        np.testing.assert_array_equal(one.mean, other.mean)
+        first, again = asked.solve_pass(), asked.solve_pass()
+        np.testing.assert_array_equal(first.posterior.mean, again.posterior.mean)
+        np.testing.assert_array_equal(first.exact_path, again.exact_path)
+
+
+def behind_a_post(pair, share=0.35):
+    """Return a pair with a striped post before a share of the front's image, from the left."""
+    images = []
+    for image in (pair.left, pair.right):
+        columns = np.flatnonzero(image.std(axis=0) > 60)
+        covered = slice(columns[0] - 3, columns[0] + int(share * len(columns)))
+        image = image.copy()
+        image[:, covered] = 16 * (90 + 60 * (np.arange(len(image)) // 5 % 2))[:, None]
+        images.append(image)
+    return replace(pair, left=images[0], right=images[1])
+
+
+def test_an_occluded_observation_leads_but_leaves_no_trace(textured, textured_drive):
+    pairs, poses = textured_drive
+    with_post, without = (window_of(textured, poses[0]) for _ in range(2))
+    for window in (with_post, without):
+        feed(window, pairs[:6], poses)
+    occluded, = feed(with_post, [behind_a_post(pairs[6])], poses[6:])
+    assert occluded.seen[-1] and not occluded.unoccluded[-1] and occluded.unoccluded[:-1].all()
+    assert len(occluded.mean) == 7
+    guess = np.append(poses[7], MPS)
+    after, never = (w.add(pairs[7], guess, reacquires=True) for w in (with_post, without))
+    assert len(after.mean) == 7
+    np.testing.assert_array_equal(after.mean, never.mean)
+    np.testing.assert_array_equal(after.covariance, never.covariance)
+    np.testing.assert_array_equal(with_post.solve_pass().posterior.mean,
+                                  without.solve_pass().posterior.mean)
+
+
+def test_what_is_not_the_vehicle_is_not_seen(textured, textured_drive):
+    pairs, poses = textured_drive
+    window = window_of(textured, poses[0])
+    feed(window, pairs[:4], poses)
+    grey = np.full_like(pairs[4].left, 1600)
+    blank, = feed(window, [replace(pairs[4], left=grey, right=grey)], poses[4:])
+    assert not blank.seen[-1]
+    assert window.add(pairs[5], np.array([20.0, 30.0, 1.9, MPS])) is None  # out of both images
+    assert len(feed(window, pairs[6:7], poses[6:])[0].mean) == 5
+
+
+def effort(live, whole):
+    return TrackerConfig(effort=EffortConfig(live_observations=live, pass_observations=whole))
+
+
+@pytest.mark.parametrize('live, whole', [(4, 4), (4, 5), (5, 9), (12, 12)])
+def test_inactive_keyframes_are_recalled_as_far_as_wanted(textured, textured_drive, live, whole):
+    pairs, poses = textured_drive
+    window = window_of(textured, poses[0], effort(live, whole))
+    posteriors = feed(window, pairs, poses)
+    assert [len(p.mean) for p in posteriors] == [min(k + 1, live) for k in range(12)]
+    solved = window.solve_pass().posterior
+    assert len(solved.mean) == whole
+    stamps = np.round(solved.stamps_s, 6).tolist()
+    assert stamps == sorted(set(stamps)) and set(stamps) <= {k / 10 for k in range(12)}
+    assert stamps[0] == 0.0 and stamps[-2:] == [1.0, 1.1]
+    # Recalled where the others say the front was, they are measured as well as these.
+    for k, stamp in enumerate(stamps):
+        truth = np.append(poses[round(10 * stamp)], MPS)
+        assert chi_square(solved, k, truth) < stats.chi2.ppf(0.9999, 4)
+
+
+def test_a_pass_of_fewer_observations_than_a_reading_is_refused():
+    with pytest.raises(InputError, match='pass_observations.*at least live_observations, 24'):
+        EffortConfig(pass_observations=23)
+    assert EffortConfig(pass_observations=24).live_observations == 24
+
+
+def changing_lanes(textured, fps=10.0, lasts_s=1.6):
+    """Return pairs of a vehicle that moves 1.6 m to the left, pointing where it drives."""
+    times = np.arange(18) / fps
+    part = np.clip((times - 0.1) / lasts_s, 0, 1)
+    offset = 1.6 * part ** 3 * (10 - 15 * part + 6 * part ** 2) - 0.8
+    rates = np.gradient(offset, times)
+    poses = np.column_stack([2 + MPS * times, offset, np.full(len(times), 1.9)])
+    headings = np.arctan2(rates, MPS)
+    pairs = [textured.pair(k, round(t * SECOND), pose, heading_rad=psi)
+             for k, (t, pose, psi) in enumerate(zip(times, poses, headings))]
+    return pairs, poses, rates, headings
+
+
+def test_a_change_of_lanes_gives_a_heading_and_keeping_the_lane_none(textured, steady):
+    pairs, poses, rates, headings = changing_lanes(textured)
+    posterior = feed(window_of(textured, poses[0]), pairs, poses)[-1]
+    inner = slice(4, -4)
+    assert np.abs(posterior.heading_rad[inner] - headings[inner]).max() < 0.01 < headings.max()
+    assert np.abs(posterior.lateral_mps[inner] - rates[inner]).max() < 0.1 * rates.max()
+    np.testing.assert_allclose(posterior.ground_speeds()[inner],
+                               np.hypot(MPS, rates)[inner], atol=0.1)
+    kept = steady[1][-1].heading_rad
+    assert np.abs(kept).max() < 0.001
+
+
+def test_the_evidence_follows_braking_that_a_cruising_vehicle_alone_would_smooth(textured):
+    """From 20 m/s by 6 m/s^2 after 0.4 s; a configuration without that model lags behind."""
+    times = np.arange(14) / 10
+    late = np.maximum(times - 0.4, 0)
+    speeds = MPS - 6 * late
+    poses = np.column_stack([6 + MPS * times - 3 * late ** 2, np.full(14, 0.1), np.full(14, 1.9)])
+    pairs = [textured.pair(k, round(t * SECOND), p) for k, (t, p) in enumerate(zip(times, poses))]
+    z = []
+    for config in (TrackerConfig(), TrackerConfig(manoeuvre_probability=0.0, cruise_share=1.0)):
+        window = window_of(textured, poses[0], config)
+        rng = np.random.default_rng(1)
+        for pair, pose, speed in zip(pairs, poses, speeds):
+            posterior, = feed(window, [pair], [pose], speed, rng)
+        mean, covariance = posterior.at(-1)
+        z.append(abs(mean[3] - speeds[-1]) / np.sqrt(covariance[3, 3]))
+    assert z[0] < stats.norm.ppf(0.9995) < z[1]
+
+
+def test_the_lag_of_the_right_view_is_part_of_the_problem(textured):
+    times, lag_s = np.arange(8) / 10, 0.03
+    poses = np.column_stack([6 + MPS * times, np.full(8, 0.1), np.full(8, 1.9)])
+    pairs = [textured.pair(k, round(t * SECOND), pose, right_ns=round((t + lag_s) * SECOND),
+                           right_pose=pose + [MPS * lag_s, 0, 0])
+             for k, (t, pose) in enumerate(zip(times, poses))]
+    mean, covariance = feed(window_of(textured, poses[0]), pairs, poses)[-1].at(-1)
+    error, along = mean - np.append(poses[-1], MPS), np.ix_([0, 3], [0, 3])
+    assert error[[0, 3]] @ np.linalg.solve(covariance[along], error[[0, 3]]) \
+        < stats.chi2.ppf(0.999, 2)
+    assert error[0] ** 2 < (0.1 * MPS * lag_s) ** 2  # a tenth of what the lag would cost
