@@ -51,8 +51,9 @@ class MeasuringSite:
         corrected = site.corrected_rig(rig)
         return cls(site, corrected, lane_paths(site, corrected))
 
-    def pipeline(self, config: PipelineConfig, annotations: Optional[Sequence[InitialFront]], *,
-                 seed: int = 0, where: str = 'init file') -> SpeedPipeline:
+    def pipeline(self, config: PipelineConfig,
+                 annotations: Optional[Sequence[InitialFront]] = None, *, seed: int = 0,
+                 where: str = 'init file') -> SpeedPipeline:
         """
         Return a pipeline that measures here, with the tolerances that the site gives.
 
