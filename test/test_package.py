@@ -121,9 +121,9 @@ def test_lock_pins_all_that_is_asked_for():
     """Each requirement by name is in the lock, and the lock holds nothing but pins."""
     def names(file: str, pattern: str) -> set[str]:
         lines = (line.partition('#')[0].strip() for line in (ROOT / file).read_text().split('\n'))
-        return {re.fullmatch(pattern, line)[1] for line in lines if line}
-    pinned = names('requirements.lock', r'([a-z0-9.-]+)==[\w.]+( ; python_version .*)?')
-    assert names('requirements.in', r'([a-z0-9-]+)(\[\w+\])?(<[\d.]+)?') <= pinned
+        return {re.fullmatch(pattern, line)[1].lower() for line in lines if line}
+    pinned = names('requirements.lock', r'([\w.-]+)==[\w.]+( ; python_version .*)?')
+    assert names('requirements.in', r'([\w-]+)(\[\w+\])?(<[\d.]+)?') <= pinned
 
 
 def test_shell_scripts_parse():

@@ -52,7 +52,7 @@ class Reason(Word):
     """
     Why a pass is rejected; the values are those of ``passes.csv``.
 
-    ``docs/uncertainty.md`` says what each means.
+    ``docs/method.md`` says what each means.
     """
 
     NEVER_SEEN = 'never_seen'
