@@ -151,7 +151,7 @@ def _particles(count: int) -> dict[str, int]:
 
 
 def _file_name(number: int, group: Sequence[Experiment]) -> str:
-    """Name the files of a source; bags of one name are told apart by their number."""
+    """Return a name for the files of a source; bags of one name differ by their number."""
     source = group[0].source
     return source.name if source.sequence else f'{number}_{source.name}'
 

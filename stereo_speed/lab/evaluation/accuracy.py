@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
-from typing import Any, Mapping, Optional, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Mapping, Sequence
 
 import numpy as np
 
@@ -31,16 +31,16 @@ class PassRun:
 
     :param number: of the pass.
     :param kinds: what it counts for: heading to kind.
-    :param run: readings and result; None when the job failed.
+    :param run: readings and result; empty when the job failed.
     :param error: why it failed.
     :param cpu_ms: processor time per pair, ms.
     """
 
     number: int
     kinds: Mapping[str, str]
-    run: Optional[VehicleRun]
+    run: VehicleRun = VehicleRun(vehicle=0)
     error: str = ''
-    cpu_ms: float = 0.0
+    cpu_ms: float = np.nan
 
 
 def accuracy_jobs(passes: int, *, seed: int, lines: LineKnowledge, pan_deg: float,
@@ -79,11 +79,11 @@ def gather(jobs: Sequence[Job], results: Sequence[Result]) -> list[PassRun]:
     for job, result in zip(jobs, results):
         p = job.parameters
         kinds = draw_pass(p['seed'], p['number'], pan_deg=p['pan_deg']).kinds
-        done = None if result.value is None else SequenceRun.from_json(result.value)
-        out.append(PassRun(
-            number=p['number'], kinds=kinds, error=result.error,
-            run=None if done is None else done.vehicles[0],
-            cpu_ms=np.nan if done is None else done.cpu_ms))
+        found = PassRun(number=p['number'], kinds=kinds, error=result.error)
+        if result.value is not None:
+            done = SequenceRun.from_json(result.value)
+            found = replace(found, run=done.vehicles[0], cpu_ms=done.cpu_ms)
+        out.append(found)
     return out
 
 
@@ -98,9 +98,8 @@ def accuracy_table(passes: Sequence[PassRun]) -> Table:
 
 
 def _row(name: str, passes: Sequence[PassRun]) -> list[Cell]:
-    runs = [p.run or VehicleRun(vehicle=0) for p in passes]
-    f = pass_figures(runs)
-    late = [e for run in runs for e in late_errors(run)]
+    f = pass_figures(p.run for p in passes)
+    late = [e for p in passes for e in late_errors(p.run)]
     return [name, f.passes, f'{100 * f.measured / f.passes:.1f} %', signed(f.mean_mps),
             _mph(f.std_mps), _mph(f.max_mps), f.sigma_ratio, f.beyond_4,
             _mph(max(map(abs, late), default=np.nan))]
@@ -119,16 +118,15 @@ def late_errors(run: VehicleRun) -> list[float]:
 
 def rejections(passes: Sequence[PassRun]) -> dict[str, int]:
     """Return how often each reason kept a pass from being measured; ``lost`` had no track."""
-    reasons = Counter(
-        'failed' if p.error else p.run.reason if p.run and p.run.verdict else 'lost'
-        for p in passes if p.run is None or not p.run.measured)
+    reasons = Counter('failed' if p.error else p.run.reason if p.run.verdict else 'lost'
+                      for p in passes if not p.run.measured)
     return dict(sorted(reasons.items()))
 
 
 def silently_wrong(passes: Sequence[PassRun]) -> int:
     """Return how many measured passes are more than 0.1 mph and 2 of their 1-sigmas off."""
     return sum(abs(pass_error(p.run)) > _WRONG_MPS and abs(sigma_share(p.run)) > 2
-               for p in passes if p.run is not None and p.run.measured)
+               for p in passes if p.run.measured)
 
 
 def passes_table(passes: Sequence[PassRun]) -> Table:
@@ -136,11 +134,10 @@ def passes_table(passes: Sequence[PassRun]) -> Table:
     kinds = list(passes[0].kinds) if passes else []
     rows: list[list[Cell]] = []
     for p in passes:
-        run = p.run or VehicleRun(vehicle=0)
-        rows.append([p.number, *(p.kinds[k] for k in kinds), run.verdict or 'none',
-                     p.error or run.reason, run.pairs, mph(run.pass_truth_mps),
-                     mph(run.pass_mps), mph(run.pass_std_mps), mph(pass_error(run)),
-                     sigma_share(run), p.cpu_ms])
+        rows.append([p.number, *(p.kinds[k] for k in kinds), p.run.verdict or 'none',
+                     p.error or p.run.reason, p.run.pairs, mph(p.run.pass_truth_mps),
+                     mph(p.run.pass_mps), mph(p.run.pass_std_mps), mph(pass_error(p.run)),
+                     sigma_share(p.run), p.cpu_ms])
     return Table(title='', rows=rows, columns=(
         'pass', *kinds, 'verdict', 'reason', 'pairs', 'truth_mph', 'speed_mph', 'std_mph',
         'error_mph', 'error_over_sigma', 'cpu_ms_per_pair'))

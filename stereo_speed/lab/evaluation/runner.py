@@ -32,7 +32,7 @@ from ...core.threads import one_blas_thread
 
 Value = Mapping[str, Any]
 Work = Callable[[Value], Value]
-_JOIN_S = 5.0  # a process that has been told to end gets this long
+_JOIN_S = 5.0  # longest wait for a process to end
 
 
 @dataclass(frozen=True, kw_only=True)

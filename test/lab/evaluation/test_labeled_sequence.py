@@ -41,6 +41,7 @@ def test_a_run_is_as_replay_would_and_the_same_again(sequence):
     assert SequenceRun.from_json(one.to_json()) == one
 
 
+@pytest.mark.slow
 def test_refined_lines_give_a_better_road(sequence):
     moved = replace(CONFIG, pairs=3, rig_moved_deg=(0.02, 0.0, 0.0))
     refined = simulated_sequence(moved, (0,), LineKnowledge.REFINED).site
