@@ -50,5 +50,17 @@ setup(
             'bench = stereo_speed.cli.main:run_executable',
             'demo = stereo_speed.cli.main:run_executable',
         ],
+        # as pipeline/registry.py has them, so that other programs can list them too
+        'stereo_speed.trackers': [
+            'constrained = stereo_speed.tracking.constrained:ConstrainedTracker',
+            'unconstrained = stereo_speed.lab.baselines.unconstrained:UnconstrainedTracker',
+            'triangulation = stereo_speed.lab.baselines.triangulation:TriangulationTracker',
+            'kalman = stereo_speed.lab.baselines.kalman:KalmanTracker',
+            'multimodal = stereo_speed.lab.baselines.multimodal:MultimodalTracker',
+            'flow = stereo_speed.lab.baselines.optical_flow:FlowTracker',
+        ],
+        'stereo_speed.detectors': [
+            'plane_sweep = stereo_speed.detection.detector:PlaneSweepDetector',
+        ],
     },
 )

@@ -14,6 +14,7 @@ import xml.etree.ElementTree as ElementTree
 
 import pytest
 import stereo_speed
+from stereo_speed.pipeline.registry import DETECTORS, TRACKERS
 
 ROOT = Path(__file__).resolve().parents[1]
 HEADER = ('# Copyright 2026 The stereo_speed developers\n'
@@ -96,6 +97,12 @@ def test_scripts_can_be_called(setup_arguments):
         if '.nodes.' in module and find_spec('rclpy') is None:
             pytest.skip(f'{name} needs rclpy')
         assert callable(getattr(importlib.import_module(module), function)), name
+
+
+@pytest.mark.parametrize('registry', [TRACKERS, DETECTORS], ids=lambda r: r.kind)
+def test_entry_points_are_those_of_the_registry(setup_arguments, registry):
+    points = setup_arguments['entry_points'][registry.group]
+    assert dict(point.split(' = ') for point in points) == dict(registry.own)
 
 
 def test_installed_scripts_are_checked_by_name(setup_arguments):

@@ -16,12 +16,13 @@ import os
 from pathlib import Path
 import subprocess
 import sys
-from typing import Any, Mapping, Sequence
+from typing import Mapping, Sequence
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from .options import Subparsers
 from .replay import measure, print_table
 from .site import refined_from_bag, write_pictures, write_site
 from ..core.errors import StereoSpeedError
@@ -55,7 +56,7 @@ class DemoError(StereoSpeedError):
     """The demo did not show what it should."""
 
 
-def add_parser(subparsers: Any) -> None:
+def add_parser(subparsers: Subparsers) -> None:
     """Add the ``demo`` command."""
     parser = subparsers.add_parser('demo', help='play the sample through the live nodes')
     parser.add_argument('--sample', type=Path, default=_ROOT / 'sample' / 'straight55',

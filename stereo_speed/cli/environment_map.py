@@ -6,13 +6,13 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 import re
-from typing import Any, Optional
+from typing import Optional
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .options import number_in
+from .options import number_in, Subparsers
 from ..core.errors import InputError
 from ..io.atomic import write_whole
 from ..io.scene_map import load_regions
@@ -24,7 +24,7 @@ from ..report.targets import draw_field
 _LARGEST = 16384  # px, a side of a map; a larger number is a typing error
 
 
-def add_parser(subparsers: Any) -> None:
+def add_parser(subparsers: Subparsers) -> None:
     """Add the command and its options."""
     parser = subparsers.add_parser(
         'map', help='draw the map of a scene from polygons',

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from .options import Subparsers
 from ..core.errors import InputError
 from ..core.records import InitialFront, PassResult, StereoPair, Verdict
 from ..core.sampling import EvenSampler
@@ -37,7 +38,7 @@ REFINED_SITE = 'site.yaml'
 _STRIP_FRAMES = 9  # annotated frames of a run
 
 
-def add_parser(subparsers: Any) -> None:
+def add_parser(subparsers: Subparsers) -> None:
     """Add the command and its options."""
     parser = subparsers.add_parser(
         'replay', help='measure the vehicles of a stereo bag, offline',

@@ -5,10 +5,11 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any, Optional
+from typing import Optional
 
 import cv2
 
+from .options import Subparsers
 from ..core.errors import InputError
 from ..io.atomic import write_whole
 from ..io.bags import StereoBag
@@ -19,7 +20,7 @@ from ..site.refine.report import report, summary_lines
 from ..site.write import site_text
 
 
-def add_parser(subparsers: Any) -> None:
+def add_parser(subparsers: Subparsers) -> None:
     """Add the command, its two actions and their options."""
     parser = subparsers.add_parser(
         'site', help='refine or check a site from the images of a bag',

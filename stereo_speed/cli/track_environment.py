@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from .options import number_in
+from .options import number_in, Subparsers
 from ..core.config import load_config
 from ..core.errors import InputError
 from ..io.atomic import prepare_folder
@@ -48,7 +48,7 @@ class VideoRun:
     missing: int = 0
 
 
-def add_parser(subparsers: Any) -> None:
+def add_parser(subparsers: Subparsers) -> None:
     """Add the command and its options."""
     parser = subparsers.add_parser(
         'track-environment', help='follow marked targets through the video of one camera',

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
 
 import numpy as np
 
@@ -13,12 +12,12 @@ from ..evaluation.accuracy import (
     silently_wrong)
 from ..evaluation.labeled_sequence import LineKnowledge
 from ..evaluation.runner import failures, run_jobs
-from ...cli.options import add_job_options, number_in, report_failures
+from ...cli.options import add_job_options, number_in, report_failures, Subparsers
 from ...core.config import TrackerConfig
 from ...io.atomic import write_whole
 
 
-def add_parser(subparsers: Any) -> None:
+def add_parser(subparsers: Subparsers) -> None:
     """Add the ``accuracy`` command."""
     parser = subparsers.add_parser('accuracy', help='tabulate errors on simulated passes',
                                    description=__doc__)

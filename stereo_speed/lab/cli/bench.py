@@ -12,6 +12,7 @@ from typing import Any, Callable
 import cv2
 
 from .bench_monocular import HEIGHT, rows, WIDTH
+from ...cli.options import Subparsers
 from ...core.config import TrackerConfig
 from ...core.records import StereoPair
 from ...io.bags import StereoBag
@@ -23,7 +24,7 @@ from ...site.init_file import load_init
 _SAMPLE = Path(__file__).resolve().parents[3] / 'sample' / 'straight55'
 
 
-def add_parser(subparsers: Any) -> None:
+def add_parser(subparsers: Subparsers) -> None:
     """Add the ``bench`` command."""
     parser = subparsers.add_parser('bench', help='time the tracker beside cv2.StereoSGBM')
     parser.add_argument('sample', nargs='?', type=Path, default=_SAMPLE,

@@ -6,7 +6,7 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Optional, Sequence
+from typing import Optional, Sequence
 
 from . import evaluate_monocular
 from ..evaluation.comparison import comparison_table
@@ -18,7 +18,7 @@ from ..evaluation.paper_tables import (
     checks, checks_text, contest_table, paper_table, PaperPlan)
 from ..evaluation.runner import failures, run_jobs
 from ..evaluation.tables import Table
-from ...cli.options import add_job_options, number_in, report_failures
+from ...cli.options import add_job_options, number_in, report_failures, Subparsers
 from ...core.config import TrackerConfig
 from ...core.errors import InputError
 from ...io.atomic import prepare_folder, write_whole
@@ -27,7 +27,7 @@ from ...pipeline.registry import TRACKERS
 _FILES = ('site.yaml', 'init.yaml', 'truth.csv')
 
 
-def add_parser(subparsers: Any) -> None:
+def add_parser(subparsers: Subparsers) -> None:
     """Add the ``evaluate`` command."""
     parser = subparsers.add_parser(
         'evaluate', help='compare trackers on sequences with truth', description=__doc__)

@@ -6,13 +6,12 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ..sim import (
     circle_config, RIGS, RoadConfig, SimConfig, simulate, straight_config, VehicleConfig)
-from ...cli.options import number_in
+from ...cli.options import number_in, Subparsers
 from ...core.errors import InputError
 from ...core.units import MPH_MPS, parse_speed
 
@@ -31,7 +30,7 @@ def _limit(text: str) -> str:
     return text
 
 
-def add_parser(subparsers: Any) -> None:
+def add_parser(subparsers: Subparsers) -> None:
     """
     Add the command to the command line.
 

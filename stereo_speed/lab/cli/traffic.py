@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
 
 from ..evaluation.labeled_sequence import LineKnowledge
 from ..evaluation.lane_changes import change_job, change_jobs, changes_table
@@ -15,14 +14,14 @@ from ..evaluation.traffic import traffic_table
 from ..evaluation.traffic_run import measure_traffic, stream_of, traffic_site, write_traffic
 from ..sim.config import RIGS
 from ..sim.traffic_config import LIGHTS, traffic_config
-from ...cli.options import number_in, report_failures
+from ...cli.options import number_in, report_failures, Subparsers
 from ...core.config import TrackerConfig
 from ...core.errors import InputError
 from ...io.atomic import prepare_folder
 from ...pipeline.config import PipelineConfig
 
 
-def add_parser(subparsers: Any) -> None:
+def add_parser(subparsers: Subparsers) -> None:
     """Add the ``traffic`` command."""
     parser = subparsers.add_parser(
         'traffic', help='measure simulated traffic, found automatically', description=__doc__)
