@@ -38,8 +38,8 @@ class FrontConfig:
     least_cross_ncc: float = parameter(
         0.75, 0.0, 1.0, '', 'left-right correlation of a front at its depth')
     upright_factor: float = parameter(
-        2.0, 0.0, 100.0, '', 'what the correlation lacks must be so many times more where the front '
-        'is taken to lie on the road')
+        2.0, 0.0, 100.0, '', 'what the correlation lacks must be so many times more where the '
+        'front is taken to lie on the road')
     hopeless_ncc: float = parameter(
         0.3, -1.0, 1.0, '', 'a proposal whose correlation is lower is given up, not refined')
     axis_std_m: float = parameter(
@@ -82,8 +82,8 @@ class MotionConfig:
     occluded_share: float = parameter(
         0.2, 0.0, 1.0, '', 'a front that looks other in more of its middle was occluded in part')
     speed_std_share: float = parameter(
-        0.05, 0.0, 1.0, '', '1-sigma of the speed between the two pairs a vehicle is found in, as a '
-        'share of it')
+        0.05, 0.0, 1.0, '', '1-sigma of the speed between the two pairs a vehicle is found in, as '
+        'a share of it')
 
     def __post_init__(self) -> None:
         check_bounds(self)
@@ -124,10 +124,11 @@ class SweepConfig:
     least_ncc: float = parameter(
         0.6, -1.0, 1.0, '', 'a window whose views correlate less shows nothing upright')
     least_contrast: float = parameter(
-        2.0, 0.0, 100.0, '', 'standard deviation in grey levels below which a window shows nothing')
+        2.0, 0.0, 100.0, '', 'a window whose standard deviation in grey levels is lower shows '
+        'nothing')
     noise_factor: float = parameter(
-        1.2, 0.0, 20.0, '', 'nor does one whose standard deviation is below so many times the noise '
-        'of the images')
+        1.2, 0.0, 20.0, '', 'nor does one whose standard deviation is below so many times the '
+        'noise of the images')
     least_votes: float = parameter(
         1.5, 0.1, 100.0, '', 'votes of windows that make a proposal; each counts as much as its '
         'views correlate')

@@ -75,13 +75,13 @@ class PlaneSweepDetector:
                 proposals = sweep.proposals(now, past[-1], self._noise.std)
                 found += self._search.search(lane, proposals, moment, taken,
                                              self.config.sweep.most_refined)
-        detections = [self._search.detection(f, self._since(f.interval.before))
+        detections = [self._search.detection(f, self._since(f.before))
                       for f in self._search.distinct(found)]
         self._remember(now)
         return [d for d in detections if d is not None]
 
     def _references(self, stamp_ns: int) -> list[PairPyramids]:
-        """Return the youngest pair that is old enough; now and then, for the slow, an older too."""
+        """Return the youngest pair that is old enough; at times, for the slow, an older too."""
         motion = self.config.motion
         ages_s = [motion.reference_s]
         if self._searched % self.config.long_every == 0:

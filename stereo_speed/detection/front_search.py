@@ -22,7 +22,8 @@ from .plane_sweep import Proposal
 from .protocol import Detection, EarlierFront
 from .pyramid import PairPyramids
 from .spacing import Place, Spacing
-from .temporal_match import find_motion, Interval, Motion, moved, moving_half
+from .temporal_match import (
+    find_motion, find_travel, Interval, Motion, moved, moving_half)
 from ..core.records import Array, StereoPair
 from ..geometry.camera import Camera
 from ..geometry.rig import StereoRig
@@ -61,16 +62,21 @@ class FoundFront:
     :param front: where it is and how wide.
     :param motion: how it came there.
     :param place: where it is, for its distance from others.
-    :param heights_m: (2,) of its upper and its lower edge above the road.
-    :param interval: the pair it is in, and the earlier one.
+    :param sampler: of its lane, at its heights.
+    :param before: the earlier pair.
     """
 
     lane: str
     front: FrontHypothesis
     motion: Motion
     place: Place
-    heights_m: Array
-    interval: Interval
+    sampler: FrontSampler
+    before: PairPyramids
+
+    @property
+    def heights_m(self) -> Array:
+        """Return the heights (2,) of its upper and its lower edge above the road."""
+        return self.sampler.heights_m[[0, -1]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +135,7 @@ class FrontSearch:
             for name, geometry in self.geometry.items()}
 
     def search(self, lane: str, proposals: Sequence[Proposal], moment: Moment,
-               taken: Sequence[Place], most: int) -> list[FoundFront]:
+               taken: Sequence[Place], most: int, symmetric: bool = True) -> list[FoundFront]:
         """
         Return the fronts of a lane that proposals lead to.
 
@@ -138,13 +144,15 @@ class FrontSearch:
         :param moment: pairs to look at.
         :param taken: places where no vehicle is sought.
         :param most: proposals, at most, that are refined at each height of fronts.
+        :param symmetric: find middle and width of fronts by their symmetry.
         """
         out: list[FoundFront] = []
         for refiner in self._refiners[lane]:
             held = [*taken, *(f.place for f in out)]
             free = [p for p in proposals if not self.spacing.meet(
                 lane, self._place(lane, p.s_m, p.x_m, 0.0), held)][:most]
-            fronts = refiner.refine(free, Interval(moment.now, moment.past[0]), moment.noise)
+            fronts = refiner.refine(free, Interval(moment.now, moment.past[0]), moment.noise,
+                                    symmetric)
             for front in sorted(fronts, key=lambda f: -min(f.cross_ncc, f.symmetry)):
                 found = self._verified(lane, refiner, front, moment,
                                        [*taken, *(f.place for f in out)])
@@ -169,7 +177,7 @@ class FrontSearch:
                                  self.config.motion)
             if half_m > 0:
                 return FoundFront(lane, replace(front, half_m=half_m), motion, place,
-                                  refiner.sampler.heights_m[[0, -1]], interval)
+                                  refiner.sampler, before)
         return None
 
     def _is_upright(self, front: FrontHypothesis, refiner: FrontRefiner, now: PairPyramids
@@ -188,6 +196,29 @@ class FrontSearch:
         return Place(self.geometry[lane].points(
             np.array([s_m]), np.array([x_m]), height)[0, 0, 0], half_m)
 
+    def followed(self, found: FoundFront, then: PairPyramids, now: PairPyramids
+                 ) -> Optional[FoundFront]:
+        """
+        Return a front as it is in a later pair; None where it is not seen there.
+
+        :param then: the pair it was found in.
+        :param now: the later pair.
+        """
+        front, motion = found.front, found.motion
+        later = Interval(then, now)  # back in time: it has gone less than nothing
+        travel = find_travel(found.sampler, front, later, self.config.motion,
+                             motion.speed_mps * later.seconds)
+        if travel.ncc < self.config.motion.least_ncc:
+            return None
+        gone_m = motion.gone_m - travel.gone_m
+        speed_mps = gone_m / Interval(now, found.before).seconds
+        front = replace(front, s_m=front.s_m - travel.gone_m, x_m=front.x_m + travel.aside_m,
+                        ahead_m=now.lag_s * speed_mps)
+        return replace(
+            found, front=front, place=self._place(found.lane, front.s_m, front.x_m, front.half_m),
+            motion=replace(motion, speed_mps=speed_mps, gone_m=gone_m,
+                           aside_m=motion.aside_m - travel.aside_m))
+
     def distinct(self, found: Sequence[FoundFront]) -> list[FoundFront]:
         """Return the best of those that are one vehicle, seen from two lanes."""
         out: list[FoundFront] = []
@@ -202,13 +233,13 @@ class FrontSearch:
 
         :param since: the earlier pair that it was in and those since, without the newest.
         """
-        front, motion, before = found.front, found.motion, found.interval.before
-        left, right = self._quads(found, front)
+        front, motion = found.front, found.motion
+        left, right = self.quads(found, front)
         if not self._inside(left, right):
             return None
-        then = self._quads(found, replace(
+        then = self.quads(found, replace(
             front, s_m=front.s_m - motion.gone_m, x_m=front.x_m + motion.aside_m,
-            ahead_m=before.lag_s * motion.speed_mps))
+            ahead_m=found.before.lag_s * motion.speed_mps))
         rates = self.geometry[found.lane].rates(np.array([front.s_m]))
         return Detection(
             lane=found.lane, left_px=left, right_px=right,
@@ -219,7 +250,7 @@ class FrontSearch:
             earlier=EarlierFront(pairs=since, left_px=then[0], right_px=then[1])
             if self._inside(*then) else None)
 
-    def _quads(self, found: FoundFront, front: FrontHypothesis) -> tuple[Array, Array]:
+    def quads(self, found: FoundFront, front: FrontHypothesis) -> tuple[Array, Array]:
         """Return the corners of a front at a place, clockwise, in both views as exposed."""
         edges = front.x_m + np.array([-1.0, 1.0]) * front.half_m
         geometry = self.geometry[found.lane]

@@ -79,7 +79,7 @@ class LaneGeometry:
 
     def project(self, s_m: Array, x_m: Array, h_m: Array) -> tuple[
             Array, Array, NDArray[np.bool_], NDArray[np.bool_]]:
-        """Return the pixels of points of planes, left and right, and whether they are in the image."""
+        """Return the pixels of points of planes, left and right, and which are in the images."""
         return self.rig.project(self.points(s_m, x_m, h_m))
 
     def left_pixels(self, s_m: Array, x_m: Array, reach_m: Array, h_m: Array) -> Patches:
@@ -113,6 +113,40 @@ class LaneGeometry:
             points = self._nodes(s_m + ahead_m, x_m, reach_m, h_m)
         uv = self.rig.right.project(self.rig.to_right(points))[0]
         return _interpolated(uv, len(h_m), len(reach_m))
+
+    def across(self, s_m: float, uv_px: Array) -> Array:
+        """
+        Return the offsets x (n,) at which rays of the left camera meet one plane; NaN behind it.
+
+        :param uv_px: (n, 2) pixels of the left view.
+        """
+        x, _ = self._met(np.full(len(uv_px), s_m), self.rig.left.rays(uv_px))
+        return x
+
+    def on_road(self, uv_px: Array) -> float:
+        """
+        Return the arc length at which a ray of the left camera meets the road; NaN if nowhere.
+
+        :param uv_px: (2,) pixel of the left view.
+        """
+        ray = self.rig.left.rays(uv_px)
+        _, h = self._met(self._s_m, np.broadcast_to(ray, (len(self._s_m), 3)))
+        with np.errstate(invalid='ignore'):
+            crossed = np.flatnonzero(h[:-1] * h[1:] <= 0)
+        if not len(crossed):
+            return float('nan')
+        k = int(crossed[0])
+        share = h[k] / (h[k] - h[k + 1]) if h[k] != h[k + 1] else 0.0
+        return float(self._s_m[k] + share * (self._s_m[k + 1] - self._s_m[k]))
+
+    def _met(self, s_m: Array, rays: Array) -> tuple[Array, Array]:
+        """Return x and height (n,) at which rays (n, 3) meet planes (n,); NaN behind them."""
+        position, frame = self.lane.path.position(s_m), self.lane.path.frame(s_m)
+        with np.errstate(divide='ignore', invalid='ignore'):
+            far = np.sum(position * frame[..., 0], axis=-1) / np.sum(rays * frame[..., 0], axis=-1)
+        far = np.where(far > 0, far, np.nan)
+        off = far[:, None] * rays - position
+        return np.sum(off * frame[..., 1], axis=-1), np.sum(off * frame[..., 2], axis=-1)
 
     def _nodes(self, s_m: Array, x_m: Array, reach_m: Array, h_m: Array) -> Array:
         """Return the few points (n, up, across, 3) of grids that are projected exactly."""

@@ -39,7 +39,7 @@ class Interval:
 
     @property
     def seconds(self) -> float:
-        """Return the time between their left views, s."""
+        """Return the time from the earlier left view to the later, s; negative if swapped."""
         return self.before.age_s(self.now.pair.stamp_ns)
 
 
@@ -114,13 +114,14 @@ def find_travel(sampler: FrontSampler, front: FrontHypothesis, interval: Interva
     rates = sampler.geometry.rates(np.array([front.s_m]))
     scale = max(1.0, float(rates.px_per_m[0]) * GRID_M)  # coarser pixels are used up close
     step = scale * _STEP_PX / max(float(rates.px_per_m[0] * abs(rates.climb[0])), 1e-3)
-    far = config.greatest_speed_mps * interval.seconds
+    seconds = abs(interval.seconds)
+    far = config.greatest_speed_mps * seconds
     step = max(step, far / _MOST_STEPS)
     reach = _STRIDE * math.ceil(
-        (config.aside_mps * interval.seconds + config.aside_m) / GRID_M / _STRIDE)
+        (config.aside_mps * seconds + config.aside_m) / GRID_M / _STRIDE)
     gone_m = np.arange(0.0, far + step, step)
     if expected_m is not None:
-        gone_m = expected_m + max(_NEAR_SHARE * expected_m, step) * np.linspace(
+        gone_m = expected_m + max(_NEAR_SHARE * abs(expected_m), step) * np.linspace(
             -1, 1, _NEAR_STEPS)
         step = float(gone_m[1] - gone_m[0])
     first = _best(sampler, front, interval, gone_m, Travel(0.0, 0.0, 0.0), reach, _STRIDE)

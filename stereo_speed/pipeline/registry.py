@@ -101,4 +101,5 @@ TRACKERS: Registry[TrackerType] = Registry('tracker', 'stereo_speed.trackers', {
     'multimodal': f'{_BASELINES}.multimodal:MultimodalTracker',
     'flow': f'{_BASELINES}.optical_flow:FlowTracker'})
 DETECTORS: Registry[DetectorType] = Registry('detector', 'stereo_speed.detectors', {
-    'plane_sweep': 'stereo_speed.detection.detector:PlaneSweepDetector'})
+    'plane_sweep': 'stereo_speed.detection.detector:PlaneSweepDetector',
+    'boxes': 'stereo_speed.detection.box_detector:BoxDetector'})
