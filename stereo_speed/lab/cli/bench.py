@@ -14,7 +14,6 @@ import cv2
 from .bench_monocular import HEIGHT, rows, WIDTH
 from ...cli.options import Subparsers
 from ...core.config import TrackerConfig
-from ...core.records import StereoPair
 from ...io.bags import StereoBag
 from ...pipeline.assembly import MeasuringSite
 from ...pipeline.config import PipelineConfig
@@ -52,7 +51,7 @@ def run(args: argparse.Namespace) -> int:
     matcher = cv2.StereoSGBM.create(minDisparity=0, numDisparities=64, blockSize=5)
 
     def sgbm() -> list[float]:
-        return [_milliseconds(_disparity, matcher, pair) for pair in pairs[:4]]
+        return [_milliseconds(matcher.compute, pair.left, pair.right) for pair in pairs[:4]]
 
     candidates = {f'constrained, {n} particles': tracker(n) for n in args.particles}
     candidates['cv2.StereoSGBM, 64 disparities'] = sgbm
@@ -74,11 +73,7 @@ def _print(times: dict[str, list[float]]) -> None:
         print(f'{name:36}{statistics.median(values):8.2f}{min(values):8.2f}{max(values):8.2f}')
 
 
-def _disparity(matcher: cv2.StereoSGBM, pair: StereoPair) -> None:
-    matcher.compute(pair.left, pair.right)
-
-
-def _milliseconds(function: Callable[..., Any], *args: Any) -> float:
+def _milliseconds(function: Callable[..., object], *args: object) -> float:
     start = time.perf_counter()
     function(*args)
     return (time.perf_counter() - start) * 1e3

@@ -14,7 +14,7 @@ from .metrics import pass_error, pass_figures, readings, sigma_share
 from .random_passes import draw_pass
 from .runner import Job, Result
 from .scorer import SequenceRun, VehicleRun
-from .tables import Cell, mph, signed, Table
+from .tables import Cell, mph, shown, signed, Table
 from ...core.config import TrackerConfig
 from ...core.units import MPH_MPS
 
@@ -101,12 +101,8 @@ def _row(name: str, passes: Sequence[PassRun]) -> list[Cell]:
     f = pass_figures(p.run for p in passes)
     late = [e for p in passes for e in late_errors(p.run)]
     return [name, f.passes, f'{100 * f.measured / f.passes:.1f} %', signed(f.mean_mps),
-            _mph(f.std_mps), _mph(f.max_mps), f.sigma_ratio, f.beyond_4,
-            _mph(max(map(abs, late), default=np.nan))]
-
-
-def _mph(speed_mps: float) -> str:
-    return f'{speed_mps / MPH_MPS:.3f}' if np.isfinite(speed_mps) else '-'
+            *(shown(mph(value), 3) for value in (f.std_mps, f.max_mps)), f.sigma_ratio, f.beyond_4,
+            shown(mph(max(map(abs, late), default=np.nan)), 3)]
 
 
 def late_errors(run: VehicleRun) -> list[float]:

@@ -69,7 +69,7 @@ class Experiment:
     def key(self, seed: int) -> str:
         """Return the name of one of its runs."""
         changes = ','.join(f'{k}={self.changes[k]:g}' for k in sorted(self.changes))
-        lines = f' {self.source.lines}' if self.source.sequence else ''
+        lines = f' {self.source.lines.value}' if self.source.sequence else ''
         name = self.source.name if self.source.sequence else self.source.files['bag']
         return f'{name}{lines} {self.tracker} {changes or "defaults"} seed {seed}'
 

@@ -45,7 +45,7 @@ class Journal:
             self._file.close()
 
     def rows(self) -> dict[str, dict[str, Any]]:
-        """Return the last row of each key; a line cut off by a crash is passed over."""
+        """Return the last row of each key; a line cut off by a crash is ignored."""
         found: dict[str, dict[str, Any]] = {}
         if self._file is None:
             return found

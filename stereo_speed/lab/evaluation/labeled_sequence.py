@@ -37,10 +37,6 @@ class LineKnowledge(str, Enum):
     REFINED = 'refined'  # as clicked, then refined by images
     EXACT = 'exact'
 
-    def __str__(self) -> str:
-        """Return the value."""
-        return self.value
-
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LabeledSequence:
