@@ -32,11 +32,11 @@ def test_no_file_gives_the_defaults():
 def test_sections_reach_their_component(load):
     config = load('particles: 50\nvisibility: {confirm_pairs: 5}\n'
                   'detectors: {plane_sweep: {interval_s: 0.2}}\n'
-                  'trackers: {kalman: {feature_std_px: 0.7}}', tracker='kalman')
+                  'trackers: {kalman: {match_std_px: 0.7}}', tracker='kalman')
     assert config.shared.particles == 50 and config.shared.visibility.confirm_pairs == 5
     assert config.detector_settings.interval_s == 0.2
-    assert config.tracker_settings.feature_std_px == 0.7
-    assert load('{}', tracker='kalman').tracker_settings.feature_std_px == 0.5
+    assert config.tracker_settings.match_std_px == 0.7
+    assert load('{}', tracker='kalman').tracker_settings.match_std_px == 0.5
 
 
 @pytest.mark.parametrize(('text', 'words'), [
@@ -72,4 +72,4 @@ def test_the_summary_is_json_and_names_every_choice():
     assert (summary['tracker'], summary['detector']) == ('flow', 'plane_sweep')
     assert summary['parameters']['noise']['match_floor_px'] == 0.0125
     assert summary['detector_parameters']['interval_s'] == 0.09
-    assert 'flow_std_px' in summary['tracker_parameters']
+    assert 'match_std_px' in summary['tracker_parameters']

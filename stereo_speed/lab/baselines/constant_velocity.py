@@ -19,7 +19,7 @@ import numpy as np
 
 from ...core.records import Array
 
-_JITTER = 1e-12
+_JITTER = 1e-12  # keeps a covariance without process noise invertible
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +50,7 @@ class Transition:
 
 def transition(dt_s: float, rate: Array) -> Transition:
     """
-    Make the step of position and velocity over ``dt_s``.
+    Return the step of position and velocity over ``dt_s``.
 
     :param rate: (3, 3) q, covariance that the velocity gains per second, m^2/s^3.
     """
@@ -64,7 +64,7 @@ def transition(dt_s: float, rate: Array) -> Transition:
 def directional_rate(direction: Array, up: Array, along: float, across: float,
                      climb: float) -> Array:
     """
-    Build the rate matrix q from standard deviations along, across and above the motion.
+    Return the rate matrix q of standard deviations along, across and above the motion.
 
     :param direction: (3,) of the velocity, any length but 0.
     :param up: (3,) rough up direction.
@@ -78,13 +78,13 @@ def directional_rate(direction: Array, up: Array, along: float, across: float,
 
 
 def predict(belief: Gaussian, step: Transition) -> Gaussian:
-    """Carry a belief through a step: (F m, F P F' + Q)."""
+    """Return a belief after a step: (F m, F P F' + Q)."""
     return Gaussian(step.F @ belief.mean, step.F @ belief.cov @ step.F.T + step.Q)
 
 
 def correct(belief: Gaussian, measured: Array, noise: Array) -> Gaussian:
     """
-    Condition a belief on a measurement of its first unknowns, in Joseph's form.
+    Return a belief given a measurement of its first unknowns, in Joseph's form.
 
     :param measured: (m,).
     :param noise: (m, m) covariance of the measurement.
@@ -99,7 +99,7 @@ def correct(belief: Gaussian, measured: Array, noise: Array) -> Gaussian:
 
 
 def distance2(belief: Gaussian, measured: Array, noise: Array) -> float:
-    """Squared Mahalanobis distance of a measurement of the first unknowns from a belief."""
+    """Return the squared Mahalanobis distance of a measurement, as above, from a belief."""
     m = len(measured)
     off = measured - belief.mean[:m]
     return float(off @ np.linalg.solve(belief.cov[:m, :m] + noise, off))
@@ -108,11 +108,11 @@ def distance2(belief: Gaussian, measured: Array, noise: Array) -> float:
 def smooth(filtered: Sequence[Gaussian], steps: Sequence[Transition]
            ) -> tuple[Array, Array]:
     """
-    Smooth a filtered pass (Rauch, Tung and Striebel 1965).
+    Return the states of a pass given all its measurements (Rauch, Tung and Striebel 1965).
 
     :param filtered: k beliefs, each from the measurements up to its own.
     :param steps: the k - 1 steps between them.
-    :return: (k, n) means and (k, k, n, n) their joint covariance, given all measurements.
+    :return: (k, n) means and (k, k, n, n) their joint covariance.
     """
     k, n = len(filtered), len(filtered[0].mean)
     means, joint = np.zeros((k, n)), np.zeros((k, k, n, n))

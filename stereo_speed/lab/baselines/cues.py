@@ -10,8 +10,6 @@ intensity gradients and color histograms", CVPR 1998.
 """
 from __future__ import annotations
 
-from typing import Any
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -21,23 +19,23 @@ from ...vision.haar import PartGrid
 from ...vision.sampling import low_pass_crop, sample_quads
 
 BINS = 16
-_EDGE_SAMPLES = 12
-_GRADIENT_BLUR_PX = 1.0
+_EDGE_SAMPLES = 12  # along each side of a quad
+_GRADIENT_BLUR_PX = 1.0  # gradients of single pixels are noise
+_MARGIN_PX = 3  # around the quads, for the blur
 
 
-def histograms(image: NDArray[Any], quads: Array, grid: PartGrid, most: float) -> Array:
+def histograms(image: NDArray[np.uint8], quads: Array, grid: PartGrid) -> Array:
     """
-    Give the histogram of the grey levels in each quad.
+    Return the histogram of the grey levels in each quad.
 
     Samples near the outline count less (an Epanechnikov kernel), for they are background first.
 
     :param quads: (N, 4, 2) finite corners, px.
     :param grid: samples of a quad.
-    :param most: grey level of white.
     :return: (N, BINS), rows that sum to one.
     """
     patches = sample_quads(image, quads, grid)
-    bins = np.clip(patches * np.float32(BINS / (most + 1)), 0, BINS - 1).astype(np.intp)
+    bins = np.clip(patches * np.float32(BINS / 256), 0, BINS - 1).astype(np.intp)
     kernel = 1 - 0.5 * np.square(2 * grid.unit_xy - 1).sum(axis=1)
     at = bins + BINS * np.arange(len(bins))[:, None]
     weights = np.broadcast_to(kernel / kernel.sum(), bins.shape)
@@ -45,16 +43,17 @@ def histograms(image: NDArray[Any], quads: Array, grid: PartGrid, most: float) -
     return np.asarray(counts.reshape(len(bins), BINS))
 
 
-def outline_gradient(image: NDArray[Any], quads: Array) -> Array:
+def outline_gradient(image: NDArray[np.uint8], quads: Array) -> Array:
     """
-    Give the mean gradient across the outline of each quad, grey levels per pixel.
+    Return the mean gradient across the outline of each quad, grey levels per pixel.
 
     :param quads: (N, 4, 2) finite corners, px.
     :return: (N,).
     """
     flat = quads.reshape(-1, 2)
-    crop, origin = low_pass_crop(image, flat.min(axis=0) - 3, flat.max(axis=0) + 3, 1.0)
-    smooth = cv2.GaussianBlur(crop, (0, 0), _GRADIENT_BLUR_PX)
+    part, origin = low_pass_crop(
+        image, flat.min(axis=0) - _MARGIN_PX, flat.max(axis=0) + _MARGIN_PX, 1.0)
+    smooth = cv2.GaussianBlur(part, (0, 0), _GRADIENT_BLUR_PX)
     slope_v, slope_u = np.gradient(smooth)
     ends = np.roll(quads, -1, axis=1)
     share = (np.arange(_EDGE_SAMPLES) + 0.5) / _EDGE_SAMPLES
@@ -70,7 +69,7 @@ def outline_gradient(image: NDArray[Any], quads: Array) -> Array:
 
 def _sampled(image: NDArray[np.float32], u: NDArray[np.float32], v: NDArray[np.float32]
              ) -> NDArray[np.float32]:
-    """Sample an image at (N, K) places, in parts that ``cv2.remap`` takes."""
+    """Return an image at (N, K) pixels, sampled in parts that ``cv2.remap`` takes."""
     step = 1 << 14
     return np.concatenate([
         cv2.remap(image, u[k:k + step], v[k:k + step], cv2.INTER_LINEAR,

@@ -38,10 +38,10 @@ def triangulate(rig: StereoRig, uv_left: Array, uv_right: Array) -> Array:
     out = np.full((len(left), 3), np.nan)
     if not good.any():
         return out
-    left, right = cv2.correctMatches(fundamental(rig), left[None, good], right[None, good])
+    fixed = cv2.correctMatches(fundamental(rig), left[None, good], right[None, good])
     views = rig.left.K @ np.eye(3, 4), rig.right.K @ np.column_stack([rig.R, rig.t])
     with np.errstate(divide='ignore', invalid='ignore'):
-        meeting = cv2.triangulatePoints(*views, left[0].T, right[0].T)
+        meeting = cv2.triangulatePoints(*views, fixed[0][0].T, fixed[1][0].T)
         points = (meeting[:3] / meeting[3]).T
         ahead = (points[:, 2] > 0) & (rig.to_right(points)[:, 2] > 0)
     out[good] = np.where(ahead[:, None], points, np.nan)

@@ -17,16 +17,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .points import Aim, carry, cut, homography, near_quad, off_epipolar_px, Points
+from .points import (
+    crop_around, ExpectedFront, Grey, homography, near_quad, off_epipolar_px, Points, transfer)
+from .settings import FlowSettings
 from ...core.records import Array, StereoPair
 from ...geometry.rig import StereoRig
 
-_MOST_POINTS = 60
-_QUALITY = 0.02
-_ROUND_TRIP_PX = 0.3
-_EPIPOLAR_PX = 1.0
-_LEVELS = 2
-_STOP = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 40, 0.003)
+_LEVELS = 2  # of the pyramid: a pixel or two is left to find
+_STOP = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 40, 0.003)  # steps; px
 
 
 class FlowPoints:
@@ -34,99 +32,100 @@ class FlowPoints:
     Follows corners; see the module's docstring.
 
     :param rig: the cameras.
+    :param settings: number and strength of corners, limits of matches.
     """
 
-    def __init__(self, rig: StereoRig) -> None:
-        self.rig = rig
-        self._known: tuple[NDArray[np.int64], Array, NDArray[Any]] | None = None
+    def __init__(self, rig: StereoRig, settings: FlowSettings) -> None:
+        self.rig, self.settings = rig, settings
+        self._known: tuple[NDArray[np.int64], Array, Grey] | None = None
         self._next_id = 0
 
-    def observe(self, pair: StereoPair, aim: Aim) -> Points:
-        """Find the points of a pair, those already known among them."""
-        crop, origin = cut(pair.left, aim.left, aim.slack_px)
-        window = window_px(aim.width_px)
-        ids, left = self._again(crop, origin, aim, window)
-        fresh = _corners(crop, origin, aim, left)
+    def observe(self, pair: StereoPair, expected: ExpectedFront) -> Points:
+        """Return the points of a pair of 8-bit images, those already known among them."""
+        part, origin = crop_around(pair.left, expected.left, expected.slack_px)
+        ids, left = self._follow(part, origin, expected)
+        fresh = self._corners(part, origin, expected, left)
         ids = np.concatenate([ids, np.arange(self._next_id, self._next_id + len(fresh))])
         self._next_id += len(fresh)
         left = np.concatenate([left, fresh])
-        right = self._across(pair.right, crop, origin, left, aim, window)
+        right = self._across(pair.right, part, origin, left, expected)
         self._known = ids, left, pair.left
         return Points(ids, left, right)
 
-    def _again(self, crop: NDArray[np.uint8], origin: Array, aim: Aim, window: int
-               ) -> tuple[NDArray[np.int64], Array]:
-        """Find the known points again."""
+    def _follow(self, part: Grey, origin: Array, expected: ExpectedFront
+                ) -> tuple[NDArray[np.int64], Array]:
+        """Return the known points that are found in the next left view, and where."""
         if self._known is None:
             return np.zeros(0, np.int64), np.zeros((0, 2))
         ids, old, image = self._known
-        warped = _warped(image, aim.before, aim.left, crop.shape, origin)
-        at = carry(old, aim.before, aim.left) - origin
-        to, good = flow(warped, crop, at, at, window)
-        good &= near_quad(to + origin, aim.left, aim.slack_px)
+        warped = _warped(image, expected.before, expected.left, part.shape, origin)
+        at = transfer(old, expected.before, expected.left) - origin
+        to, good = flow(warped, part, at, window_px(expected.width_px),
+                        self.settings.most_round_trip_px)
+        good &= near_quad(to + origin, expected.left, expected.slack_px)
         return ids[good], (to + origin)[good]
 
-    def _across(self, image: NDArray[Any], crop: NDArray[np.uint8], origin: Array, left: Array,
-                aim: Aim, window: int) -> Array:
-        """Match points to the right view: (n, 2) px, NaN where it fails."""
+    def _across(self, image: Grey, part: Grey, origin: Array, left: Array,
+                expected: ExpectedFront) -> Array:
+        """Return where points are in the right view: (n, 2) px, NaN where it is unknown."""
         out = np.full((len(left), 2), np.nan)
-        warped = _warped(image, aim.right, aim.left, crop.shape, origin)
-        to, good = flow(crop, warped, left - origin, left - origin, window)
-        right = carry(to + origin, aim.left, aim.right)
+        warped = _warped(image, expected.right, expected.left, part.shape, origin)
+        to, good = flow(part, warped, left - origin, window_px(expected.width_px),
+                        self.settings.most_round_trip_px)
+        right = transfer(to + origin, expected.left, expected.right)
         good &= self.rig.right.inside(right)
-        good[good] = off_epipolar_px(self.rig, left[good], right[good]) < _EPIPOLAR_PX
+        good[good] = (off_epipolar_px(self.rig, left[good], right[good])
+                      < self.settings.most_epipolar_px)
         out[good] = right[good]
         return out
 
+    def _corners(self, part: Grey, origin: Array, expected: ExpectedFront, known: Array) -> Array:
+        """Return corners on the expected front that are not yet followed: (n, 2) px."""
+        wanted = self.settings.most_points - len(known)
+        if wanted <= 0:
+            return np.zeros((0, 2))
+        apart = max(2.0, expected.width_px / 25)
+        mask = np.zeros(part.shape, np.uint8)
+        cv2.fillConvexPoly(mask, np.round(expected.left - origin).astype(np.int32), 255)
+        for u, v in known - origin:
+            cv2.circle(mask, (round(float(u)), round(float(v))), round(apart), 0, -1)
+        found = cv2.goodFeaturesToTrack(
+            part, wanted, self.settings.least_quality, apart, mask=mask, blockSize=5)
+        return np.zeros((0, 2)) if found is None else found.reshape(-1, 2).astype(float) + origin
+
 
 def window_px(width_px: float) -> int:
-    """Give the side of the flow's window, odd: a sixth of the front, within reason."""
+    """Return the side of the flow's window, odd: a sixth of the front, within reason."""
     return 2 * int(np.clip(width_px / 12, 4, 10)) + 1
 
 
-def flow(first: NDArray[np.uint8], second: NDArray[np.uint8], uv: Array, guess: Array,
-         window: int) -> tuple[Array, NDArray[np.bool_]]:
+def flow(first: Grey, second: Grey, uv: Array, window: int, most_round_trip_px: float
+         ) -> tuple[Array, NDArray[np.bool_]]:
     """
-    Follow points from one image to another and back.
+    Return points followed from one image to another, and which came back to where they began.
 
-    :param uv: (n, 2) px in the first image.
-    :param guess: (n, 2) px, where to begin in the second.
+    :param uv: (n, 2) px in the first image, and where to begin in the second.
     :param window: side of the window, px.
-    :return: (n, 2) px in the second image, and (n,) which came back to where they began.
+    :param most_round_trip_px: how far from there they may come back.
+    :return: (n, 2) px in the second image, and (n,).
     """
     if not len(uv):
         return np.zeros((0, 2)), np.zeros(0, bool)
     how: dict[str, Any] = {
         'winSize': (window, window), 'maxLevel': _LEVELS, 'criteria': _STOP,
         'flags': cv2.OPTFLOW_USE_INITIAL_FLOW}
-    start, toward = (np.ascontiguousarray(x, dtype=np.float32)[:, None].copy()
-                     for x in (uv, guess))
-    there, found, _ = cv2.calcOpticalFlowPyrLK(
-        first, second, start, toward, **how)
+    start = np.ascontiguousarray(uv, dtype=np.float32)[:, None]
+    there, found, _ = cv2.calcOpticalFlowPyrLK(first, second, start, start.copy(), **how)
     back, found_back, _ = cv2.calcOpticalFlowPyrLK(second, first, there, start.copy(), **how)
     trip = np.linalg.norm((back - start)[:, 0], axis=1)
-    good = (found[:, 0] == 1) & (found_back[:, 0] == 1) & (trip < _ROUND_TRIP_PX)
+    good = (found[:, 0] == 1) & (found_back[:, 0] == 1) & (trip < most_round_trip_px)
     return there[:, 0].astype(float), good
 
 
-def _corners(crop: NDArray[np.uint8], origin: Array, aim: Aim, known: Array) -> Array:
-    """Find corners on the expected front that are not yet followed: (n, 2) px."""
-    wanted = _MOST_POINTS - len(known)
-    if wanted <= 0:
-        return np.zeros((0, 2))
-    apart = max(2.0, aim.width_px / 25)
-    mask = np.zeros(crop.shape, np.uint8)
-    cv2.fillConvexPoly(mask, np.round(aim.left - origin).astype(np.int32), 255)
-    for u, v in known - origin:
-        cv2.circle(mask, (round(float(u)), round(float(v))), round(apart), 0, -1)
-    found = cv2.goodFeaturesToTrack(crop, wanted, _QUALITY, apart, mask=mask, blockSize=5)
-    return np.zeros((0, 2)) if found is None else found.reshape(-1, 2).astype(float) + origin
-
-
-def _warped(image: NDArray[Any], source: Array, target: Array, shape: tuple[int, ...],
-            origin: Array) -> NDArray[np.uint8]:
-    """Warp an image so that a quad of it lies on another, and cut out a region of that."""
-    part, first = cut(image, source, max(shape))
+def _warped(image: Grey, source: Array, target: Array, shape: tuple[int, ...], origin: Array
+            ) -> Grey:
+    """Return a region of an image that is warped so that a quad of it lies on another."""
+    part, first = crop_around(image, source, max(shape))
     h = homography(source - first, target - origin)
     return np.asarray(cv2.warpPerspective(
         part, h, shape[1::-1], flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE), np.uint8)

@@ -22,11 +22,10 @@ _STEP = 1e-4  # of the central differences, as a share of the depth
 
 def covariances(rig: StereoRig, points_m: Array, std_px: float) -> Array:
     """
-    Give the covariance of each triangulated point.
+    Return the covariance of each triangulated point, (n, 3, 3) m^2.
 
     :param points_m: (n, 3), left optical frame.
     :param std_px: 1-sigma of each image coordinate in both raw views.
-    :return: (n, 3, 3) m^2.
     """
     points_m = np.asarray(points_m, dtype=np.float64)
     step = _STEP * np.abs(points_m[:, 2])

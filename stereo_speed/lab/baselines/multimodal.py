@@ -20,55 +20,49 @@ manoeuvres become the share of particles that try one.
 """
 from __future__ import annotations
 
-from typing import Any, Optional
+from dataclasses import replace
+from typing import Optional
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .cloud import CloudTracker
 from .cues import histograms, outline_gradient
+from .particle_tracker import ParticleTracker
 from .rectify import Rectifier
-from .settings import BaselineSettings
+from .settings import MultimodalSettings
 from ...core.records import Array, StereoPair
 from ...tracking.front import plane_points
-from ...tracking.initialise import Placement
+from ...tracking.initialise import first_states, Placement
 from ...tracking.protocol import TrackStart
-from ...vision.haar import PartGrid
+from ...vision.grey import to_eight_bits
+from ...vision.haar import CELLS, PartGrid
 from ...vision.histograms import bhattacharyya
 
-_LEAST_LIKENESS = 0.7
-_LEARN = 0.1  # share of a pair in the references: histograms do not change with the scale
 _SPAN_PX = 6.0  # disparities looked for beyond those of the particles
-_MARGIN_PX = 8
-_LEAST_SHARE = 0.1  # of the front that must have a disparity
+_MARGIN_PX = 8  # around the fronts of the particles in the disparity map
 _GRID = np.stack(np.meshgrid((np.arange(8) + 0.5) / 8 - 0.5, (np.arange(5) + 0.5) / 5 - 0.5),
                  axis=-1).reshape(-1, 2)  # samples of the front, as shares of its size
 _STEP_M = np.array([0.05, 0.0, 0.0])  # of the central differences along the path
-_TAIL = 0.01  # share of far-off particles that do not widen the region looked at
+_TAIL = 0.01  # share of far-off particles that do not widen the region of the disparity map
 
 
-class MultimodalTracker(CloudTracker):
+class MultimodalTracker(ParticleTracker[MultimodalSettings]):
     """
     Particles of (s, a, b, v) with the cues of the module's docstring; see :class:`Baseline`.
 
     Resampled particles are spread by the same kernel as those of ``unconstrained``.
     """
 
+    Settings = MultimodalSettings
     freedom = 4
 
-    def __init__(self, start: TrackStart, placed: Placement, settings: BaselineSettings) -> None:
+    def __init__(self, start: TrackStart, placed: Placement, settings: MultimodalSettings
+                 ) -> None:
         super().__init__(start, placed, settings)
-        n, limit, pose = self.config.particles, self.expected_mps, self.placed.pose
-        ds = self.placed.s_std_m * self.rng.standard_normal(n)
-        speed = limit * (1 + self.config.initial_speed_std * self.rng.standard_normal(n))
-        speed[: n // 4] = self.rng.uniform(0.0, 2.5 * limit, n // 4)
-        self.states = np.column_stack([
-            pose[0] + ds, pose[1:] + ds[:, None] * self.placed.offset_slope,
-            np.maximum(speed, 0.0)])
-        self.coarse = PartGrid(self.config.parts, 4)
+        self.states = first_states(start, placed, placed.s_std_m)
+        self.grid = PartGrid(self.config.parts, CELLS)
         self.rectifier = Rectifier(self.rig)
-        size = np.ptp(self.placed.front.corners_m, axis=0)
-        self.samples_m = _GRID * size
+        self.samples_m = _GRID * np.ptp(placed.front.corners_m, axis=0)
         self.references: Optional[tuple[Array, Array]] = None
 
     # -- the filter's steps -----------------------------------------------------------------
@@ -84,8 +78,13 @@ class MultimodalTracker(CloudTracker):
             s + 0.5 * (v + v_next) * dt_s, a + across * noise[0],
             b + c.drift_up_std_m * noise[1], v_next])
 
+    def _observe(self, pair: StereoPair, lag_s: float) -> bool:
+        """Take in a pair as 8 bits."""
+        return super()._observe(
+            replace(pair, left=to_eight_bits(pair.left), right=to_eight_bits(pair.right)), lag_s)
+
     def _score(self, pair: StereoPair, lag_s: float) -> Array:
-        """Fuse the cues: the product of their likelihoods."""
+        """Return the sum of the log-likelihoods of all cues."""
         quads = self._quads(self.states, lag_s)
         shown = np.asarray(np.isfinite(np.concatenate(quads, axis=1)).all(axis=(1, 2)))
         if not shown.any():
@@ -95,7 +94,8 @@ class MultimodalTracker(CloudTracker):
         for view, image in enumerate((pair.left, pair.right)):
             q = np.where(shown[:, None, None], quads[view], quads[view][fill])
             if self.references is not None:
-                same = bhattacharyya(self._histograms(image, q), self.references[view])
+                same = bhattacharyya(
+                    histograms(image, q, self.grid), self.references[view])
                 total -= self.settings.lambda_colour * (1 - same)  # squared distance
             edge = outline_gradient(image, q)
             total -= self.settings.lambda_gradient * np.square(
@@ -104,7 +104,7 @@ class MultimodalTracker(CloudTracker):
         return np.where(shown, total, -np.inf)
 
     def _depth_score(self, pair: StereoPair, lag_s: float) -> Array:
-        """(N,) log-likelihood of the disparity map."""
+        """Return the (N,) log-likelihood of the disparity map."""
         points = plane_points(self.lane.path, self.states[:, :3], self.samples_m)
         late = points + lag_s * self._velocities(self.states)[:, None]
         uv, expected = self.rectifier.project(points, late)
@@ -118,7 +118,7 @@ class MultimodalTracker(CloudTracker):
                                          (span[0] - _SPAN_PX, span[1] + _SPAN_PX))
         off = _nearest(found, uv - low) - expected
         share = np.isfinite(off).mean(axis=1)
-        enough = share > _LEAST_SHARE
+        enough = share > self.settings.least_disparity_share
         if not enough.any():
             return np.zeros(len(enough))
         square = np.square(np.nanmedian(off[enough], axis=1) / self.settings.disparity_std_px)
@@ -127,22 +127,19 @@ class MultimodalTracker(CloudTracker):
         return score * float(share.mean())
 
     def _accept(self, pair: StereoPair, lag_s: float) -> bool:
-        """Look at the mean state: blend it into the references, or disown it."""
-        found = [self._histograms(image, q)[0] for image, q in
+        """Return whether the mean state resembles the references; blend it into them if so."""
+        found = [histograms(image, q, self.grid)[0] for image, q in
                  zip((pair.left, pair.right), self._mean_quads(lag_s))]
         if self.references is None:
             self.references = found[0], found[1]
             return True
         if min(float(bhattacharyya(f, g))
-               for f, g in zip(found, self.references)) < _LEAST_LIKENESS:
+               for f, g in zip(found, self.references)) < self.settings.least_similarity:
             return False
-        left, right = (_LEARN * f + (1 - _LEARN) * g for f, g in zip(found, self.references))
+        rate = self.settings.reference_rate
+        left, right = (rate * f + (1 - rate) * g for f, g in zip(found, self.references))
         self.references = left, right
         return True
-
-    def _histograms(self, image: NDArray[Any], quads: Array) -> Array:
-        most = 255.0 if image.dtype == np.uint8 else float(max(int(image.max()), 255))
-        return histograms(image, quads, self.coarse, most)
 
     # -- geometry ---------------------------------------------------------------------------
 
@@ -166,7 +163,7 @@ class MultimodalTracker(CloudTracker):
 
 
 def _nearest(image: NDArray[np.float32], uv: Array) -> Array:
-    """Look up the nearest pixels of places (..., 2); NaN outside."""
+    """Return the nearest pixels of an image to (..., 2) of them; NaN outside."""
     safe = np.where(np.isfinite(uv), uv, -1e6)
     out = np.full(uv.shape[:-1], np.nan)
     u, v = (np.rint(safe[..., k]).astype(int) for k in (0, 1))

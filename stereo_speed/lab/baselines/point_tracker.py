@@ -3,80 +3,78 @@
 """
 A front followed by its points: the part that all trackers of points share.
 
-In every pair the points tell, through the triangulation of Hartley and Sturm, where the front is
-(``places``), and a Kalman filter of constant velocity takes that in with the covariance of
-Matthies and Shafer.  What a tracker then reports is its own affair.
+In every pair the points give, through the triangulation of Hartley and Sturm, the position of the
+front (``front_position``), and a Kalman filter of constant velocity takes that in with the
+covariance of Matthies and Shafer.  What a tracker then reports is its own affair.
 """
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import Optional
+from dataclasses import replace
+from typing import Optional, TypeVar
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .common import Baseline, Reading
+from .baseline import Baseline, Estimate
 from .constant_velocity import (
     correct, directional_rate, distance2, Gaussian, predict, Transition, transition)
+from .front_position import Measurement, position_of_front
 from .hartley_sturm import triangulate
-from .places import Place, place_of_front
-from .points import Aim, near_quad, Points, PointSource
-from .settings import BaselineSettings
+from .points import ExpectedFront, near_quad, Points, PointSource
+from .settings import PointSettings
 from .speed_profile import Profile, smoothed_profile
 from ...core.records import Array, Reason, StereoPair
 from ...road.path import frame_of
 from ...tracking.initialise import Placement
 from ...tracking.protocol import TrackStart
+from ...vision.grey import to_eight_bits
 
-_GATE = 16.3  # squared Mahalanobis distance: one in a thousand is beyond
-_LEEWAY_M = 0.2  # jolts of the vehicle or the cameras, which no model of motion foresees
+OwnSettings = TypeVar('OwnSettings', bound=PointSettings)
+
 _SLOW_MPS = 2.0  # what hardly moves keeps its heading
-_SIDE_SHARE = 0.1  # 1-sigma of the first velocity across the lane, as a share
-_UP_SHARE = 0.02
-_INLIER_PX = 1.5
-_LEAST_LINKS = 3
-_SLACK_SIGMAS = 2.5
+_SLACK_SIGMAS = 2.5  # of the predicted position, within which points are sought
+_LEAST_SLACK_PX = 2.0  # and no less than this
 
 
-class PointTracker(Baseline):
+class PointTracker(Baseline[OwnSettings]):
     """Follow a front by its points; see the module's docstring and :class:`Baseline`."""
 
     unseen_reason = Reason.TOO_FEW_FEATURES
 
-    def __init__(self, start: TrackStart, placed: Placement, settings: BaselineSettings) -> None:
+    def __init__(self, start: TrackStart, placed: Placement, settings: OwnSettings) -> None:
         super().__init__(start, placed, settings)
-        self.source, self.std_px = self._source()
-        pose = self.placed.pose
-        at = np.array(pose[0])
-        self.axes = self.lane.path.frame(at)
+        self.source = self._source()
+        self.axes = self.lane.path.frame(np.array(placed.pose[0]))
         self.up = self.axes[:, 2]
-        place = self.placed.front.centre(pose)
-        self.centre_px = self.rig.project(place[None])[0][0]
-        self.belief = self._first_belief(place)
-        self.before = self._quads(place)[0]
+        position = placed.front.centre(placed.pose)
+        self.centre_px = self.rig.project(position[None])[0][0]
+        self.belief = self._first_belief(start, position)
+        self.before = self._quads(position)[0]
         self.points: Optional[Points] = None
-        self.place: Optional[Place] = None
         self.filtered: list[Gaussian] = []
         self.steps: list[Transition] = []
         self.seen: list[bool] = []
         self._step = transition(0.0, np.zeros((3, 3)))
 
     @abstractmethod
-    def _source(self) -> tuple[PointSource, float]:
-        """Give the source of points, and their matching error in px."""
+    def _source(self) -> PointSource:
+        """Return the source of points."""
 
-    def _first_belief(self, place: Array) -> Gaussian:
-        """Take the place from the mark, and the velocity from the speed limit."""
-        velocity, std = self._first_velocity()
+    def _first_belief(self, start: TrackStart, position: Array) -> Gaussian:
+        """Return the position of the first front, and the velocity of the speed limit."""
         toward = np.array([1.0, *self.placed.offset_slope]) @ self.axes.T
         depth = self.placed.s_std_m ** 2 * np.outer(toward, toward)
-        side = 1e-4 * np.eye(3) * (place[2] / 50) ** 2
-        shares = np.array([std, _SIDE_SHARE * self.expected_mps, _UP_SHARE * self.expected_mps])
+        side = 1e-4 * np.eye(3) * (position[2] / 50) ** 2
+        stds = np.array([start.expected_std_mps,
+                         self.settings.first_side_share * start.expected_mps,
+                         self.settings.first_climb_share * start.expected_mps])
         cov = np.zeros((6, 6))
         cov[:3, :3] = depth + side
-        cov[3:, 3:] = self.axes @ np.diag(shares ** 2) @ self.axes.T
-        return Gaussian(np.concatenate([place, velocity]), cov)
+        cov[3:, 3:] = self.axes @ np.diag(stds ** 2) @ self.axes.T
+        velocity = start.expected_mps * self.axes[:, 0]
+        return Gaussian(np.concatenate([position, velocity]), cov)
 
     # -- the steps of the filter ------------------------------------------------------------
 
@@ -86,14 +84,15 @@ class PointTracker(Baseline):
         if np.linalg.norm(velocity) > _SLOW_MPS:
             self.axes = frame_of(velocity / np.linalg.norm(velocity), self.up)
         rate = directional_rate(
-            self.axes[:, 0], self.up, self.settings.along_rate_std, self.settings.turn_rate_std,
+            self.axes[:, 0], self.up, self.settings.along_rate_std, self.settings.across_rate_std,
             self.settings.climb_rate_std)
         self._step = transition(dt_s, rate)
         self.belief = predict(self.belief, self._step)
 
     def _observe(self, pair: StereoPair, lag_s: float) -> bool:
-        """Measure the place of the front and take it in."""
-        seen = self._measure(pair, lag_s)
+        """Measure the position of the front and take it in."""
+        eight = replace(pair, left=to_eight_bits(pair.left), right=to_eight_bits(pair.right))
+        seen = self._measure(eight, lag_s)
         if self.filtered:
             self.steps.append(self._step)
         self.filtered.append(self.belief)
@@ -102,79 +101,82 @@ class PointTracker(Baseline):
 
     def _measure(self, pair: StereoPair, lag_s: float) -> bool:
         left, right = self._quads(self.belief.mean[:3])
-        shift = self._late_px(lag_s)
-        aim = Aim(left, right + shift, self.before, self._slack_px(float(np.ptp(left[:, 0]))))
-        found = self.source.observe(pair, aim)
+        shift = self._motion_px(lag_s)
+        found = self.source.observe(pair, ExpectedFront(
+            left, right + shift, self.before, self._slack_px(float(np.ptp(left[:, 0])))))
         predicted = self.rig.project(self.belief.mean[None, :3])[0][0]
-        points, centre_px = self._linked(found, predicted)
+        points, centre_px = self._carried_on(found, predicted)
         # What lies around the front is background, which must not be taken along.
         points = points.only(near_quad(points.left, left + (centre_px - predicted), 1.0))
         both = points.only(points.matched)
         xyz = triangulate(self.rig, both.left, both.right - shift)
         good = np.asarray(np.isfinite(xyz).all(axis=1))
         both, xyz = both.only(good), xyz[good]
-        place = place_of_front(self.rig, xyz, centre_px, self.axes[:, 0], self.std_px)
+        position = position_of_front(self.rig, xyz, centre_px, self.axes[:, 0], self.settings)
         self.before = left  # the source looked there; overwritten when the vehicle is there
-        if place is None or self._unlikely(place):
+        if position is None or self._unlikely(position):
             return False
-        place = self._on_springs(place)
-        self.belief = correct(self.belief, place.mean, place.cov)
-        self._take_in(both.ids[place.used], xyz[place.used], place, pair)
-        self.points, self.place, self.centre_px = points, place, centre_px
+        position = self._on_springs(position)
+        self.belief = correct(self.belief, position.mean, position.cov)
+        self._use_points(both.ids[position.used], xyz[position.used], position, pair)
+        self.points, self.centre_px = points, centre_px
         self.before = self._quads(self.belief.mean[:3])[0]
         return True
 
-    def _unlikely(self, place: Place) -> bool:
-        """Whether a place is too far from the expected one to be the same vehicle's."""
-        return distance2(self.belief, place.mean, place.cov + _LEEWAY_M ** 2 * np.eye(3)) > _GATE
+    def _unlikely(self, position: Measurement) -> bool:
+        """Return whether a position is too far from the expected one to be the vehicle's."""
+        jolts = self.settings.jolt_std_m ** 2 * np.eye(3)
+        return distance2(self.belief, position.mean, position.cov + jolts) \
+            > self.settings.most_distance2
 
-    def _on_springs(self, place: Place) -> Place:
-        """Allow for a front that bounces: its height is not that of the vehicle's way."""
+    def _on_springs(self, position: Measurement) -> Measurement:
+        """Return the position of a front that bounces, unlike the vehicle's path."""
         bounce = self.settings.bounce_std_m ** 2 * np.outer(self.up, self.up)
-        return Place(place.mean, place.cov + bounce, place.used)
+        return replace(position, cov=position.cov + bounce)
 
-    def _take_in(self, ids: NDArray[np.int64], xyz: Array, place: Place,
-                 pair: StereoPair) -> None:
+    def _use_points(self, ids: NDArray[np.int64], xyz: Array, position: Measurement,
+                    pair: StereoPair) -> None:
         """
-        Use the points for more than their place.
+        Use the points for more than the position of the front.
 
         :param ids: (n,) of the points that agree.
-        :param xyz: (n, 3) where they are, m.
-        :param place: the place of the front.
+        :param xyz: (n, 3) their positions, m.
+        :param position: that of the front.
         :param pair: the pair.
         """
 
-    def _linked(self, found: Points, predicted: Array) -> tuple[Points, Array]:
+    def _carried_on(self, found: Points, predicted: Array) -> tuple[Points, Array]:
         """
-        Carry the front's centre on by the points seen before; drop those that moved otherwise.
+        Return the points that move like the front, and its centre carried on by them.
 
         :param predicted: (2,) where the centre is expected in the raw left view, px.
         :return: the points that are left and the centre (2,) in the raw left view, px.
         """
         if self.points is None:
             return found, self.centre_px
+        least = self.settings.least_points
         _, a, b = np.intersect1d(self.points.ids, found.ids, return_indices=True)
-        if len(a) < _LEAST_LINKS:
+        if len(a) < least:
             return found, predicted
-        before, after = self.points.left[a], found.left[b]
         similarity, inliers = cv2.estimateAffinePartial2D(
-            before, after, method=cv2.RANSAC, ransacReprojThreshold=_INLIER_PX, maxIters=500)
-        if similarity is None or inliers.sum() < _LEAST_LINKS:
+            self.points.left[a], found.left[b], method=cv2.RANSAC,
+            ransacReprojThreshold=self.settings.most_motion_error_px, maxIters=500)
+        if similarity is None or inliers.sum() < least:
             return found, predicted
         keep = np.ones(len(found.ids), bool)
         keep[b[inliers[:, 0] == 0]] = False
         return found.only(keep), similarity[:, :2] @ self.centre_px + similarity[:, 2]
 
-    # -- where to look ----------------------------------------------------------------------
+    # -- where points are sought ------------------------------------------------------------
 
-    def _quads(self, place: Array) -> tuple[Array, Array]:
-        """Corners (4, 2) of the front at a place, in both raw views."""
-        corners = place + self.placed.front.corners_m @ self.axes[:, 1:].T
-        left, right, _, _ = self.rig.project(corners)
+    def _quads(self, position: Array) -> tuple[Array, Array]:
+        """Return the corners (4, 2) of the front at a position, in both raw views."""
+        left, right, _, _ = self.rig.project(
+            position + self.placed.front.corners_m @ self.axes[:, 1:].T)
         return left, right
 
-    def _late_px(self, lag_s: float) -> Array:
-        """How far the front moves in the right view in between two exposures, (2,) px."""
+    def _motion_px(self, lag_s: float) -> Array:
+        """Return how far the front moves in the right view between two exposures, (2,) px."""
         if lag_s == 0:
             return np.zeros(2)
         here, velocity = self.belief.mean[:3], self.belief.mean[3:]
@@ -182,20 +184,20 @@ class PointTracker(Baseline):
         return np.asarray(at[1] - at[0])
 
     def _slack_px(self, width_px: float) -> float:
-        """How far the front may be from where it is expected in the left view."""
+        """Return how far the front may be from where it is expected in the left view."""
         values, vectors = np.linalg.eigh(self.belief.cov[:3, :3])
         steps = _SLACK_SIGMAS * np.sqrt(np.maximum(values, 0.0)) * vectors
         uv = self.rig.project(self.belief.mean[:3] + np.concatenate([[0 * values], steps.T]))[0]
         off = np.linalg.norm(uv[1:] - uv[0], axis=1)
         far = float(off.max()) if np.isfinite(off).all() else width_px
-        return 2.0 + min(far, 0.5 * width_px)
+        return _LEAST_SLACK_PX + min(far, 0.5 * width_px)
 
-    # -- what is told -----------------------------------------------------------------------
+    # -- what is reported -------------------------------------------------------------------
 
-    def _reading(self) -> Reading:
+    def _estimate(self) -> Estimate:
         mean, cov = self.belief.mean, self.belief.cov
-        return Reading(mean[:3], cov[:3, :3], mean[3:], cov[3:, 3:], self.axes,
-                       self._quads(mean[:3]))
+        return Estimate(mean[:3], cov[:3, :3], mean[3:], cov[3:, 3:], self.axes,
+                        self._quads(mean[:3]))
 
     def _profile(self) -> Profile:
         return smoothed_profile(self.filtered, self.steps, self.seen)

@@ -4,12 +4,12 @@
 Points on a vehicle's front in both views, the common part of all their sources.
 
 A source finds points in a pair near where the front is expected, matches them left to right, and
-knows those again that it found before.
+recognises those that it found before.
 """
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 import cv2
 import numpy as np
@@ -17,16 +17,19 @@ from numpy.typing import NDArray
 
 from ...core.records import Array, StereoPair
 from ...geometry.rig import StereoRig
+from ...vision.sampling import crop
 
-_MARGIN_PX = 12
+_MARGIN_PX = 12  # around a region: points at its edges need surroundings as well
+
+Grey = NDArray[np.uint8]
 
 
 @dataclass(frozen=True, eq=False)
-class Aim:
+class ExpectedFront:
     """
-    Where to look.
+    Where a front is expected.
 
-    :param left: (4, 2) expected corners of the front in the raw left view, px.
+    :param left: (4, 2) expected corners in the raw left view, px.
     :param right: (4, 2) the same in the raw right view.
     :param before: (4, 2) its corners in the left view of the last pair it was seen in.
     :param slack_px: how far off the expectation may be.
@@ -39,7 +42,7 @@ class Aim:
 
     @property
     def width_px(self) -> float:
-        """Width of the expected front."""
+        """Return the width of the expected front."""
         return float(np.ptp(self.left[:, 0]))
 
 
@@ -59,66 +62,56 @@ class Points:
 
     @property
     def matched(self) -> NDArray[np.bool_]:
-        """(n,) which are matched in both views."""
+        """Return (n,) which are matched in both views."""
         return np.asarray(np.isfinite(self.right).all(axis=1))
 
     def only(self, keep: NDArray[np.bool_]) -> Points:
-        """Give some of the points."""
+        """Return some of the points."""
         return Points(self.ids[keep], self.left[keep], self.right[keep])
 
 
 class PointSource(Protocol):
     """Finds points in pair after pair."""
 
-    def observe(self, pair: StereoPair, aim: Aim) -> Points:
-        """Find the points of a pair, those already known among them."""
+    def observe(self, pair: StereoPair, expected: ExpectedFront) -> Points:
+        """Return the points of a pair of 8-bit images, those already known among them."""
 
 
-def cut(image: NDArray[Any], corners: Array, margin_px: float
-        ) -> tuple[NDArray[np.uint8], Array]:
+def crop_around(image: Grey, corners: Array, margin_px: float) -> tuple[Grey, Array]:
     """
-    Cut out a region, as 8 bits.
+    Return a region of an image, contiguous, and (2,) its origin there, px.
 
     :param corners: (n, 2) points to be within, px.
-    :return: the crop and (2,) its origin in the image, px.
+    :param margin_px: how far around them.
     """
-    size = np.array(image.shape[1::-1])
-    margin = int(np.ceil(margin_px)) + _MARGIN_PX
-    first = np.clip(np.floor(corners.min(axis=0)).astype(int) - margin, 0, size - 2)
-    last = np.clip(np.ceil(corners.max(axis=0)).astype(int) + margin + 1, first + 2, size)
-    crop = image[first[1]:last[1], first[0]:last[0]]
-    if crop.dtype != np.uint8:  # by the whole image's maximum, so that crops compare
-        crop = np.round(crop * (255.0 / max(int(image.max()), 255))).astype(np.uint8)
-    return np.ascontiguousarray(crop), first.astype(float)
+    part, first = crop(image, corners.min(axis=0), corners.max(axis=0),
+                       int(np.ceil(margin_px)) + _MARGIN_PX)
+    return np.ascontiguousarray(part), first.astype(float)
 
 
 def near_quad(uv: Array, quad: Array, slack_px: float) -> NDArray[np.bool_]:
-    """(n,) which points (n, 2) lie in a quad, or outside it by no more than the slack."""
+    """Return (n,) which points (n, 2) lie in a quad, or outside it by no more than the slack."""
     outline = np.ascontiguousarray(quad, dtype=np.float32)[:, None]
     return np.array([cv2.pointPolygonTest(outline, (float(u), float(v)), True) >= -slack_px
                      for u, v in uv], dtype=bool)
 
 
 def off_epipolar_px(rig: StereoRig, left: Array, right: Array) -> Array:
-    """(n,) distances of right pixels (n, 2) from the epipolar lines of the left ones, px."""
-    if not len(left):
-        return np.zeros(0)
+    """Return (n,) distances of right pixels (n, 2) from the epipolar lines of left ones, px."""
     lines = rig.epipolar_lines_right(left)
     off = np.abs(np.sum(lines * rig.right.rays(right), axis=1))
     return np.asarray(off / np.hypot(lines[:, 0], lines[:, 1]) * float(rig.right.K[1, 1]))
 
 
-def carry(uv: Array, source: Array, target: Array) -> Array:
-    """Map pixels (n, 2) by the homography that takes one quad (4, 2) to another."""
-    if not len(uv):
-        return np.zeros((0, 2))
+def transfer(uv: Array, source: Array, target: Array) -> Array:
+    """Return pixels (n, 2) mapped by the homography that takes one quad (4, 2) to another."""
     h = homography(source, target)
     out = np.column_stack([uv, np.ones(len(uv))]) @ h.T
     return np.asarray(out[:, :2] / out[:, 2:], np.float64)
 
 
 def homography(source: Array, target: Array) -> Array:
-    """(3, 3) that takes one quad (4, 2) to another."""
+    """Return the (3, 3) that takes one quad (4, 2) to another."""
     return np.asarray(cv2.getPerspectiveTransform(
         np.ascontiguousarray(source, dtype=np.float32),
         np.ascontiguousarray(target, dtype=np.float32)), dtype=np.float64)

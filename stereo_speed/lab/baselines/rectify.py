@@ -10,8 +10,6 @@ region that is needed is warped.  Disparity by semi-global matching (H. Hirschmu
 """
 from __future__ import annotations
 
-from typing import Any
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +17,9 @@ from numpy.typing import NDArray
 from ...core.records import Array
 from ...geometry.rig import StereoRig
 
-_BLOCK = 5
-_STEP = 16  # disparities come in multiples of this
+_BLOCK = 5  # side of the windows compared, px
+_STEP = 16  # OpenCV wants a number of disparities that is a multiple of this
+_FRACTION = 16  # and returns disparities in this part of a pixel
 
 
 class Rectifier:
@@ -37,53 +36,50 @@ class Rectifier:
         forward = np.array([0.0, 0.0, 1.0]) + rig.R[2]
         y = np.cross(forward, x)
         y /= np.linalg.norm(y)
-        self.turn = np.stack([x, y, np.cross(x, y)])  # left frame to virtual frame
+        self.rotation = np.stack([x, y, np.cross(x, y)])  # left frame to virtual frame
         self.f_px = float(rig.left.K[1, 1])
 
     def project(self, points_m: Array, late_m: Array) -> tuple[Array, Array]:
         """
-        Project points into the left virtual camera, whose axis meets the image at (0, 0).
+        Return points in the left virtual camera, whose axis meets the image at (0, 0).
 
         :param points_m: (..., 3), left optical frame.
         :param late_m: (..., 3) where they are when the right view is exposed.
         :return: (..., 2) px and (...,) disparities in px.
         """
-        at, late = np.asarray(points_m) @ self.turn.T, np.asarray(late_m) @ self.turn.T
+        at, late = np.asarray(points_m) @ self.rotation.T, np.asarray(late_m) @ self.rotation.T
         z, z_late = (np.where(p[..., 2] > 1e-6, p[..., 2], np.nan) for p in (at, late))
         right = (late[..., 0] - self.rig.baseline_m) / z_late
         return self.f_px * at[..., :2] / z[..., None], self.f_px * (at[..., 0] / z - right)
 
-    def region(self, image: NDArray[Any], right: bool, low: Array, size: tuple[int, int]
+    def region(self, image: NDArray[np.uint8], right: bool, low: Array, size: tuple[int, int]
                ) -> NDArray[np.uint8]:
         """
-        Warp a region of a raw view into the virtual camera.
+        Return a region of a raw view warped into the virtual camera.
 
         :param right: whether the image is the right view.
         :param low: (2,) its first column and row in the virtual image, px.
         :param size: width and height, px.
         """
         u, v = np.meshgrid(low[0] + np.arange(size[0]), low[1] + np.arange(size[1]))
-        rays = np.stack([u / self.f_px, v / self.f_px, np.ones_like(u)], axis=-1) @ self.turn
+        rays = np.stack([u / self.f_px, v / self.f_px, np.ones_like(u)], axis=-1) @ self.rotation
         camera = self.rig.right if right else self.rig.left
         rays = rays @ self.rig.R.T if right else rays
         uv = camera.distort(rays[..., :2] / rays[..., 2:]).astype(np.float32)
         out = cv2.remap(image, uv[..., 0], uv[..., 1], cv2.INTER_LINEAR,
                         borderMode=cv2.BORDER_CONSTANT, borderValue=0)
-        if out.dtype != np.uint8:
-            out = np.round(out * (255.0 / max(int(image.max()), 255))).astype(np.uint8)
-        return np.asarray(out)
+        return np.asarray(out, np.uint8)
 
-    def disparity(self, left: NDArray[Any], right: NDArray[Any], low: Array, high: Array,
+    def disparity(self, left: NDArray[np.uint8], right: NDArray[np.uint8], low: Array, high: Array,
                   span_px: tuple[float, float]) -> NDArray[np.float32]:
         """
-        Match a region.
+        Return the disparities of a region, px; NaN where there is none.
 
-        :param left: raw left view.
-        :param right: raw right view.
+        :param left: raw left view, 8 bits.
+        :param right: raw right view, 8 bits.
         :param low: (2,) first column and row of the region in the virtual image, whole px.
         :param high: (2,) the ones after its last.
         :param span_px: least and greatest disparity to look for.
-        :return: disparities, px; NaN where there is none.
         """
         least = int(np.floor(span_px[0]))
         count = _STEP * max(1, int(np.ceil((span_px[1] - least) / _STEP)))
@@ -97,6 +93,7 @@ class Rectifier:
             mode=cv2.STEREO_SGBM_MODE_SGBM)
         raw = matcher.compute(self.region(left, False, start, size),
                               self.region(right, True, start, size))
-        out = np.where(raw >= 16 * least, raw / np.float32(16), np.float32(np.nan))
+        out = np.where(raw >= _FRACTION * least, raw / np.float32(_FRACTION),
+                       np.float32(np.nan))
         wide = int(high[0] - low[0])
         return np.asarray(out[:, margin:margin + wide], np.float32)

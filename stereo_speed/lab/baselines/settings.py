@@ -1,6 +1,11 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The few numbers that only the baselines have; what they share with ours is ``TrackerConfig``."""
+"""
+The parameters that each baseline has alone; what it shares with all trackers is ``TrackerConfig``.
+
+The random walk of the speed, the number of particles, the weights of the likelihood and the limits
+of the verdict are shared, so that all trackers are given the same.
+"""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -9,37 +14,117 @@ from ...core.config import check_bounds, parameter
 
 
 @dataclass(frozen=True)
-class BaselineSettings:
-    """
-    Parameters of the baselines.
+class MotionSettings:
+    """How the velocity of a vehicle may change in the filter and the smoother of all baselines."""
 
-    The random walk of the speed, the number of particles, the weights of the likelihood and the
-    limits of the verdict are those of :class:`TrackerConfig`, so that all trackers are given the
-    same.
-    """
-
-    feature_std_px: float = parameter(
-        0.5, 0.01, 10.0, 'px', 'matching error of a feature in each view (2012, Section V-A)')
-    flow_std_px: float = parameter(
-        0.1, 0.01, 10.0, 'px', 'matching error of a point followed by optical flow in each view')
     along_rate_std: float = parameter(
         1.0, 0.0, 20.0, 'm/s/sqrt(s)', 'random walk of the velocity along itself: braking')
-    turn_rate_std: float = parameter(
+    across_rate_std: float = parameter(
         3.0, 0.0, 20.0, 'm/s/sqrt(s)', 'random walk of the velocity across itself, level: bends')
     climb_rate_std: float = parameter(
         0.3, 0.0, 20.0, 'm/s/sqrt(s)', 'random walk of the velocity across itself, up and down')
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+
+
+@dataclass(frozen=True)
+class PointSettings(MotionSettings):
+    """Baselines that measure the position of the front from triangulated points."""
+
+    match_std_px: float = parameter(
+        0.5, 0.01, 10.0, 'px', 'matching error of a point in each view (2012, Section V-A)')
+    common_std_px: float = parameter(
+        0.05, 0.0, 10.0, 'px', 'matching error in each view that all points of a pair share, '
+        'which their number does not average away')
+    centre_std_px: float = parameter(
+        0.3, 0.01, 10.0, 'px', 'error of the centre of the front as carried on by its points')
     bounce_std_m: float = parameter(
         0.03, 0.0, 0.5, 'm', 'bouncing of the front on its springs')
+    jolt_std_m: float = parameter(
+        0.2, 0.0, 5.0, 'm', 'jolts of the vehicle or the cameras, which no model of motion '
+        'foresees, in the check of a position against the prediction')
+    most_distance2: float = parameter(
+        16.3, 0.0, 1e4, '', 'squared Mahalanobis distance from the prediction beyond which a '
+        'position is of something else; of Gaussian errors, one in a thousand is beyond 16.3')
+    outlier_sigmas: float = parameter(
+        3.0, 0.5, 100.0, '', 'points further from the plane of the front, in robust standard '
+        'deviations, are not on it')
+    least_points: int = parameter(
+        3, 3, 1000, '', 'points, at least, that must agree on a position or a motion: with fewer, '
+        'agreement is chance')
+    most_epipolar_px: float = parameter(
+        1.5, 0.01, 50.0, 'px', 'matches further from their epipolar line are wrong')
+    most_motion_error_px: float = parameter(
+        1.5, 0.01, 50.0, 'px', 'points that move otherwise than the front by more are not on it')
+    first_side_share: float = parameter(
+        0.1, 0.001, 1.0, '', '1-sigma of the first velocity across the lane, as a share of the '
+        'expected speed')
+    first_climb_share: float = parameter(
+        0.02, 0.001, 1.0, '', 'the same up and down')
+
+
+@dataclass(frozen=True)
+class SiftSettings(PointSettings):
+    """Trackers of SIFT points: ``kalman`` and ``triangulation``."""
+
+    least_contrast: float = parameter(
+        0.015, 0.002, 0.5, '', 'contrast of a keypoint; fronts are small, and the 0.04 of Lowe '
+        'would leave a handful')
+    most_ratio: float = parameter(
+        0.85, 0.05, 1.0, '', 'distance of a match as a share of that of the second best: the '
+        'ratio test of Lowe')
+    most_offset_px: float = parameter(
+        4.0, 0.1, 200.0, 'px', 'how far a match may lie from where the prediction and its '
+        'uncertainty put it')
+
+
+@dataclass(frozen=True)
+class FlowSettings(PointSettings):
+    """``flow``: points followed by optical flow, which is more precise than SIFT."""
+
+    match_std_px: float = parameter(
+        0.1, 0.01, 10.0, 'px', 'matching error of a point in each view')
+    most_epipolar_px: float = parameter(
+        1.0, 0.01, 50.0, 'px', 'matches further from their epipolar line are wrong')
+    most_round_trip_px: float = parameter(
+        0.3, 0.001, 10.0, 'px', 'points that come back further from where they began are lost')
+    most_points: int = parameter(
+        60, 3, 1000, '', 'points followed at once; more take longer and gain little')
+    least_quality: float = parameter(
+        0.02, 0.0001, 1.0, '', 'strength of a corner as a share of that of the strongest')
+
+
+@dataclass(frozen=True)
+class UnconstrainedSettings(MotionSettings):
+    """``unconstrained``: particles with six degrees of freedom."""
+
     rotation_rate_std: float = parameter(
-        0.2, 0.0, 10.0, 'rad/s/sqrt(s)', 'random walk of the yaw rate of the free particle filter')
+        0.2, 0.0, 10.0, 'rad/s/sqrt(s)', 'random walk of the yaw rate')
     tilt_share: float = parameter(
-        0.1, 0.0, 1.0, '', 'the same of its pitch and roll rates, as a share of that of the yaw')
+        0.1, 0.0, 1.0, '', 'the same of the pitch and roll rates, as a share of that of the yaw')
+    first_side_share: float = parameter(
+        0.05, 0.0, 1.0, '', '1-sigma of the first velocity across the lane, as a share of the '
+        'expected speed')
+    first_climb_share: float = parameter(
+        0.02, 0.0, 1.0, '', 'the same up and down')
+
+
+@dataclass(frozen=True)
+class MultimodalSettings(MotionSettings):
+    """``multimodal``: particles weighed by disparity, grey levels and gradients."""
+
     disparity_std_px: float = parameter(
-        0.2, 0.01, 10.0, 'px', 'error of the mean disparity of a front in a disparity map')
+        0.2, 0.01, 10.0, 'px', 'error of the median disparity of a front in a disparity map')
+    least_disparity_share: float = parameter(
+        0.1, 0.0, 0.99, '', 'share of a front that must have a disparity for a comparison')
     lambda_colour: float = parameter(
         20.0, 0.0, 1e4, '', 'weight of the squared Bhattacharyya distance of the histograms')
     lambda_gradient: float = parameter(
         2.0, 0.0, 1e4, '', 'weight of the lacking gradient along the outline')
-
-    def __post_init__(self) -> None:
-        check_bounds(self)
+    least_similarity: float = parameter(
+        0.7, 0.0, 1.0, '', 'Bhattacharyya coefficient with the reference below which the vehicle '
+        'is not seen')
+    reference_rate: float = parameter(
+        0.1, 0.0, 1.0, '', 'share of a pair in the reference histograms, which do not change with '
+        'the scale')

@@ -19,7 +19,7 @@ from .constant_velocity import Gaussian, smooth, Transition
 from ...core.records import Array
 from ...estimation.weights import normalise_log_weights
 
-_DEGREES = (0, 1, 2)
+_DEGREES = (0, 1, 2)  # of the polynomials that are averaged
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +40,7 @@ class Profile:
 def smoothed_profile(filtered: Sequence[Gaussian], steps: Sequence[Transition],
                      seen: Sequence[bool]) -> Profile:
     """
-    Smooth a filtered pass of states (p, v).
+    Return the speeds of a filtered pass of states (p, v), smoothed.
 
     :param filtered: the beliefs of all pairs.
     :param steps: those between them.
@@ -51,50 +51,51 @@ def smoothed_profile(filtered: Sequence[Gaussian], steps: Sequence[Transition],
     return _profile(means[at, 3:], joint[np.ix_(at, at)][:, :, 3:, 3:])
 
 
-def fitted_profile(times_s: Array, places_m: Array, covs: Array) -> Profile:
+def fitted_profile(times_s: Array, positions_m: Array, covs: Array) -> Profile:
     """
-    Fit a polynomial of the time to the speeds between positions.
+    Return the speeds of a polynomial of the time through those between positions.
 
     Neighbouring speeds share a position, so their errors hang together: the covariance of all is
     D V D^T, with V the variances of the positions along the motion and D their differences.
 
     :param times_s: (n,), n >= 2.
-    :param places_m: (n, 3).
+    :param positions_m: (n, 3).
     :param covs: (n, 3, 3) of the positions.
     """
-    dt, steps = np.diff(times_s), np.diff(places_m, axis=0)
-    along = _directions(times_s, places_m)
-    # Lengths of noisy steps would be too long; ways along the motion are right on average.
-    way = np.sum(steps * 0.5 * (along[1:] + along[:-1]), axis=1)
+    dt, steps = np.diff(times_s), np.diff(positions_m, axis=0)
+    along = _directions(times_s, positions_m)
+    # Lengths of noisy steps are too long; their parts along the motion are right on average.
+    travel = np.sum(steps * 0.5 * (along[1:] + along[:-1]), axis=1)
     differences = np.diff(np.eye(len(times_s)), axis=0) / dt[:, None]
     variance = np.einsum('ni,nij,nj->n', along, covs, along)
     noise = differences @ np.diag(variance) @ differences.T
     span = max(float(np.ptp(times_s)), 1e-9)
     t = (times_s - times_s.mean()) / span
     middle = 0.5 * (t[1:] + t[:-1])
-    fits = [_fit(middle, way / dt, noise, degree) for degree in _DEGREES if degree < len(way)]
+    speeds = travel / dt
+    fits = [_fit(middle, speeds, noise, degree) for degree in _DEGREES if degree < len(speeds)]
     criteria = np.array([fit[2] for fit in fits])
     share = normalise_log_weights(-0.5 * criteria)
     designs = [np.vander(t, len(x), increasing=True) for x, _, _ in fits]
-    speeds = np.array([design @ x for design, (x, _, _) in zip(designs, fits)])
-    mean = share @ speeds
+    fitted = np.array([design @ x for design, (x, _, _) in zip(designs, fits)])
+    mean = share @ fitted
     joint = sum(w * (design @ cov @ design.T + np.outer(speed - mean, speed - mean))
-                for w, design, speed, (_, cov, _) in zip(share, designs, speeds, fits))
+                for w, design, speed, (_, cov, _) in zip(share, designs, fitted, fits))
     return Profile(mean, np.sqrt(np.diag(joint)), float(np.sqrt(joint.mean())))
 
 
-def _directions(times_s: Array, places_m: Array) -> Array:
-    """Give the directions (n, 3) of the motion: those of parabolas through the places."""
+def _directions(times_s: Array, positions_m: Array) -> Array:
+    """Return the directions (n, 3) of the motion: of parabolas through the positions."""
     t = times_s - times_s.mean()
     design = np.vander(t, min(len(t), _DEGREES[-1] + 1), increasing=True)
-    x = np.linalg.lstsq(design, places_m, rcond=None)[0]
+    x = np.linalg.lstsq(design, positions_m, rcond=None)[0]
     slopes = np.stack([k * t ** (k - 1) for k in range(1, len(x))], axis=1) @ x[1:]
     return np.asarray(slopes / np.maximum(np.linalg.norm(slopes, axis=1), 1e-9)[:, None])
 
 
 def _fit(t: Array, values: Array, noise: Array, degree: int) -> tuple[Array, Array, float]:
     """
-    Fit one polynomial by generalised least squares.
+    Return one polynomial, fitted by generalised least squares.
 
     :param noise: (n, n) covariance of the values.
     :return: coefficients, their covariance and the information criterion.
@@ -104,14 +105,14 @@ def _fit(t: Array, values: Array, noise: Array, degree: int) -> tuple[Array, Arr
     cov = np.linalg.inv(design.T @ design)
     x = cov @ (design.T @ wanted)
     rest = float(np.sum(np.square(wanted - design @ x)))
-    # Errors larger than told show in what is left.
+    # Errors larger than their covariance show in what is left.
     inflation = max(rest / max(len(t) - len(x), 1), 1.0)
     return x, np.asarray(cov * inflation, np.float64), rest + len(x) * float(np.log(len(t)))
 
 
 def _profile(velocity: Array, joint: Array) -> Profile:
     """
-    Turn velocities into speeds.
+    Return velocities as speeds.
 
     :param velocity: (n, 3).
     :param joint: (n, n, 3, 3) their joint covariance.

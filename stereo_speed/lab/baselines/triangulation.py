@@ -8,19 +8,20 @@ SIFT points are matched left to right and over time and triangulated optimally (
 velocity.  Here it is the mean displacement of the points seen in both pairs, robust and weighted
 by their covariances, or that of the front's centre on its plane, whichever is known better: a
 bare centroid jumps with the points that come and go.  Nothing is filtered over time; a Kalman
-filter only tells where to look next.  The speeds of the whole pass are those of a smooth curve
-through the places.
+filter only predicts where to look next.  The speeds of the whole pass are those of a smooth curve
+through the positions.
 """
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .common import Reading
-from .places import displacement, Place
+from .baseline import Estimate
+from .front_position import displacement, Measurement
 from .point_tracker import PointTracker
-from .points import PointSource
-from .settings import BaselineSettings
+from .settings import SiftSettings
 from .sift import SiftPoints
 from .speed_profile import fitted_profile, Profile
 from ...core.records import Array, StereoPair
@@ -28,48 +29,48 @@ from ...tracking.initialise import Placement
 from ...tracking.protocol import TrackStart
 
 
-class TriangulationTracker(PointTracker):
+class TriangulationTracker(PointTracker[SiftSettings]):
     """Report the motion of triangulated SIFT points from pair to pair."""
 
-    def __init__(self, start: TrackStart, placed: Placement, settings: BaselineSettings) -> None:
+    Settings = SiftSettings
+
+    def __init__(self, start: TrackStart, placed: Placement, settings: SiftSettings) -> None:
         super().__init__(start, placed, settings)
-        velocity, std = self._first_velocity()
-        self.velocity, self.velocity_cov = velocity, std ** 2 * np.eye(3)
-        self.cloud: dict[int, Array] = {}
-        self.places: list[Place] = []
-        self.at_ns: list[int] = []
+        self.velocity = self.belief.mean[3:]
+        self.velocity_cov = start.expected_std_mps ** 2 * np.eye(3)
+        self.points_m: dict[int, Array] = {}
+        self.positions: list[Measurement] = []
 
-    def _source(self) -> tuple[PointSource, float]:
-        return SiftPoints(self.rig), self.settings.feature_std_px
+    def _source(self) -> SiftPoints:
+        return SiftPoints(self.rig, self.settings)
 
-    def _take_in(self, ids: NDArray[np.int64], xyz: Array, place: Place,
-                 pair: StereoPair) -> None:
+    def _use_points(self, ids: NDArray[np.int64], xyz: Array, position: Measurement,
+                    pair: StereoPair) -> None:
         """Measure the velocity since the last pair it was seen in."""
-        if self.at_ns:
-            dt_s = (pair.stamp_ns - self.at_ns[-1]) * 1e-9
-            before = self.places[-1]
-            ways = [Place(place.mean - before.mean, place.cov + before.cov, place.used)]
-            again = np.array([int(i) in self.cloud for i in ids], dtype=bool)
-            if again.any():
-                old = np.array([self.cloud[int(i)] for i in ids[again]])
-                same = displacement(self.rig, old, xyz[again], self.axes[:, 0], self.std_px)
-                ways += [] if same is None else [same]
-            way = min(ways, key=lambda w: float(np.trace(w.cov)))
-            self.velocity, self.velocity_cov = way.mean / dt_s, way.cov / dt_s ** 2
-        self.cloud = {int(i): x for i, x in zip(ids, xyz)}
-        self.places.append(place)
-        self.at_ns.append(pair.stamp_ns)
+        if self.positions:
+            dt_s = (pair.stamp_ns - self.life.stamps_ns[-1]) * 1e-9
+            before = self.positions[-1]
+            motions = [Measurement(position.mean - before.mean, position.cov + before.cov,
+                                   position.used)]
+            known = np.array([int(i) in self.points_m for i in ids], dtype=bool)
+            if known.any():
+                old = np.array([self.points_m[int(i)] for i in ids[known]])
+                same = displacement(self.rig, old, xyz[known], self.axes[:, 0], self.settings)
+                motions += [] if same is None else [same]
+            motion = min(motions, key=lambda m: float(np.trace(m.cov)))
+            self.velocity, self.velocity_cov = motion.mean / dt_s, motion.cov / dt_s ** 2
+        self.points_m = {int(i): x for i, x in zip(ids, xyz)}
+        self.positions.append(position)
 
-    def _reading(self) -> Reading:
-        filtered = super()._reading()
+    def _estimate(self) -> Estimate:
+        own = replace(super()._estimate(), velocity_mps=self.velocity,
+                      velocity_cov=self.velocity_cov)
         if not self.seen or not self.seen[-1]:
-            return Reading(filtered.position_m, filtered.position_cov, self.velocity,
-                           self.velocity_cov, filtered.axes, filtered.quads)
-        place = self.places[-1]
-        return Reading(place.mean, place.cov, self.velocity, self.velocity_cov, filtered.axes,
-                       filtered.quads)
+            return own
+        position = self.positions[-1]
+        return replace(own, position_m=position.mean, position_cov=position.cov)
 
     def _profile(self) -> Profile:
-        times = (np.array(self.at_ns) - self.at_ns[0]) * 1e-9
-        return fitted_profile(times, np.array([p.mean for p in self.places]),
-                              np.array([p.cov for p in self.places]))
+        times = (np.array(self.life.stamps_ns) - self.life.stamps_ns[0]) * 1e-9
+        return fitted_profile(times, np.array([p.mean for p in self.positions]),
+                              np.array([p.cov for p in self.positions]))

@@ -5,24 +5,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from stereo_speed.geometry.camera import Camera
-from stereo_speed.geometry.rig import StereoRig
 from stereo_speed.lab.baselines.hartley_sturm import triangulate
 from stereo_speed.lab.baselines.matthies_shafer import covariances
 from stereo_speed.lab.sim.config import DISTORTED, straight_config
 from stereo_speed.lab.sim.scene import SimScene
 
 
-def parallel():
-    k = np.array([[1800.0, 0, 511.5], [0, 1800.0, 383.5], [0, 0, 1]])
-    cameras = [Camera(n, 1024, 768, k, np.zeros(0), 'plumb_bob') for n in ('left', 'right')]
-    return StereoRig(*cameras, np.eye(3), np.array([-0.5, 0, 0]))
-
-
-def test_depth_sigma_is_the_textbook_one():
+def test_depth_sigma_is_the_textbook_one(parallel):
     depth = np.array([20.0, 40.0, 80.0])
     points = np.column_stack([np.full(3, 0.25), np.zeros(3), depth])  # between the cameras
-    sigma = np.sqrt(covariances(parallel(), points, 0.5)[:, 2, 2])
+    sigma = np.sqrt(covariances(parallel, points, 0.5)[:, 2, 2])
     np.testing.assert_allclose(sigma, depth ** 2 / (1800 * 0.5) * 0.5 * np.sqrt(2), rtol=1e-3)
 
 

@@ -1,7 +1,7 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-From triangulated points on a front to the place of the front, and to its displacement.
+From triangulated points on a front to the position of the front, and to its displacement.
 
 Points come and go from pair to pair, so their bare centroid jumps.  The front is a plane across
 the motion (2012, Section III-A) of normal n: each point gives n.X, their robust mean is the
@@ -17,19 +17,15 @@ from numpy.typing import NDArray
 from scipy.stats import median_abs_deviation
 
 from .matthies_shafer import covariances
+from .settings import PointSettings
 from ...core.records import Array
 from ...geometry.rig import StereoRig
 
-LEAST_POINTS = 3
-_OUTLIER = 3.0  # robust standard deviations
-_COMMON_PX = 0.05  # matching error that all points of a pair share, each view
-_CENTRE_PX = 0.3  # how well the centre is carried from pair to pair
-
 
 @dataclass(frozen=True, eq=False)
-class Place:
+class Measurement:
     """
-    A measured place or way, m.
+    A measured position or displacement, m.
 
     :param mean: (3,).
     :param cov: (3, 3).
@@ -41,73 +37,75 @@ class Place:
     used: NDArray[np.bool_]
 
 
-def agreeing(values: Array, stds: Array) -> tuple[NDArray[np.bool_], float]:
+def agreeing(values: Array, stds: Array, outlier_sigmas: float
+             ) -> tuple[NDArray[np.bool_], float]:
     """
-    Find the values near their median.
+    Return which values are near their median.
 
     :param values: (n,).
     :param stds: (n,) as expected.
+    :param outlier_sigmas: robust standard deviations beyond which a value does not agree.
     :return: (n,) which, and by how much more they scatter than expected, at least 1.
     """
     ratio = (values - np.median(values)) / stds
     scale = max(1.0, float(median_abs_deviation(ratio, scale='normal')))
-    return np.abs(ratio) < _OUTLIER * scale, scale
+    return np.abs(ratio) < outlier_sigmas * scale, scale
 
 
-def place_of_front(rig: StereoRig, points_m: Array, centre_px: Array, normal: Array,
-                   std_px: float) -> Optional[Place]:
+def position_of_front(rig: StereoRig, points_m: Array, centre_px: Array, normal: Array,
+                      settings: PointSettings) -> Optional[Measurement]:
     """
-    Place a front's centre.
+    Return the position of a front's centre; None when too few points agree.
 
     :param points_m: (n, 3) triangulated points of the front.
     :param centre_px: (2,) its centre in the raw left view.
     :param normal: (3,) unit normal of its plane.
-    :param std_px: matching error of each point in each view.
-    :return: None when fewer than three points agree.
+    :param settings: errors of the points, and how many must agree.
     """
-    if len(points_m) < LEAST_POINTS:
+    if len(points_m) < settings.least_points:
         return None
-    covs = covariances(rig, points_m, std_px)
+    covs = covariances(rig, points_m, settings.match_std_px)
     var = np.einsum('i,nij,j->n', normal, covs, normal)
     along = points_m @ normal
-    used, scale = agreeing(along, np.sqrt(var))
-    if used.sum() < LEAST_POINTS:
+    used, scale = agreeing(along, np.sqrt(var), settings.outlier_sigmas)
+    if used.sum() < settings.least_points:
         return None
     weight = used / var
     d = float(weight @ along / weight.sum())
-    common = (_COMMON_PX / std_px) ** 2 * float(np.median(var))
+    common = (settings.common_std_px / settings.match_std_px) ** 2 * float(np.median(var))
     ray = rig.left.rays(centre_px)
     slant = float(ray @ normal)
     mean = ray * d / slant
     by_d = ray / slant
     by_ray = d / slant * (np.eye(3) - np.outer(ray, normal) / slant)
-    spread = _CENTRE_PX * np.array([1 / rig.left.K[0, 0], 1 / rig.left.K[1, 1], 0.0])
+    spread = settings.centre_std_px * np.array(
+        [1 / rig.left.K[0, 0], 1 / rig.left.K[1, 1], 0.0])
     cov = (scale ** 2 / weight.sum() + common) * np.outer(by_d, by_d) \
         + by_ray @ np.diag(spread ** 2) @ by_ray.T
-    return Place(mean, cov, used)
+    return Measurement(mean, cov, used)
 
 
 def displacement(rig: StereoRig, before_m: Array, after_m: Array, normal: Array,
-                 std_px: float) -> Optional[Place]:
+                 settings: PointSettings) -> Optional[Measurement]:
     """
-    Measure how far the same points moved: the mean over those that agree.
+    Return how far the same points moved, the mean over those that agree; None when too few do.
 
     :param before_m: (n, 3).
     :param after_m: (n, 3), point by point.
     :param normal: (3,) direction in which agreement is judged: that of the depth errors.
-    :param std_px: matching error of each point in each view.
-    :return: None when fewer than three points agree.
+    :param settings: errors of the points, and how many must agree.
     """
-    if len(before_m) < LEAST_POINTS:
+    if len(before_m) < settings.least_points:
         return None
-    covs = covariances(rig, before_m, std_px) + covariances(rig, after_m, std_px)
-    way = after_m - before_m
+    covs = covariances(rig, before_m, settings.match_std_px) \
+        + covariances(rig, after_m, settings.match_std_px)
+    motion = after_m - before_m
     var = np.einsum('i,nij,j->n', normal, covs, normal)
-    used, scale = agreeing(way @ normal, np.sqrt(var))
-    if used.sum() < LEAST_POINTS:
+    used, scale = agreeing(motion @ normal, np.sqrt(var), settings.outlier_sigmas)
+    if used.sum() < settings.least_points:
         return None
     information = np.linalg.inv(covs[used])
     cov = np.linalg.inv(information.sum(axis=0))
-    mean = cov @ np.einsum('nij,nj->i', information, way[used])
-    common = (_COMMON_PX / std_px) ** 2 * np.median(covs[used], axis=0)
-    return Place(mean, scale ** 2 * cov + common, used)
+    mean = cov @ np.einsum('nij,nj->i', information, motion[used])
+    common = (settings.common_std_px / settings.match_std_px) ** 2 * np.median(covs[used], axis=0)
+    return Measurement(mean, scale ** 2 * cov + common, used)

@@ -3,7 +3,7 @@
 """
 A front followed by particles: the loop that both particle filters of the baselines share.
 
-Predict, weigh, resample (2012, eq. 1-3); tell the mean and the covariance.  What a state is, how
+Predict, weigh, resample (2012, eq. 1-3); report the mean and the covariance.  What a state is, how
 it moves and how the images score it is each filter's own.
 """
 from __future__ import annotations
@@ -13,9 +13,8 @@ from abc import abstractmethod
 import numpy as np
 from numpy.typing import NDArray
 
-from .common import Baseline, Reading
+from .baseline import Baseline, Estimate, OwnSettings
 from .constant_velocity import directional_rate, Gaussian, Transition, transition
-from .settings import BaselineSettings
 from .speed_profile import Profile, smoothed_profile
 from ...core.records import Array, StereoPair
 from ...estimation.particle_filter import weigh
@@ -24,10 +23,10 @@ from ...estimation.weights import (
 from ...tracking.initialise import Placement
 from ...tracking.protocol import TrackStart
 
-_LEAST_SPREAD = 1e-6  # a cloud collapsed onto a point still has some width, m^2 or m^2/s^2
+_LEAST_SPREAD = 1e-6  # particles collapsed onto a point still have a width, m^2 or m^2/s^2
 
 
-class CloudTracker(Baseline):
+class ParticleTracker(Baseline[OwnSettings]):
     """
     Follow a front by particles; see the module's docstring and :class:`Baseline`.
 
@@ -37,7 +36,7 @@ class CloudTracker(Baseline):
     states: Array
     freedom: int  # unknowns of a state that are free of one another
 
-    def __init__(self, start: TrackStart, placed: Placement, settings: BaselineSettings) -> None:
+    def __init__(self, start: TrackStart, placed: Placement, settings: OwnSettings) -> None:
         super().__init__(start, placed, settings)
         self.log_weights = np.zeros(self.config.particles)
         self.filtered: list[Gaussian] = []
@@ -53,27 +52,27 @@ class CloudTracker(Baseline):
 
     @abstractmethod
     def _score(self, pair: StereoPair, lag_s: float) -> Array:
-        """(N,) log-likelihood of a pair; -inf where the front would not be seen."""
+        """Return the (N,) log-likelihood of a pair; -inf where the front would not be seen."""
 
     @abstractmethod
     def _accept(self, pair: StereoPair, lag_s: float) -> bool:
-        """Check the mean state against the pair, and learn from it when it is the vehicle."""
+        """Return whether the mean state shows the vehicle; learn from it if it does."""
 
     @abstractmethod
     def _quads(self, states: Array, lag_s: float = 0.0) -> tuple[Array, Array]:
-        """(N, 4, 2) corners in the left view, and in the right one ``lag_s`` later, raw px."""
+        """Return (N, 4, 2) corners in the left view, and in the right one ``lag_s`` later, px."""
 
     @abstractmethod
     def _axes(self, states: Array) -> Array:
-        """(N, 3, 3) heading, left and up."""
+        """Return the (N, 3, 3) axes: heading, left and up."""
 
     @abstractmethod
     def _centres(self, states: Array) -> Array:
-        """(N, 3) centres of the front, m."""
+        """Return the (N, 3) centres of the front, m."""
 
     @abstractmethod
     def _velocities(self, states: Array) -> Array:
-        """(N, 3) their velocities, m/s."""
+        """Return the (N, 3) velocities of the centres, m/s."""
 
     # -- the loop ---------------------------------------------------------------------------
 
@@ -84,12 +83,12 @@ class CloudTracker(Baseline):
             self._move(dt_s)
 
     def _observe(self, pair: StereoPair, lag_s: float) -> bool:
-        """Weigh, resample, learn; the cloud as predicted when the vehicle is not seen."""
+        """Weigh, resample, learn; keep the particles as predicted when the vehicle is not seen."""
         before = self.states.copy(), self.log_weights.copy()
         seen = self._weigh(pair, lag_s) and self._accept(pair, lag_s)
         if not seen:
             self.states, self.log_weights = before
-        self._remember(seen)
+        self._record(seen)
         return seen
 
     def _weigh(self, pair: StereoPair, lag_s: float) -> bool:
@@ -105,7 +104,7 @@ class CloudTracker(Baseline):
 
     def _spread(self, weights: Array, ancestors: NDArray[np.intp]) -> None:
         """
-        Resample with a Gaussian kernel, shrunk so that the cloud's moments stay.
+        Resample with a Gaussian kernel, shrunk so that the moments stay.
 
         (Liu and West 2001 shrink; Musso, Oudjane and Le Gland 2001 give the width.)
         """
@@ -117,8 +116,8 @@ class CloudTracker(Baseline):
         noise = self.rng.standard_normal(self.states.shape) @ root.T
         self.states = mean + np.sqrt(1 - h * h) * (self.states[ancestors] - mean) + h * noise
 
-    def _remember(self, seen: bool) -> None:
-        """Keep the cloud's moments for the whole pass."""
+    def _record(self, seen: bool) -> None:
+        """Keep the moments of the particles for the whole pass."""
         mean, cov = self._moments()
         if self.filtered:
             tries = self.config.manoeuvre_probability
@@ -126,53 +125,53 @@ class CloudTracker(Baseline):
                             + tries * self.settings.along_rate_std ** 2)
             rate = directional_rate(
                 mean[3:] + 1e-6, self._mean_axes()[:, 2], float(along),
-                self.settings.turn_rate_std, self.settings.climb_rate_std)
+                self.settings.across_rate_std, self.settings.climb_rate_std)
             self.steps.append(transition(self._dt_s, rate))
         self.filtered.append(Gaussian(mean, cov + _LEAST_SPREAD * np.eye(6)))
         self.seen.append(seen)
 
     def _manoeuvres(self, usual_std: float, unusual_std: float) -> Array:
         """
-        Draw the deviation of each particle's noise: a few of them try a manoeuvre.
+        Return the deviation of each particle's noise: a few of them try a manoeuvre.
 
-        Without them a cloud has no particle where a braking vehicle goes, and never recovers.
+        Without them there is no particle where a braking vehicle goes, and no recovery.
 
         :return: (N,).
         """
         tries = self.rng.random(len(self.states)) < self.config.manoeuvre_probability
         return np.where(tries, max(usual_std, unusual_std), usual_std)
 
-    # -- what is told -----------------------------------------------------------------------
+    # -- what is reported -------------------------------------------------------------------
 
     def _moments(self) -> tuple[Array, Array]:
-        """Mean (6,) and covariance of place and velocity."""
+        """Return the mean (6,) and the covariance of position and velocity."""
         both = np.hstack([self._centres(self.states), self._velocities(self.states)])
         return mean_and_covariance(normalise_log_weights(self.log_weights), both)
 
     def _mean_axes(self) -> Array:
-        """Rotation (3, 3) nearest to the mean of the particles' axes."""
+        """Return the rotation (3, 3) nearest to the mean of the particles' axes."""
         mean = np.tensordot(normalise_log_weights(self.log_weights), self._axes(self.states), 1)
         u, _, v = np.linalg.svd(mean)
         return np.asarray(u @ v)
 
     def _mean_quads(self, lag_s: float = 0.0) -> tuple[Array, Array]:
-        """Mean quads (1, 4, 2): the 2-D sub-states' posterior means (eq. 3)."""
+        """Return the mean quads (1, 4, 2): the 2-D sub-states' posterior means (eq. 3)."""
         weights = normalise_log_weights(self.log_weights)
         left, right = self._quads(self.states, lag_s)
         return _mean(weights, left)[None], _mean(weights, right)[None]
 
-    def _reading(self) -> Reading:
+    def _estimate(self) -> Estimate:
         mean, cov = self._moments()
         left, right = self._mean_quads()
-        return Reading(mean[:3], cov[:3, :3], mean[3:], cov[3:, 3:], self._mean_axes(),
-                       (left[0], right[0]))
+        return Estimate(mean[:3], cov[:3, :3], mean[3:], cov[3:, 3:], self._mean_axes(),
+                        (left[0], right[0]))
 
     def _profile(self) -> Profile:
         return smoothed_profile(self.filtered, self.steps, self.seen)
 
 
 def _mean(weights: Array, quads: Array) -> Array:
-    """Weighted mean (4, 2) of the quads (N, 4, 2) that are in front of the camera."""
+    """Return the weighted mean (4, 2) of the quads (N, 4, 2) in front of the camera."""
     w = weights * np.isfinite(quads).all(axis=(1, 2))
     total = w.sum()
     if not total > 0:
