@@ -96,7 +96,7 @@ def _is_in_view(config: SimConfig, seed: int) -> bool:
             picks = np.array(line[view])
             if len(picks) < 2 or np.ptp(picks, axis=0).max() < _LEAST_LINE_PX:
                 return False
-    seen = [scene.visible(config.vehicles[0], i / config.fps) for i in range(_LEAST_PAIRS)]
+    seen = [scene.visible(scene.vehicles[0], i / config.fps) for i in range(_LEAST_PAIRS)]
     return all(seen)
 
 

@@ -8,11 +8,11 @@ from .config import (
 from .props import (
     DAY, DUSK, LightConfig, OVERCAST, ParkedConfig, PersonConfig, PoleConfig, TreeConfig)
 from .sequence import SimSequence, simulate
-from .traffic import stream_traffic, TrafficPair, TrafficStream
+from .traffic import TrafficPair, TrafficStream
 from .traffic_config import traffic_config, TrafficConfig
 
 __all__ = [
     'DAY', 'DUSK', 'LightConfig', 'OVERCAST', 'ParkedConfig', 'PersonConfig', 'PoleConfig',
     'RIGS', 'RigConfig', 'RoadConfig', 'SimConfig', 'SimSequence', 'TrafficConfig',
     'TrafficPair', 'TrafficStream', 'TreeConfig', 'VehicleConfig', 'circle_config', 'simulate',
-    'straight_config', 'stream_traffic', 'traffic_config']
+    'straight_config', 'traffic_config']

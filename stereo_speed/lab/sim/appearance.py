@@ -1,77 +1,23 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Bodies of traffic: sizes of the kinds of vehicles, and their textured faces."""
+"""What vehicles look like: the textured planes of their bodies."""
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from typing import Callable, Optional
 
 import cv2
 import numpy as np
 
+from .bodies import BodyConfig
 from .planes import Plane, Texture
 from .scene import FrontPose
 from .texture import Canvas, front_texture, Image, octaves
 from ...core.records import Array
 
-TEXEL_M = 0.01  # of all faces but the front and the rear
-DIRT = 4  # texels are the finest of the dirt
-GLASS = (24.0, 48.0)
-
-
-@dataclass(frozen=True, kw_only=True)
-class BodyConfig:
-    """
-    Size of a body; the tracked face (front, or rear of a receding vehicle) is flat.
-
-    :param kind: its name.
-    :param length_m: from front to rear, m.
-    :param width_m: of body, front and rear, m.
-    :param roof_m: height of the roof, or of the load's top, above the road, m.
-    :param face_m: height of the flat front, m.
-    :param rear_m: height of the flat rear, m.
-    :param clearance_m: height of both lower edges above the road, m.
-    :param bonnet_m: length of the bonnet; 0 for none.
-    :param screen_m: length of the slanting windscreen, seen from above; 0 for none.
-    :param cab_m: length of a cab lower than the load; 0 for none.
-    """
-
-    kind: str = 'car'
-    length_m: float = 4.4
-    width_m: float = 1.8
-    roof_m: float = 1.46
-    face_m: float = 0.8
-    rear_m: float = 0.85
-    clearance_m: float = 0.25
-    bonnet_m: float = 1.1
-    screen_m: float = 0.7
-    cab_m: float = 0.0
-
-
-BODIES = {
-    'car': BodyConfig(),
-    'suv': BodyConfig(kind='suv', length_m=4.7, width_m=1.9, roof_m=1.72, face_m=0.9, rear_m=1.0,
-                      clearance_m=0.28, bonnet_m=1.0, screen_m=0.6),
-    'van': BodyConfig(kind='van', length_m=5.6, width_m=2.0, roof_m=2.45, face_m=0.95,
-                      rear_m=2.1, clearance_m=0.3, bonnet_m=0.55, screen_m=0.85),
-    'truck': BodyConfig(kind='truck', length_m=9.5, width_m=2.45, roof_m=3.5, face_m=2.35,
-                        rear_m=2.9, clearance_m=0.4, bonnet_m=0.0, screen_m=0.0, cab_m=2.0),
-}
-
-
-def draw_body_size(kind: str, rng: np.random.Generator) -> BodyConfig:
-    """
-    Draw a vehicle of a kind: no two are quite of one size.
-
-    :param kind: one of ``BODIES``.
-    :param rng: source of randomness.
-    """
-    body = BODIES[kind]
-    length, width, height = rng.normal(1.0, (0.05, 0.025, 0.03))
-    return replace(
-        body, length_m=body.length_m * length, width_m=body.width_m * width,
-        roof_m=body.roof_m * height, face_m=body.face_m * height, rear_m=body.rear_m * height,
-        clearance_m=body.clearance_m * rng.uniform(0.85, 1.15))
+TEXEL_M = 0.01  # of all planes but the front and the rear
+DIRT = 4  # size of the finest dirt, texels
+RELIEF_BUMPS = 12  # of the finest relief, side by side across a front
+GLASS = (24.0, 48.0)  # darkest and brightest grey level of a pane
 
 
 def _finish(canvas: Canvas, rng: np.random.Generator, texel_m: float, shade: float = 0.15,
@@ -134,7 +80,7 @@ def _side(rng: np.random.Generator, body: BodyConfig, paint: float) -> Texture:
     def at(back_m: float, up_m: float) -> tuple[float, float]:
         return back_m / body.length_m, 1 - up_m / body.roof_m
     L, low, roof = body.length_m, body.clearance_m, body.roof_m
-    top = low + body.face_m
+    top = low + body.front_m
     if body.cab_m:
         outline = [at(0, low), at(0, top), at(body.cab_m, top), at(body.cab_m, roof), at(L, roof),
                    at(L, low)]
@@ -193,66 +139,70 @@ def _sheet(rng: np.random.Generator, width_m: float, length_m: float, paint: flo
     return Texture.of(_finish(canvas, rng, 2 * TEXEL_M, 0.06, 2.0))
 
 
-class BodyLook:
+class Appearance:
     """
     What a vehicle looks like.
 
-    :param body: its size.
-    :param rear: make the textured rear instead of the front the tracked face.
+    :param body: its size and finish; a body without a kind is a front alone.
+    :param rear: track its rear instead of its front.
     :param rng: source of its textures.
     """
 
     def __init__(self, body: BodyConfig, rear: bool, rng: np.random.Generator) -> None:
         self.body, self.rear = body, rear
-        face = (body.width_m, body.rear_m if rear else body.face_m)
-        front = front_texture(rng, body.width_m, body.face_m)
-        paint = float(np.median(front)) if body.kind != 'truck' else rng.uniform(60, 170)
-        self.face = Texture.of(rear_texture(rng, *face, paint) if rear else front)
-        self.under = Texture.plain(22.0)
-        left = _side(rng, body, paint)
-        self.sides = (_flipped(left), left)  # right and left
-        width = body.width_m
-        long = body.length_m
-        self.roof = _sheet(rng, width, long, paint * 1.08)
-        self.bonnet = _sheet(rng, width, max(body.bonnet_m, 0.5), paint * 1.03)
-        self.screen = _sheet(rng, width, 1.0, rng.uniform(*GLASS), paint * 0.8)
-        self.load = Texture.plain(paint * 0.9)
+        image = front_texture(rng, body.width_m, body.front_m)
+        paint = float(np.median(image)) if body.kind != 'truck' else rng.uniform(60, 170)
+        if rear:
+            image = rear_texture(rng, body.width_m, body.rear_m, paint)
+        mean = image.mean()
+        self.tracked = Texture.of(np.clip(mean + body.contrast * (image - mean), 5, 250))
+        if body.kind:
+            left = _side(rng, body, paint)
+            self.sides = (_flipped(left), left)  # right and left
+            width = body.width_m
+            self.roof = _sheet(rng, width, body.length_m, paint * 1.08)
+            self.bonnet = _sheet(rng, width, max(body.bonnet_m, 0.5), paint * 1.03)
+            self.screen = _sheet(rng, width, 1.0, rng.uniform(*GLASS), paint * 0.8)
+            self.load = Texture.plain(paint * 0.9)
+            self.under = Texture.plain(22.0)
+        rows, columns = image.shape
+        self.relief_m: Optional[Image] = None
+        if body.relief_m:
+            bumps = octaves(rng, rows, columns, max(rows, columns) // RELIEF_BUMPS)
+            self.relief_m = np.float32(body.relief_m) * bumps
 
     def planes(self, pose: FrontPose) -> list[Plane]:
         """
-        Place the faces in the order of drawing, the tracked face last.
+        Return the planes of the body in the order of drawing, the tracked front last.
 
-        :param pose: place of the tracked face: of the front, or of the rear when receding.
+        :param pose: place of the tracked front.
         """
-        body = self.body
+        body, rear = self.body, self.rear
+        corners = pose.corners_m
+        tracked = Plane(corners[0], corners[1] - corners[0], corners[3] - corners[0],
+                        self.tracked, True, self.relief_m)
+        if not body.kind:
+            return [tracked]
         # A frame at the front, whatever is tracked: back, left, up.
-        front = body.length_m if self.rear else 0.0
+        front = body.length_m if rear else 0.0
 
         def at(back: float, left: float, up: float) -> Array:
             return np.asarray(pose.ground_m + pose.axes @ np.array([front - back, left, up]))
         along, left, up = pose.axes.T
         half, low, roof, long = body.width_m / 2, body.clearance_m, body.roof_m, body.length_m
-        planes = [Plane(at(long, -half, roof), along * long, -up * roof, self.sides[0]),
-                  Plane(at(0, half, roof), -along * long, -up * roof, self.sides[1])]
-        if self.rear:
-            planes += [Plane(at(long, half - 0.1, low), -left * 2 * (half - 0.1), -up * 0.8 * low,
-                             self.under)]
-            planes += self._tops(at)
-            planes.append(Plane(at(long, half, low + body.rear_m), -left * 2 * half,
-                                -up * body.rear_m, self.face, True))
-            return planes
-        planes += [Plane(at(0, 0.1 - half, low), left * 2 * (half - 0.1), -up * 0.8 * low,
-                         self.under)]
-        planes += self._tops(at)
-        planes.append(Plane(at(0, -half, low + body.face_m), left * 2 * half, -up * body.face_m,
-                            self.face, True))
-        return planes
+        # The space below the body as the camera sees it: its left is the right of who comes.
+        side = half - 0.1 if rear else 0.1 - half
+        return [
+            Plane(at(long, -half, roof), along * long, -up * roof, self.sides[0]),
+            Plane(at(0, half, roof), -along * long, -up * roof, self.sides[1]),
+            Plane(at(long if rear else 0, side, low), -left * 2 * side, -up * 0.8 * low,
+                  self.under), *self._tops(at), tracked]
 
     def _tops(self, at: Callable[[float, float, float], Array]) -> list[Plane]:
-        """Place roof, windscreen and bonnet, or what a receding vehicle shows above its rear."""
+        """Return roof, windscreen and bonnet, or what a receding vehicle shows above its rear."""
         body = self.body
         half, long, roof = body.width_m / 2, body.length_m, body.roof_m
-        top = body.clearance_m + body.face_m
+        top = body.clearance_m + body.front_m
 
         def sloping(back0: float, up0: float, back1: float, up1: float, texture: Texture,
                     ) -> Plane:

@@ -13,7 +13,7 @@ from typing import Optional
 
 import numpy as np
 
-from .appearance import BodyConfig
+from .bodies import BodyConfig
 from .kinematics import smooth_step
 from .traffic_config import TrafficConfig
 

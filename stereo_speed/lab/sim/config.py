@@ -7,13 +7,15 @@ from dataclasses import dataclass, replace
 import math
 from typing import Any, Optional
 
+from .bodies import BODIES, BodyConfig
 from .props import (
     LightConfig, ParkedConfig, PersonConfig, PoleConfig, TreeConfig)
 from ...core.errors import InputError
 from ...core.units import parse_speed
 
 Knots = tuple[tuple[float, float], ...]
-KINDS = ('', 'car', 'suv', 'van', 'truck')
+
+ROOF_RISE_M = 0.2  # least height of a roof above the front
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,8 +61,8 @@ class RoadConfig:
     :param clothoid_m: length over which the curvature changes, m.
     :param grade: rise over plan distance along the road, positive uphill in travel direction.
     :param lanes: number of lanes, 1 to 3; lane 0 is the rightmost.
-    :param lane_width_m: distance of two painted lines, centre to centre, m.
-    :param paint_width_m: width of a painted line, m.
+    :param lane_width_m: distance of two lane markings, centre to centre, m.
+    :param marking_width_m: width of a lane marking, m.
     :param dash_m: length of a dash of the inner lines, m.
     :param gap_m: gap between two dashes, m.
     :param receding: lanes whose vehicles drive the other way and show their rears.
@@ -72,7 +74,7 @@ class RoadConfig:
     grade: float = 0.0
     lanes: int = 2
     lane_width_m: float = 3.7
-    paint_width_m: float = 0.15
+    marking_width_m: float = 0.15
     dash_m: float = 3.0
     gap_m: float = 6.0
     receding: tuple[int, ...] = ()
@@ -81,7 +83,9 @@ class RoadConfig:
 @dataclass(frozen=True, kw_only=True)
 class VehicleConfig:
     """
-    One vehicle: a flat textured front that moves with the frame of its lane's path.
+    One vehicle, which moves with the frame of its lane's path.
+
+    Its front is what is tracked; in a receding lane the rear is, and has its size and finish.
 
     :param speed_mps: path speed at the start, m/s.
     :param accel_mps2: constant acceleration along the path, m/s^2; the speed stops at zero.
@@ -95,11 +99,10 @@ class VehicleConfig:
     :param front_width_m: width of the front, m.
     :param front_height_m: height of the front, m.
     :param clearance_m: height of the front's lower edge above the road, m.
-    :param body: draw a plain bonnet, windscreen, roof, sides and shadow behind the front.
     :param texture_contrast: scale of the front's grey-level detail; 1 is that of a real car.
     :param relief_m: standard deviation of the front's depth: grilles lie deeper than bumpers.
-    :param kind: ``car``, ``suv``, ``van`` or ``truck`` for a textured body of that kind behind
-        the front; empty for the plain one.
+    :param kind: ``car``, ``suv``, ``van`` or ``truck`` for the body behind the front; empty for
+        a front alone.
     """
 
     speed_mps: float = 24.58720
@@ -111,10 +114,20 @@ class VehicleConfig:
     front_width_m: float = 1.8
     front_height_m: float = 0.8
     clearance_m: float = 0.25
-    body: bool = True
     texture_contrast: float = 1.0
     relief_m: float = 0.0
-    kind: str = ''
+    kind: str = 'car'
+
+    @property
+    def body(self) -> BodyConfig:
+        """Return the body behind the front."""
+        kind = BODIES[self.kind]
+        top = self.clearance_m + self.front_height_m
+        return replace(
+            kind, width_m=self.front_width_m, front_m=self.front_height_m,
+            rear_m=self.front_height_m, clearance_m=self.clearance_m,
+            roof_m=max(kind.roof_m, top + ROOF_RISE_M), relief_m=self.relief_m,
+            contrast=self.texture_contrast)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -136,26 +149,26 @@ class SimConfig:
     :param pairs: most pairs; None for as many as there are until ``near_m``.
     :param fps: nominal pair rate, 1/s.
     :param stamp_jitter_s: standard deviation of the exposure times about the nominal ones, s;
-        the stamps tell the true times.
-    :param right_stamp_jitter_s: largest error of the right stamps, which do not tell the true
+        the stamps are the true times.
+    :param right_stamp_jitter_s: largest error of the right stamps, which are not the true
         times, s.
     :param drop: indices of pairs that get lost.
     :param noise_grey: standard deviation of the sensor noise, grey levels.
     :param right_gain: gain of the right view against the left one.
     :param right_offset_grey: offset of the right view against the left one, grey levels.
     :param exposure: brightness of the scene, 1 is daylight, 0.35 is dusk.
-    :param picks: picks on each painted line and view.
-    :param pick_std_px: scatter of the picks, px.
-    :param init_std_px: scatter of the marked corners, px.
+    :param picks: clicked points on each marked line and view.
+    :param pick_std_px: scatter of the clicked points, px.
+    :param init_std_px: scatter of the corners of the initial fronts, px.
     :param speed_limit: as in the site file.
     :param name: name of the site.
     :param origin_ns: first stamp, ns.
     :param rig_moved_deg: pan to the right, tilt upwards and roll clockwise, degrees, by which
-        the right camera has turned about its own centre since the calibration: the images, the
-        picks and the marks are those of the turned camera, ``rig`` and ``CameraInfo`` those of
-        the calibration.
+        the right camera has rotated about its own centre since the calibration: the images, the
+        clicked points and the initial fronts are those of the rotated camera, ``rig`` and
+        ``CameraInfo`` those of the calibration.
     :param gaps_s: times from and to which no pair arrives, s.
-    :param right_delay_s: how much later the right camera exposes, as its stamps tell, s.
+    :param right_delay_s: how much later the right camera exposes, as its stamps show, s.
     :param poles: poles between camera and road.
     :param people: who walks beside the road.
     :param trees: trees in the wind.
@@ -196,12 +209,6 @@ class SimConfig:
     parked: tuple[ParkedConfig, ...] = ()
     light: Optional[LightConfig] = None
 
-    @property
-    def staged(self) -> bool:
-        """Whether there is more to draw than plain approaching vehicles on an empty road."""
-        return bool(self.poles or self.people or self.trees or self.parked or self.light
-                    or self.road.receding or any(v.kind for v in self.vehicles))
-
     def __post_init__(self) -> None:
         """Refuse what cannot be drawn."""
         _want(1 <= self.road.lanes <= 3, 'road.lanes', self.road.lanes, '1, 2 or 3')
@@ -211,7 +218,8 @@ class SimConfig:
             _want(vehicle.front_width_m > 0 and vehicle.front_height_m > 0,
                   'vehicle front', (vehicle.front_width_m, vehicle.front_height_m),
                   'a positive width and height in m')
-            _want(vehicle.kind in KINDS, 'vehicle.kind', vehicle.kind, 'one of ' + repr(KINDS))
+            _want(vehicle.kind in BODIES, 'vehicle.kind', vehicle.kind,
+                  'one of ' + repr(tuple(BODIES)))
         _want(all(0 <= lane < self.road.lanes for lane in self.road.receding), 'road.receding',
               self.road.receding, f'lanes below {self.road.lanes}')
         _want(len(self.vehicles) > 0, 'vehicles', 0, 'at least one')

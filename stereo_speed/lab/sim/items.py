@@ -10,11 +10,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .planes import Eye, Plane
+from .planes import Box, Eye, Plane
 from .texture import Image
 from ...core.records import Array
-
-Box = tuple[int, int, int, int]
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +28,7 @@ class Footprint:
     across_m: tuple[float, float]
 
     def behind(self, other: Footprint) -> int:
-        """Return 1 when the other one may hide this, -1 when this may hide it, 0 for neither."""
+        """Return 1 when the other one may occlude this, -1 for the reverse, 0 for neither."""
         for mine, its in ((self.along_m, other.along_m), (self.across_m, other.across_m)):
             # With a line between both, the one on the camera's side of it is in front.
             if mine[1] <= its[0]:
@@ -41,38 +39,15 @@ class Footprint:
 
 
 @dataclass(frozen=True, eq=False)
-class Sprite:
-    """
-    A picture that stays in its place in a view.
-
-    :param box: first and last column and row (half open).
-    :param colour: grey times cover.
-    :param alpha: cover.
-    """
-
-    box: Box
-    colour: Image
-    alpha: Image
-
-    def paint(self, image: Image) -> None:
-        """Paint it over an image, in place."""
-        u0, u1, v0, v1 = self.box
-        target = image[v0:v1, u0:u1]
-        target *= 1 - self.alpha
-        target += self.colour
-
-
-@dataclass(frozen=True, eq=False)
 class Item:
     """
     Something to be painted.
 
     :param footprint: for the order.
-    :param planes: its faces, left optical frame, in the order of drawing.
+    :param planes: its sides, left optical frame, in the order of drawing.
     :param hull_m: (n, 3) points whose hull is its silhouette.
-    :param sprites: left and right picture in place of the faces; None for what moves.
     :param vehicle: number of the vehicle, or None.
-    :param face_m: (4, 3) corners of the tracked face of a vehicle.
+    :param front_m: (4, 3) corners of the tracked front of a vehicle.
     :param lamps_m: (n, 3) lit lamps.
     :param lamp_size_m: radius of their glow.
     """
@@ -80,54 +55,30 @@ class Item:
     footprint: Footprint
     planes: list[Plane]
     hull_m: Array
-    sprites: Optional[tuple[Optional[Sprite], Optional[Sprite]]] = None
     vehicle: Optional[int] = None
-    face_m: Optional[Array] = None
+    front_m: Optional[Array] = None
     lamps_m: Array = field(default_factory=lambda: np.zeros((0, 3)))
     lamp_size_m: float = 0.22
 
 
-def faces(eye: Eye, plane: Plane) -> bool:
-    """Say whether a plane turns the side with its texture to a camera."""
+def faces_camera(eye: Eye, plane: Plane) -> bool:
+    """Return whether a plane turns the side with its texture to a camera."""
     return bool((eye.centre_m - plane.corner_m) @ plane.normal > 0)
 
 
-def paint(image: Image, eye: Eye, side: int, item: Item) -> None:
-    """
-    Paint an item into an image, in place.
-
-    :param side: 0 left, 1 right.
-    """
-    if item.sprites is not None:
-        sprite = item.sprites[side]
-        if sprite is not None:
-            sprite.paint(image)
-        return
+def paint(image: Image, eye: Eye, item: Item) -> None:
+    """Paint an item into an image, in place."""
     for plane in item.planes:
-        if faces(eye, plane):
+        if faces_camera(eye, plane):
             eye.draw(image, plane)
 
 
-def sprite_of(eye: Eye, item: Item) -> Optional[Sprite]:
-    """Turn an item that does not move into a picture; None where it is out of view."""
-    box = eye.box(eye.project(item.hull_m), 4)
-    if box is None:
-        return None
-    u0, u1, v0, v1 = box
-    pictures = []
-    for grey in (0.0, 255.0):
-        image = np.full((eye.size[1], eye.size[0]), grey, np.float32)
-        paint(image, eye, 0, item)
-        pictures.append(image[v0:v1, u0:u1].copy())
-    return Sprite(box, pictures[0], 1 - (pictures[1] - pictures[0]) / np.float32(255))
-
-
 def in_order(items: list[Item]) -> list[Item]:
-    """Sort items so that none is painted over one that hides it."""
+    """Sort items so that none is painted over one that occludes it."""
     left = sorted(items, key=lambda item: -item.footprint.along_m[0])
     out: list[Item] = []
     while left:
-        # The farthest that hides none of the others; boxes seen from a point have no cycles.
+        # The farthest that occludes none of the others; boxes seen from a point have no cycles.
         free = next((a for a in left if not any(
             b is not a and a.footprint.behind(b.footprint) < 0 for b in left)), left[0])
         left.remove(free)
@@ -156,7 +107,7 @@ def glow(image: Image, eye: Eye, item: Item, strength: float) -> None:
 
 class Visibility:
     """
-    How much of each tracked face is seen in a view.
+    How much of each tracked front is seen in a view.
 
     :param eye: the view.
     """
@@ -167,7 +118,7 @@ class Visibility:
 
     def shares(self, items: list[Item]) -> dict[int, float]:
         """
-        Return the share seen of each vehicle's face; what is outside the image is not.
+        Return the share seen of each vehicle's front; what is outside the image is not.
 
         :param items: in the order of painting.
         """
@@ -178,9 +129,9 @@ class Visibility:
             hull = eye.project(item.hull_m)
             if len(hull) >= 3:
                 _fill(mask, np.asarray(cv2.convexHull(hull.astype(np.float32)), float)[:, 0], 0)
-            if item.vehicle is None or item.face_m is None:
+            if item.vehicle is None or item.front_m is None:
                 continue
-            uv = eye.project(item.face_m)
+            uv = eye.project(item.front_m)
             box = eye.box(uv)
             if len(uv) == 4 and box is not None:
                 areas[item.vehicle] = float(cv2.contourArea(uv.astype(np.float32))), box

@@ -6,11 +6,12 @@ from __future__ import annotations
 import numpy as np
 
 from .config import VehicleConfig
+from ...core.records import Array
 
 _LONG_S = 1e4  # longer than any pass
 
 
-def _speed_knots(vehicle: VehicleConfig) -> tuple[np.ndarray, np.ndarray]:
+def _speed_knots(vehicle: VehicleConfig) -> tuple[Array, Array]:
     """Return times, s, and speeds, m/s, of the piecewise linear profile."""
     knots = vehicle.speed_knots
     if not knots:
@@ -48,21 +49,20 @@ def smooth_step(share: float) -> tuple[float, float]:
 
 def lateral_m(vehicle: VehicleConfig, t_s: float) -> float:
     """Return the offset from the lane's path, m, positive to the left of travel."""
-    if not vehicle.lateral_knots:
-        return 0.0
-    t, n = np.asarray(vehicle.lateral_knots, dtype=float).T
-    i = int(np.clip(np.searchsorted(t, t_s, side='right') - 1, 0, max(len(t) - 2, 0)))
-    if len(t) == 1:
-        return float(n[0])
-    share = float(np.clip((t_s - t[i]) / (t[i + 1] - t[i]), 0.0, 1.0))
-    # As smooth_step, but rounded as it always was: the same seed gives the same images.
-    return float(n[i] + (n[i + 1] - n[i]) * share ** 3 * (10 - 15 * share + 6 * share ** 2))
+    return _lateral(vehicle, t_s)[0]
 
 
-def heading_rad(vehicle: VehicleConfig, t_s: float) -> float:
-    """Return the heading against the path, positive to the left: it goes where it points."""
-    if not vehicle.lateral_knots:
-        return 0.0
-    h = 1e-4
-    rate = (lateral_m(vehicle, t_s + h) - lateral_m(vehicle, t_s - h)) / (2 * h)
-    return float(np.arctan2(rate, max(path_speed_mps(vehicle, t_s), 1.0)))
+def lateral_mps(vehicle: VehicleConfig, t_s: float) -> float:
+    """Return the rate of that offset, m/s."""
+    return _lateral(vehicle, t_s)[1]
+
+
+def _lateral(vehicle: VehicleConfig, t_s: float) -> tuple[float, float]:
+    """Return the offset and its rate: smooth steps between the knots."""
+    knots = vehicle.lateral_knots
+    for (from_s, before_m), (to_s, after_m) in zip(knots, knots[1:]):
+        if t_s < to_s:
+            share, rate = smooth_step((t_s - from_s) / (to_s - from_s))
+            step_m = after_m - before_m
+            return before_m + step_m * share, step_m * rate / (to_s - from_s)
+    return (knots[-1][1] if knots else 0.0), 0.0

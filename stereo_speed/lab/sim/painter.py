@@ -10,17 +10,20 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .appearance import BodyLook
+from .appearance import Appearance
+from .bodies import BodyConfig
 from .items import glow, in_order, Item, paint, Visibility
 from .light import cloud_tile, Clouds, Sensor
 from .planes import Eye, Plane, Texture
 from .props import LightConfig
-from .scene import FrontPose, SimScene
+from .scene import FrontPose, SimScene, Vehicle
 from .scenery import render_background
-from .street import body_box, Ground, parked, Person, pole, Tree, vehicle_item
+from .street import body_box, parked, Person, pole, Tree, vehicle_item
 from .texture import Image
 from .view import rig_views
 from ...core.records import Array
+
+Picture = NDArray[np.uint8]
 
 GLOW_GREY = 700.0  # of a lit lamp's middle, before the exposure
 TAIL_GREY = 200.0
@@ -29,18 +32,16 @@ POOL_GAIN = 2.6
 
 
 @dataclass(frozen=True, eq=False)
-class Shown:
+class Moment:
     """
-    A vehicle to be painted.
+    What is to be painted.
 
-    :param number: of the vehicle.
-    :param look: what it looks like.
-    :param pose: place of its tracked face.
+    :param fronts: body of each vehicle and place of its tracked front.
+    :param items: everything upright, in the order of painting.
     """
 
-    number: int
-    look: BodyLook
-    pose: FrontPose
+    fronts: list[tuple[BodyConfig, FrontPose]]
+    items: list[Item]
 
 
 class Painter:
@@ -49,23 +50,25 @@ class Painter:
 
     :param scene: the scene.
     :param rng: source of textures and noise.
+    :param vehicle_rng: source of the vehicles' appearance; each number has its own.
     """
 
-    def __init__(self, scene: SimScene, rng: np.random.Generator) -> None:
+    def __init__(self, scene: SimScene, rng: np.random.Generator,
+                 vehicle_rng: np.random.Generator) -> None:
         texture, props, noise = rng.spawn(3)
         config = scene.config
+        self.scene = scene
         self.light = config.light or LightConfig()
-        self.ground = Ground(scene)
         views = rig_views(scene.seen_rig)
         self.eyes = (Eye(views[0]), Eye(views[1]))
         self.backgrounds = render_background(scene, views, texture)
         self.sensor = Sensor(config, config.light, noise)
-        self.people = [Person(p, props) for p in config.people]
-        self.trees = [Tree(t, props) for t in config.trees]
-        self.still = [pole(self.ground, p, self.eyes) for p in config.poles]
-        cars = [parked(self.ground, p, self.eyes, props) for p in config.parked]
+        self.moving: list[Person | Tree] = [*(Person(p, props) for p in config.people),
+                                            *(Tree(t, props) for t in config.trees)]
+        self.still = [pole(scene, p) for p in config.poles]
+        cars = [parked(scene, p, props) for p in config.parked]
         for car in cars:
-            self._shade(self.backgrounds, car.hull_m)
+            self._shade(car.hull_m)
         self.still += cars
         self.clouds: Optional[tuple[Clouds, Clouds]] = None
         if self.light.cloud_depth > 0:
@@ -74,87 +77,98 @@ class Painter:
                            Clouds(scene, self.eyes[1], self.light, tile))
         self._pool = _pool_texture()
         self._seen = (Visibility(self.eyes[0]), Visibility(self.eyes[1]))
+        self._vehicle_seed = int(vehicle_rng.integers(2 ** 62))
+        self._appearances: dict[int, Appearance] = {}
 
-    def paint(self, vehicles: Sequence[Shown], times_s: tuple[float, float],
-              right_vehicles: Optional[Sequence[Shown]] = None,
-              ) -> tuple[tuple[NDArray[np.uint8], NDArray[np.uint8]], dict[int, float]]:
+    def paint(self, vehicles: Sequence[Vehicle],
+              t_s: float) -> tuple[tuple[Picture, Picture], dict[int, float]]:
         """
         Paint a pair.
 
         :param vehicles: in any order.
-        :param times_s: exposure times, left and right.
-        :param right_vehicles: where they are at the right camera's time, if another.
-        :return: left and right image, and the share seen of each vehicle's face: the least of
-            both views.
+        :param t_s: when the left camera exposes.
+        :return: left and right image, and the share seen of each vehicle's tracked front: the
+            least of both views.
         """
-        images, shares = [], []
-        shown, items = vehicles, in_order(self._items(vehicles, times_s[0]))
-        for side, eye in enumerate(self.eyes):
-            if side and right_vehicles is not None:
-                shown = right_vehicles
-                items = in_order(self._items(shown, times_s[1]))
-            images.append(self._view(side, eye, shown, items, times_s[side]))
-            shares.append(self._seen[side].shares(items))
-        least = {n: min(share, shares[1].get(n, 0.0)) for n, share in shares[0].items()}
-        return (images[0], images[1]), least
+        here = {vehicle.number for vehicle in vehicles}
+        self._appearances = {n: a for n, a in self._appearances.items() if n in here}
+        delay_s = self.scene.config.right_delay_s
+        moment = self._moment(vehicles, t_s)
+        left, in_left = self._view(0, moment, t_s)
+        if delay_s:
+            moment = self._moment(vehicles, t_s + delay_s)
+        right, in_right = self._view(1, moment, t_s + delay_s)
+        return (left, right), {n: min(share, in_right.get(n, 0.0)) for n, share in in_left.items()}
 
-    def _items(self, vehicles: Sequence[Shown], t_s: float) -> list[Item]:
-        moving = [vehicle_item(self.ground, v.look, v.pose, v.number, self.light.headlights)
-                  for v in vehicles]
-        moving += [person.item(self.ground, t_s) for person in self.people]
-        moving += [tree.item(self.ground, t_s) for tree in self.trees]
-        return moving + self.still
+    def _appearance(self, vehicle: Vehicle, rear: bool) -> Appearance:
+        """Return the appearance of a vehicle, the same for as long as it is here."""
+        if vehicle.number not in self._appearances:
+            rng = np.random.default_rng([self._vehicle_seed, vehicle.number])
+            self._appearances[vehicle.number] = Appearance(vehicle.body, rear, rng)
+        return self._appearances[vehicle.number]
 
-    def _view(self, side: int, eye: Eye, vehicles: Sequence[Shown], items: list[Item],
-              t_s: float) -> NDArray[np.uint8]:
-        image = self.backgrounds[side].copy()
-        for vehicle in vehicles:
-            self._cast(image, eye, vehicle)
+    def _moment(self, vehicles: Sequence[Vehicle], t_s: float) -> Moment:
+        """Return where everything is at a time."""
+        fronts = [(v.body, self.scene.front(v, t_s)) for v in vehicles]
+        items = [vehicle_item(self.scene, self._appearance(v, pose.rear), pose, v.number,
+                              self.light.headlights) for v, (_, pose) in zip(vehicles, fronts)]
+        items += [thing.item(self.scene, t_s) for thing in self.moving]
+        return Moment(fronts, in_order(items + self.still))
+
+    def _view(self, side: int, moment: Moment, t_s: float) -> tuple[Picture, dict[int, float]]:
+        """Return the image of a view, 0 left or 1 right, and the shares seen of the fronts."""
+        image, eye = self.backgrounds[side].copy(), self.eyes[side]
+        for body, pose in moment.fronts:
+            self._cast(image, eye, body, pose)
         if self.light.headlights:
-            for vehicle in vehicles:
-                self._light_road(image, eye, vehicle)
-        for item in items:
-            paint(image, eye, side, item)
+            for body, pose in moment.fronts:
+                self._light_road(image, eye, body, pose)
+        for item in moment.items:
+            paint(image, eye, item)
             if len(item.lamps_m):
                 tail = item.lamp_size_m < 0.2
                 glow(image, eye, item, TAIL_GREY if tail else GLOW_GREY)
         if self.clouds is not None:
             image *= self.clouds[side].gain(t_s)
-        return self.sensor.expose(image, side, t_s)
+        return self.sensor.expose(image, side, t_s), self._seen[side].shares(moment.items)
 
-    def _cast(self, image: Image, eye: Eye, vehicle: Shown) -> None:
-        """Darken the road below and beside a vehicle."""
-        box = body_box(vehicle.look, vehicle.pose)
-        eye.fill(image, [box[:4]], 0.45, 1.2)
-        sun = self.light.sun()
-        if sun is None:
+    def _cast(self, image: Image, eye: Eye, body: BodyConfig, pose: FrontPose) -> None:
+        """Darken the road below and beside a vehicle; a front alone casts no shadow."""
+        if not body.kind:
             return
-        up = vehicle.pose.axes[:, 2]
-        body = vehicle.look.body
-        outlines = [_shadow(self.ground, box[:4], up, height, share, sun)
-                    for height, share in ((body.clearance_m + body.face_m, 0.0),
-                                          (body.roof_m, 0.25 if not body.cab_m else 0.0))]
-        eye.fill(image, outlines, 1 - self.light.shadow, 0.7)
+        feet = body_box(body, pose)[:4]
+        prisms = [(body.clearance_m + body.front_m, 0.0),
+                  (body.roof_m, 0.25 if not body.cab_m else 0.0)]
+        self._darken(image, eye, feet, pose.axes[:, 2], prisms)
 
-    def _shade(self, images: Sequence[Image], hull_m: Array) -> None:
+    def _shade(self, hull_m: Array) -> None:
         """Darken the road below something that does not move."""
-        up = self.ground.up
+        up = self.scene.up
         low = hull_m @ up
         foot = hull_m[low < low.min() + 0.05]
-        feet = foot[_ring(self.ground, foot)]
-        for image, eye in zip(images, self.eyes):
-            eye.fill(image, [feet], 0.45, 1.2)
-            sun = self.light.sun()
-            if sun is not None:
-                outline = _shadow(self.ground, feet, up, 1.4, 0.0, sun)
-                eye.fill(image, [outline], 1 - self.light.shadow, 0.7)
+        for image, eye in zip(self.backgrounds, self.eyes):
+            self._darken(image, eye, foot[_ring(self.scene, foot)], up, [(1.4, 0.0)])
 
-    def _light_road(self, image: Image, eye: Eye, vehicle: Shown) -> None:
+    def _darken(self, image: Image, eye: Eye, feet_m: Array, up: Array,
+                prisms: Sequence[tuple[float, float]]) -> None:
+        """
+        Lay the shadow of upright prisms onto the road, and that of the sky below them.
+
+        :param feet_m: (n, 3) footprint of the prisms.
+        :param prisms: height, m, and the share by which the upper side is shorter, of each.
+        """
+        eye.fill(image, [feet_m], 0.45, 1.2)
+        sun = self.light.sun()
+        if sun is not None:
+            outlines = [_shadow(self.scene, feet_m, up, height_m, inset, sun)
+                        for height_m, inset in prisms]
+            eye.fill(image, outlines, 1 - self.light.shadow, 0.7)
+
+    def _light_road(self, image: Image, eye: Eye, body: BodyConfig, pose: FrontPose) -> None:
         """Lay the pool of the headlights onto the road."""
-        pose, look = vehicle.pose, vehicle.look
-        front = look.body.length_m if look.rear else 0.0
+        ahead_m = POOL_FROM_M + (body.length_m if pose.rear else 0.0)
         along, left, _ = pose.axes.T
-        corner = pose.ground_m + along * (front + POOL_FROM_M) - left * POOL_HALF_M
+        corner = pose.ground_m + along * ahead_m - left * POOL_HALF_M
         # Read from above, the vehicle's right at the texture's left: its top is at the vehicle.
         plane = Plane(corner, left * 2 * POOL_HALF_M, along * (POOL_TO_M - POOL_FROM_M),
                       self._pool)
@@ -166,13 +180,13 @@ class Painter:
         image[v0:v1, u0:u1] *= 1 + gain
 
 
-def _ring(ground: Ground, points_m: Array) -> NDArray[np.intp]:
+def _ring(scene: SimScene, points_m: Array) -> NDArray[np.intp]:
     """Return the order in which points go round their hull on the ground."""
-    flat = (points_m @ ground.scene.left_R_world)[:, :2].astype(np.float32)
+    flat = (points_m @ scene.left_R_world)[:, :2].astype(np.float32)
     return np.asarray(cv2.convexHull(flat, returnPoints=False)).ravel().astype(np.intp)
 
 
-def _shadow(ground: Ground, feet_m: Array, up: Array, height_m: float, inset: float,
+def _shadow(scene: SimScene, feet_m: Array, up: Array, height_m: float, inset: float,
             sun: tuple[float, float]) -> Array:
     """
     Return the outline (n, 3) of the shadow of an upright prism.
@@ -181,12 +195,11 @@ def _shadow(ground: Ground, feet_m: Array, up: Array, height_m: float, inset: fl
     :param inset: share by which its upper side is shorter than the lower.
     :param sun: shift of the shadow per metre of height, along and across the road.
     """
-    scene = ground.scene
     shift = height_m * (scene.left_R_world @ np.array([sun[0], sun[1], 0.0]))
     middle = feet_m.mean(axis=0)
     tops = middle + (1 - inset) * (feet_m - middle) + shift
     points = np.concatenate([feet_m, tops])
-    return points[_ring(ground, points)]
+    return points[_ring(scene, points)]
 
 
 def _pool_texture() -> Texture:

@@ -11,7 +11,7 @@ from typing import Optional
 @dataclass(frozen=True, kw_only=True)
 class PoleConfig:
     """
-    A round pole that hides what is behind it.
+    A round pole that occludes what is behind it.
 
     :param ahead_m: how far ahead of the left camera it stands, along the chord of the pass, m.
     :param right_m: how far to the camera's right of that, m.

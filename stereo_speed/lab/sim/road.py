@@ -40,14 +40,14 @@ class Road:
 
     @property
     def curved(self) -> bool:
-        """Whether it bends anywhere."""
+        """Return whether it bends anywhere."""
         return bool(self.config.curvature_start or self.config.curvature_end)
 
     def curvature(self, station_m: ArrayLike) -> Array:
         """Return the curvature of the right lane's path, 1/m."""
         c = self.config
         share = np.clip(np.asarray(station_m) / c.clothoid_m, 0.0, 1.0)
-        return c.curvature_start + (c.curvature_end - c.curvature_start) * share
+        return np.asarray(c.curvature_start + (c.curvature_end - c.curvature_start) * share)
 
     def heading(self, station_m: ArrayLike) -> Array:
         """Return the heading of the right lane's path, rad, anticlockwise from x."""
@@ -57,7 +57,8 @@ class Road:
         beyond = s - inside
         change = c.curvature_end - c.curvature_start
         ramp = c.curvature_start * inside + change * inside ** 2 / (2 * c.clothoid_m)
-        return ramp + np.where(beyond < 0, c.curvature_start, c.curvature_end) * beyond
+        beyond *= np.where(beyond < 0, c.curvature_start, c.curvature_end)
+        return np.asarray(ramp + beyond)
 
     @cached_property
     def _table(self) -> CubicHermiteSpline:
@@ -141,7 +142,7 @@ class Road:
         return s, offset
 
     def line_offsets(self) -> dict[str, float]:
-        """Return the offset of each painted line from the right lane's path, m, by name."""
+        """Return the offset of each marked line from the right lane's path, m, by name."""
         c = self.config
         names = ['edge_right', *(f'line_{i}' for i in range(c.lanes - 1)), 'edge_left']
         return {name: (i - 0.5) * c.lane_width_m for i, name in enumerate(names)}

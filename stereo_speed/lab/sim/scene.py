@@ -1,19 +1,21 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Where everything of a simulated pass is: rig, road and vehicles at a time."""
+"""Where everything of a simulated scene is, and when: rig, road, vehicles and exposures."""
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Callable, Iterator, TypedDict
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
+from .bodies import BodyConfig
 from .config import RigConfig, SimConfig, VehicleConfig
-from .kinematics import heading_rad, lateral_m, path_m, path_speed_mps
+from .kinematics import lateral_m, lateral_mps, path_m, path_speed_mps
 from .road import Road
 from ...core.errors import InputError
 from ...core.records import Array
@@ -22,6 +24,24 @@ from ...geometry.rig import StereoRig
 
 _ZEROS = {'plumb_bob': 5, 'rational_polynomial': 8, 'equidistant': 4}
 _RATE_S = 1e-4  # half the step of the numeric ground speed
+_SLOWEST_MPS = 1.0  # below this path speed a heading is taken as if at it
+_MARGIN_M = 1e-6  # of the comparison with the ends of the pass
+AWAY = np.array([-1.0, -1.0, 1.0])  # turns the frame of a path to the other direction of travel
+
+
+class TruthRow(TypedDict):
+    """A row of ``truth.csv``, and its stamp in ns."""
+
+    stamp: str
+    stamp_ns: int
+    vehicle: int
+    speed: float
+    path_speed: float
+    lateral: float
+    x: float
+    y: float
+    z: float
+    width_px: float
 
 
 def make_rig(config: RigConfig) -> StereoRig:
@@ -42,65 +62,99 @@ def make_rig(config: RigConfig) -> StereoRig:
                      -right_R_base @ np.array([config.baseline_m, 0.0, 0.0]))
 
 
-def moved_rig(rig: StereoRig, moved_deg: tuple[float, float, float]) -> StereoRig:
-    """
-    Turn the right camera about its own centre.
-
-    :param rig: the rig as it was.
-    :param moved_deg: pan to the right, tilt upwards, roll clockwise, degrees; one rotation
-        vector about the right camera's y, x and z axis.
-    """
-    if not any(moved_deg):
-        return rig
-    pan, tilt, roll = moved_deg
-    moved_R_right = Rotation.from_rotvec((tilt, pan, roll), degrees=True).as_matrix().T
-    return StereoRig(rig.left, rig.right, moved_R_right @ rig.R, moved_R_right @ rig.t)
-
-
 def stamp_text(stamp_ns: int) -> str:
     """Print a stamp as ``truth.csv`` does: seconds with whole microseconds."""
     return f'{stamp_ns // 10**9}.{stamp_ns % 10**9 // 1000:06d}'
 
 
+@dataclass(frozen=True)
+class Exposure:
+    """
+    When a pair is taken.
+
+    :param t_s: exposure of the left camera after the start of the simulation, s.
+    :param stamp_ns: left stamp.
+    :param right_stamp_ns: right stamp.
+    """
+
+    t_s: float
+    stamp_ns: int
+    right_stamp_ns: int
+
+
+@dataclass(frozen=True)
+class Place:
+    """
+    Where the tracked front of a vehicle is on the road.
+
+    :param station_m: station of the point of the road below it.
+    :param offset_m: offset of that point.
+    :param lane: lane from whose path its lateral offset counts.
+    :param speed_mps: speed along the path.
+    :param drift_mps: speed across the path, positive to the left of travel.
+    """
+
+    station_m: float
+    offset_m: float
+    lane: int
+    speed_mps: float
+    drift_mps: float
+
+
+@dataclass(frozen=True, eq=False)
+class Vehicle:
+    """
+    A vehicle on the road.
+
+    :param number: as in ``truth.csv``.
+    :param body: its size.
+    :param place: gives its place at a time, s.
+    """
+
+    number: int
+    body: BodyConfig
+    place: Callable[[float], Place]
+
+
 @dataclass(frozen=True, eq=False)
 class FrontPose:
     """
-    Place of a vehicle's front.
+    Place of the tracked front of a vehicle: its front, or its rear when it recedes.
 
     :param centre_m: (3,) its centre, left optical frame, m.
     :param axes: (3, 3) columns along travel, left and up, left optical frame.
     :param corners_m: (4, 3) clockwise as seen by the camera, from the image's top-left corner.
     :param ground_m: (3,) the point of the road below the front's middle, left optical frame.
+    :param rear: it is the rear.
     """
 
     centre_m: Array
     axes: Array
     corners_m: Array
     ground_m: Array
-
-
-def turn_left(angle_rad: float) -> Array:
-    """Return the rotation (3, 3) of a frame, columns along, left and up, about its up."""
-    cos, sin = np.cos(angle_rad), np.sin(angle_rad)
-    return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    rear: bool = False
 
 
 class SimScene:
     """
-    Geometry of a pass; the same config gives the same scene.
+    Geometry of a scene; the same config gives the same one.
 
     :param config: what to build.
 
-    ``rig`` is the calibrated rig, ``seen_rig`` the one that takes the images.
+    ``rig`` is the calibrated rig, ``seen_rig`` the one that takes the images; ``vehicles`` are
+    those of the config.
     """
 
     def __init__(self, config: SimConfig) -> None:
         self.config = config
         self.road = Road(config.road)
         self.rig = make_rig(config.rig)
-        self.seen_rig = moved_rig(self.rig, config.rig_moved_deg)
+        # No site has corrected it: its drift is not on record.
+        self.seen_rig = replace(self.rig.drifted(np.radians(config.rig_moved_deg)),
+                                drift_rad=self.rig.drift_rad)
         self.end_station_m = self._end_station()
         self.centre_world_m, self.left_R_world, self.chord = self._camera_pose()
+        self.vehicles = [self._vehicle(number, v) for number, v in enumerate(config.vehicles)]
 
     def _end_station(self) -> float:
         """Find the station whose point lies a chord of ``start_m - near_m`` from the start."""
@@ -145,12 +199,26 @@ class SimScene:
         return centre, left_R_base @ base_R_world, chord
 
     def to_left(self, world_m: Array) -> Array:
-        """Turn world points (..., 3) into the left optical frame, m."""
-        return (np.asarray(world_m) - self.centre_world_m) @ self.left_R_world.T
+        """Return world points (..., 3) in the left optical frame, m."""
+        return np.asarray((world_m - self.centre_world_m) @ self.left_R_world.T)
+
+    def point(self, station_m: ArrayLike, offset_m: ArrayLike) -> Array:
+        """Return points (..., 3) of the road's surface in the left optical frame, m."""
+        return self.to_left(self.road.position(station_m, offset_m))
+
+    def axes(self, station_m: float, offset_m: float, away: bool = False) -> Array:
+        """Return columns along travel, left and up (3, 3); ``away`` for the other direction."""
+        frame = self.road.frame(station_m, offset_m)
+        return np.asarray(self.left_R_world @ (frame * AWAY if away else frame))
+
+    @cached_property
+    def up(self) -> Array:
+        """Return the vertical (3,) in the left optical frame."""
+        return np.asarray(self.left_R_world[:, 2])
 
     @cached_property
     def _stations(self) -> dict[int, CubicHermiteSpline]:
-        """Station over arc length of each lane's path, 0 at station 0."""
+        """Return station over arc length of each lane's path, 0 at station 0."""
         road, splines = self.road, {}
         s = np.union1d(np.linspace(road.from_m, road.to_m, 4001), [0.0, road.config.clothoid_m])
         for lane in range(road.config.lanes):
@@ -169,62 +237,89 @@ class SimScene:
         arcs = self._stations[lane].x
         return float(np.interp(station_m, self._stations[lane](arcs), arcs))
 
-    def road_point(self, vehicle: VehicleConfig, t_s: float) -> tuple[Array, float, float]:
-        """Return the world point below the front, its station and its offset."""
-        away = self.away(vehicle)
-        gone = path_m(vehicle, t_s)
-        if away:
-            gone = self.arc(vehicle.lane, self.end_station_m) - gone
-        station = self.station(vehicle.lane, gone)
-        lateral = lateral_m(vehicle, t_s)
-        offset = self.road.lane_offset(vehicle.lane) + (-lateral if away else lateral)
-        return self.road.position(station, offset), station, offset
+    def away(self, lane: int) -> bool:
+        """Return whether a lane leads away from the camera, which then sees rears."""
+        return lane in self.config.road.receding
 
-    def away(self, vehicle: VehicleConfig) -> bool:
-        """Say whether a vehicle drives away from the camera, which then sees its rear."""
-        return vehicle.lane in self.config.road.receding
+    def _vehicle(self, number: int, config: VehicleConfig) -> Vehicle:
+        """Return a vehicle that moves as configured."""
+        lane = config.lane
+        away = self.away(lane)
 
-    def front(self, vehicle: VehicleConfig, t_s: float) -> FrontPose:
-        """Return the place of a vehicle's front, or of its rear when it recedes, at a time."""
-        world, station, _ = self.road_point(vehicle, t_s)
-        frame = self.road.frame(station, self.road.lane_offset(vehicle.lane))
-        frame = frame @ turn_left(heading_rad(vehicle, t_s))
-        if self.away(vehicle):
-            frame = frame * [-1.0, -1.0, 1.0]
-        axes = self.left_R_world @ frame
-        ground = self.to_left(world)
-        centre = ground + axes[:, 2] * (vehicle.clearance_m + vehicle.front_height_m / 2)
-        half_w, half_h = vehicle.front_width_m / 2, vehicle.front_height_m / 2
-        # The right of a vehicle that faces the camera is the image's left.
-        half_w = -half_w if self.away(vehicle) else half_w
-        corners = np.stack([centre + axes[:, 1] * w + axes[:, 2] * h for w, h in (
-            (-half_w, half_h), (half_w, half_h), (half_w, -half_h), (-half_w, -half_h))])
-        return FrontPose(centre, axes, corners, ground)
+        def place(t_s: float) -> Place:
+            arc, lateral = path_m(config, t_s), lateral_m(config, t_s)
+            if away:
+                arc, lateral = self.arc(lane, self.end_station_m) - arc, -lateral
+            return Place(self.station(lane, arc), self.road.lane_offset(lane) + lateral, lane,
+                         path_speed_mps(config, t_s), lateral_mps(config, t_s))
+        return Vehicle(number, config.body, place)
 
-    def visible(self, vehicle: VehicleConfig, t_s: float) -> bool:
-        """Say whether the front is whole in both views and not beyond the pass's end."""
-        pose = self.front(vehicle, t_s)
-        _, _, left, right = self.seen_rig.project(pose.corners_m)
-        world, _, _ = self.road_point(vehicle, t_s)
-        ahead = float((self.centre_world_m - world) @ self.chord)
-        if self.away(vehicle) and ahead > self.config.start_m + 1e-6:
+    def exposures(self, count: int, rng: np.random.Generator) -> Iterator[Exposure]:
+        """
+        Yield when each pair that arrives is taken.
+
+        :param count: how many are taken; some of them get lost.
+        :param rng: source of the jitter.
+        """
+        c = self.config
+        for i in range(count):
+            jitter = float(rng.standard_normal()) * c.stamp_jitter_s if i else 0.0
+            # Never more than a third of a period, so that the order is kept.
+            jitter = float(np.clip(jitter, -1 / (3 * c.fps), 1 / (3 * c.fps)))
+            skew = float(rng.uniform(-1, 1)) * c.right_stamp_jitter_s
+            # Whole microseconds, so that truth.csv holds them exactly.
+            offset_ns = round((i / c.fps + jitter) * 1e6) * 1000
+            t_s = offset_ns * 1e-9
+            if i not in c.drop and not any(a <= t_s < b for a, b in c.gaps_s):
+                stamp_ns = c.origin_ns + offset_ns
+                yield Exposure(t_s, stamp_ns, stamp_ns + round((c.right_delay_s + skew) * 1e9))
+
+    def front(self, vehicle: Vehicle, t_s: float) -> FrontPose:
+        """Return the place of a vehicle's tracked front; it heads where it goes."""
+        place, body = vehicle.place(t_s), vehicle.body
+        away = self.away(place.lane)
+        heading = np.arctan2(place.drift_mps, max(place.speed_mps, _SLOWEST_MPS))
+        axes = (self.axes(place.station_m, place.offset_m, away)
+                @ Rotation.from_rotvec([0.0, 0.0, heading]).as_matrix())
+        ground = self.point(place.station_m, place.offset_m)
+        height_m = body.tracked_m(away)
+        centre = ground + axes[:, 2] * (body.clearance_m + height_m / 2)
+        # The image's left is the right of who comes, and the left of who recedes.
+        left = axes[:, 1] * body.width_m / 2 * (1 if away else -1)
+        up = axes[:, 2] * height_m / 2
+        corners = centre + np.stack([left + up, up - left, -left - up, left - up])
+        return FrontPose(centre, axes, corners, ground, away)
+
+    def in_view(self, vehicle: Vehicle, t_s: float) -> bool:
+        """Return whether the front is whole in both views and not beyond the pass's end."""
+        _, _, left, right = self.seen_rig.project(self.front(vehicle, t_s).corners_m)
+        return bool(left.all() and right.all()
+                    and self._ahead_m(vehicle, t_s) >= self.config.near_m - _MARGIN_M)
+
+    def visible(self, vehicle: Vehicle, t_s: float) -> bool:
+        """Return whether a vehicle's front is in view, and not before the pass's start."""
+        if self.away(vehicle.place(t_s).lane) \
+                and self._ahead_m(vehicle, t_s) > self.config.start_m + _MARGIN_M:
             return False
-        return bool(left.all() and right.all()) and ahead >= self.config.near_m - 1e-6
+        return self.in_view(vehicle, t_s)
 
-    def truth(self, index: int, t_s: float, stamp_ns: int) -> dict[str, Any]:
-        """Return a row of ``truth.csv`` for a vehicle, and ``stamp_ns`` with it."""
-        vehicle = self.config.vehicles[index]
-        pose = self.front(vehicle, t_s)
-        step = (self.road_point(vehicle, t_s + _RATE_S)[0]
-                - self.road_point(vehicle, t_s - _RATE_S)[0])
-        uv, _, _, _ = self.seen_rig.project(pose.corners_m)
-        x, y, z = pose.centre_m
+    def _world(self, vehicle: Vehicle, t_s: float) -> Array:
+        place = vehicle.place(t_s)
+        return self.road.position(place.station_m, place.offset_m)
+
+    def _ahead_m(self, vehicle: Vehicle, t_s: float) -> float:
+        """Return how far ahead of the camera a vehicle is along the chord."""
+        return float((self.centre_world_m - self._world(vehicle, t_s)) @ self.chord)
+
+    def truth(self, vehicle: Vehicle, t_s: float, stamp_ns: int) -> TruthRow:
+        """Return a vehicle's row of ``truth.csv``, and ``stamp_ns`` with it."""
+        pose, place = self.front(vehicle, t_s), vehicle.place(t_s)
+        step = self._world(vehicle, t_s + _RATE_S) - self._world(vehicle, t_s - _RATE_S)
+        lateral = place.offset_m - self.road.lane_offset(place.lane)
+        uv = self.seen_rig.project(pose.corners_m)[0]
+        x, y, z = (float(k) for k in pose.centre_m)
         return {
-            'stamp': stamp_text(stamp_ns),
-            'stamp_ns': stamp_ns, 'vehicle': index,
-            'speed': float(np.linalg.norm(step)) / (2 * _RATE_S),
-            'path_speed': float(path_speed_mps(vehicle, t_s)),
-            'lateral': float(lateral_m(vehicle, t_s)),
-            'x': float(x), 'y': float(y), 'z': float(z),
-            'width_px': float(np.linalg.norm((uv[1] + uv[2] - uv[0] - uv[3]) / 2)),
-        }
+            'stamp': stamp_text(stamp_ns), 'stamp_ns': stamp_ns, 'vehicle': vehicle.number,
+            'speed': float(np.linalg.norm(step)) / (2 * _RATE_S), 'path_speed': place.speed_mps,
+            'lateral': -lateral if pose.rear else lateral, 'x': x, 'y': y, 'z': z,
+            'width_px': float(np.linalg.norm((uv[1] + uv[2] - uv[0] - uv[3]) / 2))}

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What does not move: asphalt with painted lines, verges, a treeline and the sky."""
+"""What does not move: asphalt with lane markings, verges, a treeline and the sky."""
 from __future__ import annotations
 
 import copy
@@ -21,7 +21,7 @@ TILE = 512  # texels of a ground texture
 TILE_TEXEL_M = 0.03
 LEVELS = 7
 TREES_UP = 0.07  # no tree's top is higher, in sines of elevation
-GREY = {'asphalt': 85.0, 'grass': 72.0, 'paint': 185.0, 'sky': 150.0, 'trees': 50.0}
+GREY = {'asphalt': 85.0, 'grass': 72.0, 'marking': 185.0, 'sky': 150.0, 'trees': 50.0}
 
 
 class GroundMap:
@@ -102,18 +102,18 @@ def _asphalt_coverage(ground: GroundMap, road: Road) -> Array:
     return np.where(ground.road, share, 0.0)
 
 
-def paint_coverage(ground: GroundMap, road: Road) -> Array:
-    """Return the share of each pixel that is paint."""
+def marking_coverage(ground: GroundMap, road: Road) -> Array:
+    """Return the share of each pixel that is lane marking."""
     c = road.config
     total = np.zeros_like(ground.offset)
     near = np.abs(ground.offset_x) + np.abs(ground.offset_y)
     for name, middle in road.line_offsets().items():
-        where = np.nonzero((np.abs(ground.offset - middle) < c.paint_width_m / 2 + near)
+        where = np.nonzero((np.abs(ground.offset - middle) < c.marking_width_m / 2 + near)
                            & ground.road)
         gap = middle - ground.offset[where]
         gx, gy = ground.offset_x[where], ground.offset_y[where]
-        share = (below(gap + c.paint_width_m / 2, gx, gy)
-                 - below(gap - c.paint_width_m / 2, gx, gy))
+        share = (below(gap + c.marking_width_m / 2, gx, gy)
+                 - below(gap - c.marking_width_m / 2, gx, gy))
         if name.startswith('line'):
             period = c.dash_m + c.gap_m
             phase = np.mod(ground.station[where], period)
@@ -188,7 +188,7 @@ def render_background(scene: SimScene, views: tuple[View, View],
     """
     asphalt, grass = _tile(rng, 2), _tile(rng, 4)
     trees = np.random.default_rng(int(rng.integers(2 ** 31)))
-    crowns = octaves(trees, 1, 4096, 8)[0]
+    crowns = octaves(trees, 1, 512, 1)[0]
     images = []
     for view in views:
         ground = GroundMap(scene, view)
@@ -196,7 +196,7 @@ def render_background(scene: SimScene, views: tuple[View, View],
         grey = GREY['grass'] + 11.0 * _sample_ground(grass, ground)
         tar = GREY['asphalt'] + 6.0 * _sample_ground(asphalt, ground)
         grey += on_road * (tar - grey)
-        grey += paint_coverage(ground, scene.road) * (GREY['paint'] - grey)
+        grey += marking_coverage(ground, scene.road) * (GREY['marking'] - grey)
         sky = GREY['sky'] + 60.0 * np.clip(ground.rays[..., 2], 0.0, 0.5)
         _plant(sky, ground.rays, crowns, copy.deepcopy(trees))  # the same in both views
         images.append((sky + ground.hit * (grey - sky)).astype(np.float32))

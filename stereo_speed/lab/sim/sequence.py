@@ -1,31 +1,58 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A simulated sequence: pairs, rig, site, marks and truth."""
+"""A simulated sequence: pairs, rig, site, initial fronts and truth."""
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Any, Callable, Mapping
+from dataclasses import dataclass
+from typing import TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .appearance import BODIES, BodyLook
 from .config import SimConfig
-from .painter import Painter, Shown
-from .render import draw_body, draw_front, VehicleLook
-from .scene import SimScene
-from .scenery import render_background
-from .texture import Image
-from .view import rig_views, View
+from .painter import Painter
+from .scene import Exposure, SimScene, TruthRow
 from ...core.errors import InputError
 from ...core.records import Array, StereoPair
 from ...geometry.rig import StereoRig
 
-Pictures = tuple[NDArray[np.uint8], NDArray[np.uint8]]
-Draw = Callable[[float], Pictures]
-
 MOST_PAIRS = 2000
 PICK_BEYOND_M = 5.0  # the picks begin this far before the first front
+
+Points = list[list[float]]
+
+
+class SiteLane(TypedDict):
+    """A lane of a site file."""
+
+    name: str
+    right: str
+    left: str
+    speed_limit: str
+
+
+class SiteContent(TypedDict):
+    """Content of a site file; points of each line by name and by the key of their kind."""
+
+    stereo_speed_site: int
+    name: str
+    lines: dict[str, dict[str, Points]]
+    lanes: list[SiteLane]
+
+
+class InitFront(TypedDict):
+    """The front of a vehicle in an init file."""
+
+    frame: int
+    left_image: Points
+    right_image: Points
+
+
+class InitContent(TypedDict):
+    """Content of an init file."""
+
+    stereo_speed_init: int
+    vehicles: list[InitFront]
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,11 +73,11 @@ class SimSequence:
     config: SimConfig
     scene: SimScene
     rig: StereoRig
-    site: Mapping[str, Any]
-    site_exact: Mapping[str, Any]
-    init: Mapping[str, Any]
+    site: SiteContent
+    site_exact: SiteContent
+    init: InitContent
     pairs: tuple[StereoPair, ...]
-    truth: tuple[Mapping[str, Any], ...]
+    truth: tuple[TruthRow, ...]
 
 
 def simulate(config: SimConfig, rng: np.random.Generator) -> SimSequence:
@@ -62,112 +89,48 @@ def simulate(config: SimConfig, rng: np.random.Generator) -> SimSequence:
     :raises InputError: when no vehicle is ever whole in both views.
     """
     # A generator for each purpose, so that more pairs or picks change nothing else.
-    texture, noise, clock, pick, mark = rng.spawn(5)
+    vehicle, scenery, clock, pick, init = rng.spawn(5)
     scene = SimScene(config)
-    times = _times(scene, clock)
-    if not times:
-        raise InputError('simulation', 'vehicles', 'none whole in both views',
-                         'a start and camera that see the front')
+    exposures = _exposures(scene, clock)
+    painter = Painter(scene, scenery, vehicle)
     pairs: list[StereoPair] = []
-    truth: list[Mapping[str, Any]] = []
-    draw = _staged(scene, texture, noise) if config.staged else _plain(scene, texture, noise)
-    for t_s, stamp_ns, right_stamp_ns in times:
-        left, right = draw(t_s)
-        pairs.append(StereoPair(len(pairs), stamp_ns, right_stamp_ns, left, right))
-        truth += [scene.truth(i, t_s, stamp_ns) for i, vehicle in enumerate(config.vehicles)
-                  if scene.visible(vehicle, t_s)]
+    truth: list[TruthRow] = []
+    for index, taken in enumerate(exposures):
+        (left, right), _ = painter.paint(scene.vehicles, taken.t_s)
+        pairs.append(StereoPair(index, taken.stamp_ns, taken.right_stamp_ns, left, right))
+        truth += [scene.truth(v, taken.t_s, taken.stamp_ns) for v in scene.vehicles
+                  if scene.visible(v, taken.t_s)]
     return SimSequence(
         config, scene, scene.rig, picked_site(scene, pick), exact_site(scene),
-        marks(scene, [t[0] for t in times], mark), tuple(pairs), tuple(truth))
+        initial_fronts(scene, [taken.t_s for taken in exposures], init), tuple(pairs),
+        tuple(truth))
 
 
-def _plain(scene: SimScene, texture: np.random.Generator,
-           noise: np.random.Generator) -> Draw:
-    """Draw plain bodies over the road."""
-    config, views = scene.config, rig_views(scene.seen_rig)
-    backgrounds = render_background(scene, views, texture)
-    looks = [VehicleLook(vehicle, texture) for vehicle in config.vehicles]
-
-    def draw(t_s: float) -> Pictures:
-        images = [_draw(scene, view, looks, background, t) for view, background, t in
-                  zip(views, backgrounds, (t_s, t_s + config.right_delay_s))]
-        images[1] = images[1] * config.right_gain + config.right_offset_grey
-        left, right = (_expose(image, config, noise) for image in images)
-        return left, right
-    return draw
-
-
-def _staged(scene: SimScene, texture: np.random.Generator,
-            noise: np.random.Generator) -> Draw:
-    """Draw textured bodies, and what stands and walks beside the road."""
-    config = scene.config
-    painter = Painter(scene, noise)
-    looks = [BodyLook(replace(
-        BODIES[v.kind or 'car'], width_m=v.front_width_m, face_m=v.front_height_m,
-        rear_m=v.front_height_m, clearance_m=v.clearance_m), scene.away(v), texture)
-        for v in config.vehicles]
-
-    def shown(t_s: float) -> list[Shown]:
-        return [Shown(i, look, scene.front(vehicle, t_s))
-                for i, (vehicle, look) in enumerate(zip(config.vehicles, looks))]
-
-    def draw(t_s: float) -> Pictures:
-        late_s = t_s + config.right_delay_s
-        return painter.paint(shown(t_s), (t_s, late_s), shown(late_s))[0]
-    return draw
-
-
-def _times(scene: SimScene, rng: np.random.Generator) -> list[tuple[float, int, int]]:
-    """Return exposure time, s, left and right stamp, ns, of each pair that arrives."""
-    config, out, seen = scene.config, [], False
-    for i in range(min(config.pairs or MOST_PAIRS, MOST_PAIRS)):
-        jitter = float(rng.standard_normal()) * config.stamp_jitter_s if i else 0.0
-        # Never more than a third of a period, so that the order is kept.
-        jitter = float(np.clip(jitter, -1 / (3 * config.fps), 1 / (3 * config.fps)))
-        skew = float(rng.uniform(-1, 1)) * config.right_stamp_jitter_s
-        # Whole microseconds, so that truth.csv tells them exactly.
-        offset_ns = round((i / config.fps + jitter) * 1e6) * 1000
-        t_s = offset_ns * 1e-9
-        visible = any(scene.visible(vehicle, t_s) for vehicle in config.vehicles)
+def _exposures(scene: SimScene, rng: np.random.Generator) -> list[Exposure]:
+    """Return the exposures until no vehicle is in view any more."""
+    out: list[Exposure] = []
+    seen = False
+    for taken in scene.exposures(min(scene.config.pairs or MOST_PAIRS, MOST_PAIRS), rng):
+        visible = any(scene.visible(vehicle, taken.t_s) for vehicle in scene.vehicles)
         if seen and not visible:
             break
         seen = seen or visible
-        if i not in config.drop and not any(a <= t_s < b for a, b in config.gaps_s):
-            stamp_ns = config.origin_ns + offset_ns
-            late_s = config.right_delay_s + skew
-            out.append((t_s, stamp_ns, stamp_ns + round(late_s * 1e9)))
-    return out if seen else []
-
-
-def _draw(scene: SimScene, view: View, looks: list[VehicleLook], background: Image,
-          t_s: float) -> Image:
-    """Draw the vehicles, the farthest first, over a copy of the background."""
-    image = background.copy()
-    poses = [(scene.front(look.config, t_s), look) for look in looks]
-    for pose, look in sorted(poses, key=lambda p: -p[0].centre_m[2]):
-        if pose.corners_m[:, 2].min() < 3.0:
-            continue
-        if look.config.body:
-            draw_body(image, view, look, pose)
-        draw_front(image, view, look, pose)
-    return image
-
-
-def _expose(image: Image, config: SimConfig, rng: np.random.Generator) -> NDArray[np.uint8]:
-    """Turn the ideal image into 8-bit counts with sensor noise."""
-    grain = rng.standard_normal(image.shape, dtype=np.float32) * config.noise_grey
-    return np.clip(np.rint(image * config.exposure + grain), 0, 255).astype(np.uint8)
+        out.append(taken)
+    if not seen:
+        raise InputError('simulation', 'vehicles', 'none whole in both views',
+                         'a start and camera that see the front')
+    return out
 
 
 def _line_points(scene: SimScene, offset_m: float, step_m: float) -> Array:
-    """Return points (n, 3) of a painted line in the left frame, far to near."""
+    """Return points (n, 3) of a marked line in the left frame, far to near."""
     road = scene.road
     last = scene.end_station_m + scene.config.near_m + 10.0
     stations = np.arange(max(-PICK_BEYOND_M, road.from_m), min(last, road.to_m), step_m)
-    return scene.to_left(road.position(stations, np.full_like(stations, offset_m)))
+    return scene.point(stations, np.full_like(stations, offset_m))
 
 
-def _visible_run(uv: Array, valid: Array) -> Array:
+def _visible_run(uv: Array, valid: NDArray[np.bool_]) -> Array:
     """Return the longest run of points inside the image."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], valid.astype(int), [0]])))
     runs = edges.reshape(-1, 2)
@@ -177,7 +140,7 @@ def _visible_run(uv: Array, valid: Array) -> Array:
     return uv[start:stop]
 
 
-def _picks(uv: Array, count: int, std_px: float, rng: np.random.Generator) -> list[list[float]]:
+def _picks(uv: Array, count: int, std_px: float, rng: np.random.Generator) -> Points:
     """Pick about evenly along a curve of pixels (n, 2), with scatter."""
     if len(uv) < 2:
         return []
@@ -185,7 +148,12 @@ def _picks(uv: Array, count: int, std_px: float, rng: np.random.Generator) -> li
     place = (np.arange(count) + rng.uniform(0.1, 0.9)) / count * arc[-1]
     points = np.stack([np.interp(place, arc, uv[:, k]) for k in (0, 1)], axis=1)
     points += rng.standard_normal(points.shape) * std_px
-    return [[round(float(u), 2), round(float(v), 2)] for u, v in points]
+    return _rounded(points)
+
+
+def _rounded(points: Array, decimals: int = 2) -> Points:
+    """Return points as a file holds them."""
+    return [[round(float(x), decimals) for x in point] for point in points]
 
 
 def site_lines(scene: SimScene) -> tuple[dict[str, tuple[float, bool]], list[tuple[str, str]]]:
@@ -214,22 +182,24 @@ def site_lines(scene: SimScene) -> tuple[dict[str, tuple[float, bool]], list[tup
     return lines, lanes
 
 
-def _site(scene: SimScene, lines: dict[str, Any]) -> dict[str, Any]:
-    lanes = [{'name': f'lane_{i}', 'right': right, 'left': left,
-              'speed_limit': scene.config.speed_limit}
-             for i, (right, left) in enumerate(site_lines(scene)[1])]
+def _site(scene: SimScene, lines: dict[str, dict[str, Points]]) -> SiteContent:
+    lanes: list[SiteLane] = [
+        {'name': f'lane_{i}', 'right': right, 'left': left,
+         'speed_limit': scene.config.speed_limit}
+        for i, (right, left) in enumerate(site_lines(scene)[1])]
     return {'stereo_speed_site': 1, 'name': scene.config.name, 'lines': lines, 'lanes': lanes}
 
 
-def picked_site(scene: SimScene, rng: np.random.Generator) -> dict[str, Any]:
+def picked_site(scene: SimScene, rng: np.random.Generator) -> SiteContent:
     """
-    Pick the painted lines, in each view on its own.
+    Pick points of the marked lines, in each view on its own.
 
     :param scene: the scene.
     :param rng: source of the scatter.
     """
-    config, lines = scene.config, {}
-    picks: dict[float, tuple[list[list[float]], list[list[float]]]] = {}
+    config = scene.config
+    lines: dict[str, dict[str, Points]] = {}
+    picks: dict[float, tuple[Points, Points]] = {}
     for name, (offset, away) in site_lines(scene)[0].items():
         if offset not in picks:
             points = _line_points(scene, offset, 0.02)
@@ -243,31 +213,29 @@ def picked_site(scene: SimScene, rng: np.random.Generator) -> dict[str, Any]:
     return _site(scene, lines)
 
 
-def exact_site(scene: SimScene) -> dict[str, Any]:
+def exact_site(scene: SimScene) -> SiteContent:
     """Return the same site with the true lines as points, 6 decimals."""
     return _site(scene, {
-        name: {'points_m': [[round(float(x), 6) for x in point]
-                            for point in _line_points(scene, offset, 1.0)[::-1 if away else 1]]}
+        name: {'points_m': _rounded(_line_points(scene, offset, 1.0)[::-1 if away else 1], 6)}
         for name, (offset, away) in site_lines(scene)[0].items()})
 
 
-def marks(scene: SimScene, times_s: list[float], rng: np.random.Generator) -> dict[str, Any]:
+def initial_fronts(scene: SimScene, times_s: list[float],
+                   rng: np.random.Generator) -> InitContent:
     """
-    Mark each vehicle's front in the first pair that shows all of it.
+    Annotate each vehicle's front in the first pair that shows all of it.
 
     :param scene: the scene.
     :param times_s: exposure times of the pairs.
     :param rng: source of the scatter.
     """
-    vehicles = []
-    for vehicle in scene.config.vehicles:
+    vehicles: list[InitFront] = []
+    for vehicle in scene.vehicles:
         frame = next((i for i, t in enumerate(times_s) if scene.visible(vehicle, t)), None)
         if frame is None:
             continue
         corners = scene.front(vehicle, times_s[frame]).corners_m
-        quads = [uv + rng.standard_normal((4, 2)) * scene.config.init_std_px
-                 for uv in scene.seen_rig.project(corners)[:2]]
-        vehicles.append({'frame': frame, **{
-            key: [[round(float(u), 2), round(float(v), 2)] for u, v in quad]
-            for key, quad in zip(('left_image', 'right_image'), quads)}})
+        left, right = (_rounded(uv + rng.standard_normal((4, 2)) * scene.config.init_std_px)
+                       for uv in scene.seen_rig.project(corners)[:2])
+        vehicles.append({'frame': frame, 'left_image': left, 'right_image': right})
     return {'stereo_speed_init': 1, 'vehicles': vehicles}

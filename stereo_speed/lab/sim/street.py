@@ -1,75 +1,48 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What stands and walks beside the road, as items to be painted."""
+"""What drives on the road, and stands and walks beside it, as items to be painted."""
 from __future__ import annotations
+
+from typing import Optional
 
 import cv2
 import numpy as np
 
-from .appearance import BODIES, BodyLook
-from .items import Footprint, Item, sprite_of
-from .planes import Eye, Plane, Texture
+from .appearance import Appearance
+from .bodies import BODIES, BodyConfig
+from .items import Footprint, Item
+from .planes import Plane, Texture
 from .props import ParkedConfig, PersonConfig, PoleConfig, TreeConfig
-from .scene import FrontPose, SimScene
+from .scene import FrontPose, Place, SimScene, Vehicle
 from .texture import Canvas, Image, octaves
 from ...core.records import Array
 
 PERSON_TEXEL_M = 0.012
 TREE_TEXEL_M = 0.03
 STRIDE_M = 1.5  # two steps
+NO_LANE = -1  # where vehicles park
 
 
-class Ground:
-    """
-    Places of the world in the left optical frame.
-
-    :param scene: the scene.
-    """
-
-    def __init__(self, scene: SimScene) -> None:
-        self.scene = scene
-        self.up = scene.left_R_world @ np.array([0.0, 0.0, 1.0])
-        chord = scene.chord
-        self._ahead, self._left = -chord, np.array([chord[1], -chord[0], 0.0])
-
-    def at(self, station_m: float, offset_m: float) -> Array:
-        """Return a point (3,) of the road's surface."""
-        return self.scene.to_left(self.scene.road.position(station_m, offset_m))
-
-    def axes(self, station_m: float, offset_m: float, away: bool = False) -> Array:
-        """Return columns along travel, left and up (3, 3); ``away`` for the other direction."""
-        frame = self.scene.road.frame(station_m, offset_m)
-        if away:
-            frame = frame * [-1.0, -1.0, 1.0]
-        return self.scene.left_R_world @ frame
-
-    def towards_camera(self, foot: Array) -> Array:
-        """Return the horizontal unit vector (3,) to the right of a thing that faces the camera."""
-        sight = foot - (foot @ self.up) * self.up
-        right = np.cross(sight, self.up)
-        return np.asarray(right / np.linalg.norm(right))
-
-    def footprint(self, points_m: Array) -> Footprint:
-        """Return what points (n, 3) of the left frame cover on the ground."""
-        world = points_m @ self.scene.left_R_world
-        along, across = world @ self._ahead, world @ self._left
-        return Footprint((float(along.min()), float(along.max())),
-                         (float(across.min()), float(across.max())))
+def footprint(scene: SimScene, points_m: Array) -> Footprint:
+    """Return what points (n, 3) of the left optical frame cover on the ground."""
+    world = points_m @ scene.left_R_world
+    ahead, left = -scene.chord, np.array([scene.chord[1], -scene.chord[0], 0.0])
+    along, across = world @ ahead, world @ left
+    return Footprint((float(along.min()), float(along.max())),
+                     (float(across.min()), float(across.max())))
 
 
-def billboard(ground: Ground, foot: Array, width_m: float, height_m: float,
+def billboard(scene: SimScene, foot: Array, width_m: float, height_m: float,
               texture: Texture) -> Item:
-    """Stand a picture upright on the ground, facing the camera."""
-    right = ground.towards_camera(foot)
-    plane = Plane(foot - right * width_m / 2 + ground.up * height_m, right * width_m,
-                  -ground.up * height_m, texture)
-    return Item(ground.footprint(foot + np.outer([-0.5, 0.5], right * width_m)), [plane],
-                plane.outline_m)
+    """Return a picture that stands upright on the ground and faces the camera."""
+    right = np.cross(foot - (foot @ scene.up) * scene.up, scene.up)
+    right *= width_m / np.linalg.norm(right)
+    plane = Plane(foot - right / 2 + scene.up * height_m, right, -scene.up * height_m, texture)
+    return Item(footprint(scene, foot + np.outer([-0.5, 0.5], right)), [plane], plane.outline_m)
 
 
-def pole(ground: Ground, config: PoleConfig, eyes: tuple[Eye, Eye]) -> Item:
-    """Make a pole; its shading makes it round."""
-    scene = ground.scene
+def pole(scene: SimScene, config: PoleConfig) -> Item:
+    """Return a pole; its shading makes it round."""
     chord = scene.chord
     world = scene.centre_world_m - chord * config.ahead_m + config.right_m * np.array(
         [-chord[1], chord[0], 0.0])
@@ -77,68 +50,58 @@ def pole(ground: Ground, config: PoleConfig, eyes: tuple[Eye, Eye]) -> Item:
     world[2] = scene.road.config.grade * float(station)
     shade = np.cos(np.linspace(-1.3, 1.1, 16))
     grey = np.tile(config.grey * (0.45 + 0.75 * shade), (16, 1)).astype(np.float32)
-    item = billboard(ground, scene.to_left(world), 2 * config.radius_m, config.height_m,
+    return billboard(scene, scene.to_left(world), 2 * config.radius_m, config.height_m,
                      Texture.of(grey))
-    return _still(item, eyes)
 
 
-def parked(ground: Ground, config: ParkedConfig, eyes: tuple[Eye, Eye],
-           rng: np.random.Generator) -> Item:
-    """Make a parked vehicle."""
-    look = BodyLook(BODIES[config.kind], False, rng)
-    foot = ground.at(config.station_m, config.offset_m)
-    axes = ground.axes(config.station_m, config.offset_m)
-    item = vehicle_item(ground, look, FrontPose(foot, axes, np.zeros((4, 3)), foot))
-    return _still(Item(item.footprint, item.planes, item.hull_m), eyes)
+def parked(scene: SimScene, config: ParkedConfig, rng: np.random.Generator) -> Item:
+    """Return a parked vehicle, whose front is not tracked."""
+    appearance = Appearance(BODIES[config.kind], False, rng)
+    place = Place(config.station_m, config.offset_m, NO_LANE, 0.0, 0.0)
+    pose = scene.front(Vehicle(0, appearance.body, lambda _: place), 0.0)
+    return vehicle_item(scene, appearance, pose)
 
 
-def _still(item: Item, eyes: tuple[Eye, Eye]) -> Item:
-    return Item(item.footprint, item.planes, item.hull_m,
-                (sprite_of(eyes[0], item), sprite_of(eyes[1], item)))
-
-
-def body_box(look: BodyLook, pose: FrontPose) -> Array:
+def body_box(body: BodyConfig, pose: FrontPose) -> Array:
     """Return the corners (8, 3) of a vehicle's box, the four of its footprint first."""
-    body = look.body
-    back, front = (0.0, body.length_m) if look.rear else (-body.length_m, 0.0)
+    back, front = (0.0, body.length_m) if pose.rear else (-body.length_m, 0.0)
     half = body.width_m / 2
     return pose.ground_m + np.array([
         (x, y, z) for z in (0.0, body.roof_m)
         for x, y in ((back, -half), (front, -half), (front, half), (back, half))]) @ pose.axes.T
 
 
-def vehicle_item(ground: Ground, look: BodyLook, pose: FrontPose, number: int = -1,
-                 lit: bool = False) -> Item:
+def vehicle_item(scene: SimScene, appearance: Appearance, pose: FrontPose,
+                 number: Optional[int] = None, lit: bool = False) -> Item:
     """
-    Make a vehicle at its place.
+    Return a vehicle at its place.
 
-    :param pose: of its tracked face.
-    :param number: of the vehicle; negative for none.
+    :param pose: of its tracked front.
+    :param number: of the vehicle; None for one that is not tracked.
     :param lit: its lamps are on.
     """
-    body = look.body
-    corners = body_box(look, pose)
-    hull = _silhouette(look, pose)
+    body = appearance.body
     lamps = np.zeros((0, 3))
     if lit:
-        up = body.clearance_m + (0.35 if look.rear else 0.42)
+        up = body.clearance_m + (0.35 if pose.rear else 0.42)
         side = body.width_m / 2 - 0.25
         lamps = pose.ground_m + np.array([(0, -side, up), (0, side, up)]) @ pose.axes.T
-    return Item(ground.footprint(corners[:4]), look.planes(pose), hull,
-                vehicle=number if number >= 0 else None,
-                face_m=pose.corners_m if number >= 0 else None, lamps_m=lamps,
-                lamp_size_m=0.1 if look.rear else 0.22)
+    return Item(footprint(scene, body_box(body, pose)[:4]), appearance.planes(pose),
+                _silhouette(body, pose), vehicle=number,
+                front_m=None if number is None else pose.corners_m, lamps_m=lamps,
+                lamp_size_m=0.1 if pose.rear else 0.22)
 
 
-def _silhouette(look: BodyLook, pose: FrontPose) -> Array:
+def _silhouette(body: BodyConfig, pose: FrontPose) -> Array:
     """Return points (n, 3) whose hull the body fills but for its wheel houses."""
-    body = look.body
+    if not body.kind:
+        return pose.corners_m
     half, low, roof, long = body.width_m / 2, body.clearance_m, body.roof_m, body.length_m
-    top = low + body.face_m
+    top = low + body.front_m
     screen = body.cab_m or body.bonnet_m + body.screen_m
     outline = [(0, 0.1), (0, top), (screen, roof), (long - 0.5, roof), (long, low + body.rear_m),
                (long, 0.1)]
-    front = long if look.rear else 0.0
+    front = long if pose.rear else 0.0
     return pose.ground_m + np.array([(front - back, side, up) for back, up in outline
                                      for side in (-half, half)]) @ pose.axes.T
 
@@ -165,8 +128,8 @@ class Person:
         # To and fro between both ends of the beat.
         return c.station_m + abs((gone + c.turns_m) % (4 * c.turns_m) - 2 * c.turns_m) - c.turns_m
 
-    def item(self, ground: Ground, t_s: float) -> Item:
-        """Make the picture at a time."""
+    def item(self, scene: SimScene, t_s: float) -> Item:
+        """Return the picture at a time."""
         c = self.config
         width = 0.62 * c.height_m
         angle = 2 * np.pi * c.speed_mps * t_s / STRIDE_M + self.phase
@@ -187,7 +150,7 @@ class Person:
         texture = Texture.of(*(np.asarray(cv2.resize(canvas.image, half,
                                                      interpolation=cv2.INTER_AREA), np.float32)
                                for canvas in (grey, alpha)))
-        return billboard(ground, ground.at(self.place(t_s), c.offset_m), width, c.height_m,
+        return billboard(scene, scene.point(self.place(t_s), c.offset_m), width, c.height_m,
                          texture)
 
 
@@ -215,8 +178,8 @@ class Tree:
         self.place = (x * columns - 0.5, y * rows - 0.5, np.clip(1 - y, 0, 1) ** 1.5)
         self.phase = float(rng.uniform(0, 2 * np.pi))
 
-    def item(self, ground: Ground, t_s: float) -> Item:
-        """Make the picture at a time."""
+    def item(self, scene: SimScene, t_s: float) -> Item:
+        """Return the picture at a time."""
         c = self.config
         angle = 2 * np.pi * t_s / c.period_s + self.phase
         swing = c.sway_m / TREE_TEXEL_M * (0.7 * np.sin(angle) + 0.3 * np.sin(2.7 * angle + 1.0))
@@ -225,7 +188,7 @@ class Tree:
         at = ((x - np.float32(swing) * high + np.float32(leaves) * self.flutter).astype(
             np.float32), y)
         grey, alpha = (_moved(picture, at) for picture in (self.grey, self.alpha))
-        return billboard(ground, ground.at(c.station_m, c.offset_m), self.width_m, c.height_m,
+        return billboard(scene, scene.point(c.station_m, c.offset_m), self.width_m, c.height_m,
                          Texture.of(grey, alpha))
 
 

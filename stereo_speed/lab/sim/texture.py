@@ -28,12 +28,19 @@ def octaves(rng: np.random.Generator, height: int, width: int, finest: int) -> I
     cell, count = finest, 0
     while cell * 2 < max(height, width):
         coarse = rng.standard_normal((-(-height // cell), -(-width // cell)), dtype=np.float32)
-        fine = cv2.resize(np.pad(coarse, 2, mode='wrap'), None, fx=cell, fy=cell,
-                          interpolation=cv2.INTER_CUBIC)
-        total += fine[2 * cell:2 * cell + height, 2 * cell:2 * cell + width]
+        rows, columns = (_enlarging(n, cell, size)
+                         for n, size in zip(coarse.shape, (height, width)))
+        total += rows @ np.pad(coarse, 2, mode='wrap') @ columns.T
         cell, count = cell * 2, count + 1
     total -= total.mean()
     return (total / max(float(total.std()), 1e-6)).astype(np.float32)
+
+
+def _enlarging(count: int, cell: int, size: int) -> Image:
+    """Return the matrix (size, count + 4) that interpolates padded samples cubically."""
+    samples = np.eye(count + 4, dtype=np.float32)
+    fine = cv2.resize(samples, None, fx=1, fy=cell, interpolation=cv2.INTER_CUBIC)
+    return np.asarray(fine[2 * cell:2 * cell + size], np.float32)
 
 
 class Canvas:
@@ -105,15 +112,13 @@ def _draw_plate(canvas: Canvas, rng: np.random.Generator, y: float) -> None:
                        y + dy + (0.75 if upright else 0.2) * tall, 30)
 
 
-def front_texture(rng: np.random.Generator, width_m: float, height_m: float,
-                  contrast: float = 1.0) -> Image:
+def front_texture(rng: np.random.Generator, width_m: float, height_m: float) -> Image:
     """
     Make the front of a vehicle, as the camera sees it.
 
     :param rng: source of randomness; each state gives another car.
     :param width_m: width, m.
     :param height_m: height, m.
-    :param contrast: scale of its detail about the mean.
     :return: (rows, columns) float32 grey levels at ``TEXEL_M``.
     """
     body = rng.uniform(60, 165)
@@ -139,8 +144,7 @@ def front_texture(rng: np.random.Generator, width_m: float, height_m: float,
     image = image * shade + rng.uniform(4, 8) * octaves(rng, rows, columns, 6)
     # Optics and rounded edges: nothing sharper than a few millimetres.
     image = cv2.GaussianBlur(image, (0, 0), 1.5, borderType=cv2.BORDER_REPLICATE)
-    mean = float(image.mean())
-    return np.clip(mean + contrast * (image - mean), 5, 250).astype(np.float32)
+    return np.clip(image, 5, 250).astype(np.float32)
 
 
 def pyramid(image: Image, levels: int) -> list[Image]:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .appearance import BodyConfig, draw_body_size
+from .bodies import BodyConfig, draw_body_size
 from .config import RoadConfig, SimConfig
 from .props import (
     DAY, DUSK, LightConfig, OVERCAST, ParkedConfig, PersonConfig, PoleConfig, TreeConfig)
@@ -73,7 +73,7 @@ class TrafficConfig:
                 raise InputError('traffic', name, getattr(self, name), 'a value that can be')
 
     def same_way(self, lane: int, other: int) -> bool:
-        """Say whether there is another lane of that number that runs the same way."""
+        """Return whether there is another lane of that number that runs the same way."""
         road = self.scene.road
         return (0 <= other < road.lanes
                 and (lane in road.receding) == (other in road.receding))

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import csv
 from pathlib import Path
-from typing import Any, Iterable, Mapping, Sequence
+from typing import Iterable, Mapping, Sequence
 
 TRUTH_COLUMNS = ('stamp', 'vehicle', 'speed', 'path_speed', 'lateral', 'x', 'y', 'z', 'width_px')
 TRAFFIC_COLUMNS = (*TRUTH_COLUMNS, 'lane', 'visible', 'in_view')
@@ -13,7 +13,7 @@ _FORMATS = {'speed': '.5f', 'path_speed': '.5f', 'lateral': '.4f', 'x': '.4f', '
             'z': '.4f', 'width_px': '.1f', 'visible': '.3f', 'in_view': 'd'}
 
 
-def write_truth(rows: Iterable[Mapping[str, Any]], path: Path,
+def write_truth(rows: Iterable[Mapping[str, object]], path: Path,
                 columns: Sequence[str] = TRUTH_COLUMNS) -> None:
     """
     Write the rows of a simulation.

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import RectBivariateSpline
 
 from ...core.records import Array
@@ -44,24 +45,27 @@ class View:
         xy = c.undistort(np.stack(np.meshgrid(u, v), axis=-1))
         return (RectBivariateSpline(v, u, xy[..., 0]), RectBivariateSpline(v, u, xy[..., 1]))
 
-    def ray_grid(self, u_px: Array, v_px: Array) -> Array:
+    def normalized(self, u_px: Array, v_px: Array) -> tuple[Array, Array]:
         """
-        Return rays (rows, columns, 3) of a regular grid of raw pixels, in the left frame.
+        Return x and y at depth 1, (rows, columns) each, of a regular grid of raw pixels.
 
         :param u_px: (columns,) ascending.
         :param v_px: (rows,) ascending.
         """
         c = self.camera
-        x, y = np.meshgrid(u_px, v_px)
-        if c.lens.ideal:
-            y = (y - c.K[1, 2]) / c.K[1, 1]
-            x = (x - c.K[0, 2] - c.K[0, 1] * y) / c.K[0, 0]
-        else:
-            x, y = (spline(v_px, u_px) for spline in self._splines)
-        # Row vectors: (x, y, 1) R is the ray in the left frame.
-        return x[..., None] * self.R[0] + y[..., None] * self.R[1] + self.R[2]
+        if not c.lens.ideal:
+            x, y = (np.asarray(spline(v_px, u_px)) for spline in self._splines)
+            return x, y
+        y = ((v_px - c.K[1, 2]) / c.K[1, 1])[:, None] + 0.0 * u_px
+        return (u_px - c.K[0, 2] - c.K[0, 1] * y) / c.K[0, 0], y
 
-    def project(self, points_m: Array) -> tuple[Array, Array]:
+    def ray_grid(self, u_px: Array, v_px: Array) -> Array:
+        """Return the rays (rows, columns, 3) of such a grid in the left frame, at depth 1."""
+        x, y = self.normalized(u_px, v_px)
+        # Row vectors: (x, y, 1) R is the ray in the left frame.
+        return np.asarray(x[..., None] * self.R[0] + y[..., None] * self.R[1] + self.R[2])
+
+    def project(self, points_m: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Return raw pixels (..., 2) of points of the left frame, and their validity."""
         return self.camera.project(np.asarray(points_m) @ self.R.T + self.t)
 

@@ -212,7 +212,7 @@ def encode(image: np.ndarray, encoding: str) -> np.ndarray:
     :param encoding: see ``ENCODINGS``; a grey Bayer mosaic is the image itself.
     """
     if encoding == 'mono16':
-        return image.astype('<u2') * np.array(257, dtype='<u2')
+        return np.asarray(image.astype('<u2') * np.array(257, dtype='<u2'))
     channels = {'bgr8': 3, 'rgb8': 3, 'bgra8': 4, 'rgba8': 4}.get(encoding)
     if channels is None:
         return np.ascontiguousarray(image)

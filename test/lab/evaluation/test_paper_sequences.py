@@ -21,14 +21,14 @@ def sequence_scene(name):
 def test_all_vehicles_are_in_view_in_the_first_pair(name):
     scene = sequence_scene(name)
     assert len(scene.config.vehicles) == len(find_sequence(name).vehicles)
-    assert all(scene.visible(vehicle, 0.0) for vehicle in scene.config.vehicles)
+    assert all(scene.visible(vehicle, 0.0) for vehicle in scene.vehicles)
     assert scene.config.fps == FPS
 
 
 def test_the_circle_turns_by_22_and_a_half_degrees_a_second():
     scene = sequence_scene('circle36')
     vehicle = scene.config.vehicles[0]
-    ahead = [scene.front(vehicle, t).axes[:, 0] for t in (0.5, 1.5)]
+    ahead = [scene.front(scene.vehicles[0], t).axes[:, 0] for t in (0.5, 1.5)]
     assert np.degrees(np.arccos(ahead[0] @ ahead[1])) == pytest.approx(22.5, abs=0.01)
     assert vehicle.speed_mps == pytest.approx(36 * MPH_MPS)
 
@@ -41,7 +41,8 @@ def test_lane_changes_drift_as_the_paper_says(name, drift_m):
     assert across_m == LANE_M
     assert across_m / ((end_s - begin_s) * FPS) == pytest.approx(drift_m, abs=0.005)
     assert lateral_m(vehicle, config.pairs / FPS) == pytest.approx(LANE_M)
-    seen = [SimScene(config).visible(vehicle, k / FPS) for k in range(config.pairs)]
+    scene = SimScene(config)
+    seen = [scene.visible(scene.vehicles[0], k / FPS) for k in range(config.pairs)]
     assert sum(seen) >= 29
 
 
@@ -62,8 +63,8 @@ def test_vehicles_drive_at_the_papers_speeds(name, speeds_mph):
 
 def test_the_right_one_of_two_vehicles_is_seen_in_every_pair_of_the_left_ones_pass():
     scene = sequence_scene('two_vehicles')
-    left, right = scene.config.vehicles
-    assert left.lane == right.lane + 1
+    left, right = scene.vehicles
+    assert left.place(0.0).lane == right.place(0.0).lane + 1
     both = [k for k in range(40) if scene.visible(left, k / FPS) and scene.visible(right, k / FPS)]
     assert len(both) >= 10
 

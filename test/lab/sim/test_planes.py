@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The fast drawing agrees with the exact one; what hides what; what is seen of a face."""
+"""Planes, their order, what occludes what; people, trees, clouds and noise."""
 from __future__ import annotations
 
 import cv2
@@ -8,51 +8,17 @@ import numpy as np
 import pytest
 
 from stereo_speed.lab.sim import (
-    circle_config, DAY, LightConfig, PersonConfig, RIGS, SimConfig, straight_config, TreeConfig)
-from stereo_speed.lab.sim.appearance import BODIES, BodyLook, draw_body_size
-from stereo_speed.lab.sim.items import Footprint, in_order, Item, sprite_of, Visibility
+    DAY, LightConfig, PersonConfig, RoadConfig, SimConfig, straight_config, TreeConfig)
+from stereo_speed.lab.sim.appearance import Appearance
+from stereo_speed.lab.sim.bodies import BODIES, draw_body_size
+from stereo_speed.lab.sim.items import Footprint, in_order, Item, Visibility
 from stereo_speed.lab.sim.light import cloud_tile, Clouds, Sensor
 from stereo_speed.lab.sim.planes import clip_near, Eye, Plane, Texture
-from stereo_speed.lab.sim.render import draw_front, VehicleLook
-from stereo_speed.lab.sim.scene import FrontPose, SimScene
-from stereo_speed.lab.sim.street import Ground, Person, Tree, vehicle_item
+from stereo_speed.lab.sim.scene import Place, SimScene, Vehicle
+from stereo_speed.lab.sim.street import Person, Tree, vehicle_item
 from stereo_speed.lab.sim.view import rig_views
 
 BACK = 60.0
-
-
-def _shift(image, reference):
-    mean = (image + reference) / 2
-    gy, gx = np.gradient(mean)
-    terms = np.stack([gx.ravel(), gy.ravel(), np.ones(gx.size), mean.ravel()], axis=1)
-    return -np.linalg.lstsq(terms, (image - reference).ravel(), rcond=None)[0][:2]
-
-
-@pytest.mark.parametrize('rig', ['parallel', 'distorted', 'equidistant'])
-@pytest.mark.parametrize('make', [straight_config, circle_config])
-def test_fast_front_agrees_with_the_exact_one(make, rig):
-    scene = SimScene(make(rig=RIGS[rig]))
-    vehicle = scene.config.vehicles[0]
-    look = VehicleLook(vehicle, np.random.default_rng(5))
-    shifts = []
-    for view in rig_views(scene.seen_rig):
-        eye = Eye(view)
-        for t_s in (0.0, 1.4):
-            pose = scene.front(vehicle, t_s)
-            corners = pose.corners_m
-            size = tuple(round(side / 0.004) for side in (1.8, 0.8))
-            plane = Plane(corners[0], corners[1] - corners[0], corners[3] - corners[0],
-                          Texture(look.levels, size), True)
-            images = [np.full((768, 1024), BACK, np.float32) for _ in range(2)]
-            eye.draw(images[0], plane)
-            draw_front(images[1], view, look, pose)
-            u0, u1, v0, v1 = eye.box(eye.project(corners), 4)
-            crops = [image[v0:v1, u0:u1].astype(float) for image in images]
-            shifts.append(_shift(*crops))
-            assert np.abs(crops[0] - crops[1]).mean() < 2.5  # a little softer
-    shifts = np.array(shifts).reshape(2, 2, 2)  # view, time, across and down
-    assert np.abs(shifts).max() < 0.015
-    assert np.abs(shifts[0] - shifts[1])[:, 0].max() < 7e-3  # disparity
 
 
 def test_plain_plane_covers_its_area():
@@ -84,7 +50,7 @@ def test_polygons_are_cut_before_the_camera():
     (((12, 16), (1, 3)), ((10, 25), (4, 6)), -1),
     (((10, 25), (-6, -4)), ((12, 16), (1, 3)), 0),  # the camera looks between them
 ])
-def test_what_may_hide_what(mine, other, wanted):
+def test_what_may_occlude_what(mine, other, wanted):
     assert Footprint(*mine).behind(Footprint(*other)) == wanted
 
 
@@ -101,22 +67,20 @@ def test_order_of_painting():
         assert order.index(beside) < order.index(truck)
 
 
-def _pose(ground, station, offset, body):
-    foot, axes = ground.at(station, offset), ground.axes(station, offset)
-    left, up = axes[:, 1] * body.width_m / 2, axes[:, 2] * body.face_m / 2
-    centre = foot + axes[:, 2] * (body.clearance_m + body.face_m / 2)
-    corners = centre + np.stack([up - left, up + left, left - up, -left - up])
-    return FrontPose(centre, axes, corners, foot)
+def _item(scene, kind, station, offset, number):
+    body = BODIES[kind]
+    place = Place(station, offset, 0, 0.0, 0.0)
+    appearance = Appearance(body, False, np.random.default_rng(0))
+    return vehicle_item(scene, appearance, scene.front(
+        Vehicle(number, body, lambda _: place), 0.0), number)
 
 
-def test_share_seen_of_a_face():
+def test_share_seen_of_a_front():
     scene = SimScene(straight_config(camera_side_m=0.0))
-    ground, eye = Ground(scene), Eye(rig_views(scene.seen_rig)[0])
-    rng = np.random.default_rng(0)
-    car, truck = (BodyLook(BODIES[kind], False, rng) for kind in ('car', 'truck'))
-    far = vehicle_item(ground, car, _pose(ground, 10.0, 0.0, car.body), 0)
-    hiding = vehicle_item(ground, truck, _pose(ground, 35.0, 0.0, truck.body), 1)
-    beside = vehicle_item(ground, truck, _pose(ground, 35.0, 3.7, truck.body), 2)
+    eye = Eye(rig_views(scene.seen_rig)[0])
+    far = _item(scene, 'car', 10.0, 0.0, 0)
+    hiding = _item(scene, 'truck', 35.0, 0.0, 1)
+    beside = _item(scene, 'truck', 35.0, 3.7, 2)
     seen = Visibility(eye)
     assert seen.shares([far])[0] == pytest.approx(1.0, abs=0.06)
     shares = seen.shares(in_order([hiding, far]))
@@ -126,33 +90,25 @@ def test_share_seen_of_a_face():
 
 @pytest.mark.parametrize('kind', sorted(BODIES))
 @pytest.mark.parametrize('rear', [False, True])
-def test_faces_of_bodies_are_rectangles_that_close(kind, rear):
+def test_planes_of_bodies_are_rectangles_that_close(kind, rear):
     rng = np.random.default_rng(1)
     body = draw_body_size(kind, rng)
-    look = BodyLook(body, rear, rng)
-    pose = FrontPose(np.zeros(3), np.eye(3), np.zeros((4, 3)), np.zeros(3))
-    planes = look.planes(pose)
-    middle = np.array([body.length_m / 2 * (1 if rear else -1), 0.0, body.roof_m / 2])
+    scene = SimScene(straight_config(road=RoadConfig(receding=(0,) if rear else ())))
+    place = Place(20.0, 0.0, 0, 10.0, 0.0)
+    pose = scene.front(Vehicle(0, body, lambda _: place), 0.0)
+    planes = Appearance(body, rear, rng).planes(pose)
+    assert pose.rear == rear
+    assert planes[-1].fine and planes[-1].normal @ pose.axes[:, 0] * (-1 if rear else 1) > 0
+    np.testing.assert_allclose(planes[-1].outline_m, pose.corners_m)
+    assert len(planes) == (1 if not kind else 7 if kind == 'truck' else 8)
+    ahead = body.length_m / 2 * (1 if rear else -1)
+    middle = pose.ground_m + pose.axes @ [ahead, 0.0, body.roof_m / 2]
     for plane in planes:
         assert abs(plane.across_m @ plane.down_m) < 1e-9
-        outward = plane.outline_m.mean(axis=0) - middle
-        assert outward @ plane.normal > 0
-    assert planes[-1].fine and planes[-1].normal @ [1.0 if not rear else -1.0, 0, 0] > 0
-    points = np.concatenate([plane.outline_m for plane in planes])
-    np.testing.assert_allclose(np.ptp(points, axis=0)[:2], [body.length_m, body.width_m])
-
-
-def test_sprite_is_the_picture():
-    scene = SimScene(straight_config())
-    ground, eye = Ground(scene), Eye(rig_views(scene.seen_rig)[0])
-    item = Person(PersonConfig(), np.random.default_rng(0)).item(ground, 0.3)
-    image = np.full((768, 1024), BACK, np.float32)
-    other = image.copy()
-    sprite_of(eye, item).paint(image)
-    for plane in item.planes:
-        eye.draw(other, plane)
-    np.testing.assert_allclose(image, other, atol=1e-2)
-    assert np.abs(image - BACK).max() > 20
+        assert not kind or (plane.outline_m.mean(axis=0) - middle) @ plane.normal > 0
+    points = np.concatenate([plane.outline_m for plane in planes]) @ pose.axes
+    np.testing.assert_allclose(np.ptp(points, axis=0)[:2], [body.length_m, body.width_m],
+                               atol=1e-9)
 
 
 def test_people_walk_and_trees_sway():
@@ -163,12 +119,12 @@ def test_people_walk_and_trees_sway():
     assert max(places) == pytest.approx(25.0, abs=0.3)
     assert np.abs(np.diff(places)).max() <= 0.2 + 1e-9
     scene = SimScene(straight_config())
-    ground, eye = Ground(scene), Eye(rig_views(scene.seen_rig)[0])
+    eye = Eye(rig_views(scene.seen_rig)[0])
     tree = Tree(TreeConfig(station_m=10.0, offset_m=6.0), rng)
     images = []
     for t_s in (0.0, 0.6):
         images.append(np.full((768, 1024), BACK, np.float32))
-        eye.draw(images[-1], tree.item(ground, t_s).planes[0])
+        eye.draw(images[-1], tree.item(scene, t_s).planes[0])
     assert np.abs(images[0] - images[1]).max() > 8.0
 
 

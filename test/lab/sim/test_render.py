@@ -3,25 +3,24 @@
 """What is drawn lies where the geometry says, to a small part of a pixel."""
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.ndimage import map_coordinates
 
 from stereo_speed.geometry.camera import Camera
-from stereo_speed.lab.sim import circle_config, RIGS, RoadConfig, straight_config
-from stereo_speed.lab.sim.render import draw_front, VehicleLook
+from stereo_speed.lab.sim import (
+    circle_config, RIGS, RoadConfig, straight_config, VehicleConfig)
+from stereo_speed.lab.sim.appearance import Appearance
+from stereo_speed.lab.sim.planes import Eye, Texture
 from stereo_speed.lab.sim.scene import SimScene
-from stereo_speed.lab.sim.scenery import GroundMap, paint_coverage
+from stereo_speed.lab.sim.scenery import GroundMap, marking_coverage
 from stereo_speed.lab.sim.texture import front_texture, octaves, pyramid
-from stereo_speed.lab.sim.view import below, View
+from stereo_speed.lab.sim.view import below, rig_views, View
 
 CLOTHOID = RoadConfig(curvature_start=0.004, curvature_end=0.035, clothoid_m=40.0, grade=0.03)
 BACK = 60.0
-
-
-def _views(scene):
-    return (View(scene.rig.left, np.eye(3), np.zeros(3)),
-            View(scene.rig.right, scene.rig.R, scene.rig.t))
 
 
 def _box(uv):
@@ -29,11 +28,32 @@ def _box(uv):
     return low[0], high[0], low[1], high[1]
 
 
-def _brute(camera, corners_px, look, box):
+def _appearance(vehicle, seed=5):
+    return Appearance(vehicle.body, False, np.random.default_rng(seed))
+
+
+def _draw(view, plane, box, back=BACK):
+    image = np.full((768, 1024), back, np.float32)
+    Eye(view).draw(image, plane)
+    return image[box[2]:box[3], box[0]:box[1]]
+
+
+def _texels(texture):
+    columns, rows = texture.size
+    return texture.grey[0][:rows, :columns]
+
+
+def _sample(image, x, y, size_m):
+    """Sample an image at metres from the top-left corner of what it covers."""
+    rows, columns = image.shape
+    return map_coordinates(image, [y * rows / size_m[1] - 0.5, x * columns / size_m[0] - 0.5],
+                           order=1, mode='nearest')
+
+
+def _brute(camera, corners_px, texture, size_m, box):
     """Draw the front by a homography from its projected corners, many samples a pixel."""
     u0, u1, v0, v1 = box
-    config = look.config
-    w, h = config.front_width_m, config.front_height_m
+    w, h = size_m
     flat = camera.undistort(corners_px)
     # Solved here in double: cv2.getPerspectiveTransform takes corners in float32.
     a, b = [], []
@@ -48,9 +68,7 @@ def _brute(camera, corners_px, look, box):
     xyw = camera.rays(uv) @ texture_H_image.T
     x, y = xyw[..., 0] / xyw[..., 2], xyw[..., 1] / xyw[..., 2]
     inside = (x >= 0) & (x <= w) & (y >= 0) & (y <= h)
-    grey = map_coordinates(look.levels[0], [y / look.texel_m[1] - 0.5, x / look.texel_m[0] - 0.5],
-                           order=1, mode='nearest')
-    image = np.where(inside, grey, BACK)
+    image = np.where(inside, _sample(_texels(texture), x, y, size_m), BACK)
     return image.reshape(v1 - v0, fine, u1 - u0, fine).mean(axis=(1, 3))
 
 
@@ -66,30 +84,78 @@ def _shift(image, reference):
 @pytest.mark.parametrize('make', [straight_config, circle_config])
 def test_front_is_drawn_where_it_projects(make, rig):
     scene = SimScene(make(rig=RIGS[rig]))
-    vehicle = scene.config.vehicles[0]
-    look = VehicleLook(vehicle, np.random.default_rng(5))
+    vehicle = scene.vehicles[0]
+    appearance = _appearance(vehicle)
+    size_m = vehicle.body.width_m, vehicle.body.front_m
     for t_s in (0.0, 1.4):
         pose = scene.front(vehicle, t_s)
         shifts = []
-        for view, corners in zip(_views(scene), scene.rig.project(pose.corners_m)[:2]):
-            image = np.full((768, 1024), BACK, np.float32)
-            draw_front(image, view, look, pose)
-            u0, u1, v0, v1 = box = _box(corners)
-            shifts.append(_shift(image[v0:v1, u0:u1], _brute(view.camera, corners, look, box)))
+        for view, corners in zip(rig_views(scene.rig), scene.rig.project(pose.corners_m)[:2]):
+            box = _box(corners)
+            image = _draw(view, appearance.planes(pose)[-1], box)
+            shifts.append(_shift(image, _brute(
+                view.camera, corners, appearance.tracked, size_m, box)))
         assert np.abs(shifts).max() < 0.01
         assert abs(shifts[0][0] - shifts[1][0]) < 0.01  # disparity
 
 
+def _forward(project, pose, appearance, box):
+    """Draw a front with relief by projecting its surface, many small pieces a pixel."""
+    u0, u1, v0, v1 = box
+    w, h = size_m = appearance.body.width_m, appearance.body.tracked_m(appearance.rear)
+    x, y = np.meshgrid((np.arange(1200) + 0.5) * w / 1200, (np.arange(600) + 0.5) * h / 600)
+    out = _sample(appearance.relief_m, x, y, size_m)
+    corners = pose.corners_m
+    across, down = (corners[1] - corners[0]) / w, (corners[3] - corners[0]) / h
+    points = (corners[0] + x[..., None] * across + y[..., None] * down
+              + out[..., None] * np.cross(down, across))
+    uv = project(points)
+    (uy, ux), (vy, vx) = (np.gradient(uv[..., k]) for k in (0, 1))
+    areas = ux * vy - uy * vx  # of the pieces, px^2
+    cell = (np.rint(uv[..., 1]) - v0) * (u1 - u0) + np.rint(uv[..., 0]) - u0
+    grey = _sample(_texels(appearance.tracked), x, y, size_m)
+    total, cover = (np.bincount(cell.astype(int).ravel(), weights=part.ravel(),
+                                minlength=(u1 - u0) * (v1 - v0)).reshape(v1 - v0, u1 - u0)
+                    for part in (areas * grey, areas))
+    return total + (1 - cover) * BACK
+
+
+@pytest.mark.parametrize('receding', [(), (0,)])
+@pytest.mark.parametrize('kind', ['', 'van'])
+def test_relief_is_drawn_where_its_surface_projects(kind, receding):
+    config = straight_config(
+        rig=RIGS['distorted'], road=RoadConfig(receding=receding),
+        vehicles=(VehicleConfig(kind=kind, relief_m=0.05),))
+    scene = SimScene(config)
+    vehicle = scene.vehicles[0]
+    appearance = Appearance(vehicle.body, bool(receding), np.random.default_rng(3))
+    assert appearance.relief_m.std() == pytest.approx(0.05)
+    pose = scene.front(vehicle, 0.9)
+    plane = appearance.planes(pose)[-1]
+    shifts = []
+    for side, view in enumerate(rig_views(scene.rig)):
+        box = _box(scene.rig.project(pose.corners_m)[side] + [[-6, -6], [6, -6], [6, 6], [-6, 6]])
+        true = _forward(lambda points: scene.rig.project(points)[side], pose, appearance, box)
+        image, flat = (_draw(view, p, box) for p in (plane, replace(plane, relief_m=None)))
+        # In tiles of a quarter of its size, each at its own depth.
+        rows, columns = (np.array_split(np.arange(n), 4) for n in image.shape)
+        gaps = [_shift(image[np.ix_(r, c)], true[np.ix_(r, c)])
+                for r in rows[1:3] for c in columns[1:3]]
+        assert np.abs(gaps).max() < 0.03
+        shifts.append(_shift(image, true))
+        assert np.sqrt(np.mean((image - true) ** 2)) < 0.3 * np.sqrt(np.mean((flat - true) ** 2))
+    assert np.abs(shifts).max() < 0.01
+    assert abs(shifts[0][0] - shifts[1][0]) < 0.01
+
+
 def test_front_of_one_grey_has_its_centroid_at_the_projected_area():
     scene = SimScene(straight_config())
-    vehicle = scene.config.vehicles[0]
-    look = VehicleLook(vehicle, np.random.default_rng(0))
-    look.levels = [np.full_like(level, 100.0) for level in look.levels]
+    vehicle = scene.vehicles[0]
     for t_s in (0.0, 1.3):
         pose = scene.front(vehicle, t_s)
-        for view, corners in zip(_views(scene), scene.rig.project(pose.corners_m)[:2]):
-            image = np.zeros((768, 1024), np.float32)
-            draw_front(image, view, look, pose)
+        plane = replace(_appearance(vehicle).planes(pose)[-1], texture=Texture.plain(100.0))
+        for view, corners in zip(rig_views(scene.rig), scene.rig.project(pose.corners_m)[:2]):
+            image = _draw(view, plane, (0, 1024, 0, 768), 0.0)
             x, y = corners.T
             cross = x * np.roll(y, -1) - np.roll(x, -1) * y
             area = cross.sum() / 2
@@ -100,15 +166,24 @@ def test_front_of_one_grey_has_its_centroid_at_the_projected_area():
             assert float(image.sum()) / 100.0 == pytest.approx(area, rel=2e-4)
 
 
+def test_contrast_scales_the_detail_about_the_mean():
+    for rear in (False, True):
+        one, half = (Appearance(VehicleConfig(texture_contrast=c).body, rear,
+                                np.random.default_rng(0)).tracked.grey[0] for c in (1.0, 0.5))
+        np.testing.assert_allclose(half - one.mean(), 0.5 * (one - one.mean()), atol=1e-3)
+
+
 @pytest.mark.parametrize('config', [
-    straight_config(rig=RIGS['distorted']), circle_config(),
-    circle_config(road=CLOTHOID, rig=RIGS['equidistant'])], ids=['straight', 'circle', 'graded'])
-def test_paint_lies_on_the_lines(config):
+    pytest.param(straight_config(rig=RIGS['distorted']), id='straight'),
+    pytest.param(circle_config(), id='circle'),
+    pytest.param(circle_config(road=CLOTHOID, rig=RIGS['equidistant']), id='graded',
+                 marks=pytest.mark.slow)])
+def test_markings_lie_on_the_lines(config):
     scene = SimScene(config)
     stations = np.linspace(5.0, scene.end_station_m, 40)
     offset = scene.road.line_offsets()['edge_right']
-    for view in _views(scene):
-        paint = paint_coverage(GroundMap(scene, view), scene.road)
+    for view in rig_views(scene.rig):
+        share = marking_coverage(GroundMap(scene, view), scene.road)
         # The projected middle of a strip, not of its line: perspective shifts it a little.
         edges = [view.project(scene.to_left(scene.road.position(
             np.linspace(-5.0, 70.0, 20001), np.full(20001, offset + side * 0.075))))[0]
@@ -119,7 +194,7 @@ def test_paint_lies_on_the_lines(config):
         for u, v in middles[valid]:
             v = round(v)
             low, high = max(round(u) - 15, 0), round(u) + 16
-            row = paint[v, low:high]
+            row = share[v, low:high]
             crossing, slope = [], 0.0
             for edge in edges:
                 k = np.flatnonzero((edge[:-1, 1] - v) * (edge[1:, 1] - v) <= 0)

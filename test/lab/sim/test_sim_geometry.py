@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The simulator's geometry: road, motion, truth, site and marks."""
+"""The simulator's geometry: road, motion, truth, site and initial fronts."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -15,7 +15,7 @@ from stereo_speed.lab.sim import (
 from stereo_speed.lab.sim.kinematics import lateral_m, path_m, path_speed_mps
 from stereo_speed.lab.sim.road import Road
 from stereo_speed.lab.sim.scene import SimScene
-from stereo_speed.lab.sim.sequence import exact_site, marks, picked_site
+from stereo_speed.lab.sim.sequence import exact_site, initial_fronts, picked_site
 
 CLOTHOID = RoadConfig(curvature_start=0.004, curvature_end=0.035, clothoid_m=40.0, grade=0.03)
 
@@ -77,14 +77,15 @@ def test_speed_and_lateral_knots():
 @pytest.mark.parametrize('lane', [0, 1])
 def test_truth_speed_is_the_path_speed_without_lateral_motion(config, lane):
     config = replace(config, vehicles=(replace(config.vehicles[0], lane=lane),))
-    row = SimScene(config).truth(0, 0.7, config.origin_ns)
+    scene = SimScene(config)
+    row = scene.truth(scene.vehicles[0], 0.7, config.origin_ns)
     assert row['speed'] == pytest.approx(row['path_speed'], rel=1e-6)
 
 
 def test_pass_starts_and_ends_where_asked():
     config = straight_config(camera_side_m=0.0, camera_pitch_deg=0.0)
     scene = SimScene(config)
-    first = scene.front(config.vehicles[0], 0.0)
+    first = scene.front(scene.vehicles[0], 0.0)
     np.testing.assert_allclose(first.centre_m, [0.0, 4.0 - 0.65, 72.0], atol=1e-9)
     np.testing.assert_allclose(first.axes[:, 0], [0.0, 0.0, -1.0], atol=1e-12)
     np.testing.assert_allclose(first.axes[:, 1], [1.0, 0.0, 0.0], atol=1e-12)
@@ -116,7 +117,7 @@ def test_picks_lie_on_their_lines_and_run_along_travel():
             assert (np.diff(np.nanargmin(gaps, axis=1)) > 0).all()
 
 
-def test_pick_scatter_and_marks():
+def test_scatter_of_picks_and_initial_fronts():
     scene = SimScene(straight_config())
     rng = np.random.default_rng(3)
     true = picked_site(SimScene(straight_config(pick_std_px=0.0)), np.random.default_rng(1))
@@ -125,8 +126,8 @@ def test_pick_scatter_and_marks():
     gap = np.subtract(site['lines']['edge_right']['left_image'],
                       true['lines']['edge_right']['left_image'])
     assert 0.15 < gap.std() < 0.45
-    quad = np.array(marks(scene, [0.0], rng)['vehicles'][0]['left_image'])
-    corners = scene.rig.project(scene.front(scene.config.vehicles[0], 0.0).corners_m)[0]
+    quad = np.array(initial_fronts(scene, [0.0], rng)['vehicles'][0]['left_image'])
+    corners = scene.rig.project(scene.front(scene.vehicles[0], 0.0).corners_m)[0]
     assert 0.1 < np.abs(quad - corners).max() < 3.5
     assert quad[0, 0] < quad[1, 0] and quad[0, 1] < quad[3, 1]  # clockwise from top-left
 
@@ -167,7 +168,7 @@ def test_moved_right_camera_by_hand(moved, centre_du, centre_dv):
         assert uv[1] == pytest.approx(-360.0 * math.sin(math.radians(0.1)))
 
 
-def test_picks_and_marks_are_made_in_the_moved_images():
+def test_picks_and_initial_fronts_are_of_the_moved_images():
     config = straight_config(pick_std_px=0.0, init_std_px=0.0)
     sites = [picked_site(SimScene(c), np.random.default_rng(0))
              for c in (config, replace(config, rig_moved_deg=(0.0, 0.1, 0.0)))]
@@ -178,6 +179,7 @@ def test_picks_and_marks_are_made_in_the_moved_images():
     v = np.linspace(350.0, 650.0, 5)
     rows = [np.interp(v, *line.T[::-1]) for line in (right[0], right[1] - [0.0, 3.14])]
     np.testing.assert_allclose(*rows, atol=0.1)
-    quads = [np.array(marks(SimScene(c), [0.0], np.random.default_rng(0))['vehicles'][0][
-        'right_image']) for c in (config, replace(config, rig_moved_deg=(0.0, 0.1, 0.0)))]
+    quads = [np.array(initial_fronts(SimScene(c), [0.0], np.random.default_rng(0))[
+        'vehicles'][0]['right_image'])
+        for c in (config, replace(config, rig_moved_deg=(0.0, 0.1, 0.0)))]
     np.testing.assert_allclose(quads[1] - quads[0], [[0.0, 3.14]] * 4, atol=0.05)

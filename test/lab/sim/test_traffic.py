@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A stream of traffic: repeatable, its truth consistent with itself; staged sequences."""
+"""A stream of traffic: repeatable, its truth consistent with itself; sequences with everything."""
 from __future__ import annotations
 
 import csv
@@ -14,8 +14,8 @@ import pytest
 from stereo_speed.core.errors import InputError
 from stereo_speed.lab.sim import (
     DAY, DUSK, ParkedConfig, PersonConfig, PoleConfig, RigConfig, RoadConfig, simulate,
-    straight_config, stream_traffic, traffic_config, TrafficStream, TreeConfig, VehicleConfig)
-from stereo_speed.lab.sim.painter import Painter
+    straight_config, traffic_config, TrafficStream, TreeConfig, VehicleConfig)
+from stereo_speed.lab.sim.planes import Eye
 from stereo_speed.lab.sim.write import write_traffic_bag
 from stereo_speed.site.file import load_site
 from stereo_speed.site.lane_paths import lane_paths
@@ -29,14 +29,15 @@ def _config(light='day', receding=0, vehicles=40, **changes):
 
 
 def _take(config, seed, count):
-    return list(itertools.islice(stream_traffic(config, np.random.default_rng(seed)), count))
+    return list(itertools.islice(TrafficStream(config, np.random.default_rng(seed)), count))
 
 
 @pytest.fixture(scope='module')
 def stream():
     """Make 22 s of busy traffic in both directions, with lane changes and braking."""
-    config = replace(_config(receding=1, vehicles=60), change_share=0.5, brake_share=0.5)
-    with mock.patch.object(Painter, '_view', lambda *_: np.zeros((240, 320), np.uint8)):
+    config = replace(
+        _config('overcast', receding=1, vehicles=60), change_share=0.5, brake_share=0.5)
+    with mock.patch.multiple(Eye, draw=lambda *_: None, fill=lambda *_: None):
         return config, _take(config, 3, 220)  # what is true needs no images
 
 
@@ -78,7 +79,7 @@ def test_truth_is_consistent_with_itself(stream):
     assert len(rows) > 15 and changed >= 2 and braked >= 3 and receded >= 3
 
 
-def test_faces_lie_above_their_lanes(stream):
+def test_fronts_lie_above_their_lanes(stream):
     config, pairs = stream
     scene = TrafficStream(config, np.random.default_rng(3)).scene
     for one in pairs[::20]:
@@ -90,7 +91,7 @@ def test_faces_lie_above_their_lanes(stream):
             assert 0.4 < world[2] < 2.5
 
 
-def test_what_is_seen_of_faces(stream):
+def test_what_is_seen_of_fronts(stream):
     _, pairs = stream
     rows = [row for one in pairs for row in one.truth]
     shares = np.array([row['visible'] for row in rows])
@@ -103,7 +104,7 @@ def test_what_is_seen_of_faces(stream):
 
 
 def test_vehicles_are_drawn_where_the_truth_says():
-    """Where a face is seen whole the image differs from the empty road; beside it, it does not."""
+    """Where a front is unoccluded the image differs from the empty road, and not beside it."""
     config = _config('overcast', vehicles=30, noise_grey=0.0, poles=(), trees=(), people=())
     config = replace(config, scene=replace(config.scene, light=None))
     pairs = _take(config, 5, 70)
@@ -156,7 +157,7 @@ def test_lanes_of_both_directions_point_along_travel(tmp_path):
                     'edge_left': False}
 
 
-def test_staged_sequence_with_everything():
+def test_sequence_with_everything():
     plain = straight_config(rig=SMALL, fps=5.0, noise_grey=0.0)
     road = RoadConfig(lanes=2, receding=(1,))
     cars = (VehicleConfig(kind='suv'), VehicleConfig(lane=1, kind='truck', speed_mps=15.0,
