@@ -61,6 +61,7 @@ setup(
         ],
         'stereo_speed.detectors': [
             'plane_sweep = stereo_speed.detection.detector:PlaneSweepDetector',
+            'boxes = stereo_speed.detection.box_detector:BoxDetector',
         ],
     },
 )

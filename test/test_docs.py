@@ -11,6 +11,7 @@ from pathlib import Path
 import re
 import runpy
 import sys
+from typing import Any
 
 import numpy as np
 import pytest
@@ -283,6 +284,20 @@ def test_example_of_an_output_format():
     first, second = scope['passes_jsonl'](passes).splitlines()
     assert '"track": 0' in first and '"track": 1' in second
     assert '"verdict": "measured"' in first and '"speed_mps": 24.5' in first
+
+
+def test_example_of_boxes():
+    pytest.importorskip('rclpy')
+    from std_msgs.msg import Header
+    from stereo_speed.nodes.boxes import boxes_from_message
+    scope: dict[str, Any] = {}
+    exec(compile(blocks(ROOT / 'CONTRIBUTING.md', 'python boxes_of_a_network.py'),
+                 'CONTRIBUTING.md', 'exec'), scope)
+    message = scope['as_message'](Header(frame_id='left'), [(10.0, 20.0, 30.0, 40.0, 0.5)])
+    assert message.header.frame_id == 'left'
+    box, = boxes_from_message(message)
+    assert (box.left_px, box.top_px, box.width_px, box.height_px, box.score) == (
+        10.0, 20.0, 30.0, 40.0, 0.5)
 
 
 def test_example_of_a_node(tmp_path, private_graph):
