@@ -91,28 +91,6 @@ def spline_through(x: Array, values: Array) -> CubicSpline:
     return CubicSpline(x, values, bc_type=ends)
 
 
-def rotation_minimising_up(points_m: Array, tangents: Array, up: Array) -> Array:
-    """
-    Return an up vector carried along a curve without rotation about it (Wang 2008).
-
-    It is the double reflection method.
-
-    :param points_m: (n, 3) along the curve.
-    :param tangents: (n, 3) unit tangents there.
-    :param up: (3,) at the first point.
-    """
-    carried = np.empty_like(tangents)
-    carried[0] = frame_of(tangents[0], up)[:, 2]
-    for i in range(len(points_m) - 1):
-        v1 = points_m[i + 1] - points_m[i]
-        c1 = v1 @ v1
-        up_l = carried[i] - 2 / c1 * (v1 @ carried[i]) * v1
-        tangent_l = tangents[i] - 2 / c1 * (v1 @ tangents[i]) * v1
-        v2 = tangents[i + 1] - tangent_l
-        carried[i + 1] = up_l - 2 / (v2 @ v2) * (v2 @ up_l) * v2
-    return carried
-
-
 class StraightPath:
     """
     A straight line.
@@ -157,12 +135,11 @@ class SplinePath:
     A smooth curve through points: a cubic spline, parametrised by its own arc length.
 
     :param points_m: (n, 3) in order along travel, n >= 2, no two in a row the same.
-    :param up: (3,) or (n, 3) rough up directions at the points; None carries the camera's up
-        along without rotation about the path.
+    :param up: (3,) or (n, 3) rough up directions at the points.
     :param spacing_m: between the knots of the arc-length form.
     """
 
-    def __init__(self, points_m: Array, up: Array | None = CAMERA_UP,
+    def __init__(self, points_m: Array, up: Array = CAMERA_UP,
                  spacing_m: float = 0.5) -> None:
         points_m = np.asarray(points_m, dtype=np.float64)
         chord = chord_lengths(points_m)
@@ -181,13 +158,8 @@ class SplinePath:
         self._ends = self._curve([0.0, self._length_m]), unit(self._slope([0.0, self._length_m]))
         self._up: Callable[[Array], Array] = self._ups(up, chord, chords)
 
-    def _ups(self, up: Array | None, chord: Array, chords: Array) -> Callable[[Array], Array]:
+    def _ups(self, up: Array, chord: Array, chords: Array) -> Callable[[Array], Array]:
         """Return the rough ups by arc length."""
-        if up is None:
-            knots = self._knots_m
-            ups = rotation_minimising_up(
-                self._curve(knots), self.tangent(knots), CAMERA_UP)
-            return CubicSpline(knots, ups)
         up = np.asarray(up, dtype=np.float64)
         if up.ndim == 1:
             one = unit(up)

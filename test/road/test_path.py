@@ -38,8 +38,8 @@ def test_circle_against_its_closed_form():
                                atol=1e-9)
 
 
-@pytest.mark.parametrize('path', [LINE, circle(), circle(up=None), circle(n=3)],
-                         ids=['straight', 'circle', 'carried up', 'three points'])
+@pytest.mark.parametrize('path', [LINE, circle(), circle(n=3)],
+                         ids=['straight', 'circle', 'three points'])
 def test_keeps_what_a_path_promises(path):
     """Arc length is arc length, frames are rotations, arc_length inverts position."""
     assert isinstance(path, Path)
@@ -56,12 +56,3 @@ def test_keeps_what_a_path_promises(path):
     assert np.all(frame[..., 1, 2] < -0.5)  # B points up
     assert path.position(3.0).shape == (3,) and path.frame(3.0).shape == (3, 3)
     assert np.shape(path.arc_length(points[0, 0])) == ()
-
-
-def test_carried_up_does_not_turn_about_the_curve():
-    """On a helix the carried up has no part of its change across the curve."""
-    a = np.linspace(0, 2, 400)
-    path = SplinePath(np.stack([20 * np.cos(a), -3 * a, 20 * np.sin(a)], -1), up=None)
-    s, h = np.linspace(2, path.length_m - 2, 50), 1e-3
-    change = (path.frame(s + h)[..., 2] - path.frame(s - h)[..., 2]) / (2 * h)
-    np.testing.assert_allclose(np.sum(change * path.frame(s)[..., 1], -1), 0, atol=1e-4)
