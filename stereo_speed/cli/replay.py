@@ -7,7 +7,7 @@ import argparse
 from dataclasses import replace
 import math
 from pathlib import Path
-from typing import Any, Callable, Mapping, Sequence
+from typing import Any, Callable, Iterable, Mapping, Optional, Sequence
 
 import cv2
 import numpy as np
@@ -21,6 +21,7 @@ from ..core.sampling import EvenSampler
 from ..core.units import KMH_MPS, MPH_MPS
 from ..io.atomic import prepare_folder
 from ..io.bags import StereoBag
+from ..io.boxes import BoxFeed
 from ..io.results import file_sha256, software_versions, staged_run, stream_timings, write_run
 from ..pipeline.assembly import make_pipeline, MeasuringSite
 from ..pipeline.config import load_pipeline_config, PipelineConfig
@@ -58,6 +59,8 @@ def add_parser(subparsers: Subparsers) -> None:
     parser.add_argument('--detector', type=_one_of(DETECTORS), default='plane_sweep',
                         metavar='NAME', help='finds the vehicles: '
                         + ', '.join(DETECTORS.names) + ' (default: plane_sweep)')
+    parser.add_argument('--boxes', type=Path, metavar='CSV', help='boxes of vehicles in the left '
+                        'images, for a detector that takes them')
     parser.add_argument('--particles', type=int, metavar='N', help='number of particles')
     parser.add_argument('--seed', type=_seed, default=0, metavar='S', help='seed (default: 0)')
     parser.add_argument('--config', type=Path, metavar='YAML', help='parameters')
@@ -114,9 +117,10 @@ def run(args: argparse.Namespace) -> int:
         config = config.with_tolerances(place.site.tolerances)
         pipeline = make_pipeline(place.rig, place.lanes, config, annotations, seed=args.seed,
                                  where=str(args.init))
+        feed = BoxFeed(pipeline.detector, args.boxes, args.detector)
         if annotations is not None:
             _check_frames(annotations, bag.pair_count, args.init)
-        result, frames = measure(bag, pipeline, keep_frames=not args.no_plots)
+        result, frames = measure(bag, pipeline, keep_frames=not args.no_plots, feed=feed)
         summary = summarize(args, config, bag, result, place.lanes)
         pairing = dict(bag.pairing)
     if place.refined is not None and figures is not None:
@@ -127,6 +131,9 @@ def run(args: argparse.Namespace) -> int:
     print(f'{pairing["pairs"]} pairs ({pairing["method"]} stamps; unpaired: '
           f'{pairing["unpaired_left"]} left, {pairing["unpaired_right"]} right), '
           f'{1e3 * result.wall_s / len(result.stamps_ns):.1f} ms per pair; in {args.out}')
+    if feed.boxes:
+        print(f'{len(feed.boxes)} stamps of {args.boxes} are of no pair: their boxes were not '
+              'used')
     return 0
 
 
@@ -148,14 +155,15 @@ def _check_frames(annotations: Sequence[InitialFront], pairs: int, where: Path) 
                              f'below {pairs}, the number of pairs')
 
 
-def measure(bag: StereoBag, pipeline: SpeedPipeline, *, keep_frames: bool
-            ) -> tuple[Run, list[NDArray[np.uint8]]]:
+def measure(bag: StereoBag, pipeline: SpeedPipeline, *, keep_frames: bool,
+            feed: Optional[BoxFeed] = None) -> tuple[Run, list[NDArray[np.uint8]]]:
     """
     Run every pair of a bag through a pipeline, with a progress bar.
 
     :param bag: an open bag.
     :param pipeline: the pipeline.
     :param keep_frames: whether annotated frames are wanted.
+    :param feed: gives the detector boxes; None where it takes none.
     :return: the run, and annotated frames evenly spread over it.
     """
     frames: EvenSampler[NDArray[np.uint8]] = EvenSampler(_STRIP_FRAMES)
@@ -163,7 +171,9 @@ def measure(bag: StereoBag, pipeline: SpeedPipeline, *, keep_frames: bool
     def keep(pair: StereoPair, step: Step) -> None:
         if step.updates and frames.wants():
             frames.add(draw(pair, step.updates, pipeline.lanes, pipeline.rig))
-    pairs = tqdm(bag.pairs(), total=bag.pair_count, desc='replay', unit='pair', disable=None)
+    pairs: Iterable[StereoPair] = tqdm(
+        bag.pairs(), total=bag.pair_count, desc='replay', unit='pair', disable=None)
+    pairs = pairs if feed is None else feed.through(pairs)
     result = run_pipeline(pipeline, pairs, keep if keep_frames else None)
     return result, frames.items()
 
@@ -186,7 +196,8 @@ def summarize(args: argparse.Namespace, config: PipelineConfig, bag: StereoBag,
         'refine_site': args.refine_site,
         'input': {'bag': args.bag.resolve().name, 'bag_sha256': bag.input_hash(),
                   'site_sha256': file_sha256(args.site),
-                  'init_sha256': None if args.init is None else file_sha256(args.init)},
+                  'init_sha256': None if args.init is None else file_sha256(args.init),
+                  'boxes_sha256': None if args.boxes is None else file_sha256(args.boxes)},
         'pairing': bag.pairing,
         'lanes': {lane.name: path_quality(lane) for lane in lanes.values()},
         'timings': stream_timings(result.stamps_ns),

@@ -9,11 +9,13 @@ from __future__ import annotations
 
 import csv
 import math
-from typing import Mapping, Optional
+from pathlib import Path
+from typing import Iterable, Iterator, Mapping, Optional
 
 from .atomic import PathLike
 from ..core.errors import InputError
-from ..detection.protocol import ImageBox
+from ..core.records import StereoPair
+from ..detection.protocol import Detector, ImageBox, TakesBoxes
 
 COLUMNS = ('stamp_ns', 'left_px', 'top_px', 'width_px', 'height_px')
 OPTIONAL = 'score'
@@ -88,3 +90,41 @@ def _stamp(path: PathLike, what: str, text: object) -> int:
     if not (digits.isascii() and digits.isdigit() and int(digits) < _LARGEST_NS):
         raise InputError(path, what, repr(text), 'an integer of nanoseconds')
     return int(digits)
+
+
+class BoxFeed:
+    """
+    Gives a detector the boxes of a file, those of each pair just before the pair.
+
+    :param detector: of the pipeline.
+    :param path: the file; None where there is none.
+    :param name: of the detector, for errors.
+    :raises InputError: no boxes for a detector that takes them, or the other way round.
+    """
+
+    def __init__(self, detector: Optional[Detector], path: Optional[Path], name: str) -> None:
+        self.taker = detector if isinstance(detector, TakesBoxes) else None
+        if self.taker is not None and path is None:
+            raise InputError('replay', '--boxes', 'nothing',
+                             f'a file of boxes for --detector {name}')
+        if self.taker is None and path is not None:
+            raise InputError('replay', '--boxes', path,
+                             'a --detector that takes boxes, such as boxes, and no --init')
+        self.path, self.matched = path, 0
+        self.boxes: dict[int, list[ImageBox]] = {} if path is None else load_boxes(path)
+
+    def through(self, pairs: Iterable[StereoPair]) -> Iterator[StereoPair]:
+        """
+        Yield the pairs.
+
+        :raises InputError: in the end, where no pair has the stamp of any box.
+        """
+        for pair in pairs:
+            if self.taker is not None:
+                boxes = self.boxes.pop(pair.stamp_ns, None)
+                self.matched += boxes is not None
+                self.taker.offer(pair.stamp_ns, boxes or ())
+            yield pair
+        if self.boxes and not self.matched:
+            raise InputError(self.path, 'stamp_ns', f'{min(self.boxes)} and others that no pair '
+                             'of the bag has', 'header stamps of left images')
