@@ -13,6 +13,7 @@ sys.path.insert(0, str(ROOT))
 
 from stereo_speed.core.config import TrackerConfig  # noqa: E402
 from stereo_speed.monocular.config import MonocularConfig  # noqa: E402
+from stereo_speed.pipeline.config import SiteConfig  # noqa: E402
 from stereo_speed.pipeline.registry import DETECTORS, TRACKERS  # noqa: E402
 
 HEAD = '# Parameters for `replay --config`; these are the defaults.\n'
@@ -55,8 +56,8 @@ def parameters(indent: str, kind: type) -> str:
 
 
 def components(indent: str) -> str:
-    """Return the parameters of each tracker and detector alone, as YAML."""
-    out = ''
+    """Return the parameters of the site, and of each tracker and detector alone, as YAML."""
+    out = parameters(indent, SiteConfig)
     for registry in (TRACKERS, DETECTORS):
         out += f'{indent}# parameters of one {registry.kind} alone\n{indent}{registry.kind}s:\n'
         for name in registry.own:

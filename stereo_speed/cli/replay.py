@@ -110,7 +110,8 @@ def run(args: argparse.Namespace) -> int:
                          f'overwrite {args.site}')
     tolerance = None if args.tolerance_ms is None else round(args.tolerance_ms * 1e6)
     with StereoBag(args.bag, left=args.left, right=args.right, tolerance_ns=tolerance) as bag:
-        place = MeasuringSite.of(site, bag.rig, bag.pairs() if args.refine_site else None)
+        place = MeasuringSite.of(site, bag.rig, bag.pairs() if args.refine_site else None,
+                                 config.site)
         figures = None if place.refined is None else report(place.refined)
         if place.refined is not None and figures is not None:
             print('\n'.join(summary_lines(place.refined, figures)))

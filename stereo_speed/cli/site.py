@@ -13,6 +13,7 @@ from .options import Subparsers
 from ..core.errors import InputError
 from ..io.atomic import write_whole
 from ..io.bags import StereoBag
+from ..pipeline.config import load_pipeline_config, SiteConfig
 from ..site.file import load_site, Site
 from ..site.refine.picture import picture
 from ..site.refine.refiner import refine_site, RefinedSite
@@ -39,6 +40,7 @@ def add_parser(subparsers: Subparsers) -> None:
         action.add_argument('--pictures', type=Path, metavar='DIR',
                             help='folder for a picture of each view'
                             + (' (default: that of SITE)' if name == 'refine' else ''))
+        action.add_argument('--config', type=Path, metavar='YAML', help='parameters')
         action.add_argument('--left', metavar='TOPIC', help='topic of the left images')
         action.add_argument('--right', metavar='TOPIC', help='topic of the right images')
         action.set_defaults(run=run)
@@ -63,7 +65,8 @@ def _check(args: argparse.Namespace) -> int:
 
 def _refined(args: argparse.Namespace, name: str) -> RefinedSite:
     """Refine the site, print the report and draw the pictures, named after a site file."""
-    refined = refined_from_bag(load_site(args.site), args.bag, args.left, args.right)
+    config = load_pipeline_config(args.config).site
+    refined = refined_from_bag(load_site(args.site), args.bag, args.left, args.right, config)
     for line in summary_lines(refined, report(refined)):
         print(line)
     if args.pictures is not None:
@@ -73,7 +76,8 @@ def _refined(args: argparse.Namespace, name: str) -> RefinedSite:
 
 
 def refined_from_bag(site: Site, bag_path: Path, left: Optional[str] = None,
-                     right: Optional[str] = None) -> RefinedSite:
+                     right: Optional[str] = None, config: SiteConfig = SiteConfig()
+                     ) -> RefinedSite:
     """
     Refine a site with the images of a whole bag.
 
@@ -81,9 +85,10 @@ def refined_from_bag(site: Site, bag_path: Path, left: Optional[str] = None,
     :param bag_path: the bag.
     :param left: topic of the left images; None finds it.
     :param right: topic of the right images; None finds it.
+    :param config: what is known of roads, and how to refine.
     """
     with StereoBag(bag_path, left=left, right=right) as bag:
-        return refine_site(site, bag.rig, bag.pairs())
+        return refine_site(site, bag.rig, bag.pairs(), config.site_refinement, config.road)
 
 
 def write_site(path: Path, site: Site) -> None:

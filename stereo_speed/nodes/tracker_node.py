@@ -32,7 +32,7 @@ from ..detection.protocol import ImageBox, TakesBoxes
 from ..geometry.rig import StereoRig
 from ..io.camera_info import rig_from_info, same_calibration
 from ..pipeline.assembly import MeasuringSite
-from ..pipeline.config import PipelineConfig
+from ..pipeline.config import PipelineConfig, SiteConfig
 from ..pipeline.pipeline import SpeedPipeline
 from ..pipeline.registry import DETECTORS, TRACKERS
 from ..report.overlay import draw
@@ -83,12 +83,14 @@ class TrackerNode(Node):
 
         :raises InputError: an unknown name, a value out of bounds.
         """
-        chosen: list[dict[str, ConfigRecord]] = []
+        settings: dict[str, dict[str, ConfigRecord]] = {}
         for registry, name in ((TRACKERS, tracker), (DETECTORS, detector)):
             registry.check(name, where)
             kind = type(registry.settings(name, {}, where))
-            chosen.append({name: p.config(kind, f'{registry.kind}s.{name}.')})
-        return PipelineConfig(p.config(TrackerConfig), tracker, detector, *chosen)
+            settings[registry.kind] = {name: p.config(kind, f'{registry.kind}s.{name}.')}
+        return PipelineConfig(
+            p.config(TrackerConfig), tracker, detector, trackers=settings['tracker'],
+            detectors=settings['detector'], site=p.config(SiteConfig))
 
     def _publish_and_subscribe(self) -> None:
         options = {'qos_overriding_options': qos_options()}
@@ -163,7 +165,7 @@ class TrackerNode(Node):
             return
         place = MeasuringSite.of(self.site, self.rig, [
             pair_from_message(msg, k) for k, msg in enumerate(self.waiting)
-        ] if self.refine_pairs else None)
+        ] if self.refine_pairs else None, self.config.site)
         if place.refined is not None:
             for line in summary_lines(place.refined, report(place.refined)):
                 self.get_logger().info(line)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Iterable, Mapping, Optional, Sequence
 
-from .config import PipelineConfig
+from .config import PipelineConfig, SiteConfig
 from .pipeline import SpeedPipeline
 from .registry import DETECTORS, TRACKERS
 from ..core.records import InitialFront, StereoPair
@@ -36,20 +36,22 @@ class MeasuringSite:
 
     @classmethod
     def of(cls, site: Site, rig: StereoRig,
-           refine_by: Optional[Iterable[StereoPair]] = None) -> MeasuringSite:
+           refine_by: Optional[Iterable[StereoPair]] = None,
+           config: SiteConfig = SiteConfig()) -> MeasuringSite:
         """
         Return a site ready to be measured at.
 
         :param site: as read.
         :param rig: the cameras as calibrated.
         :param refine_by: pairs to refine the site by; None takes it at its word.
+        :param config: what is known of roads, and how to refine.
         :raises SiteError: lines that leave no usable road.
         """
         if refine_by is not None:
-            refined = refine_site(site, rig, refine_by)
+            refined = refine_site(site, rig, refine_by, config.site_refinement, config.road)
             return cls(refined.site, refined.rig, refined.lanes, refined)
         corrected = site.corrected_rig(rig)
-        return cls(site, corrected, lane_paths(site, corrected))
+        return cls(site, corrected, lane_paths(site, corrected, config.road))
 
     def pipeline(self, config: PipelineConfig,
                  annotations: Optional[Sequence[InitialFront]] = None, *, seed: int = 0,

@@ -4,17 +4,29 @@
 Which tracker and detector measure, and all their parameters.
 
 In a parameters file those that all trackers share stand at the top; those of one tracker or
-detector alone stand under its name, in ``trackers`` or ``detectors``.
+detector alone stand under its name, in ``trackers`` or ``detectors``; those of the road and of the
+refinement of a site stand in ``road`` and ``site_refinement``.
 """
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Mapping, Optional, Union
 
 from .registry import DETECTORS, Registry, TRACKERS
-from ..core.config import ConfigRecord, read_yaml_mapping, record_of, TrackerConfig
+from ..core.config import (
+    ConfigRecord, read_yaml_mapping, record_of, section, TrackerConfig)
 from ..core.errors import InputError
+from ..road.problem import RoadPrior
+from ..site.refine.config import RefineConfig
+
+
+@dataclass(frozen=True)
+class SiteConfig:
+    """What decides the paths of the lanes of a site, and how certain they are."""
+
+    road: RoadPrior = section(RoadPrior, 'what is known of any road and rig beforehand')
+    site_refinement: RefineConfig = section(RefineConfig, 'refinement of a site by images')
 
 
 @dataclass(frozen=True)
@@ -27,6 +39,7 @@ class PipelineConfig:
     :param detector: name of the detector.
     :param trackers: settings of trackers alone, by name; others have their defaults.
     :param detectors: settings of detectors alone, by name.
+    :param site: parameters of the road and of the refinement of a site.
     :raises InputError: an unknown name.
     """
 
@@ -35,6 +48,7 @@ class PipelineConfig:
     detector: str = 'plane_sweep'
     trackers: Mapping[str, ConfigRecord] = field(default_factory=dict)
     detectors: Mapping[str, ConfigRecord] = field(default_factory=dict)
+    site: SiteConfig = field(default_factory=SiteConfig)
 
     def __post_init__(self) -> None:
         TRACKERS.check(self.tracker)
@@ -61,7 +75,8 @@ class PipelineConfig:
                 'tracker': self.tracker,
                 'tracker_parameters': _values(self.tracker_settings),
                 'detector': self.detector,
-                'detector_parameters': _values(self.detector_settings)}
+                'detector_parameters': _values(self.detector_settings),
+                'site_parameters': asdict(self.site)}
 
 
 def load_pipeline_config(path: Optional[Union[str, Path]], *, tracker: str = 'constrained',
@@ -77,8 +92,9 @@ def load_pipeline_config(path: Optional[Union[str, Path]], *, tracker: str = 'co
     data = {} if path is None else dict(read_yaml_mapping(path))
     trackers, detectors = (_sections(registry, data.pop(f'{registry.kind}s', {}), path)
                            for registry in (TRACKERS, DETECTORS))
+    of_site = {f.name: data.pop(f.name) for f in fields(SiteConfig) if f.name in data}
     return PipelineConfig(record_of(TrackerConfig, data, path), tracker, detector, trackers,
-                          detectors)
+                          detectors, record_of(SiteConfig, of_site, path))
 
 
 def _sections(registry: Registry[Any], data: object, where: object) -> dict[str, ConfigRecord]:

@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 
 import pytest
 from stereo_speed.core.config import parameters_of, TrackerConfig
-from stereo_speed.pipeline.config import load_pipeline_config
+from stereo_speed.pipeline.config import load_pipeline_config, SiteConfig
 from stereo_speed.pipeline.registry import DETECTORS, TRACKERS
 import yaml
 
@@ -21,8 +21,11 @@ def test_tracker_yaml_holds_the_defaults_of_every_parameter():
     found = load_pipeline_config(path)
     assert found.shared == TrackerConfig()
     data = yaml.safe_load(path.read_text())
-    assert_whole({k: v for k, v in data.items() if k not in ('trackers', 'detectors')},
+    assert_whole({k: v for k, v in data.items() if k in asdict(TrackerConfig())},
                  TrackerConfig)
+    assert found.site == SiteConfig()
+    assert_whole({k: data[k] for k in asdict(SiteConfig())}, SiteConfig)
+    assert set(data) == {*asdict(TrackerConfig()), *asdict(SiteConfig()), 'trackers', 'detectors'}
     for registry, given in ((TRACKERS, found.trackers), (DETECTORS, found.detectors)):
         for name in registry.own:
             kind = registry.load(name).Settings

@@ -29,6 +29,11 @@ def test_no_file_gives_the_defaults():
     assert config.detector_settings == DETECTORS.load('plane_sweep').Settings()
 
 
+def test_sections_of_the_site_are_read(load):
+    site = load('road: {pick_std_px: 0.5}\nsite_refinement: {few_pairs: 9}').site
+    assert (site.road.pick_std_px, site.site_refinement.few_pairs) == (0.5, 9)
+
+
 def test_sections_reach_their_component(load):
     config = load('particles: 50\nvisibility: {confirm_pairs: 5}\n'
                   'detectors: {plane_sweep: {interval_s: 0.2}}\n'
@@ -45,6 +50,8 @@ def test_sections_reach_their_component(load):
     ('trackers: {kalman: {feature: 1}}', 'trackers.kalman.feature'),
     ('detectors: {plane_sweep: {interval_s: -1}}', 'detectors.plane_sweep.interval_s'),
     ('detectors: {plane_sweep: 1}', 'detectors.plane_sweep: found int'),
+    ('site_refinement: {search_px: 0}', 'site_refinement.search_px: found 0'),
+    ('road: {roll: 0}', 'road.roll'),
     ('verdict: {least_pairs: 1}', 'verdict.least_pairs: found 1'),
 ], ids=str)
 def test_what_is_wrong_is_named(text, words, load):
