@@ -30,6 +30,7 @@ from ..estimation.gaussian import NormalEquations
 Indices = NDArray[np.intp]
 
 _LEAST_RATE = 1e-3  # no process is noiseless
+_LEAST_STAMP_ERROR_M = 1e-6  # nor is a way known better, or the equations cannot be solved
 _UNUSED_STD = 1.0  # of accelerations in a model that has none; its value has no effect
 _RATE_WINDOW_S = 0.35  # lateral rates are slopes over this time either way
 _RATE_OBSERVATIONS = 3  # a lateral rate comes from this many observations at least
@@ -208,7 +209,8 @@ class PassMotion:
     def stamp_covariance(self, speed_mps: Array) -> Array:
         """Return the covariance (n - 1, n - 1) of ways between stamps that are wrong."""
         step = np.diff(np.eye(len(speed_mps)), axis=0)
-        return np.asarray(step @ np.diag(np.square(self.stamp_std_s * speed_mps)) @ step.T)
+        error_m = np.maximum(self.stamp_std_s * speed_mps, _LEAST_STAMP_ERROR_M)
+        return np.asarray(step @ np.diag(np.square(error_m)) @ step.T)
 
     def _across(self, times_s: Array, state: Array, changes_lanes: bool) -> NormalEquations:
         """Return the drift across the path (eq. 27), and the rate of a change of lanes."""

@@ -306,27 +306,33 @@ def test_a_cloud_without_a_shape_is_drawn_anew():
     assert np.abs(z).max() < at_most(0.001, 4)
 
 
-def extreme_configs():
-    """Yield every parameter of the tracker at its least and its greatest value, others usual."""
+def extreme_configs(together=6):
+    """Return groups of parameters at their least or greatest value, each extreme in one group."""
+    extremes = []
     for name, field in parameters_of(TrackerConfig):
-        low, high = field.metadata['low'], field.metadata['high']
-        values = field.metadata['choices'] or (low, min(high, 2000))
-        for value in {type(field.default)(v) for v in (values[0], values[-1])}:
-            yield pytest.param(name, value, id=f'{name}={value}')
+        choices = field.metadata['choices']
+        low, high = choices[::len(choices) - 1] if choices else (
+            field.metadata['low'], min(field.metadata['high'], 2000))
+        extremes += [(name, type(field.default)(value)) for value in {low, high}]
+    order = np.random.default_rng(0).permutation(len(extremes))
+    return [[extremes[k] for k in order[first:first + together]]
+            for first in range(0, len(extremes), together)]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('name, value', list(extreme_configs()))
-def test_every_configuration_that_loads_also_runs(textured, textured_drive, name, value):
-    section, _, key = name.rpartition('.')
-    try:
-        changed = replace(getattr(SMALL, section), **{key: value}) if section else value
-    except InputError:
-        return  # refused when it is loaded
+@pytest.mark.parametrize('extremes', extreme_configs())
+def test_every_configuration_that_loads_also_runs(textured, textured_drive, extremes):
+    config = SMALL
+    for name, value in extremes:
+        section, _, key = name.rpartition('.')
+        try:
+            changed = replace(getattr(config, section), **{key: value}) if section else value
+        except InputError:
+            continue  # refused when it is loaded
+        config = replace(config, **{section or key: changed})
     pairs, poses = textured_drive
-    config = replace(SMALL, **{section or key: changed})
-    start = textured.start(pairs[0], poses[0], config)
-    tracker = ConstrainedTracker.start(start, NoParameters())
+    tracker = ConstrainedTracker.start(
+        textured.start(pairs[0], poses[0], config), NoParameters())
     if isinstance(tracker, Refusal):
         return
     for pair in pairs[:5]:

@@ -9,7 +9,8 @@ import pytest
 from stereo_speed.core.config import TrackerConfig
 from stereo_speed.estimation.gaussian import condition
 from stereo_speed.tracking.motion_prior import (
-    headings, lateral_rates, MotionModel, PassMotion, PassPrior, persistent_moves)
+    headings, lateral_rates, motion_models, MotionModel, PassMotion, PassPrior, persistent_moves,
+    StateIndex)
 
 TIMES_S = np.array([0.0, 0.2, 0.35, 0.8, 1.0, 1.2])  # uneven on purpose
 RATE, S_STD, V_STD, MEASURE_STD = 0.4, 2.0, 5.0, 0.3
@@ -82,6 +83,22 @@ def test_changing_speed_is_the_integrated_wiener_process_of_its_acceleration():
         np.testing.assert_allclose(covariance[np.ix_(at, at)], want, rtol=1e-4, atol=1e-6)
 
 
+@pytest.mark.parametrize('fps', [5.0, 60.0])
+def test_processes_without_noise_and_with_exact_stamps_can_still_be_solved(fps):
+    """Every rate 0: what is left is a constant speed, or a constant acceleration."""
+    motion = pass_motion(0.0, speed_rate_std=0.0, cruise_rate_std=0.0, jerk_rate_std=0.0,
+                         acceleration_std_mps2=0.0, drift_across_std_m=0.0,
+                         manoeuvre_across_std_m=0.0)
+    times = np.arange(20) / fps
+    info, right = np.zeros((60, 60)), np.zeros(60)
+    info[range(0, 60, 3), range(0, 60, 3)], right[::3] = 1e6, 1e6 * (1.0 + 18 * times)
+    state = np.tile([0.0, 0, 0, 18.0], (20, 1))
+    for prior in motion.equations(times, state, motion_models(motion.config)):
+        found = condition(prior, info, right)
+        np.testing.assert_allclose(found.mean[60:80], 18.0, atol=0.02)
+        assert np.all(np.diag(found.covariance) > 0)
+
+
 def test_stamps_off_by_a_millisecond_cost_what_brute_force_says():
     """The sigma of the speed with jittered stamps is that of measurements jittered alike."""
     n, v, jitter = len(TIMES_S), 20.0, 2e-3
@@ -151,3 +168,20 @@ def test_heading_is_where_the_vehicle_drives_and_none_when_it_stands():
     state = np.array([[0.0, 0, 0, 20.0], [0, 0, 0, 0.5]])
     got = headings(state, np.array([2.0, 2.0]), np.array([0.5, 1.0]))
     np.testing.assert_allclose(got, [np.arctan2(2.0, 10.0), 0.0])
+
+
+@pytest.mark.parametrize('changes, number', [
+    ({}, 10), ({'manoeuvre_probability': 0.0}, 4), ({'cruise_share': 0.0}, 8),
+    ({'smooth_share': 1.0}, 5),
+    ({'manoeuvre_probability': 0.0, 'cruise_share': 1.0, 'smooth_share': 0.0}, 1)])
+def test_models_share_the_probability_and_one_is_always_left(changes, number):
+    models = motion_models(TrackerConfig(**changes))
+    assert len(models) == number
+    assert sum(model.share for model in models) == pytest.approx(1.0)
+    assert all(model.share > 0 for model in models)
+
+
+def test_unknowns_are_apart_and_complete():
+    at = StateIndex(4, 3)
+    parts = (at.poses, at.relief, at.speeds, at.accelerations, at.heading_error)
+    assert sorted(np.concatenate([part.ravel() for part in parts])) == list(range(at.size))
