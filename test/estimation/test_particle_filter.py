@@ -11,7 +11,7 @@ from stereo_speed.estimation.weights import (
     DegenerateWeightsError, mean_and_covariance, normalise_log_weights)
 from stereo_speed.lab.baselines.constant_velocity import correct, Gaussian, predict, transition
 
-PARTICLES, STEPS, NOISE, RUNS = 20000, 8, 0.5, 12
+PARTICLES, STEPS, NOISE, RUNS = 20000, 6, 0.5, 10
 PRIOR = Gaussian(np.array([0.0, 0, 0, 20, 0, 0]), np.diag([1.0, 1, 1, 9, 1, 1]))
 RATE = np.diag([2.0, 1.5, 1.0]) ** 2
 

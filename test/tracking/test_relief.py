@@ -7,6 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import stats
+from stereo_speed.core.config import NoiseConfig, TrackerConfig
 from stereo_speed.lab.sim import simulate, straight_config, VehicleConfig
 from stereo_speed.tracking.relief import NODES, relief_basis
 
@@ -20,12 +22,15 @@ def test_basis_interpolates_its_nodes_and_sums_to_one():
 
 
 @pytest.mark.slow
-def test_a_front_with_relief_is_measured_as_well_as_a_flat_one(drive):
-    config = replace(straight_config('55 mph'), vehicles=(VehicleConfig(relief_m=0.05),))
+def test_a_front_with_relief_is_measured_within_its_sigma_and_better_than_as_a_plane(drive):
+    sequence = simulate(
+        replace(straight_config('55 mph'), vehicles=(VehicleConfig(relief_m=0.05),)),
+        np.random.default_rng(0))
     errors = []
-    for seed in range(2):
-        sequence = simulate(config, np.random.default_rng(seed))
-        _, (result,) = drive(sequence)
-        errors.append(result.speed_mps - float(sequence.truth[0]['speed']))
-    # On a plane the same passes are 0.1 m/s off.
-    assert np.sqrt(np.mean(np.square(errors))) < 0.03, errors
+    for std_m in (0.04, 0.0001):
+        config = TrackerConfig(noise=NoiseConfig(relief_std_m=std_m))
+        _, (result,) = drive(sequence, config=config)
+        errors.append(abs(result.speed_mps - float(sequence.truth[0]['speed'])))
+        if std_m == 0.04:
+            assert errors[0] < stats.norm.isf(0.0005) * result.speed_std_mps
+    assert errors[1] > 2 * errors[0]
