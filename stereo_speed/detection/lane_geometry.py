@@ -61,7 +61,8 @@ class LaneGeometry:
         length = lane.path.length_m
         more = min(MOST_BEYOND_M, max(0.5 * length, 10.0))
         self._s_m = np.arange(-more, length + more, _STEP_M)
-        self._rates = self.exact_rates(self._s_m)
+        with np.errstate(divide='ignore', invalid='ignore'):  # beside the cameras there are none
+            self._rates = self.exact_rates(self._s_m)
 
     def points(self, s_m: Array, x_m: Array, h_m: Array) -> Array:
         """

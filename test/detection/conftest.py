@@ -3,6 +3,8 @@
 """Simulated passes and their lanes, made once for all tests of the detector."""
 from __future__ import annotations
 
+from pathlib import Path
+import sys
 from typing import NamedTuple
 
 import cv2
@@ -18,6 +20,7 @@ from stereo_speed.site.lane_paths import lane_paths
 import yaml
 
 cv2.setNumThreads(1)
+sys.path.append(str(Path(__file__).parent))  # for drawn_fronts, which tests of units share
 
 
 class Drive(NamedTuple):

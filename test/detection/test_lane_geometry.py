@@ -61,6 +61,41 @@ def test_rates_tell_what_a_wrong_depth_does(geometry, seen_m, ds_m):
     assert seen_at == pytest.approx(rates.shift[0] * ds_m, rel=0.1, abs=2e-3)
 
 
+@pytest.mark.parametrize('gone_m', [-0.5, 1.0])
+def test_what_goes_on_slides_in_the_right_view(geometry, seen_m, gone_m):
+    rig, s = geometry.rig, float(seen_m[2])
+    slide = geometry.rates(np.array([s])).slide[0]
+    height = np.array([0.5])
+    there = geometry.points(np.array([s + gone_m]), np.array([0.0]), height)[0, 0, 0]
+    pixel = rig.right.project(rig.to_right(there))[0]
+    x_m = np.linspace(-1.5, 1.5, 3001)
+    row = geometry.project(np.array([s]), x_m, height)[1][0, 0]
+    seen_at = x_m[np.argmin(np.abs(row[:, 0] - pixel[0]))]
+    assert seen_at == pytest.approx(slide * gone_m, rel=0.15, abs=4e-3)
+
+
+def test_what_has_gone_on_is_where_its_plane_is_then(geometry, seen_m):
+    s, x = seen_m[1:2], np.array([0.2])
+    place = x, REACH_M, HEIGHTS_M
+    ahead = np.array([0.7])
+    assert np.array_equal(geometry.right_pixels(s, *place, ahead),
+                          geometry.right_pixels(s + ahead, *place, 0 * ahead))
+    lying = [geometry.right_pixels(s, *place, a, lying=True) for a in (ahead, 0 * ahead)]
+    assert np.abs(lying[0] - lying[1]).max() > 1.0
+
+
+def test_the_road_is_met_where_it_lies(geometry, seen_m):
+    for s in seen_m[1:4]:
+        ground = geometry.points(np.array([s]), np.array([0.3]), np.array([0.0]))[0, 0]
+        uv = geometry.rig.left.project(ground)[0]
+        assert geometry.on_road(uv[0]) == pytest.approx(s, abs=0.02)
+        assert geometry.across(float(s), uv)[0] == pytest.approx(0.3, abs=1e-6)
+
+
+def test_the_sky_is_not_the_road(geometry):
+    assert np.isnan(geometry.on_road(np.array([500.0, -5000.0])))
+
+
 def test_only_what_is_large_enough_is_seen(geometry):
     near = geometry.seen(60.0, 1.4, HEIGHTS_M)
     far = geometry.seen(20.0, 1.4, HEIGHTS_M)

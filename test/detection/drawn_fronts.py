@@ -1,0 +1,106 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""A small world for tests of the detectors: a flat textured front on a flat textured road."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+from stereo_speed.core.records import StereoPair
+from stereo_speed.detection.pyramid import PairPyramids, PairRegions, Region
+from stereo_speed.geometry.camera import Camera
+from stereo_speed.geometry.rig import StereoRig
+from stereo_speed.road.lanes import LanePath
+from stereo_speed.road.path import StraightPath
+
+HEIGHT_M = 6.0  # of the cameras above the road
+LANE_M = 6.0  # of the middle of the lane, to the right of the left camera
+START_M = 70.0  # from the cameras to the beginning of the lane
+SPEED_MPS = 22.0
+STEP_NS = 200_000_000
+CELL_M = 0.12  # of the front's texture
+HALF_M = 0.9
+LOW_M, HIGH_M = 0.15, 1.4
+NOISE = 1.0
+
+CAMERAS = [Camera(name=name, width_px=640, height_px=420, D=(), model='plumb_bob',
+                  K=np.array([[1200.0, 0, 100], [0, 1200.0, 20], [0, 0, 1]]))
+           for name in ('left', 'right')]
+RIG = StereoRig(*CAMERAS, np.eye(3), np.array([-0.5, 0, 0]))
+LANE = LanePath('lane', StraightPath([LANE_M, HEIGHT_M, START_M], [0, 0, -1.0], 50.0), None,
+                np.zeros(2), 0.0)
+LANES = {'lane': LANE}
+_ROAD = np.random.default_rng(0).uniform(92, 108, (80, 80))
+_FRONT = np.random.default_rng(1).uniform(20, 230, (12, 12))
+
+
+@dataclass(frozen=True)
+class Front:
+    """
+    What stands on the road, or lies on it.
+
+    :param s_m: arc length, m.
+    :param x_m: offset of its middle to the left of travel, m.
+    :param symmetric: whether it is its own mirror image.
+    :param lying: it is painted on the road.
+    :param pole_m: half the width of a pole before its middle, m.
+    """
+
+    s_m: float
+    x_m: float = 0.0
+    symmetric: bool = True
+    lying: bool = False
+    pole_m: float = 0.0
+
+
+def drawn(camera, centre_m, fronts, rng):
+    """Draw one view of a camera at a place, parallel to the left one."""
+    v, u = np.mgrid[:camera.height_px, :camera.width_px]
+    rays = camera.rays(np.stack([u, v], -1).astype(float))
+    ground = centre_m + rays * ((HEIGHT_M - centre_m[1]) / np.maximum(rays[..., 1:2], 1e-3))
+    at = np.stack([ground[..., 0] / 0.7 + 40, ground[..., 2] / 2.0])
+    image = ndimage.map_coordinates(_ROAD, at, order=1, mode='reflect')
+    for front in fronts:
+        far = START_M - front.s_m
+        on = ground if front.lying else centre_m + rays * (far - centre_m[2])
+        x = on[..., 0] - LANE_M - front.x_m
+        h = far - on[..., 2] if front.lying else HEIGHT_M - on[..., 1]
+        column = (np.abs(x) if front.symmetric else 0.7 * x) / CELL_M
+        values = ndimage.map_coordinates(_FRONT, np.stack([h / CELL_M, column + 2]), order=1,
+                                         mode='reflect')
+        here = (np.abs(x) <= HALF_M) & (h >= LOW_M) & (h <= HIGH_M)
+        image = np.where(here, values, image)
+        image = np.where(here & (np.abs(x) < front.pole_m), 128.0, image)
+    noisy = image + rng.normal(0, NOISE, image.shape)
+    return np.clip(np.round(noisy), 0, 255).astype(np.uint8)
+
+
+def pair_of(fronts, index=0, late=None, lag_ns=0):
+    """
+    Draw a pair.
+
+    :param late: the fronts when the right view is exposed, where that is later.
+    """
+    rng = np.random.default_rng(100 + index)
+    stamp_ns = 1_700_000_000_000_000_000 + index * STEP_NS
+    left = drawn(CAMERAS[0], np.zeros(3), fronts, rng)
+    right = drawn(CAMERAS[1], np.array([0.5, 0, 0]), fronts if late is None else late, rng)
+    return StereoPair(index, stamp_ns, stamp_ns + lag_ns, left, right)
+
+
+def pyramids_of(pair):
+    """Return the pyramids of whole images."""
+    return PairPyramids.of(pair, PairRegions(*(Region(0, 0, c.width_px, c.height_px)
+                                               for c in CAMERAS)), 5e-4)
+
+
+def depth_bound_m(geometry, s_m, disparity_px=0.1):
+    """
+    Return by how much a front may be displaced along the lane.
+
+    By an error of its disparity, and by the 6 mm in the right view at which its refinement stops.
+    """
+    rates = geometry.exact_rates(np.array([s_m]))
+    shift_m = max(disparity_px / float(rates.px_per_m[0]), 0.006)
+    return shift_m / abs(float(rates.shift[0]))
