@@ -74,3 +74,9 @@ def traffic(tmp_path_factory):
         truth[one.pair.stamp_ns] = one.truth
     lanes = make_lanes(stream.site, stream.rig, tmp_path_factory.mktemp('traffic'))
     return Drive(stream.rig, lanes, pairs, truth)
+
+
+@pytest.fixture(scope='session')
+def make_drive(tmp_path_factory):
+    """Return the function that simulates a pass: (config, seed) to Drive."""
+    return lambda config, seed: drive_of(config, seed, tmp_path_factory.mktemp('drive'))

@@ -6,7 +6,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from drawn_fronts import (
-    depth_bound_m, Front, HALF_M, LANE, LANE_M, NOISE, pair_of, pyramids_of, RIG, SPEED_MPS, START_M)
+    depth_bound_m, Front, HALF_M, LANE, LANE_M, NOISE, pair_of, pyramids_of, RIG, SPEED_MPS,
+    START_M)
 import numpy as np
 import pytest
 from stereo_speed.detection.config import FrontConfig, MotionConfig
@@ -100,7 +101,8 @@ def test_what_stands_and_what_lies_are_told_apart(interval):
 
 def test_hopeless_proposals_are_given_up():
     config = FrontConfig(hopeless_ncc=1.0)
-    assert refiner_of(config).refine([Proposal(AT.s_m + 3.0, AT.x_m)], interval_of(AT), NOISE) == []
+    some = [Proposal(AT.s_m + 3.0, AT.x_m)]
+    assert refiner_of(config).refine(some, interval_of(AT), NOISE) == []
 
 
 def test_a_batch_is_taken_apart_by_masks_and_numbers():
