@@ -6,15 +6,25 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from stereo_speed.detection.lane_geometry import LaneGeometry
+from stereo_speed.lab.sim.config import circle_config, RIGS, straight_config
+from stereo_speed.lab.sim.scene import SimScene
+from stereo_speed.lab.sim.sequence import picked_site
+from stereo_speed.site.file import load_site
+from stereo_speed.site.lane_paths import lane_paths
+import yaml
 
 REACH_M = np.linspace(-1.8, 1.8, 121)
 HEIGHTS_M = np.linspace(1.25, 0.27, 9)
 
 
-@pytest.fixture(params=['straight', 'distorted'])
-def geometry(request):
-    drive = request.getfixturevalue(request.param)
-    return LaneGeometry(drive.rig, drive.lanes['lane_0'])
+@pytest.fixture(scope='module', params=[
+    straight_config(), circle_config(radius_m=41.0, rig=RIGS['distorted'])],
+    ids=['straight', 'distorted'])
+def geometry(request, tmp_path_factory):
+    scene = SimScene(request.param)
+    path = tmp_path_factory.mktemp('site') / 'site.yaml'
+    path.write_text(yaml.safe_dump(dict(picked_site(scene, np.random.default_rng(1)))))
+    return LaneGeometry(scene.rig, lane_paths(load_site(path), scene.rig)['lane_0'])
 
 
 @pytest.fixture
