@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""``simulate``: write a simulated pass as a bag with its site, marks and truth."""
+"""``simulate``: write a simulated pass as a bag with its site, initial fronts and truth."""
 from __future__ import annotations
 
 import argparse

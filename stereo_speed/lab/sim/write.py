@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Write what was simulated as a bag with its site, marks and truth."""
+"""Write what was simulated as a bag with its site, initial fronts and truth."""
 from __future__ import annotations
 
 from contextlib import contextmanager
@@ -11,13 +11,14 @@ from typing import Any, Iterable, Iterator, Mapping, Union
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin, Writer as Writer2
 from rosbags.typesys import get_typestore, Stores
 import yaml
 
 from .sequence import SimSequence
-from .traffic import TrafficStream
+from .traffic import TrafficRow, TrafficStream
 from .truth import TRAFFIC_COLUMNS, write_truth
 from ...core.errors import InputError
 from ...core.records import Array, StereoPair
@@ -90,7 +91,7 @@ def write_traffic_bag(stream: TrafficStream, folder: Union[str, Path], storage: 
     The parameters, the result and the errors are those of :func:`write_bag`.
     """
     _check(storage, encoding)
-    truth: list[Mapping[str, Any]] = []
+    truth: list[TrafficRow] = []
 
     def pairs() -> Iterator[StereoPair]:
         for one in stream:
@@ -112,7 +113,7 @@ def _check(storage: str, encoding: str) -> None:
 
 @contextmanager
 def _aside(folder: Union[str, Path]) -> Iterator[Path]:
-    """Give a folder to write into that takes the place of another when all went well."""
+    """Yield a folder to write into that takes the place of another when all went well."""
     folder = Path(folder)
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(folder, 'output folder', 'something there already',
@@ -127,7 +128,7 @@ def _aside(folder: Union[str, Path]) -> Iterator[Path]:
         shutil.move(str(work), str(folder))
 
 
-def _write_yaml(content: Mapping[str, Any], path: Path) -> None:
+def _write_yaml(content: Mapping[str, object], path: Path) -> None:
     path.write_text(yaml.safe_dump(
         dict(content), sort_keys=False, default_flow_style=None, width=99))
 
@@ -138,8 +139,9 @@ def _write_messages(rig: StereoRig, pairs: Iterable[StereoPair], folder: Path, s
     store = get_typestore(Stores.ROS1_NOETIC if storage == 'ros1' else Stores.ROS2_JAZZY)
     make = _Messages(rig, store.types, storage == 'ros1', encoding, quality)
     image_type = _IMAGE if encoding else _COMPRESSED
+    bag: Union[Writer1, Writer2]
     if storage == 'ros1':
-        bag: Any = Writer1(folder / 'bag.bag')
+        bag = Writer1(folder / 'bag.bag')
     else:
         plugin = StoragePlugin.MCAP if storage == 'mcap' else StoragePlugin.SQLITE3
         bag = Writer2(folder / 'bag', version=9, storage_plugin=plugin)
@@ -193,7 +195,7 @@ class _Messages:
             **{key.upper() if self.ros1 else key: np.array(value, dtype=np.float64).ravel()
                for key, value in matrices.items()})
 
-    def _image(self, header: Any, image: np.ndarray) -> Any:
+    def _image(self, header: Any, image: NDArray[np.uint8]) -> Any:
         if not self.encoding:
             _, data = cv2.imencode('.jpg', image, [cv2.IMWRITE_JPEG_QUALITY, self.quality])
             return self.types[_COMPRESSED](
@@ -204,7 +206,7 @@ class _Messages:
             is_bigendian=0, step=data.nbytes // image.shape[0], data=data.view(np.uint8).ravel())
 
 
-def encode(image: np.ndarray, encoding: str) -> np.ndarray:
+def encode(image: NDArray[np.uint8], encoding: str) -> NDArray[np.uint8 | np.uint16]:
     """
     Turn a grey image into another encoding of the same scene.
 
