@@ -197,9 +197,9 @@ class _Messages:
 
     def _image(self, header: Any, image: NDArray[np.uint8]) -> Any:
         if not self.encoding:
-            _, data = cv2.imencode('.jpg', image, [cv2.IMWRITE_JPEG_QUALITY, self.quality])
+            _, jpeg = cv2.imencode('.jpg', image, [cv2.IMWRITE_JPEG_QUALITY, self.quality])
             return self.types[_COMPRESSED](
-                header=header, format='mono8; jpeg compressed mono8', data=data.ravel())
+                header=header, format='mono8; jpeg compressed mono8', data=jpeg.ravel())
         data = encode(image, self.encoding)
         return self.types[_IMAGE](
             header=header, height=image.shape[0], width=image.shape[1], encoding=self.encoding,
