@@ -16,8 +16,14 @@ from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import StoragePlugin, Writer
 from stereo_speed.geometry.camera import Camera
 from stereo_speed.geometry.rig import StereoRig
+from stereo_speed.io.bags import StereoBag
 from stereo_speed.lab.sim.config import circle_config
 from stereo_speed.lab.sim.sequence import simulate
+from stereo_speed.pipeline.assembly import MeasuringSite
+from stereo_speed.pipeline.config import PipelineConfig
+from stereo_speed.pipeline.run import run
+from stereo_speed.site.file import load_site
+from stereo_speed.site.init_file import load_init
 import yaml
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -185,3 +191,25 @@ def edited(tmp_path) -> Callable[[str, Callable[[dict], None]], Path]:
         path.write_text(yaml.safe_dump(data))
         return path
     return edit
+
+
+VEHICLE_HEIGHT_M = 1.45
+QUAD_HEIGHT_M = 0.3  # of the lower edge of the annotated front above the road
+
+
+@pytest.fixture(scope='session')
+def sample_boxes(sample):
+    """Boxes (left, top, width, height) around the vehicle of the sample, by stamp."""
+    with StereoBag(sample / 'bag') as bag:
+        place = MeasuringSite.of(load_site(sample / 'site.yaml'), bag.rig)
+        annotated = place.pipeline(PipelineConfig(), load_init(sample / 'init.yaml'))
+        updates = run(annotated, bag.pairs()).updates
+        px_per_m = {u.stamp_ns: bag.rig.left.K[0, 0] / u.position_m[2] for u in updates}
+    out = {}
+    for update in updates[:1] + updates[2:]:
+        left, right = update.quad_left_px[:, 0].min(), update.quad_left_px[:, 0].max()
+        bottom = update.quad_left_px[:, 1].max()
+        scale = px_per_m[update.stamp_ns]
+        out[update.stamp_ns] = (left - 1, bottom + (QUAD_HEIGHT_M - VEHICLE_HEIGHT_M) * scale,
+                                right - left + 2, VEHICLE_HEIGHT_M * scale)
+    return out

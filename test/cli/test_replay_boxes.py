@@ -10,32 +10,6 @@ import numpy as np
 import pytest
 from stereo_speed.cli.main import main
 from stereo_speed.core.units import MPH_MPS
-from stereo_speed.io.bags import StereoBag
-from stereo_speed.pipeline.assembly import MeasuringSite
-from stereo_speed.pipeline.config import PipelineConfig
-from stereo_speed.pipeline.run import run
-from stereo_speed.site.file import load_site
-from stereo_speed.site.init_file import load_init
-
-HEIGHT_M, BELOW_M = 1.45, 0.3  # of the vehicle, and of its front's quad above the road
-
-
-@pytest.fixture(scope='module')
-def boxes(sample):
-    """Return a box around the vehicle of the sample in every pair but the second."""
-    with StereoBag(sample / 'bag') as bag:
-        place = MeasuringSite.of(load_site(sample / 'site.yaml'), bag.rig)
-        annotated = place.pipeline(PipelineConfig(), load_init(sample / 'init.yaml'))
-        updates = run(annotated, bag.pairs()).updates
-        px_per_m = {u.stamp_ns: bag.rig.left.K[0, 0] / u.position_m[2] for u in updates}
-    out = {}
-    for update in updates[:1] + updates[2:]:
-        left, right = update.quad_left_px[:, 0].min(), update.quad_left_px[:, 0].max()
-        bottom = update.quad_left_px[:, 1].max()
-        scale = px_per_m[update.stamp_ns]
-        out[update.stamp_ns] = (left - 1, bottom + (BELOW_M - HEIGHT_M) * scale,
-                                right - left + 2, HEIGHT_M * scale)
-    return out
 
 
 def written(path, boxes):
@@ -52,8 +26,8 @@ def replay(sample, out, *options):
                  str(out), '--no-plots', *map(str, options)])
 
 
-def test_a_vehicle_in_boxes_is_measured(sample, boxes, tmp_path):
-    path = written(tmp_path / 'boxes.csv', boxes)
+def test_a_vehicle_in_boxes_is_measured(sample, sample_boxes, tmp_path):
+    path = written(tmp_path / 'boxes.csv', sample_boxes)
     assert replay(sample, tmp_path / 'out', '--detector', 'boxes', '--boxes', path) == 0
     one, = csv.DictReader((tmp_path / 'out' / 'passes.csv').open())
     assert one['verdict'] == 'measured'
@@ -63,8 +37,9 @@ def test_a_vehicle_in_boxes_is_measured(sample, boxes, tmp_path):
     assert summary['detector'] == 'boxes' and len(summary['input']['boxes_sha256']) == 64
 
 
-def test_no_boxes_are_no_vehicles(sample, boxes, tmp_path, capsys):
-    path = written(tmp_path / 'boxes.csv', {min(boxes): next(iter(boxes.values())), 7: (1, 1, 2, 2)})
+def test_no_boxes_are_no_vehicles(sample, sample_boxes, tmp_path, capsys):
+    first = min(sample_boxes)
+    path = written(tmp_path / 'boxes.csv', {first: sample_boxes[first], 7: (1, 1, 2, 2)})
     assert replay(sample, tmp_path / 'out', '--detector', 'boxes', '--boxes', path) == 0
     assert (tmp_path / 'out' / 'passes.csv').read_text().count('\n') == 1
     assert '1 stamps of' in capsys.readouterr().out
@@ -77,8 +52,8 @@ def test_no_boxes_are_no_vehicles(sample, boxes, tmp_path, capsys):
     (['--detector', 'boxes', '--boxes', 'NONE'], 'none.csv'),
     (['--detector', 'boxes', '--boxes', 'OTHER'], 'stamp_ns: found 3 and others'),
 ], ids=['nothing', 'not taken', 'annotated', 'no file', 'other stamps'])
-def test_what_does_not_fit_is_one_line(options, words, sample, boxes, tmp_path, capsys):
-    paths = {'BOXES': written(tmp_path / 'boxes.csv', boxes), 'NONE': tmp_path / 'none.csv',
+def test_what_does_not_fit_is_one_line(options, words, sample, sample_boxes, tmp_path, capsys):
+    paths = {'BOXES': written(tmp_path / 'boxes.csv', sample_boxes), 'NONE': tmp_path / 'none.csv',
              'OTHER': written(tmp_path / 'other.csv', {3: (1, 2, 3, 4)}),
              'INIT': sample / 'init.yaml'}
     assert replay(sample, tmp_path / 'out', *(paths.get(o, o) for o in options)) == 2

@@ -17,6 +17,7 @@ from sensor_msgs.msg import CameraInfo, Image  # noqa: E402
 from stereo_speed.cli.demo import (  # noqa: E402
     live, Process, RELIABLE_IMAGES, RELIABLE_INFOS)
 from stereo_speed.cli.main import main  # noqa: E402
+from stereo_speed.core.units import MPH_MPS  # noqa: E402
 from stereo_speed.io.truth import read_truth  # noqa: E402
 
 STARTUP_S, EVENT_S = 60.0, 20.0
@@ -112,6 +113,36 @@ def test_vehicles_found_on_a_site_refined_at_start_read_as_replay_does(sample, t
         assert vehicle == 'vehicle_' + wanted[ns]['track']
         assert speed == pytest.approx(float(wanted[ns]['speed_mps']), abs=1e-5)
         assert std == pytest.approx(float(wanted[ns]['speed_std_mps']), abs=1e-5)
+
+
+def test_boxes_of_another_node_become_vehicles(sample, sample_boxes, stand_in):
+    """What a neural network's node would publish; stereo measures it."""
+    from sensor_msgs.msg import PointCloud2
+    from std_msgs.msg import Header
+    from stereo_speed.detection.protocol import ImageBox
+    from stereo_speed.nodes.boxes import boxes_message
+    from stereo_speed.nodes.common import RELIABLE, to_stamp
+    from stereo_speed.nodes.demo_listener import Listener
+    readings = []
+    listener = Listener(lambda *reading: readings.append(reading), lambda *frame: None)
+    publisher = stand_in.create_publisher(PointCloud2, 'boxes', RELIABLE)
+    try:
+        with Process('stereo_sync_node', *RELIABLE_IMAGES, *RELIABLE_INFOS), \
+                Process('speed_node'), \
+                Process('tracker_node', *RELIABLE_INFOS, f'site:={sample / "site.yaml"}',
+                        'detector:=boxes'):
+            assert listener.spin(STARTUP_S, lambda: not listener.missing_wires())
+            stand_in.wait(lambda: publisher.get_subscription_count() == 1, STARTUP_S)
+            for ns, (left, top, width, height) in sample_boxes.items():
+                publisher.publish(boxes_message(
+                    [ImageBox(left_px=left, top_px=top, width_px=width, height_px=height)],
+                    Header(stamp=to_stamp(ns))))
+            with Process('replay_node', f'bag:={sample / "bag"}', 'rate:=2'):
+                assert listener.spin(STARTUP_S, lambda: len(readings) >= 5)
+    finally:
+        listener.close()
+    for _, vehicle, speed, std in readings[-3:]:
+        assert vehicle == 'vehicle_0' and abs(speed / MPH_MPS - 55.0) < 4 * std / MPH_MPS
 
 
 def test_ctrl_c_ends_a_node_after_the_open_passes_are_told(sample):
