@@ -155,6 +155,7 @@ def _run(*arguments):
                           capture_output=True, text=True, check=False)
 
 
+@pytest.mark.slow
 def test_command_line(tmp_path):
     out = tmp_path / 'pass'
     done = _run('--out', str(out), '--path', 'clothoid:0.004:0.03:40', '--speed', '28 mph',

@@ -52,6 +52,7 @@ def test_same_seed_same_stream_and_another_one_not():
     assert [p.pair.index for p in one] == list(range(4))
 
 
+@pytest.mark.slow
 def test_truth_is_consistent_with_itself(stream):
     """Speed is the length of the way between pairs; places run along the lanes."""
     config, pairs = stream
@@ -79,6 +80,7 @@ def test_truth_is_consistent_with_itself(stream):
     assert len(rows) > 15 and changed >= 2 and braked >= 3 and receded >= 3
 
 
+@pytest.mark.slow
 def test_fronts_lie_above_their_lanes(stream):
     config, pairs = stream
     scene = TrafficStream(config, np.random.default_rng(3)).scene
@@ -91,6 +93,7 @@ def test_fronts_lie_above_their_lanes(stream):
             assert 0.4 < world[2] < 2.5
 
 
+@pytest.mark.slow
 def test_what_is_seen_of_fronts(stream):
     _, pairs = stream
     rows = [row for one in pairs for row in one.truth]
@@ -103,6 +106,7 @@ def test_what_is_seen_of_fronts(stream):
     assert any(not row['in_view'] for row in rows)
 
 
+@pytest.mark.slow
 def test_vehicles_are_drawn_where_the_truth_says():
     """Where a front is unoccluded the image differs from the empty road, and not beside it."""
     config = _config('overcast', vehicles=30, noise_grey=0.0, poles=(), trees=(), people=())
