@@ -20,6 +20,7 @@ from ..vision.ncc import ncc
 from ..vision.sampling import Patches, sample_quads
 
 _IMPOSSIBLE = -np.inf
+_LEAST_PX = 1.0  # a front narrower or lower than this shows no texture
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +66,8 @@ def score(left_image: NDArray[Any], right_image: NDArray[Any], quads: tuple[Arra
     :param quads: (N, 4, 2) corners in the left and the right view, px; NaN where not seen.
     :param reference: None scores the cross-view term alone (the first pair).
     """
-    seen = np.asarray(np.isfinite(np.concatenate(quads, axis=1)).all(axis=(1, 2)))
+    size_px = np.min([np.ptp(q, axis=1) for q in quads], axis=(0, 2))
+    seen = np.isfinite(size_px) & (size_px >= _LEAST_PX)
     if not seen.any():
         empty = np.zeros((len(seen), grid.size), np.float32)
         return Scores(np.full(len(seen), _IMPOSSIBLE), np.zeros(len(seen)), empty, empty)

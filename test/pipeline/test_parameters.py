@@ -1,0 +1,491 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Every parameter changes something, and whatever is legal runs."""
+from __future__ import annotations
+
+from dataclasses import astuple, dataclass, Field, field, replace
+from functools import lru_cache
+import math
+from typing import Any, Callable, Mapping, Optional
+
+import numpy as np
+import pytest
+from stereo_speed.core.config import parameters_of, record_of, TrackerConfig
+from stereo_speed.core.errors import InputError
+from stereo_speed.core.records import InitialFront, StereoPair, TrackUpdate, Verdict
+from stereo_speed.detection.config import DetectorConfig
+from stereo_speed.detection.detector import PlaneSweepDetector
+from stereo_speed.detection.protocol import Detection, Detector, EarlierFront
+from stereo_speed.geometry.rig import StereoRig
+from stereo_speed.io.bags import StereoBag
+from stereo_speed.lab.sim.config import RigConfig, SimConfig, VehicleConfig
+from stereo_speed.lab.sim.sequence import simulate
+from stereo_speed.pipeline.assembly import MeasuringSite
+from stereo_speed.pipeline.config import PipelineConfig
+from stereo_speed.pipeline.pipeline import SpeedPipeline
+from stereo_speed.pipeline.run import Observer, Run, run
+from stereo_speed.road.lanes import LanePath
+from stereo_speed.road.path import StraightPath
+from stereo_speed.site.file import load_site
+from stereo_speed.site.init_file import load_init
+from stereo_speed.tracking.constrained import ConstrainedTracker
+import yaml
+
+Values = Mapping[str, Any]  # dotted name to value
+SWEEP = 'detectors.plane_sweep.'
+FIELDS = {**dict(parameters_of(TrackerConfig)), **dict(parameters_of(DetectorConfig, SWEEP))}
+CHEAP: Values = {'particles': 40}
+
+
+def configured(values: Values) -> PipelineConfig:
+    """Return the configuration with some parameters set."""
+    nested: dict[str, Any] = {}
+    for name, value in values.items():
+        *sections, last = name.split('.')
+        inner = nested
+        for section in sections:
+            inner = inner.setdefault(section, {})
+        inner[last] = value
+    sweep = nested.pop('detectors', {}).get('plane_sweep', {})
+    return PipelineConfig(
+        record_of(TrackerConfig, nested, 'test'),
+        detectors={'plane_sweep': record_of(DetectorConfig, sweep, 'test', SWEEP)})
+
+
+@dataclass(frozen=True, eq=False)
+class Scenario:
+    """
+    What is measured.
+
+    :param detector: makes one; None where the vehicles are annotated.
+    """
+
+    rig: StereoRig
+    lanes: Mapping[str, LanePath]
+    pairs: tuple[StereoPair, ...]
+    fronts: tuple[InitialFront, ...] = ()
+    detector: Optional[Callable[[PipelineConfig], Detector]] = None
+
+    def run(self, config: PipelineConfig, observe: Optional[Observer] = None) -> Run:
+        """Measure it."""
+        detector = None if self.detector is None else self.detector(config)
+        return run(SpeedPipeline(
+            self.rig, self.lanes, config.shared,
+            lambda start: ConstrainedTracker.start(start, config.tracker_settings),
+            annotations=self.fronts, detector=detector), self.pairs, observe)
+
+    def swept(self) -> Scenario:
+        """Return it with its vehicles detected."""
+        return replace(self, detector=lambda config: PlaneSweepDetector(
+            self.rig, self.lanes, config.detector_settings))
+
+
+@dataclass(frozen=True)
+class Script:
+    """
+    A detector that finds one front in each of some pairs, unless a track holds it.
+
+    :param found: index of the pair to what is found there.
+    :param again: find it also where a track holds it.
+    """
+
+    found: Mapping[int, Detection]
+    again: bool = False
+
+    def update(self, pair, tracked):
+        """Return what is found in a pair."""
+        return [self.found[pair.index]] if pair.index in self.found and (
+            self.again or not tracked) else []
+
+    def reset(self):
+        """Forget nothing."""
+
+
+@pytest.fixture(scope='session')
+def passing(sample) -> Scenario:
+    """Return the sample's first pairs, annotated, on lanes without a speed limit."""
+    with StereoBag(sample / 'bag') as bag:
+        rig, pairs = bag.rig, tuple(bag.pairs())
+    place = MeasuringSite.of(load_site(sample / 'site.yaml'), rig)
+    lanes = {name: replace(lane, speed_limit_mps=None) for name, lane in place.lanes.items()}
+    return Scenario(place.rig, lanes, pairs[:6], tuple(load_init(sample / 'init.yaml')))
+
+
+@pytest.fixture(scope='session')
+def scenarios(passing, tmp_path_factory) -> Callable[[str], Scenario]:
+    """Return the scenarios by name, each made once."""
+    @lru_cache(maxsize=None)
+    def made(name: str) -> Scenario:
+        return MAKERS[name](passing, tmp_path_factory.mktemp('site'))
+    return made
+
+
+def quads(passing: Scenario) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Return where the front is in each pair, as a run with the defaults measures it."""
+    updates = passing.run(configured(CHEAP)).updates
+    return [(u.quad_left_px, u.quad_right_px) for u in updates]
+
+
+def blank(pair: StereoPair) -> StereoPair:
+    """Return a pair whose images show nothing."""
+    return replace(pair, left=np.full_like(pair.left, 90), right=np.full_like(pair.right, 90))
+
+
+def with_post(pair: StereoPair, quad: tuple[np.ndarray, np.ndarray]) -> StereoPair:
+    """Return a pair with a post before a fifth of the front."""
+    views = []
+    for image, corners in zip((pair.left, pair.right), quad):
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        at = round(float(low[0] + 0.3 * (high[0] - low[0])))
+        view = image.copy()
+        view[:, at:at + round(0.2 * float(high[0] - low[0]))] = 60
+        views.append(view)
+    return replace(pair, left=views[0], right=views[1])
+
+
+def _first(count: int) -> Callable[..., Scenario]:
+    return lambda passing, folder: replace(passing, pairs=passing.pairs[:count])
+
+
+def _occluded(passing: Scenario, folder) -> Scenario:
+    at = quads(passing)
+    return replace(passing, pairs=tuple(
+        with_post(pair, at[k]) if k in (3, 4) else pair for k, pair in enumerate(passing.pairs)))
+
+
+def _lost(passing: Scenario, folder) -> Scenario:
+    return replace(passing, pairs=tuple(
+        blank(pair) if k == 3 else pair for k, pair in enumerate(passing.pairs)))
+
+
+def _late(passing: Scenario, folder) -> Scenario:
+    return replace(passing, pairs=tuple(
+        replace(pair, right_stamp_ns=pair.stamp_ns + 600_000) for pair in passing.pairs[:4]))
+
+
+def _twice(passing: Scenario, folder) -> Scenario:
+    return replace(passing, pairs=passing.pairs[:3], fronts=passing.fronts * 2)
+
+
+def _short_path(passing: Scenario, folder) -> Scenario:
+    """End the path of the lane soon after the first pair."""
+    lane = passing.lanes['lane_0']
+    begin, start = lane.path.position(np.array(0.0)), passing.rig.triangulate(
+        *(q.mean(axis=0) for q in (passing.fronts[0].left_px, passing.fronts[0].right_px)))
+    path = StraightPath(begin, lane.path.frame(np.array(0.0))[:, 0],
+                        float(lane.path.arc_length(start)) + 8.0)
+    return replace(passing, lanes={'lane_0': replace(lane, path=path)}, pairs=passing.pairs[:5])
+
+
+def moved_lane(passing: Scenario, name: str, left_m: float, *, left: float = 0.0, up: float = 0.0
+               ) -> dict[str, LanePath]:
+    """
+    Return a straight lane beside that of the sample.
+
+    :param left_m: how far to the left of it, where the sample's path is at the first pair.
+    :param left: by how much it leaves to the left, per metre.
+    :param up: by how much it climbs.
+    """
+    lane, front = passing.lanes['lane_0'], passing.fronts[0]
+    s_m = lane.path.arc_length(passing.rig.triangulate(
+        front.left_px.mean(axis=0), front.right_px.mean(axis=0)))
+    axes = lane.path.frame(np.array(s_m)).T
+    start = lane.path.position(np.array(s_m)) - s_m * axes[0] + left_m * axes[1]
+    path = StraightPath(start, axes[0] + left * axes[1] + up * axes[2], lane.path.length_m)
+    return {name: replace(lane, name=name, path=path)}
+
+
+def _crossing(passing: Scenario, folder) -> Scenario:
+    """Let the vehicle leave one lane for another, which climbs."""
+    return replace(passing, lanes=moved_lane(passing, 'own', -0.6)
+                   | moved_lane(passing, 'other', -1.8, left=0.04, up=-0.02))
+
+
+def _swept_across(passing: Scenario, folder) -> Scenario:
+    """Detect a vehicle that crosses its lane."""
+    return replace(passing, lanes=moved_lane(passing, 'other', -2.0, left=0.06), fronts=(),
+                   pairs=passing.pairs[:3]).swept()
+
+
+def _scripted(speed_mps: float, at: tuple[int, ...] = (0,), earlier: int = 0, *,
+              again: bool = False) -> Callable[..., Scenario]:
+    """
+    Return the maker of a scenario in which a script detects the front at a speed.
+
+    :param again: also where a track holds it, and then not quite where it is.
+    """
+    def made(passing: Scenario, folder) -> Scenario:
+        where = quads(passing)
+
+        def found(k: int) -> Detection:
+            since, aside_px = passing.pairs[k - earlier:k], 12.0 * k * again
+            return Detection(
+                lane='lane_0', left_px=where[k][0] + [aside_px, 0.0],
+                right_px=where[k][1] + [aside_px, 0.0], std_px=0.7, s_m=0.0,
+                lateral_m=0.0, width_m=1.8, height_m=0.5, speed_mps=speed_mps,
+                speed_std_mps=0.05 * speed_mps, earlier=None if not earlier else EarlierFront(
+                    pairs=since, left_px=where[k - earlier][0], right_px=where[k - earlier][1]))
+        script = Script({k: found(k) for k in at}, again)
+        return replace(passing, fronts=(), detector=lambda config: script)
+    return made
+
+
+def _detected(passing: Scenario, folder) -> Scenario:
+    return replace(passing, fronts=(), pairs=passing.pairs[:4]).swept()
+
+
+def _detected_late(passing: Scenario, folder) -> Scenario:
+    return replace(_late(passing, folder), fronts=(), pairs=_late(passing, folder).pairs[:3]
+                   ).swept()
+
+
+def _swept_behind(passing: Scenario, folder) -> Scenario:
+    """Detect a vehicle of which a post hides a part in the second pair."""
+    first, second, third = passing.pairs[:3]
+    return replace(passing, fronts=(), pairs=(
+        first, with_post(second, quads(passing)[1]), third)).swept()
+
+
+def _slow(passing: Scenario, folder) -> Scenario:
+    """Let twice the time pass between pairs."""
+    first = passing.pairs[0].stamp_ns
+    pairs = tuple(replace(p, stamp_ns=2 * p.stamp_ns - first, right_stamp_ns=2 * p.stamp_ns - first)
+                  for p in passing.pairs[:3])
+    return replace(passing, fronts=(), pairs=pairs).swept()
+
+
+def _traffic(passing: Scenario, folder) -> Scenario:
+    """Simulate a vehicle, one behind it and one beside it."""
+    one = VehicleConfig()
+    behind = replace(one, head_start_m=-10.0, lateral_knots=((0.0, 1.5), (1.0, 1.5)))
+    sequence = simulate(SimConfig(
+        vehicles=(one, behind, replace(one, lane=1)), start_m=40.0, near_m=20.0, pairs=3,
+        camera_height_m=6.0, rig=RigConfig(width_px=512, height_px=384, f_px=1000.0)),
+        np.random.default_rng(3))
+    (folder / 'site.yaml').write_text(yaml.safe_dump(dict(sequence.site_exact)))
+    lanes = MeasuringSite.of(load_site(folder / 'site.yaml'), sequence.rig).lanes
+    return Scenario(sequence.rig, lanes, sequence.pairs).swept()
+
+
+MAKERS: Mapping[str, Callable[..., Scenario]] = {
+    'passing': _first(5), 'short': _first(4), 'start': _first(1), 'longer': _first(6),
+    'occluded': _occluded, 'lost': _lost, 'late': _late, 'twice': _twice,
+    'short path': _short_path, 'crossing': _crossing,
+    'detected at 20': _scripted(20.0), 'detected at 17': _scripted(17.0),
+    'detected late': _scripted(24.6, (3,), 3),
+    'detected again': _scripted(24.6, (0, 1), again=True), 'found again': _scripted(24.6, (0, 1, 2, 3, 4)),
+    'swept': _detected, 'swept across': _swept_across, 'swept behind a post': _swept_behind, 'swept late': _detected_late, 'slow': _slow, 'traffic': _traffic,
+    'traffic': _traffic}
+
+
+@dataclass(frozen=True)
+class Case:
+    """
+    What shows that a parameter matters.
+
+    :param scenario: name of what is measured.
+    :param value: another value of the parameter; None takes a greater one.
+    :param given: what other parameters are, where not the defaults.
+    """
+
+    scenario: str
+    value: Any = None
+    given: Values = field(default_factory=dict)
+
+
+def swept(scenario: str, value: Any = None, **given: Any) -> Case:
+    """Return a case of the detector; ``__`` stands for the dot in names of its parameters."""
+    return Case(scenario, value, {SWEEP + k.replace('__', '.'): v for k, v in given.items()})
+
+
+TWO = {'particles': 60, 'particle_budget': 100}
+LORRY = {'front__least_width_m': 2.0, 'front__tall_width_m': 1.5}
+UNCERTAIN = {'max_speed_std_mps': 0.0, 'max_speed_std_share': 0.0}
+AT_ONCE = {'visibility.confirm_pairs': 1}
+# Of those that show in other scenarios than the usual one, or at other values.
+CASES: Mapping[str, Case] = {
+    'particles': Case('passing', 60),
+    'resample_ess': Case('passing', 0.0),
+    'trigger_tolerance_s': Case('late'),
+    'max_speed_std_share': Case('passing', 0.0, {'max_speed_std_mps': 0.0}),
+    'max_speed_std_mps': Case('passing', 0.0, {'max_speed_std_share': 0.0}),
+    'max_scale_std_share': Case('passing', 0.0),
+    'particle_budget': Case('twice', 200, TWO | {'effort.fewest_particles': 20}),
+    'visibility.least_ncc': Case('passing', 0.999),
+    'visibility.occlusion_deficit': Case('occluded', 1.0),
+    'visibility.occlusion_noise_factor': Case('occluded', 100.0),
+    'visibility.occlusion_best_share': Case('occluded', 1.0),
+    'visibility.lost_after_s': Case('lost', 0.1),
+    'visibility.occluded_for_s': Case('occluded', 0.1),
+    'visibility.least_width_px': Case('passing', 50.0),
+    'visibility.beyond_path_m': Case('short path', 0.0),
+    'visibility.speed_change_sigmas': Case(
+        'passing', 0.0, AT_ONCE | {'verdict.most_acceleration_mps2': 0.1}),
+    'start.most_gap_px': Case('start', 0.1),
+    'start.least_ncc': Case('start', 0.999),
+    'verdict.least_width_px': Case('passing', 100.0),
+    'verdict.far_width_px': Case('passing', 100.0, UNCERTAIN),
+    'verdict.most_height_change_m': Case('crossing', 0.1),
+    'verdict.most_speed_mps': Case('passing', 20.0),
+    'verdict.most_acceleration_mps2': Case('longer', 0.1),
+    'verdict.off_road_m': Case('crossing', 0.1),
+    'verdict.off_road_share': Case('crossing', 1.0, {'verdict.off_road_m': 0.1}),
+    'verdict.lane_hysteresis_m': Case('crossing', 0.0),
+    'effort.live_observations': Case('passing', 4),
+    'effort.pass_observations': Case('passing', 4, {'effort.live_observations': 4}),
+    'effort.fewest_particles': Case('twice', 20, TWO),
+    'association.catch_up_pairs': Case('detected late', 1),
+    'association.same_speed_sigmas': Case('detected at 20', 100.0),
+    'association.doubt_s': Case('detected at 20', 0.3),
+    'association.braking_mps2': Case('detected at 20', 0.0, {'association.doubt_s': 0.3}),
+    'association.gone_s': Case('found again', 0.0, AT_ONCE | {'visibility.least_width_px': 48.0}),
+    'association.same_vehicle_m': Case('detected again', 0.1),
+    SWEEP + 'interval_s': swept('swept', 0.3),
+    SWEEP + 'long_every': swept('swept', 2, motion__least_px=13.0),
+    SWEEP + 'forget_after_s': swept('swept', 0.15),
+    SWEEP + 'trigger_tolerance_s': swept('swept late'),
+    SWEEP + 'sweep.still_ncc': swept('traffic', -1.0),
+    SWEEP + 'sweep.least_ncc': swept('traffic', 1.0),
+    SWEEP + 'sweep.least_contrast': swept('traffic', 100.0),
+    SWEEP + 'sweep.noise_factor': swept('traffic', 20.0),
+    SWEEP + 'sweep.least_votes': swept('traffic', 100.0),
+    SWEEP + 'sweep.most_proposals': swept('traffic', 1, spacing__headway_s=0.0),
+    SWEEP + 'sweep.most_refined': swept('traffic', 1, spacing__headway_s=0.0),
+    SWEEP + 'front.low_m': swept('traffic', 0.4),
+    SWEEP + 'front.tall_low_m': swept('traffic', 0.3, **LORRY),
+    SWEEP + 'front.tall_high_m': swept('traffic', 1.0, **LORRY),
+    SWEEP + 'front.tall_width_m': swept('traffic', 1.5, front__least_width_m=2.0),
+    SWEEP + 'front.least_width_m': swept('traffic', 2.0),
+    SWEEP + 'front.least_cross_ncc': swept('traffic', 1.0),
+    SWEEP + 'front.upright_factor': swept('traffic', 100.0),
+    SWEEP + 'front.hopeless_ncc': swept('traffic', 1.0),
+    SWEEP + 'motion.reference_s': swept('swept', 0.3, long_every=1000, motion__least_px=9.0),
+    SWEEP + 'motion.long_reference_s': swept('swept', 0.25, long_every=1,
+                                             motion__least_px=25.0),
+    SWEEP + 'motion.least_speed_mps': swept('slow', 15.0),
+    SWEEP + 'motion.greatest_speed_mps': swept('traffic', 15.0),
+    SWEEP + 'motion.aside_mps': swept('swept across', 0.0, motion__aside_m=0.0),
+    SWEEP + 'motion.aside_m': swept('swept across', 2.0, motion__aside_mps=0.0),
+    SWEEP + 'motion.least_ncc': swept('traffic', 1.0),
+    SWEEP + 'motion.still_margin': swept('traffic', 1.0),
+    SWEEP + 'motion.least_px': swept('traffic', 100.0),
+    SWEEP + 'motion.change_factor': swept('traffic', 0.1),
+    SWEEP + 'motion.occluded_share': swept('swept behind a post', 1.0),
+    SWEEP + 'motion.speed_std_share': Case('traffic', 0.0,
+                                           {'association.same_speed_sigmas': 0.5}),
+    SWEEP + 'spacing.along_m': swept('traffic', 1.0),
+    SWEEP + 'spacing.headway_s': swept('traffic', 0.0),
+    SWEEP + 'spacing.across_m': swept('traffic', 10.0),
+    SWEEP + 'spacing.least_half_m': swept('traffic', 3.0),
+}
+
+
+def case_of(name: str) -> Case:
+    """Return what shows that a parameter matters."""
+    return CASES.get(name, Case('traffic' if name.startswith(SWEEP) else 'short'))
+
+
+def greater(known: Field[Any]) -> Any:
+    """Return a legal value of a parameter that is not its default, a greater one if there is."""
+    default, meta = known.default, known.metadata
+    if meta['choices']:
+        return next(choice for choice in meta['choices'] if choice != default)
+    if isinstance(default, bool):
+        return not default
+    value = min(type(default)(1.7 * default), meta['high'])
+    return value if value != default else meta['low']
+
+
+def outcome(scenario: Scenario, values: Values) -> Any:
+    """Return all that a run reports, or the line it ends with, as values to compare."""
+    updates: list[TrackUpdate] = []
+    try:
+        done = scenario.run(configured({**CHEAP, **values}),
+                            lambda pair, step: updates.extend(step.updates))
+    except InputError as error:
+        return str(error)
+    return ([(u.stamp_ns, u.track, u.lane, u.state, u.speed_mps, u.speed_std_mps, u.s_m,
+              u.lateral_m, u.position_cov_m2.tolist(), u.quad_left_px.tolist())
+             for u in updates], [astuple(one) for one in done.passes])
+
+
+@pytest.fixture(scope='session')
+def usual(scenarios) -> Callable[[Case], Any]:
+    """Return the function from a case to what a run reports without the parameter changed."""
+    known: dict[Any, Any] = {}
+
+    def found(case: Case) -> Any:
+        key = case.scenario, *sorted(case.given.items())
+        if key not in known:
+            known[key] = outcome(scenarios(case.scenario), case.given)
+        return known[key]
+    return found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('name', FIELDS)
+def test_every_parameter_changes_something(name, scenarios, usual):
+    case = case_of(name)
+    value = greater(FIELDS[name]) if case.value is None else case.value
+    assert value != case.given.get(name, FIELDS[name].default)
+    changed = outcome(scenarios(case.scenario), {**case.given, name: value}) != usual(case)
+    assert changed
+
+
+COSTLY = {'particles': 300, 'effort.fewest_particles': 300}  # greatest values drawn of these
+
+
+def drawn(known: Field[Any], rng: np.random.Generator, most: float) -> Any:
+    """Return a random legal value of a parameter, a bound every third time."""
+    default, meta = known.default, known.metadata
+    if meta['choices']:
+        return meta['choices'][rng.integers(len(meta['choices']))]
+    if isinstance(default, bool):
+        return bool(rng.integers(2))
+    low, high = meta['low'], min(meta['high'], most)
+    if rng.random() < 1 / 3:
+        return type(default)(low if rng.random() < 0.5 else high)
+    if high > 30 * max(low, 0.0) and low >= 0:
+        value = math.exp(rng.uniform(math.log(max(low, 1e-5 * high)), math.log(high)))
+    else:
+        value = rng.uniform(low, high)
+    return type(default)(min(max(round(value) if isinstance(default, int) else value, low), high))
+
+
+def drawn_config(seed: int) -> PipelineConfig:
+    """Return a random configuration; where few parameters are drawn, the others are usual."""
+    rng = np.random.default_rng(seed)
+    share = rng.choice([0.03, 0.2, 1.0])
+    for _ in range(1000):
+        values = {name: drawn(known, rng, COSTLY.get(name, math.inf))
+                  for name, known in FIELDS.items() if rng.random() < share}
+        try:
+            return configured({**CHEAP, **values})
+        except InputError:
+            continue  # parameters that contradict each other are refused before anything runs
+    raise AssertionError('no legal configuration')
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings('error')
+@pytest.mark.parametrize('seed', range(20))
+@pytest.mark.parametrize('name', ['short', 'swept'])
+def test_whatever_loads_also_runs(name, seed, scenarios):
+    scenario, config = scenarios(name), drawn_config(seed)
+    updates: list[TrackUpdate] = []
+    try:
+        done = replace(scenario, pairs=scenario.pairs[:4 - (name == 'swept')]).run(
+            config, lambda pair, step: updates.extend(step.updates))
+    except InputError as error:
+        assert name == 'short' and 'first front' in str(error)  # what was annotated is none
+        return
+    for update in updates:
+        assert np.isfinite([update.speed_mps, update.speed_std_mps, *update.position_m]).all()
+    for one in done.passes:
+        assert (one.speed_mps is None) == (one.verdict is Verdict.REJECTED)
+        assert one.speed_mps is None or math.isfinite(one.speed_mps + one.speed_std_mps)
+
+
+def test_only_parameters_have_cases():
+    assert set(CASES) <= set(FIELDS)
+    assert {n for case in CASES.values() for n in case.given} <= set(FIELDS)
