@@ -46,7 +46,7 @@ def parameters(indent: str, kind: type) -> str:
             lines.append(parameters(indent + '  ', m['section']).rstrip('\n'))
             continue
         unit = f' [{m["unit"]}]' if m['unit'] else ''
-        legal = ', '.join(map(str, m['choices'])) or f'{m["low"]} to {m["high"]}'
+        legal = ', '.join(map(str, m['choices'])) or f'{m["low"]:g} to {m["high"]:g}'
         legal = '' if isinstance(f.default, bool) else f'; {legal}'
         lines += textwrap.wrap(f'{m["doc"]}{unit}{legal}', 97,
                                initial_indent=indent + '# ', subsequent_indent=indent + '# ',

@@ -70,7 +70,7 @@ class NoiseConfig:
     """How precisely images tell where a front is; these decide every sigma of matching."""
 
     independent_share: float = parameter(
-        0.35, 0.01, 1.0, '', 'share of independent samples in a patch after its low-pass')
+        0.35, 0.01, 1.0, '', 'share of the samples of a low-passed patch that are independent')
     match_floor_px: float = parameter(
         0.0125, 0.0, 1.0, 'px', 'systematic error of matching one observation between the views, '
         'which no number of samples averages away')
@@ -81,10 +81,10 @@ class NoiseConfig:
         0.04, 0.0001, 0.5, 'm', '1-sigma of the relief of a front: bumper, grille and lamps lie '
         'centimetres apart in depth')
     gauge_std_m: float = parameter(
-        0.005, 0.0001, 0.5, 'm', '1-sigma of the front in its first observation, which defines '
-        'where its centre is')
+        0.005, 0.0001, 0.5, 'm', '1-sigma of the place of the front across and above the path in '
+        'its first observation, which defines its centre')
     start_std_px: float = parameter(
-        0.15, 0.01, 5.0, 'px', 'spread of the first particles in depth, as disparity')
+        0.15, 0.01, 5.0, 'px', '1-sigma of the first particles in depth, as disparity')
 
     def __post_init__(self) -> None:
         check_bounds(self)
@@ -103,22 +103,23 @@ class VisibilityConfig:
     occlusion_noise_factor: float = parameter(
         3.0, 0.0, 100.0, '', 'noise explains this many times what the best observations lack')
     occlusion_best_share: float = parameter(
-        0.1, 0.0, 1.0, '', 'share of the observations of a pass that count as its best')
+        0.1, 0.0, 1.0, '', 'share of the observations of a pass that are taken as its best')
     confirm_pairs: int = parameter(
-        3, 1, 100, '', 'pairs after which a reading is worth publishing')
+        3, 1, 100, '', 'pairs in which a vehicle is wholly seen before its readings are '
+        'confirmed, and so published')
     lost_after_s: float = parameter(
-        1.5, 0.0, 60.0, 's', 'a vehicle not seen for longer is lost; poles and missing images '
-        'take less')
+        1.5, 0.0, 60.0, 's', 'a vehicle not seen for longer is lost; behind a pole or in missing '
+        'images it is gone for less')
     occluded_for_s: float = parameter(
-        4.0, 0.0, 60.0, 's', 'nor is it followed for longer while it is occluded in part, as '
-        'behind a vehicle that overtakes')
+        4.0, 0.0, 60.0, 's', 'a vehicle not wholly seen for longer is lost, even while a part of '
+        'it is seen, as behind one that overtakes')
     least_width_px: float = parameter(
-        12.0, 1.0, 500.0, 'px', 'a rear narrower than this has left the view')
+        12.0, 1.0, 500.0, 'px', 'a front or rear narrower than this has left the view')
     beyond_path_m: float = parameter(
-        20.0, 0.0, 500.0, 'm', 'what is this far beyond the end of its path has left as well')
+        20.0, 0.0, 500.0, 'm', 'a vehicle further beyond the end of its path has left the view')
     speed_change_sigmas: float = parameter(
-        3.0, 0.0, 100.0, '', 'a reading is held back when it differs from the last one by so many '
-        'sigmas more than tyres can explain')
+        3.0, 0.0, 100.0, '', 'a reading is held back when it differs from the last one by so '
+        'many sigmas more than most_acceleration_mps2 allows')
 
     def __post_init__(self) -> None:
         check_bounds(self)
@@ -129,16 +130,19 @@ class StartConfig:
     """When two quads are one front, in the first pair of a track."""
 
     most_gap_px: float = parameter(
-        5.0, 0.1, 100.0, 'px', 'quads whose centres are further from one epipolar line are of '
+        5.0, 0.1, 100.0, 'px', 'quads whose centres are further off a common epipolar line show '
         'different things')
     search_sigmas: float = parameter(
-        4.0, 0.5, 20.0, '', 'depths searched to either side of the one that the quads give')
+        4.0, 0.5, 20.0, '', 'depths searched to either side of the one that the quads give, in '
+        'its sigmas')
     least_ncc: float = parameter(
-        0.5, 0.0, 1.0, '', 'views of one front correlate better than this')
+        0.5, 0.0, 1.0, '', 'left and right quads that correlate less are not of one front')
     any_speed_share: float = parameter(
-        0.25, 0.0, 1.0, '', 'share of the first particles that are spread evenly over all speeds')
+        0.25, 0.0, 1.0, '', 'share of the first particles whose speeds are drawn evenly, for '
+        'speeds that no limit foresees')
     any_speed_factor: float = parameter(
-        2.5, 0.1, 20.0, '', 'up to the expected speed times this: no speed limit foresees them')
+        2.5, 0.1, 20.0, '', 'greatest speed of these particles, as a multiple of the expected '
+        'speed')
 
     def __post_init__(self) -> None:
         check_bounds(self)
@@ -159,20 +163,21 @@ class VerdictConfig:
         0.6, 0.0, 1.0, '', 'a pass whose views agree less in half of its observations is rejected '
         'as views_disagree')
     most_height_change_m: float = parameter(
-        0.6, 0.01, 10.0, 'm', 'a front that climbs or sinks more against the road is rejected as '
-        'off_path')
+        0.6, 0.01, 10.0, 'm', 'a pass whose front climbs or sinks more against the path is '
+        'rejected as off_path')
     most_speed_mps: float = parameter(
         90.0, 1.0, 300.0, 'm/s', 'a faster pass is rejected as implausible')
     most_acceleration_mps2: float = parameter(
-        12.0, 0.1, 100.0, 'm/s^2', 'beyond any tyre: a pass with more is implausible, a live '
-        'reading that needs more is held back')
+        12.0, 0.1, 100.0, 'm/s^2', 'more than tyres can do: a pass with a greater acceleration '
+        'is rejected as implausible, a live reading that needs one is held back')
     off_road_m: float = parameter(
         3.0, 0.1, 50.0, 'm', 'a vehicle further from the middle of every lane is off the road')
     off_road_share: float = parameter(
         0.5, 0.0, 1.0, '', 'a pass off the road in more than this share of its pairs is rejected '
         'as off_path')
     lane_hysteresis_m: float = parameter(
-        0.3, 0.0, 5.0, 'm', 'a vehicle has changed lanes when another one is nearer by this')
+        0.3, 0.0, 5.0, 'm', 'a vehicle has changed lanes when the path of another lane is nearer '
+        'by more than this')
 
     def __post_init__(self) -> None:
         check_bounds(self)
@@ -186,9 +191,11 @@ class EffortConfig:
         24, 4, 1000, '', 'observations that a live reading is solved from; older ones become '
         'inactive keyframes')
     pass_observations: int = parameter(
-        60, 4, 1000, '', 'observations that the pass is measured from, evenly spaced')
+        60, 4, 1000, '', 'observations that the pass is measured from, evenly spaced; at least '
+        'live_observations')
     fewest_particles: int = parameter(
-        100, 20, 20000, '', 'particles of a track, however many tracks share the budget')
+        100, 20, 20000, '', 'particles that a track keeps however many tracks share the budget; '
+        'never more than particles')
 
     def __post_init__(self) -> None:
         check_bounds(self)
@@ -204,15 +211,16 @@ class AssociationConfig:
     catch_up_pairs: int = parameter(
         3, 1, 50, '', 'earlier pairs, at most, that a new track is fed')
     same_speed_sigmas: float = parameter(
-        3.0, 0.1, 100.0, '', 'a young track and the detector saw one speed when they differ by '
-        'less; a front half occluded has two')
+        3.0, 0.1, 100.0, '', 'a new track whose speed differs by more sigmas from what its '
+        'detector saw is doubted: a front occluded in part misleads one of them')
     doubt_s: float = parameter(
-        1.0, 0.0, 60.0, 's', 'for so long a track that saw another speed than its detector stays '
-        'tentative')
+        1.0, 0.0, 60.0, 's', 'time for which a doubted track stays tentative, whatever it does')
     braking_mps2: float = parameter(
-        6.0, 0.0, 20.0, 'm/s^2', 'and after that as far as it cannot have braked so hard')
+        6.0, 0.0, 20.0, 'm/s^2', 'greatest braking that may explain the difference of speeds '
+        'after that time; a greater difference keeps the track tentative')
     gone_s: float = parameter(
-        1.0, 0.0, 60.0, 's', 'for so long a vehicle that has left is not found again')
+        1.0, 0.0, 60.0, 's', 'time for which a vehicle that has left the view is not detected '
+        'again')
     same_vehicle_m: float = parameter(
         1.5, 0.1, 20.0, 'm', 'fronts nearer to each other are of one vehicle')
 
@@ -238,14 +246,15 @@ class TrackerConfig:
     cruise_share: float = parameter(
         0.7, 0.0, 1.0, '', 'share of passes that cruise; 0 leaves the model out')
     acceleration_std_mps2: float = parameter(
-        1.5, 0.0, 20.0, 'm/s^2', 'first acceleration of a vehicle that changes its speed')
+        1.5, 0.0, 20.0, 'm/s^2', '1-sigma of the first acceleration of a vehicle that changes '
+        'its speed')
     jerk_rate_std: float = parameter(
         3.0, 0.0, 50.0, 'm/s^2/sqrt(s)', 'random walk of the acceleration of such a vehicle')
     manoeuvre_across_std_m: float = parameter(
-        1.0, 0.0, 5.0, 'm/sqrt(s)', 'drift across the path of a vehicle that changes lanes, by a '
-        'rate that persists')
+        1.0, 0.0, 5.0, 'm/sqrt(s)', 'drift across the path, over long times, of a vehicle that '
+        'changes lanes')
     manoeuvre_across_s: float = parameter(
-        0.5, 0.01, 100.0, 's', 'for about this long')
+        0.5, 0.01, 100.0, 's', 'time for which its speed across the path persists')
     manoeuvre_probability: float = parameter(
         0.05, 0.0, 0.49, '', 'share of passes that brake or accelerate, and share of those that '
         'change lanes; 0 leaves these models out')
@@ -275,7 +284,7 @@ class TrackerConfig:
     initial_speed_mps: float = parameter(
         20.0, 0.5, 100.0, 'm/s', 'expected speed on a lane without a speed limit')
     initial_speed_std: float = parameter(
-        0.5, 0.01, 5.0, '', 'spread of the first speed, as a share of the one expected')
+        0.5, 0.01, 5.0, '', '1-sigma of the first speeds, as a share of the expected one')
 
     stamp_std_s: float = parameter(
         2e-4, 0.0, 0.1, 's', '1-sigma of each header stamp against the true exposure')
@@ -287,14 +296,15 @@ class TrackerConfig:
     baseline_std_m: float = parameter(
         2e-4, 0.0, 0.1, 'm', '1-sigma of the baseline')
     max_speed_std_share: float = parameter(
-        0.01, 0.0, 1.0, '', 'a pass with a greater 1-sigma, as a share of its speed, is rejected')
+        0.01, 0.0, 1.0, '', 'a pass whose 1-sigma is a greater share of its speed is rejected')
     max_speed_std_mps: float = parameter(
         0.15, 0.0, 10.0, 'm/s', 'unless its 1-sigma is smaller than this')
     max_scale_std_share: float = parameter(
-        0.0025, 0.0, 1.0, '', 'a pass is rejected when focal length, baseline, path and the turn '
-        'of the cameras leave its scale this uncertain')
+        0.0025, 0.0, 1.0, '', 'a pass is rejected when focal length, baseline, path and '
+        'extrinsic drift leave its scale uncertain by a greater share')
     particle_budget: int = parameter(
-        2000, 100, 100000, '', 'particles of all tracks together; many tracks share them')
+        2000, 100, 100000, '', 'particles of all tracks together; while there are several, they '
+        'share them')
 
     noise: NoiseConfig = section(NoiseConfig, 'precision of the images')
     visibility: VisibilityConfig = section(VisibilityConfig, 'seen, occluded, confirmed, lost')

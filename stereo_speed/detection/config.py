@@ -36,15 +36,16 @@ class FrontConfig:
     reach_m: float = parameter(
         1.9, 0.3, 6.0, 'm', 'how far beside the path of a lane the middle of a vehicle may be')
     least_cross_ncc: float = parameter(
-        0.75, 0.0, 1.0, '', 'left-right correlation of a front at its depth')
+        0.75, 0.0, 1.0, '', 'views of a front correlate at least so well at its depth')
     upright_factor: float = parameter(
-        2.0, 0.0, 100.0, '', 'what the correlation lacks must be so many times more where the '
-        'front is taken to lie on the road')
+        2.0, 0.0, 100.0, '', 'taken to lie on the road, a front must lack so many times more of '
+        'a perfect correlation than standing')
     hopeless_ncc: float = parameter(
-        0.3, -1.0, 1.0, '', 'a proposal whose correlation is lower is given up, not refined')
+        0.3, -1.0, 1.0, '', 'a proposal whose views, or mirror images, correlate no better is '
+        'given up, not refined')
     axis_std_m: float = parameter(
-        0.03, 0.001, 1.0, 'm', '1-sigma of the middle of a front that is found, which a track '
-        'takes for that of its first corners')
+        0.03, 0.001, 1.0, 'm', '1-sigma of the middle of a front that is found; a track takes it '
+        'for that of the corners')
 
     def __post_init__(self) -> None:
         check_bounds(self)
@@ -57,30 +58,33 @@ class MotionConfig:
     """When a front has come along its lane since an earlier pair."""
 
     reference_s: float = parameter(
-        0.19, 0.01, 2.0, 's', 'a vehicle must have moved since the pair that is at least so old, '
-        'or since the oldest there is')
+        0.19, 0.01, 2.0, 's', 'a vehicle must have moved since the newest earlier pair that is '
+        'at least so old, or since the oldest one kept')
     long_reference_s: float = parameter(
-        0.75, 0.1, 5.0, 's', 'the same for slow vehicles')
+        0.75, 0.1, 5.0, 's', 'a slow vehicle must have moved since the newest earlier pair that '
+        'is at least so old; still older ones are not kept')
     least_speed_mps: float = parameter(
         1.5, 0.1, 20.0, 'm/s', 'what moves slower along its lane is not reported')
     greatest_speed_mps: float = parameter(
-        70.0, 5.0, 150.0, 'm/s', 'nor what moves faster')
+        70.0, 5.0, 150.0, 'm/s', 'what moves faster along its lane is not reported')
     aside_mps: float = parameter(
-        3.5, 0.0, 20.0, 'm/s', 'speed across the lane, at most, of a vehicle that changes lanes')
+        3.5, 0.0, 20.0, 'm/s', 'greatest speed across the lane, for vehicles that change lanes')
     aside_m: float = parameter(
-        0.15, 0.0, 2.0, 'm', 'error of the path across, for vehicles that keep to their lane')
+        0.15, 0.0, 2.0, 'm', 'error of the path across, which adds to the way that a vehicle may '
+        'have moved across')
     least_ncc: float = parameter(
-        0.70, 0.0, 1.0, '', 'correlation of a front with itself in the earlier pair')
+        0.70, 0.0, 1.0, '', 'least correlation of a front with itself in the earlier pair')
     still_margin: float = parameter(
-        0.05, 0.0, 1.0, '', 'by so much that correlation exceeds the one with what was then where '
-        'the front is now')
+        0.05, 0.0, 1.0, '', 'by so much that correlation must exceed the one with what stood in '
+        'the same place in the earlier pair')
     least_px: float = parameter(
         2.0, 0.0, 100.0, 'px', 'what has moved less in the left image has not moved')
     change_factor: float = parameter(
-        3.0, 0.1, 100.0, '', 'a column of a front looks other than before when it changes by so '
-        'many times more than noise and sampling explain, as squares')
+        3.0, 0.1, 100.0, '', 'a column of a front has changed when the square of its change is '
+        'so many times what noise and sampling explain')
     occluded_share: float = parameter(
-        0.2, 0.0, 1.0, '', 'a front that looks other in more of its middle was occluded in part')
+        0.2, 0.0, 1.0, '', 'a front is occluded in part when a greater share of its middle has '
+        'changed')
     speed_std_share: float = parameter(
         0.05, 0.0, 1.0, '', '1-sigma of the speed between the two pairs a vehicle is found in, as '
         'a share of it')
@@ -99,13 +103,13 @@ class SpacingConfig:
     along_m: float = parameter(
         4.5, 1.0, 30.0, 'm', 'least distance between two fronts in one lane at rest')
     headway_s: float = parameter(
-        0.3, 0.0, 2.0, 's', 'and more by the way driven in this time: what moves nearer behind '
-        'a front is the side of its vehicle')
+        0.3, 0.0, 2.0, 's', 'the way driven in this time is added to along_m: what moves nearer '
+        'behind a front is the side of its vehicle')
     across_m: float = parameter(
-        1.2, 0.0, 10.0, 'm', 'fronts whose middles are nearer across the lane are in one lane, as '
-        'are those that overlap')
+        1.2, 0.0, 10.0, 'm', 'fronts whose middles are nearer across the lane are in one lane, '
+        'as are those that overlap')
     least_half_m: float = parameter(
-        0.8, 0.0, 3.0, 'm', 'half the width of a tracked vehicle, where its track follows less')
+        0.8, 0.0, 3.0, 'm', 'least half width of the place that a track holds')
 
     def __post_init__(self) -> None:
         check_bounds(self)
@@ -127,15 +131,16 @@ class SweepConfig:
         2.0, 0.0, 100.0, '', 'a window whose standard deviation in grey levels is lower shows '
         'nothing')
     noise_factor: float = parameter(
-        1.2, 0.0, 20.0, '', 'nor does one whose standard deviation is below so many times the '
-        'noise of the images')
+        1.2, 0.0, 20.0, '', 'a window whose standard deviation is below so many times the noise '
+        'of the images shows nothing either')
     least_votes: float = parameter(
-        1.5, 0.1, 100.0, '', 'votes of windows that make a proposal; each counts as much as its '
+        1.5, 0.1, 100.0, '', 'least votes of windows for a proposal; each counts as much as its '
         'views correlate')
     most_proposals: int = parameter(
-        6, 1, 100, '', 'proposals of a lane in a pair, the best first')
+        6, 1, 100, '', 'greatest number of proposals of a lane in a pair, the best first')
     most_refined: int = parameter(
-        4, 1, 100, '', 'of those on no tracked vehicle so many are refined')
+        4, 1, 100, '', 'greatest number of those, on no tracked vehicle, that are refined for '
+        'cars, and for lorries')
 
     def __post_init__(self) -> None:
         check_bounds(self)
@@ -151,14 +156,15 @@ class DetectorConfig:
     """Parameters of the detector that sweeps planes; see ``detector`` for how they are used."""
 
     interval_s: float = parameter(
-        0.09, 0.0, 2.0, 's', 'vehicles are looked for at most this often')
+        0.09, 0.0, 2.0, 's', 'least time between two searches for vehicles')
     long_every: int = parameter(
-        3, 1, 1000, '', 'slow vehicles are looked for in one of so many of these pairs')
+        3, 1, 1000, '', 'slow vehicles are looked for in one of so many searches')
     forget_after_s: float = parameter(
-        3.0, 0.1, 60.0, 's', 'after so long a gap whatever was in view has left')
+        3.0, 0.1, 60.0, 's', 'after a longer gap between pairs the earlier ones are forgotten: '
+        'whatever was in view has left')
     trigger_tolerance_s: float = parameter(5e-4, 0.0, 1.0, 's', TRIGGER_TOLERANCE_DOC)
     least_symmetry: float = parameter(
-        0.60, 0.0, 1.0, '', 'correlation of a front with its mirror image')
+        0.60, 0.0, 1.0, '', 'least correlation of a front with its mirror image')
 
     sweep: SweepConfig = section(SweepConfig, 'where fronts are proposed')
     front: FrontConfig = section(FrontConfig, 'what both views must show')

@@ -230,13 +230,13 @@ def _scripted(speed_mps: float, at: tuple[int, ...] = (0,), earlier: int = 0, *,
     return made
 
 
-def _detected(passing: Scenario, folder) -> Scenario:
+def _swept(passing: Scenario, folder) -> Scenario:
     return replace(passing, fronts=(), pairs=passing.pairs[:4]).swept()
 
 
-def _detected_late(passing: Scenario, folder) -> Scenario:
-    return replace(_late(passing, folder), fronts=(), pairs=_late(passing, folder).pairs[:3]
-                   ).swept()
+def _swept_late(passing: Scenario, folder) -> Scenario:
+    late = _late(passing, folder)
+    return replace(late, fronts=(), pairs=late.pairs[:3]).swept()
 
 
 def _swept_behind(passing: Scenario, folder) -> Scenario:
@@ -249,9 +249,9 @@ def _swept_behind(passing: Scenario, folder) -> Scenario:
 def _slow(passing: Scenario, folder) -> Scenario:
     """Let twice the time pass between pairs."""
     first = passing.pairs[0].stamp_ns
-    pairs = tuple(replace(p, stamp_ns=2 * p.stamp_ns - first, right_stamp_ns=2 * p.stamp_ns - first)
-                  for p in passing.pairs[:3])
-    return replace(passing, fronts=(), pairs=pairs).swept()
+    later = ((pair, 2 * pair.stamp_ns - first) for pair in passing.pairs[:3])
+    return replace(passing, fronts=(), pairs=tuple(
+        replace(pair, stamp_ns=ns, right_stamp_ns=ns) for pair, ns in later)).swept()
 
 
 def _traffic(passing: Scenario, folder) -> Scenario:
@@ -268,14 +268,14 @@ def _traffic(passing: Scenario, folder) -> Scenario:
 
 
 MAKERS: Mapping[str, Callable[..., Scenario]] = {
-    'passing': _first(5), 'short': _first(4), 'start': _first(1), 'longer': _first(6),
+    'start': _first(1), 'short': _first(4), 'passing': _first(5), 'longer': _first(6),
     'occluded': _occluded, 'lost': _lost, 'late': _late, 'twice': _twice,
     'short path': _short_path, 'crossing': _crossing,
-    'detected at 20': _scripted(20.0), 'detected at 17': _scripted(17.0),
-    'detected late': _scripted(24.6, (3,), 3),
-    'detected again': _scripted(24.6, (0, 1), again=True), 'found again': _scripted(24.6, (0, 1, 2, 3, 4)),
-    'swept': _detected, 'swept across': _swept_across, 'swept behind a post': _swept_behind, 'swept late': _detected_late, 'slow': _slow, 'traffic': _traffic,
-    'traffic': _traffic}
+    'detected at 20': _scripted(20.0), 'detected late': _scripted(24.6, (3,), 3),
+    'detected again': _scripted(24.6, (0, 1), again=True),
+    'found again': _scripted(24.6, (0, 1, 2, 3, 4)),
+    'swept': _swept, 'swept late': _swept_late, 'swept across': _swept_across,
+    'swept behind a post': _swept_behind, 'slow': _slow, 'traffic': _traffic}
 
 
 @dataclass(frozen=True)
