@@ -15,11 +15,9 @@ from stereo_speed.core.errors import InputError
 from stereo_speed.core.records import InitialFront, StereoPair, TrackUpdate, Verdict
 from stereo_speed.detection.config import DetectorConfig
 from stereo_speed.detection.detector import PlaneSweepDetector
-from stereo_speed.detection.protocol import Detection, Detector, EarlierFront
+from stereo_speed.detection.protocol import Detection, Detector, EarlierFront, TrackedRegion
 from stereo_speed.geometry.rig import StereoRig
 from stereo_speed.io.bags import StereoBag
-from stereo_speed.lab.sim.config import RigConfig, SimConfig, VehicleConfig
-from stereo_speed.lab.sim.sequence import simulate
 from stereo_speed.pipeline.assembly import MeasuringSite
 from stereo_speed.pipeline.config import PipelineConfig
 from stereo_speed.pipeline.pipeline import SpeedPipeline
@@ -29,7 +27,6 @@ from stereo_speed.road.path import StraightPath
 from stereo_speed.site.file import load_site
 from stereo_speed.site.init_file import load_init
 from stereo_speed.tracking.constrained import ConstrainedTracker
-import yaml
 
 Values = Mapping[str, Any]  # dotted name to value
 SWEEP = 'detectors.plane_sweep.'
@@ -112,11 +109,11 @@ def passing(sample) -> Scenario:
 
 
 @pytest.fixture(scope='session')
-def scenarios(passing, tmp_path_factory) -> Callable[[str], Scenario]:
+def scenarios(passing) -> Callable[[str], Scenario]:
     """Return the scenarios by name, each made once."""
     @lru_cache(maxsize=None)
     def made(name: str) -> Scenario:
-        return MAKERS[name](passing, tmp_path_factory.mktemp('site'))
+        return MAKERS[name](passing)
     return made
 
 
@@ -143,31 +140,31 @@ def with_post(pair: StereoPair, quad: tuple[np.ndarray, np.ndarray]) -> StereoPa
     return replace(pair, left=views[0], right=views[1])
 
 
-def _first(count: int) -> Callable[..., Scenario]:
-    return lambda passing, folder: replace(passing, pairs=passing.pairs[:count])
+def _first(count: int) -> Callable[[Scenario], Scenario]:
+    return lambda passing: replace(passing, pairs=passing.pairs[:count])
 
 
-def _occluded(passing: Scenario, folder) -> Scenario:
+def _occluded(passing: Scenario) -> Scenario:
     at = quads(passing)
     return replace(passing, pairs=tuple(
         with_post(pair, at[k]) if k in (3, 4) else pair for k, pair in enumerate(passing.pairs)))
 
 
-def _lost(passing: Scenario, folder) -> Scenario:
+def _lost(passing: Scenario) -> Scenario:
     return replace(passing, pairs=tuple(
         blank(pair) if k == 3 else pair for k, pair in enumerate(passing.pairs)))
 
 
-def _late(passing: Scenario, folder) -> Scenario:
+def _late(passing: Scenario) -> Scenario:
     return replace(passing, pairs=tuple(
         replace(pair, right_stamp_ns=pair.stamp_ns + 600_000) for pair in passing.pairs[:4]))
 
 
-def _twice(passing: Scenario, folder) -> Scenario:
+def _twice(passing: Scenario) -> Scenario:
     return replace(passing, pairs=passing.pairs[:3], fronts=passing.fronts * 2)
 
 
-def _short_path(passing: Scenario, folder) -> Scenario:
+def _short_path(passing: Scenario) -> Scenario:
     """End the path of the lane soon after the first pair."""
     lane = passing.lanes['lane_0']
     begin, start = lane.path.position(np.array(0.0)), passing.rig.triangulate(
@@ -195,26 +192,26 @@ def moved_lane(passing: Scenario, name: str, left_m: float, *, left: float = 0.0
     return {name: replace(lane, name=name, path=path)}
 
 
-def _crossing(passing: Scenario, folder) -> Scenario:
+def _crossing(passing: Scenario) -> Scenario:
     """Let the vehicle leave one lane for another, which climbs."""
     return replace(passing, lanes=moved_lane(passing, 'own', -0.6)
                    | moved_lane(passing, 'other', -1.8, left=0.04, up=-0.02))
 
 
-def _swept_across(passing: Scenario, folder) -> Scenario:
+def _swept_across(passing: Scenario) -> Scenario:
     """Detect a vehicle that crosses its lane."""
     return replace(passing, lanes=moved_lane(passing, 'other', -2.0, left=0.06), fronts=(),
                    pairs=passing.pairs[:3]).swept()
 
 
 def _scripted(speed_mps: float, at: tuple[int, ...] = (0,), earlier: int = 0, *,
-              again: bool = False) -> Callable[..., Scenario]:
+              again: bool = False) -> Callable[[Scenario], Scenario]:
     """
     Return the maker of a scenario in which a script detects the front at a speed.
 
     :param again: also where a track holds it, and then not quite where it is.
     """
-    def made(passing: Scenario, folder) -> Scenario:
+    def made(passing: Scenario) -> Scenario:
         where = quads(passing)
 
         def found(k: int) -> Detection:
@@ -230,23 +227,23 @@ def _scripted(speed_mps: float, at: tuple[int, ...] = (0,), earlier: int = 0, *,
     return made
 
 
-def _swept(passing: Scenario, folder) -> Scenario:
+def _swept(passing: Scenario) -> Scenario:
     return replace(passing, fronts=(), pairs=passing.pairs[:4]).swept()
 
 
-def _swept_late(passing: Scenario, folder) -> Scenario:
-    late = _late(passing, folder)
+def _swept_late(passing: Scenario) -> Scenario:
+    late = _late(passing)
     return replace(late, fronts=(), pairs=late.pairs[:3]).swept()
 
 
-def _swept_behind(passing: Scenario, folder) -> Scenario:
+def _swept_behind(passing: Scenario) -> Scenario:
     """Detect a vehicle of which a post hides a part in the second pair."""
     first, second, third = passing.pairs[:3]
     return replace(passing, fronts=(), pairs=(
         first, with_post(second, quads(passing)[1]), third)).swept()
 
 
-def _slow(passing: Scenario, folder) -> Scenario:
+def _slow(passing: Scenario) -> Scenario:
     """Let twice the time pass between pairs."""
     first = passing.pairs[0].stamp_ns
     later = ((pair, 2 * pair.stamp_ns - first) for pair in passing.pairs[:3])
@@ -254,20 +251,57 @@ def _slow(passing: Scenario, folder) -> Scenario:
         replace(pair, stamp_ns=ns, right_stamp_ns=ns) for pair, ns in later)).swept()
 
 
-def _traffic(passing: Scenario, folder) -> Scenario:
-    """Simulate a vehicle, one behind it and one beside it."""
-    one = VehicleConfig()
-    behind = replace(one, head_start_m=-10.0, lateral_knots=((0.0, 1.5), (1.0, 1.5)))
-    sequence = simulate(SimConfig(
-        vehicles=(one, behind, replace(one, lane=1)), start_m=40.0, near_m=20.0, pairs=3,
-        camera_height_m=6.0, rig=RigConfig(width_px=512, height_px=384, f_px=1000.0)),
-        np.random.default_rng(3))
-    (folder / 'site.yaml').write_text(yaml.safe_dump(dict(sequence.site_exact)))
-    lanes = MeasuringSite.of(load_site(folder / 'site.yaml'), sequence.rig).lanes
-    return Scenario(sequence.rig, lanes, sequence.pairs).swept()
+def _followed(passing: Scenario) -> Scenario:
+    """Let the vehicle follow itself: it is also where it will be two pairs later."""
+    at, pairs = quads(passing), []
+    for k, pair in enumerate(passing.pairs[:3]):
+        views = [pair.left.copy(), pair.right.copy()]
+        ahead = passing.pairs[k + 2]
+        for view, image, corners in zip(views, (ahead.left, ahead.right), at[k + 2]):
+            (left, top), (right, bottom) = corners.min(axis=0), corners.max(axis=0)
+            margin = 0.2 * (right - left)
+            part = (slice(round(top - 2 * margin), round(bottom + margin)),
+                    slice(round(left - margin), round(right + margin)))
+            view[part] = image[part]
+        pairs.append(replace(pair, left=views[0], right=views[1]))
+    return replace(passing, fronts=(), pairs=tuple(pairs)).swept()
 
 
-MAKERS: Mapping[str, Callable[..., Scenario]] = {
+@dataclass(frozen=True)
+class Near:
+    """
+    A detector that is told of a tracked vehicle near the one to find.
+
+    :param detector: which looks for it.
+    :param ahead_m: how far the other one is ahead, m.
+    :param left_m: how far it is to the left, m.
+    """
+
+    detector: Detector
+    ahead_m: float
+    left_m: float
+
+    def update(self, pair, tracked):
+        """Return what is found where no track is."""
+        other = TrackedRegion(
+            lane='lane_0', s_m=25.9 + 4.9 * pair.index + self.ahead_m,
+            lateral_m=self.left_m, width_m=1.8, height_m=0.5, left_px=np.zeros((4, 2)), right_px=np.zeros((4, 2)))
+        return self.detector.update(pair, [*tracked, other])
+
+    def reset(self):
+        """Forget the earlier pairs."""
+        self.detector.reset()
+
+
+def _near(ahead_m: float, left_m: float) -> Callable[[Scenario], Scenario]:
+    def made(passing: Scenario) -> Scenario:
+        alone = _swept(replace(passing, pairs=passing.pairs[:2]))
+        return replace(alone, detector=lambda config: Near(
+            alone.detector(config), ahead_m, left_m))
+    return made
+
+
+MAKERS: Mapping[str, Callable[[Scenario], Scenario]] = {
     'start': _first(1), 'short': _first(4), 'passing': _first(5), 'longer': _first(6),
     'occluded': _occluded, 'lost': _lost, 'late': _late, 'twice': _twice,
     'short path': _short_path, 'crossing': _crossing,
@@ -275,7 +309,8 @@ MAKERS: Mapping[str, Callable[..., Scenario]] = {
     'detected again': _scripted(24.6, (0, 1), again=True),
     'found again': _scripted(24.6, (0, 1, 2, 3, 4)),
     'swept': _swept, 'swept late': _swept_late, 'swept across': _swept_across,
-    'swept behind a post': _swept_behind, 'slow': _slow, 'traffic': _traffic}
+    'swept behind a post': _swept_behind, 'slow': _slow, 'followed': _followed,
+    'behind another': _near(10.0, 0.0), 'beside another': _near(0.0, 3.7)}
 
 
 @dataclass(frozen=True)
@@ -344,45 +379,45 @@ CASES: Mapping[str, Case] = {
     SWEEP + 'long_every': swept('swept', 2, motion__least_px=13.0),
     SWEEP + 'forget_after_s': swept('swept', 0.15),
     SWEEP + 'trigger_tolerance_s': swept('swept late'),
-    SWEEP + 'sweep.still_ncc': swept('traffic', -1.0),
-    SWEEP + 'sweep.least_ncc': swept('traffic', 1.0),
-    SWEEP + 'sweep.least_contrast': swept('traffic', 100.0),
-    SWEEP + 'sweep.noise_factor': swept('traffic', 20.0),
-    SWEEP + 'sweep.least_votes': swept('traffic', 100.0),
-    SWEEP + 'sweep.most_proposals': swept('traffic', 1, spacing__headway_s=0.0),
-    SWEEP + 'sweep.most_refined': swept('traffic', 1, spacing__headway_s=0.0),
-    SWEEP + 'front.low_m': swept('traffic', 0.4),
-    SWEEP + 'front.tall_low_m': swept('traffic', 0.3, **LORRY),
-    SWEEP + 'front.tall_high_m': swept('traffic', 1.0, **LORRY),
-    SWEEP + 'front.tall_width_m': swept('traffic', 1.5, front__least_width_m=2.0),
-    SWEEP + 'front.least_width_m': swept('traffic', 2.0),
-    SWEEP + 'front.least_cross_ncc': swept('traffic', 1.0),
-    SWEEP + 'front.upright_factor': swept('traffic', 100.0),
-    SWEEP + 'front.hopeless_ncc': swept('traffic', 1.0),
+    SWEEP + 'sweep.still_ncc': swept('swept', -1.0),
+    SWEEP + 'sweep.least_ncc': swept('swept', 1.0),
+    SWEEP + 'sweep.least_contrast': swept('swept', 100.0),
+    SWEEP + 'sweep.noise_factor': swept('swept', 20.0),
+    SWEEP + 'sweep.least_votes': swept('swept', 100.0),
+    SWEEP + 'sweep.most_proposals': swept('followed', 1, spacing__headway_s=0.0),
+    SWEEP + 'sweep.most_refined': swept('followed', 1, spacing__headway_s=0.0),
+    SWEEP + 'front.low_m': swept('swept', 0.4),
+    SWEEP + 'front.tall_low_m': swept('swept', 0.3, **LORRY),
+    SWEEP + 'front.tall_high_m': swept('swept', 1.0, **LORRY),
+    SWEEP + 'front.tall_width_m': swept('swept', 1.5, front__least_width_m=2.0),
+    SWEEP + 'front.least_width_m': swept('swept', 2.0),
+    SWEEP + 'front.least_cross_ncc': swept('swept', 1.0),
+    SWEEP + 'front.upright_factor': swept('swept', 100.0),
+    SWEEP + 'front.hopeless_ncc': swept('swept', 1.0),
     SWEEP + 'motion.reference_s': swept('swept', 0.3, long_every=1000, motion__least_px=9.0),
     SWEEP + 'motion.long_reference_s': swept('swept', 0.25, long_every=1,
                                              motion__least_px=25.0),
     SWEEP + 'motion.least_speed_mps': swept('slow', 15.0),
-    SWEEP + 'motion.greatest_speed_mps': swept('traffic', 15.0),
+    SWEEP + 'motion.greatest_speed_mps': swept('swept', 15.0),
     SWEEP + 'motion.aside_mps': swept('swept across', 0.0, motion__aside_m=0.0),
     SWEEP + 'motion.aside_m': swept('swept across', 2.0, motion__aside_mps=0.0),
-    SWEEP + 'motion.least_ncc': swept('traffic', 1.0),
-    SWEEP + 'motion.still_margin': swept('traffic', 1.0),
-    SWEEP + 'motion.least_px': swept('traffic', 100.0),
-    SWEEP + 'motion.change_factor': swept('traffic', 0.1),
+    SWEEP + 'motion.least_ncc': swept('swept', 1.0),
+    SWEEP + 'motion.still_margin': swept('swept', 1.0),
+    SWEEP + 'motion.least_px': swept('swept', 100.0),
+    SWEEP + 'motion.change_factor': swept('swept', 0.1),
     SWEEP + 'motion.occluded_share': swept('swept behind a post', 1.0),
-    SWEEP + 'motion.speed_std_share': Case('traffic', 0.0,
+    SWEEP + 'motion.speed_std_share': Case('swept', 0.0,
                                            {'association.same_speed_sigmas': 0.5}),
-    SWEEP + 'spacing.along_m': swept('traffic', 1.0),
-    SWEEP + 'spacing.headway_s': swept('traffic', 0.0),
-    SWEEP + 'spacing.across_m': swept('traffic', 10.0),
-    SWEEP + 'spacing.least_half_m': swept('traffic', 3.0),
+    SWEEP + 'spacing.along_m': swept('behind another', 1.0),
+    SWEEP + 'spacing.headway_s': swept('behind another', 0.0),
+    SWEEP + 'spacing.across_m': swept('beside another', 10.0),
+    SWEEP + 'spacing.least_half_m': swept('beside another', 3.0),
 }
 
 
 def case_of(name: str) -> Case:
     """Return what shows that a parameter matters."""
-    return CASES.get(name, Case('traffic' if name.startswith(SWEEP) else 'short'))
+    return CASES.get(name, Case('swept' if name.startswith(SWEEP) else 'short'))
 
 
 def greater(known: Field[Any]) -> Any:
