@@ -285,7 +285,8 @@ class Near:
         """Return what is found where no track is."""
         other = TrackedRegion(
             lane='lane_0', s_m=25.9 + 4.9 * pair.index + self.ahead_m,
-            lateral_m=self.left_m, width_m=1.8, height_m=0.5, left_px=np.zeros((4, 2)), right_px=np.zeros((4, 2)))
+            lateral_m=self.left_m, width_m=1.8, height_m=0.5,
+            left_px=np.zeros((4, 2)), right_px=np.zeros((4, 2)))
         return self.detector.update(pair, [*tracked, other])
 
     def reset(self):
