@@ -5,6 +5,8 @@ PYTHON ?= python3
 VENV := .venv
 PY := $(VENV)/bin/python
 SOURCES := stereo_speed launch test setup.py tools
+# a file of tests stays on one core, for its tests share what it made
+CORES := -n auto --dist loadfile
 # what test-fast leaves out: tests of real nodes, of commands, and of whole drives
 FAST := --ignore=test/integration --ignore=test/cli --ignore=test/lab/cli --ignore=test/nodes
 
@@ -14,10 +16,10 @@ venv:
 	@bash tools/venv.sh '$(PYTHON)' $(VENV)
 
 test: venv
-	$(PY) -m pytest -q $(PYTEST_ARGS)
+	$(PY) -m pytest -q $(CORES) $(PYTEST_ARGS)
 
 test-fast: venv
-	$(PY) -m pytest -q -m 'not slow' $(FAST) $(PYTEST_ARGS)
+	$(PY) -m pytest -q -m 'not slow' $(CORES) $(FAST) $(PYTEST_ARGS)
 
 demo: venv
 	$(PY) -m stereo_speed demo --out out
