@@ -3,7 +3,7 @@
 """Annotated frames: the lanes' paths, each vehicle's front and its speed over the left image."""
 from __future__ import annotations
 
-from typing import Any, Mapping, Sequence
+from typing import Mapping, Sequence
 
 import cv2
 import numpy as np

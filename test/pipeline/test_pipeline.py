@@ -85,7 +85,7 @@ def seen_before(sequence, marks, moved_px=0.0):
     now = [project(sequence, marks[0], k) for k in (2, 0)]
     mark = replace(marks[0], left_px=now[0][0], right_px=now[0][1])
     earlier = EarlierFront(pairs=tuple(sequence.pairs[:2]), left_px=now[1][0] + moved_px,
-                      right_px=now[1][1])
+                           right_px=now[1][1])
     return mark, earlier
 
 
@@ -237,7 +237,8 @@ def passed(**changes):
 
 def test_lanes_of_a_vehicle_that_moves_over():
     # Left of travel is +x here: from the lane at x = 0 to the one at 3.6, undecided between.
-    keeper = LaneAssigner({'right': lane('right', 0.0), 'left': lane('left', 3.6)}, VerdictConfig())
+    both = {'right': lane('right', 0.0), 'left': lane('left', 3.6)}
+    keeper = LaneAssigner(both, VerdictConfig())
     told = [keeper.place(update_at(x, 40.0)) for x in (0.1, 1.7, 1.9, 2.2, 1.7, 3.5)]
     assert [u.lane for u in told] == ['right', 'right', 'right', 'left', 'left', 'left']
     assert told[-1].lateral_m == pytest.approx(-0.1) and told[-1].s_m == pytest.approx(20.0)

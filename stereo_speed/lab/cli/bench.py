@@ -7,7 +7,7 @@ import argparse
 from pathlib import Path
 import statistics
 import time
-from typing import Any, Callable
+from typing import Callable
 
 import cv2
 
