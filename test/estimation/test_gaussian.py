@@ -70,3 +70,17 @@ def test_evidence_differs_between_priors_as_the_marginal_density_does():
         cov = std ** 2 * A @ A.T + noise ** 2 * np.eye(7)
         densities.append(stats.multivariate_normal(np.zeros(7), cov).logpdf(y))
     np.testing.assert_allclose(np.diff(logs), np.diff(densities), rtol=1e-9)
+
+
+def test_a_constant_known_by_a_chain_almost_without_noise_is_measured():
+    n, std, expected = 60, 1e-7, 3.0
+    chain, k = NormalEquations(n), np.arange(n - 1)
+    chain.row([0], [1.0], expected, 100.0)
+    chain.rows(np.column_stack([k + 1, k]), [1.0, -1.0], np.full(n - 1, std))
+    with pytest.raises(np.linalg.LinAlgError):
+        np.linalg.cholesky(chain.H)  # the prior alone is beyond double precision
+    found = condition(chain, np.eye(n), np.full(n, 5.0))
+    np.testing.assert_allclose(found.mean, 5.0, atol=0.05)
+    information = n + 1e-4
+    exact = 0.5 * (np.log(1e-4 / information) + (5.0 * n + expected * 1e-4) ** 2 / information)
+    assert found.log_evidence == pytest.approx(exact, rel=0.05)
