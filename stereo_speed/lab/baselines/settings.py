@@ -117,7 +117,8 @@ class MultimodalSettings(MotionSettings):
     disparity_std_px: float = parameter(
         0.2, 0.01, 10.0, 'px', 'error of the median disparity of a front in a disparity map')
     least_disparity_share: float = parameter(
-        0.1, 0.0, 0.99, '', 'share of a front that must have a disparity for a comparison')
+        0.1, 0.0, 1.0, '', 'a front of which no greater share has a disparity is not compared by '
+        'it; 1 leaves this cue out')
     lambda_colour: float = parameter(
         20.0, 0.0, 1e4, '', 'weight of the squared Bhattacharyya distance of the histograms')
     lambda_gradient: float = parameter(
