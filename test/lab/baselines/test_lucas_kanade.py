@@ -25,7 +25,7 @@ def test_flow_of_a_moved_texture(textured, shift):
     at = np.array([[100.0, 100.0], [200, 200], [150, 120]])
     there, good = flow(textured.view(np.zeros(2)), textured.view(np.array(shift)), at, 15, 0.3)
     assert good.all()
-    np.testing.assert_allclose(there, at + shift, atol=0.05)
+    np.testing.assert_allclose(there, at + shift, atol=FlowSettings().match_std_px)
 
 
 def test_flow_refuses_what_does_not_come_back(textured):
