@@ -73,9 +73,9 @@ class PipelineConfig:
         """Return what decided a run, as JSON values."""
         return {'parameters': asdict(self.shared),
                 'tracker': self.tracker,
-                'tracker_parameters': _values(self.tracker_settings),
+                'tracker_parameters': asdict(self.tracker_settings),
                 'detector': self.detector,
-                'detector_parameters': _values(self.detector_settings),
+                'detector_parameters': asdict(self.detector_settings),
                 'site_parameters': asdict(self.site)}
 
 
@@ -111,7 +111,3 @@ def _sections(registry: Registry[Any], data: object, where: object) -> dict[str,
 def _settings(registry: Registry[Any], name: str, given: Mapping[str, ConfigRecord]
               ) -> ConfigRecord:
     return given[name] if name in given else registry.settings(name, {}, 'configuration')
-
-
-def _values(settings: ConfigRecord) -> dict[str, Any]:
-    return asdict(settings)

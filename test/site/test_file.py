@@ -11,7 +11,6 @@ import pytest
 from stereo_speed.core.errors import InputError, SiteError
 from stereo_speed.site.file import load_site
 from stereo_speed.site.write import site_text
-import yaml
 
 SAMPLE_SITE = Path(__file__).resolve().parents[2] / 'sample' / 'straight55' / 'site.yaml'
 PICKS = {'left_image': [[100, 300], [150, 400], [200.5, 500]],
@@ -35,16 +34,6 @@ def put(base, place, value):
     else:
         at[place[-1]] = value
     return data
-
-
-@pytest.fixture
-def write(tmp_path):
-    """Give a writer of YAML files."""
-    def writer(data):
-        path = tmp_path / 'file.yaml'
-        path.write_text(data if isinstance(data, str) else yaml.safe_dump(data))
-        return path
-    return writer
 
 
 def test_site_is_read(write):

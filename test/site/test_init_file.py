@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from stereo_speed.core.errors import SiteError
 from stereo_speed.site.init_file import load_init
-import yaml
 
 NAN = float('nan')
 QUAD = [[10, 10], [50, 11], [51, 40], [9, 39]]
@@ -28,16 +27,6 @@ def put(base, place, value):
     else:
         at[place[-1]] = value
     return data
-
-
-@pytest.fixture
-def write(tmp_path):
-    """Give a writer of YAML files."""
-    def writer(data):
-        path = tmp_path / 'file.yaml'
-        path.write_text(data if isinstance(data, str) else yaml.safe_dump(data))
-        return path
-    return writer
 
 
 def test_init_is_read(write):

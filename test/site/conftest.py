@@ -1,0 +1,17 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Files of sites, as the tests of their reading write them."""
+from __future__ import annotations
+
+import pytest
+import yaml
+
+
+@pytest.fixture
+def write(tmp_path):
+    """Give a writer of YAML files."""
+    def writer(data):
+        path = tmp_path / 'file.yaml'
+        path.write_text(data if isinstance(data, str) else yaml.safe_dump(data))
+        return path
+    return writer
