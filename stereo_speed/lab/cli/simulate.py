@@ -11,6 +11,9 @@ import numpy as np
 
 from ..sim import (
     circle_config, RIGS, RoadConfig, SimConfig, simulate, straight_config, VehicleConfig)
+from ..sim.bodies import BODIES
+from ..sim.optics import FaultConfig, LensConfig
+from ..sim.traffic_config import LIGHTS
 from ...cli.options import number_in, Subparsers
 from ...core.errors import InputError
 from ...core.units import MPH_MPS, parse_speed
@@ -65,7 +68,22 @@ def add_parser(subparsers: Subparsers) -> None:
     add('--gap', type=number_in(float, 0, 1000), nargs=2, metavar=('FROM', 'TO'),
         help='time, s, in which no pair arrives')
     add('--camera-height', type=number_in(float, 0.5, 30), default=4.0, help='m above the road')
-    add('--front-height', type=number_in(float, 0.3, 3), default=0.8, help='m')
+    add('--front-height', type=number_in(float, 0.3, 3),
+        help='m (default: 0.8, or that of --kind)')
+    add('--kind', choices=sorted(filter(None, BODIES)),
+        help='a body whose front is no plane (default: a car with a painted one)')
+    add('--lamp-grey', type=number_in(float, 0, 1e6), default=0.0,
+        help='grey level of the lit lamps of --kind; 255 is full scale')
+    add('--gloss', type=number_in(float, 0, 1), default=0.0, help='of its paint, 1 is lacquer')
+    add('--light', choices=sorted(LIGHTS), help='(default: an even sky)')
+    add('--lens', type=number_in(float, 0, 50), nargs=3, metavar=('CORE_PX', 'SHARE', 'HALO_PX'),
+        default=(0.0, 0.0, 8.0), help='point spread: core, and share and width of its halo')
+    add('--exposure-step', type=number_in(float, 0, 0.9), default=0.0,
+        help='largest random change of the exposure of a pair, as a share')
+    add('--right-gain', type=number_in(float, 0.1, 10), default=1.0, help='of the right camera')
+    add('--right-defocus', type=number_in(float, 0, 20), default=0.0, metavar='PX',
+        help='1-sigma of the blur of the right camera')
+    add('--dirt', type=number_in(int, 0, 200), default=0, help='specks on the right camera')
     add('--speed-limit', type=_limit, default='45 mph', help='as in the site file')
     add('--seed', type=number_in(int, 0, 2 ** 63), default=0)
     add('--storage', choices=STORAGES, default='mcap')
@@ -94,6 +112,25 @@ def _pass(text: str) -> SimConfig:
                      'straight, circle:RADIUS_M or clothoid:CURVATURE:CURVATURE:LENGTH_M')
 
 
+def _front(args: argparse.Namespace) -> VehicleConfig:
+    """
+    Return a vehicle as it looks, not how it moves.
+
+    :raises InputError: lamps or gloss of a painted front.
+    """
+    if args.kind is None:
+        for name in ('lamp_grey', 'gloss'):
+            if getattr(args, name):
+                raise InputError('simulate', '--' + name.replace('_', '-'), getattr(args, name),
+                                 'a --kind beside it')
+        return VehicleConfig(front_height_m=args.front_height or VehicleConfig.front_height_m)
+    body = BODIES[args.kind]
+    return VehicleConfig(
+        kind=args.kind, solid=True, front_width_m=body.width_m, clearance_m=body.clearance_m,
+        front_height_m=args.front_height or body.front_m, lamp_grey=args.lamp_grey,
+        gloss=args.gloss)
+
+
 def make_config(args: argparse.Namespace) -> SimConfig:
     """
     Turn parsed arguments into what to simulate.
@@ -102,9 +139,8 @@ def make_config(args: argparse.Namespace) -> SimConfig:
     """
     config = _pass(args.path)
     change = ((0.6, 0.0), (2.8, args.lane_change)) if args.lane_change else ()
-    vehicle = VehicleConfig(
-        speed_mps=args.speed, accel_mps2=args.accel, lane=args.lane, lateral_knots=change,
-        front_height_m=args.front_height)
+    vehicle = replace(_front(args), speed_mps=args.speed, accel_mps2=args.accel, lane=args.lane,
+                      lateral_knots=change)
     return replace(
         config, vehicles=(vehicle,), rig=RIGS[args.rig],
         road=replace(config.road, grade=args.grade, lanes=args.lanes),
@@ -112,7 +148,11 @@ def make_config(args: argparse.Namespace) -> SimConfig:
         pairs=args.pairs, fps=args.fps, stamp_jitter_s=args.jitter, drop=tuple(args.drop),
         noise_grey=args.noise, exposure=args.exposure, camera_height_m=args.camera_height,
         speed_limit=args.speed_limit, name=args.out.name, rig_moved_deg=tuple(args.rig_moved),
-        gaps_s=(tuple(args.gap),) if args.gap else ())
+        gaps_s=(tuple(args.gap),) if args.gap else (), right_gain=args.right_gain,
+        light=LIGHTS[args.light][0] if args.light else None, lens=LensConfig(
+            core_px=args.lens[0], halo_share=args.lens[1], halo_px=args.lens[2]),
+        faults=FaultConfig(exposure_step=args.exposure_step, dirt=args.dirt,
+                           right_defocus_px=args.right_defocus))
 
 
 def run(args: argparse.Namespace) -> int:

@@ -20,8 +20,8 @@ RELIEF_BUMPS = 12  # of the finest relief, side by side across a front
 GLASS = (24.0, 48.0)  # darkest and brightest grey level of a pane
 
 
-def _finish(canvas: Canvas, rng: np.random.Generator, texel_m: float, shade: float = 0.15,
-            grain: float = 4.0) -> Image:
+def finished(canvas: Canvas, rng: np.random.Generator, texel_m: float, shade: float = 0.15,
+             grain: float = 4.0) -> Image:
     """Reduce a drawing to its texels, with a shade from top to bottom and some dirt."""
     rows, columns = (max(round(side / texel_m), 2)
                      for side in (canvas.height_m, canvas.width_m))
@@ -69,7 +69,7 @@ def rear_texture(rng: np.random.Generator, width_m: float, height_m: float,
     canvas.box(0.0, y(0.66), 1.0, y(0.69), paint * 0.5)
     canvas.box(0.04, y(0.76), 0.96, y(0.9), rng.uniform(25, 60))
     canvas.disc(0.5, y(0.2), rng.uniform(0.03, 0.05), rng.uniform(150, 220))
-    return _finish(canvas, rng, 0.004, grain=6.0)
+    return finished(canvas, rng, 0.004, grain=6.0)
 
 
 def _side(rng: np.random.Generator, body: BodyConfig, paint: float) -> Texture:
@@ -110,7 +110,7 @@ def _side(rng: np.random.Generator, body: BodyConfig, paint: float) -> Texture:
         for picture, level in ((mask, 1.0), (canvas, 20.0)):
             picture.disc(*at(x, wheel), wheel, level)
         canvas.disc(*at(x, wheel), 0.55 * wheel, rng.uniform(60, 130))
-    grey = _finish(canvas, rng, TEXEL_M)
+    grey = finished(canvas, rng, TEXEL_M)
     alpha = cv2.resize(mask.image, grey.shape[::-1], interpolation=cv2.INTER_AREA)
     return Texture.of(grey, np.asarray(alpha, np.float32))
 
@@ -136,7 +136,7 @@ def _sheet(rng: np.random.Generator, width_m: float, length_m: float, paint: flo
     else:
         canvas.box(0.03, 0.04, 0.035, 0.96, paint * 0.7)
         canvas.box(0.965, 0.04, 0.97, 0.96, paint * 0.7)
-    return Texture.of(_finish(canvas, rng, 2 * TEXEL_M, 0.06, 2.0))
+    return Texture.of(finished(canvas, rng, 2 * TEXEL_M, 0.06, 2.0))
 
 
 class Appearance:
@@ -146,30 +146,54 @@ class Appearance:
     :param body: its size and finish; a body without a kind is a front alone.
     :param rear: track its rear instead of its front.
     :param rng: source of its textures.
+
+    ``lamp_places`` (n, 3) are its lamps, m ahead of the tracked front, to the left and above the
+    road; ``lamp_grey`` their grey level where the planes show them lit, else None.
     """
 
+    lamp_places: Array
+    lamp_grey: Optional[float]
+    relief_m: Optional[Image]
+
     def __init__(self, body: BodyConfig, rear: bool, rng: np.random.Generator) -> None:
-        self.body, self.rear = body, rear
+        self._measure(body, rear)
         image = front_texture(rng, body.width_m, body.front_m)
         paint = float(np.median(image)) if body.kind != 'truck' else rng.uniform(60, 170)
         if rear:
             image = rear_texture(rng, body.width_m, body.rear_m, paint)
-        mean = image.mean()
-        self.tracked = Texture.of(np.clip(mean + body.contrast * (image - mean), 5, 250))
+        self.tracked = self._contrasted(image)
         if body.kind:
-            left = _side(rng, body, paint)
-            self.sides = (_flipped(left), left)  # right and left
-            width = body.width_m
-            self.roof = _sheet(rng, width, body.length_m, paint * 1.08)
-            self.bonnet = _sheet(rng, width, max(body.bonnet_m, 0.5), paint * 1.03)
-            self.screen = _sheet(rng, width, 1.0, rng.uniform(*GLASS), paint * 0.8)
-            self.load = Texture.plain(paint * 0.9)
-            self.under = Texture.plain(22.0)
+            self._dress(rng, paint)
         rows, columns = image.shape
-        self.relief_m: Optional[Image] = None
         if body.relief_m:
             bumps = octaves(rng, rows, columns, max(rows, columns) // RELIEF_BUMPS)
             self.relief_m = np.float32(body.relief_m) * bumps
+
+    def _measure(self, body: BodyConfig, rear: bool) -> None:
+        """Take down what follows from the size alone."""
+        self.body, self.rear = body, rear
+        side = body.width_m / 2 - 0.25
+        up = body.clearance_m + (0.35 if rear else 0.42)
+        self.lamp_places = np.array([(0.0, -side, up), (0.0, side, up)])
+        self.lamp_grey = None
+        self.relief_m = None
+
+    def _contrasted(self, image: Image) -> Texture:
+        """Return a front with the contrast that is asked for."""
+        mean = image.mean()
+        return Texture.of(np.clip(mean + self.body.contrast * (image - mean), 5, 250))
+
+    def _dress(self, rng: np.random.Generator, paint: float) -> None:
+        """Make everything but the tracked front."""
+        body = self.body
+        left = _side(rng, body, paint)
+        self.sides = (_flipped(left), left)  # right and left
+        width = body.width_m
+        self.roof = _sheet(rng, width, body.length_m, paint * 1.08)
+        self.bonnet = _sheet(rng, width, max(body.bonnet_m, 0.5), paint * 1.03)
+        self.screen = _sheet(rng, width, 1.0, rng.uniform(*GLASS), paint * 0.8)
+        self.load = Texture.plain(paint * 0.9)
+        self.under = Texture.plain(22.0)
 
     def planes(self, pose: FrontPose) -> list[Plane]:
         """

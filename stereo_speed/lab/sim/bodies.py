@@ -25,6 +25,13 @@ class BodyConfig:
     :param cab_m: length of a cab lower than the load; 0 for none.
     :param relief_m: standard deviation of the depth of the tracked front, m.
     :param contrast: scale of the grey-level detail of the tracked front; 1 is a real vehicle's.
+    :param solid: its front is no plane: bowed, with a recessed grille, proud lamps and bumper, a
+        sloping bonnet and windscreen. The foremost part is where a plane front would be. A rear
+        is a plane all the same. Motorcycles are always solid, from behind too: their front plane
+        is that of fork and headlamp, half a metre behind the tyre's foremost point.
+    :param lamp_grey: grey level of the lit lamps of a solid body, in daylight's scale; 255 is
+        full scale. They shine ahead, so that they fade where the camera looks down on them.
+    :param gloss: of a solid body's paint and glass: 0 is matt, 1 is clear lacquer.
     """
 
     kind: str = 'car'
@@ -39,6 +46,9 @@ class BodyConfig:
     cab_m: float = 0.0
     relief_m: float = 0.0
     contrast: float = 1.0
+    solid: bool = False
+    lamp_grey: float = 0.0
+    gloss: float = 0.0
 
     def tracked_m(self, rear: bool) -> float:
         """Return the height of what is tracked: the front, or the rear, m."""
@@ -54,6 +64,13 @@ BODIES = {
                       rear_m=2.1, clearance_m=0.3, bonnet_m=0.55, screen_m=0.85),
     'truck': BodyConfig(kind='truck', length_m=9.5, width_m=2.45, roof_m=3.5, front_m=2.35,
                         rear_m=2.9, clearance_m=0.4, bonnet_m=0.0, screen_m=0.0, cab_m=2.0),
+    'small': BodyConfig(kind='small', length_m=3.5, width_m=1.62, roof_m=1.5, front_m=0.72,
+                        rear_m=0.95, clearance_m=0.22, bonnet_m=0.65, screen_m=0.75),
+    'bus': BodyConfig(kind='bus', length_m=12.0, width_m=2.5, roof_m=3.3, front_m=2.7, rear_m=2.7,
+                      clearance_m=0.3, bonnet_m=0.0, screen_m=0.1),
+    'motorcycle': BodyConfig(kind='motorcycle', length_m=1.7, width_m=0.8, roof_m=1.62,
+                             front_m=1.0, rear_m=1.0, clearance_m=0.35, bonnet_m=0.0,
+                             screen_m=0.7, solid=True),
 }
 
 

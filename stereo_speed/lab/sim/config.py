@@ -8,8 +8,9 @@ import math
 from typing import Any, Optional
 
 from .bodies import BODIES, BodyConfig
+from .optics import FaultConfig, LensConfig, SHARP, SOUND
 from .props import (
-    LightConfig, ParkedConfig, PersonConfig, PoleConfig, TreeConfig)
+    LightConfig, ParkedConfig, PersonConfig, PoleConfig, StreetLampConfig, TreeConfig)
 from ...core.errors import InputError
 from ...core.units import parse_speed
 
@@ -101,8 +102,11 @@ class VehicleConfig:
     :param clearance_m: height of the front's lower edge above the road, m.
     :param texture_contrast: scale of the front's grey-level detail; 1 is that of a real car.
     :param relief_m: standard deviation of the front's depth: grilles lie deeper than bumpers.
-    :param kind: ``car``, ``suv``, ``van`` or ``truck`` for the body behind the front; empty for
-        a front alone.
+    :param kind: ``car``, ``suv``, ``van``, ``truck``, ``small``, ``bus`` or ``motorcycle`` for
+        the body behind the front; empty for a front alone.
+    :param solid: the front is no plane; its foremost part is where a plane would be.
+    :param lamp_grey: grey level of the lit lamps of a solid body; 255 is full scale, 0 is off.
+    :param gloss: of the paint and glass of a solid body: 0 is matt, 1 is clear lacquer.
     """
 
     speed_mps: float = 24.58720
@@ -117,6 +121,9 @@ class VehicleConfig:
     texture_contrast: float = 1.0
     relief_m: float = 0.0
     kind: str = 'car'
+    solid: bool = False
+    lamp_grey: float = 0.0
+    gloss: float = 0.0
 
     @property
     def body(self) -> BodyConfig:
@@ -127,7 +134,8 @@ class VehicleConfig:
             kind, width_m=self.front_width_m, front_m=self.front_height_m,
             rear_m=self.front_height_m, clearance_m=self.clearance_m,
             roof_m=max(kind.roof_m, top + ROOF_RISE_M), relief_m=self.relief_m,
-            contrast=self.texture_contrast)
+            contrast=self.texture_contrast, solid=kind.solid or self.solid,
+            lamp_grey=self.lamp_grey, gloss=self.gloss)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -174,6 +182,9 @@ class SimConfig:
     :param trees: trees in the wind.
     :param parked: parked vehicles.
     :param light: the light on the scene; None for an even sky.
+    :param street_lamps: lit lamps above the road.
+    :param lens: point spread of both lenses.
+    :param faults: what is wrong with the cameras.
     """
 
     vehicles: tuple[VehicleConfig, ...] = (VehicleConfig(),)
@@ -208,6 +219,9 @@ class SimConfig:
     trees: tuple[TreeConfig, ...] = ()
     parked: tuple[ParkedConfig, ...] = ()
     light: Optional[LightConfig] = None
+    street_lamps: tuple[StreetLampConfig, ...] = ()
+    lens: LensConfig = SHARP
+    faults: FaultConfig = SOUND
 
     def __post_init__(self) -> None:
         """Refuse what cannot be drawn."""
@@ -220,6 +234,8 @@ class SimConfig:
                   'a positive width and height in m')
             _want(vehicle.kind in BODIES, 'vehicle.kind', vehicle.kind,
                   'one of ' + repr(tuple(BODIES)))
+            _want(vehicle.kind != '' or not vehicle.solid, 'vehicle.solid', vehicle.solid,
+                  'a kind of body for a front that is no plane')
         _want(all(0 <= lane < self.road.lanes for lane in self.road.receding), 'road.receding',
               self.road.receding, f'lanes below {self.road.lanes}')
         _want(len(self.vehicles) > 0, 'vehicles', 0, 'at least one')
@@ -230,6 +246,15 @@ class SimConfig:
         _want(self.rig.baseline_m > 0, 'rig.baseline_m', self.rig.baseline_m, 'positive')
         _want(self.camera_height_m > 0, 'camera_height_m', self.camera_height_m, 'positive')
         _want(self.picks >= 2, 'picks', self.picks, 'at least 2')
+        lens, faults, light = self.lens, self.faults, self.light or LightConfig()
+        _want(lens.core_px >= 0 and lens.halo_px > 0 and 0 <= lens.halo_share < 1, 'lens', lens,
+              'widths of at least 0 px, a halo wider than that, and a share below 1')
+        _want(0 <= faults.exposure_step < 1, 'faults.exposure_step', faults.exposure_step,
+              'a share below 1')
+        _want(min(faults.right_defocus_px, faults.dirt) >= 0 and faults.dirt_px > 0
+              and 0 <= faults.dirt_depth <= 1, 'faults', faults, 'no negative blur or dirt')
+        _want(0 < light.ambient <= 1 and 0 <= light.wet <= 1, 'light.ambient, light.wet',
+              (light.ambient, light.wet), 'shares, and some light')
         _want(len(self.rig_moved_deg) == 3 and all(abs(a) <= 10 for a in self.rig_moved_deg),
               'rig_moved_deg', self.rig_moved_deg, 'pan, tilt and roll of at most 10 degrees')
 

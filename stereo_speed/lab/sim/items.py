@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .planes import Box, Eye, Plane
+from .surface import Sky
 from .texture import Image
 from ...core.records import Array
 
@@ -49,7 +50,9 @@ class Item:
     :param vehicle: number of the vehicle, or None.
     :param front_m: (4, 3) corners of the tracked front of a vehicle.
     :param lamps_m: (n, 3) lit lamps.
+    :param mirrored_m: (n, 3) their mirror images below the road.
     :param lamp_size_m: radius of their glow.
+    :param lamp_grey: grey level of lamps that are drawn with the planes; None for glowing ones.
     """
 
     footprint: Footprint
@@ -58,7 +61,9 @@ class Item:
     vehicle: Optional[int] = None
     front_m: Optional[Array] = None
     lamps_m: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    mirrored_m: Array = field(default_factory=lambda: np.zeros((0, 3)))
     lamp_size_m: float = 0.22
+    lamp_grey: Optional[float] = None
 
 
 def faces_camera(eye: Eye, plane: Plane) -> bool:
@@ -66,11 +71,11 @@ def faces_camera(eye: Eye, plane: Plane) -> bool:
     return bool((eye.centre_m - plane.corner_m) @ plane.normal > 0)
 
 
-def paint(image: Image, eye: Eye, item: Item) -> None:
-    """Paint an item into an image, in place."""
+def paint(image: Image, eye: Eye, item: Item, sky: Optional[Sky] = None) -> None:
+    """Paint an item into an image, in place; without a sky in plain daylight."""
     for plane in item.planes:
         if faces_camera(eye, plane):
-            eye.draw(image, plane)
+            eye.draw(image, plane, sky)
 
 
 def in_order(items: list[Item]) -> list[Item]:
@@ -88,21 +93,32 @@ def in_order(items: list[Item]) -> list[Item]:
 
 def glow(image: Image, eye: Eye, item: Item, strength: float) -> None:
     """Add the light of an item's lamps, in place."""
-    view = eye.view
     for lamp in item.lamps_m:
-        z = float((view.R @ lamp + view.t)[2])
-        uv = eye.project(lamp[None])
-        if z < 2.0 or not len(uv):
-            continue
-        sigma = max(item.lamp_size_m * view.camera.K[0, 0] / z / 2, 1.0)
-        reach = np.array([[-1.0, -1.0], [0.0, 0.0], [1.0, 1.0]]) * 3.2 * sigma
-        box = eye.box(uv + reach, 0)
-        if box is None:
-            continue
-        u0, u1, v0, v1 = box
-        row = np.exp(-np.square((np.arange(u0, u1) - uv[0, 0]) / sigma) / 2)
-        column = np.exp(-np.square((np.arange(v0, v1) - uv[0, 1]) / sigma) / 2)
-        image[v0:v1, u0:u1] += (strength * np.outer(column, row)).astype(np.float32)
+        glow_at(image, eye, lamp, item.lamp_size_m, strength)
+
+
+def glow_at(image: Image, eye: Eye, lamp: Array, size_m: float, strength: float) -> None:
+    """
+    Add the light of one lamp, in place.
+
+    :param lamp: (3,) left optical frame, m.
+    :param size_m: radius of its glow.
+    :param strength: grey level of its middle.
+    """
+    view = eye.view
+    z = float((view.R @ lamp + view.t)[2])
+    uv = eye.project(lamp[None])
+    if z < 2.0 or not len(uv):
+        return
+    sigma = max(size_m * view.camera.K[0, 0] / z / 2, 1.0)
+    reach = np.array([[-1.0, -1.0], [0.0, 0.0], [1.0, 1.0]]) * 3.2 * sigma
+    box = eye.box(uv + reach, 0)
+    if box is None:
+        return
+    u0, u1, v0, v1 = box
+    row = np.exp(-np.square((np.arange(u0, u1) - uv[0, 0]) / sigma) / 2)
+    column = np.exp(-np.square((np.arange(v0, v1) - uv[0, 1]) / sigma) / 2)
+    image[v0:v1, u0:u1] += (strength * np.outer(column, row)).astype(np.float32)
 
 
 class Visibility:

@@ -81,18 +81,20 @@ class Sensor:
         wave = 0.65 * np.sin(angle[0]) + 0.35 * np.sin(4.3 * angle[1])
         return self.config.exposure * float(1 + self.light.drift * wave)
 
-    def expose(self, image: Image, side: int, t_s: float) -> NDArray[np.uint8]:
+    def expose(self, image: Image, side: int, t_s: float,
+               step: float = 1.0) -> NDArray[np.uint8]:
         """
         Take an image.
 
         :param image: (rows, columns) float32 grey levels in daylight.
         :param side: 0 left, 1 right.
+        :param step: exposure of the pair against the nominal one.
         """
         c = self.config
         gain, offset = (c.right_gain, c.right_offset_grey) if side else (1.0, 0.0)
         row, column = (int(k) for k in self.rng.integers(0, NOISE_BEYOND_PX, 2))
         grain = self.stock[row:row + c.rig.height_px, column:column + c.rig.width_px]
-        counts = cv2.addWeighted(image, gain * self.exposure(t_s), grain, c.noise_grey,
+        counts = cv2.addWeighted(image, gain * step * self.exposure(t_s), grain, c.noise_grey,
                                  offset * self.config.exposure, dtype=cv2.CV_8U)
         return np.asarray(counts, dtype=np.uint8)
 

@@ -10,17 +10,19 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .appearance import Appearance
 from .bodies import BodyConfig
-from .items import glow, in_order, Item, paint, Visibility
+from .items import glow, glow_at, in_order, Item, paint, Visibility
 from .light import cloud_tile, Clouds, Sensor
+from .optics import Optics
 from .planes import Eye, Plane, Texture
-from .props import LightConfig
+from .props import LightConfig, StreetLampConfig
 from .scene import FrontPose, SimScene, Vehicle
 from .scenery import render_background
-from .street import body_box, parked, Person, pole, Tree, vehicle_item
+from .street import body_box, Looks, looks_of, parked, Person, pole, Tree, vehicle_item
+from .surface import Sky
 from .texture import Image
 from .view import rig_views
+from .wet import streak
 from ...core.records import Array
 
 Picture = NDArray[np.uint8]
@@ -29,6 +31,9 @@ GLOW_GREY = 700.0  # of a lit lamp's middle, before the exposure
 TAIL_GREY = 200.0
 POOL_FROM_M, POOL_TO_M, POOL_HALF_M = 1.5, 26.0, 3.0
 POOL_GAIN = 2.6
+WET_POOL = 0.4  # share of a pool's light that a wet road does not throw ahead
+LAMP_M = 0.05  # radius of a headlamp as a road mirrors it
+STREET_LAMP_M = 0.15
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,13 +60,16 @@ class Painter:
 
     def __init__(self, scene: SimScene, rng: np.random.Generator,
                  vehicle_rng: np.random.Generator) -> None:
-        texture, props, noise = rng.spawn(3)
+        texture, props, noise, sky, optics = rng.spawn(5)
         config = scene.config
         self.scene = scene
         self.light = config.light or LightConfig()
         views = rig_views(scene.seen_rig)
         self.eyes = (Eye(views[0]), Eye(views[1]))
         self.backgrounds = render_background(scene, views, texture)
+        self.sky = _sky(scene, self.light, sky)
+        self.optics = Optics(config.lens, config.faults, self.eyes[0].size, optics)
+        self._street_lamps = [self._street_lamp(lamp) for lamp in config.street_lamps]
         self.sensor = Sensor(config, config.light, noise)
         self.moving: list[Person | Tree] = [*(Person(p, props) for p in config.people),
                                             *(Tree(t, props) for t in config.trees)]
@@ -78,7 +86,7 @@ class Painter:
         self._pool = _pool_texture()
         self._seen = (Visibility(self.eyes[0]), Visibility(self.eyes[1]))
         self._vehicle_seed = int(vehicle_rng.integers(2 ** 62))
-        self._appearances: dict[int, Appearance] = {}
+        self._appearances: dict[int, Looks] = {}
 
     def paint(self, vehicles: Sequence[Vehicle],
               t_s: float) -> tuple[tuple[Picture, Picture], dict[int, float]]:
@@ -93,18 +101,18 @@ class Painter:
         here = {vehicle.number for vehicle in vehicles}
         self._appearances = {n: a for n, a in self._appearances.items() if n in here}
         delay_s = self.scene.config.right_delay_s
-        moment = self._moment(vehicles, t_s)
-        left, in_left = self._view(0, moment, t_s)
+        moment, step = self._moment(vehicles, t_s), self.optics.exposure()
+        left, in_left = self._view(0, moment, t_s, step)
         if delay_s:
             moment = self._moment(vehicles, t_s + delay_s)
-        right, in_right = self._view(1, moment, t_s + delay_s)
+        right, in_right = self._view(1, moment, t_s + delay_s, step)
         return (left, right), {n: min(share, in_right.get(n, 0.0)) for n, share in in_left.items()}
 
-    def _appearance(self, vehicle: Vehicle, rear: bool) -> Appearance:
+    def _appearance(self, vehicle: Vehicle, rear: bool) -> Looks:
         """Return the appearance of a vehicle, the same for as long as it is here."""
         if vehicle.number not in self._appearances:
             rng = np.random.default_rng([self._vehicle_seed, vehicle.number])
-            self._appearances[vehicle.number] = Appearance(vehicle.body, rear, rng)
+            self._appearances[vehicle.number] = looks_of(vehicle.body, rear, rng)
         return self._appearances[vehicle.number]
 
     def _moment(self, vehicles: Sequence[Vehicle], t_s: float) -> Moment:
@@ -115,22 +123,43 @@ class Painter:
         items += [thing.item(self.scene, t_s) for thing in self.moving]
         return Moment(fronts, in_order(items + self.still))
 
-    def _view(self, side: int, moment: Moment, t_s: float) -> tuple[Picture, dict[int, float]]:
-        """Return the image of a view, 0 left or 1 right, and the shares seen of the fronts."""
+    def _view(self, side: int, moment: Moment, t_s: float,
+              step: float) -> tuple[Picture, dict[int, float]]:
+        """
+        Return the image of a view, 0 left or 1 right, and the shares seen of the fronts.
+
+        :param step: exposure of the pair against the nominal one.
+        """
         image, eye = self.backgrounds[side].copy(), self.eyes[side]
         for body, pose in moment.fronts:
             self._cast(image, eye, body, pose)
         if self.light.headlights:
             for body, pose in moment.fronts:
-                self._light_road(image, eye, body, pose)
+                if not body.solid or body.lamp_grey > 0:
+                    self._light_road(image, eye, body, pose)
+        if self.light.wet:
+            for item in moment.items:
+                for lamp, mirrored in zip(item.lamps_m, item.mirrored_m):
+                    streak(image, eye, lamp, mirrored, _lamp_grey(item), LAMP_M, self.light.wet)
+            for lamp, mirrored, grey in self._street_lamps:
+                streak(image, eye, lamp, mirrored, grey, STREET_LAMP_M, self.light.wet)
         for item in moment.items:
-            paint(image, eye, item)
-            if len(item.lamps_m):
-                tail = item.lamp_size_m < 0.2
-                glow(image, eye, item, TAIL_GREY if tail else GLOW_GREY)
+            paint(image, eye, item, self.sky)
+            if len(item.lamps_m) and item.lamp_grey is None:
+                glow(image, eye, item, _lamp_grey(item))
         if self.clouds is not None:
             image *= self.clouds[side].gain(t_s)
-        return self.sensor.expose(image, side, t_s), self._seen[side].shares(moment.items)
+        image = self.optics.spread(image, side)
+        return (self.sensor.expose(image, side, t_s, step),
+                self._seen[side].shares(moment.items))
+
+    def _street_lamp(self, config: StreetLampConfig) -> tuple[Array, Array, float]:
+        """Draw a street lamp into the background; return it, its mirror image and its grey."""
+        foot = self.scene.point(config.station_m, config.offset_m)
+        lamp, mirrored = (foot + sign * config.height_m * self.scene.up for sign in (1, -1))
+        for image, eye in zip(self.backgrounds, self.eyes):
+            glow_at(image, eye, lamp, 2 * STREET_LAMP_M, config.grey)
+        return lamp, mirrored, config.grey
 
     def _cast(self, image: Image, eye: Eye, body: BodyConfig, pose: FrontPose) -> None:
         """Darken the road below and beside a vehicle; a front alone casts no shadow."""
@@ -177,7 +206,25 @@ class Painter:
             return
         u0, u1, v0, v1 = box
         gain, _ = eye.sample(plane, box)
-        image[v0:v1, u0:u1] *= 1 + gain
+        # Against what light there is on the road.
+        share = (1 - (1 - WET_POOL) * self.light.wet) / self.light.ambient
+        image[v0:v1, u0:u1] *= 1 + np.float32(share) * gain
+
+
+def _lamp_grey(item: Item) -> float:
+    """Return the grey level of an item's lamps."""
+    if item.lamp_grey is not None:
+        return item.lamp_grey
+    return TAIL_GREY if item.lamp_size_m < 0.2 else GLOW_GREY
+
+
+def _sky(scene: SimScene, light: LightConfig, rng: np.random.Generator) -> Sky:
+    """Return what shines on things, in the left optical frame."""
+    along, left = scene.chord, np.array([-scene.chord[1], scene.chord[0], 0.0])
+    axes = scene.left_R_world @ np.stack([along, left, [0.0, 0.0, 1.0]], axis=1)
+    sun = light.to_sun()
+    return Sky.of(scene.up, axes[:, 0], None if sun is None else axes @ np.array(sun),
+                  light.ambient, rng)
 
 
 def _ring(scene: SimScene, points_m: Array) -> NDArray[np.intp]:

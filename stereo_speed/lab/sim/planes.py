@@ -9,7 +9,7 @@ of the sub-pixel. Fine rectangles are right to well below a hundredth of a pixel
 """
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Optional, Sequence
 
@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from .surface import Sky, Surface
 from .texture import Image, pyramid
 from .view import View
 from ...core.records import Array
@@ -69,6 +70,8 @@ class Plane:
     :param texture: what is on it.
     :param fine: draw with ``SUB`` sub-pixels across a pixel, not one.
     :param relief_m: (rows, columns) how far it stands out of the plane, over all of it; or None.
+    :param surface: its shape and gloss for the light on it; None for matt and evenly lit.
+    :param emits: grey level of a lamp, which adds its light and covers nothing; or None.
     """
 
     corner_m: Array
@@ -77,6 +80,8 @@ class Plane:
     texture: Texture
     fine: bool = False
     relief_m: Optional[Image] = None
+    surface: Optional[Surface] = None
+    emits: Optional[float] = None
 
     @cached_property
     def outline_m(self) -> Array:
@@ -156,11 +161,12 @@ class Eye:
             return None
         return int(u0), int(u1), int(v0), int(v1)
 
-    def draw(self, image: Image, plane: Plane) -> None:
+    def draw(self, image: Image, plane: Plane, sky: Optional[Sky] = None) -> None:
         """
         Draw a plane into an image, in place.
 
         :param image: (rows, columns) float32.
+        :param sky: the light on it; None for plain daylight.
         """
         box = self.box(self.project(plane.outline_m))
         if box is None:
@@ -172,8 +178,37 @@ class Eye:
             colour, alpha = (np.asarray(cv2.resize(part, size, interpolation=cv2.INTER_AREA),
                                         np.float32) for part in (colour, alpha))
         target = image[v0:v1, u0:u1]
+        if plane.emits is not None:
+            target += np.float32(plane.emits) * colour
+            return
+        colour = self._lit(plane, box, sky, colour, alpha)
         target *= 1 - alpha
         target += colour
+
+    def _lit(self, plane: Plane, box: Box, sky: Optional[Sky], colour: Image,
+             alpha: Image) -> Image:
+        """Return colours (rows, columns) in the light that falls on a plane."""
+        if sky is None:
+            return colour
+        if plane.surface is None:
+            return colour if sky.ambient == 1 else colour * np.float32(sky.ambient)
+        u0, u1, v0, v1 = box
+        xn, yn = (rays[v0:v1, u0:u1] for rays in self._coarse_rays)
+        sides = [float(np.linalg.norm(side)) for side in (plane.across_m, plane.down_m)]
+        x, y, _ = self._meet(replace(plane, relief_m=None), xn, yn, *sides)
+        rows, columns = plane.surface.nodes.shape[:2]
+        half = np.float32(0.5)
+        nodes: Image = np.asarray(cv2.remap(
+            plane.surface.nodes, x * np.float32(columns / sides[0]) - half,
+            y * np.float32(rows / sides[1]) - half, cv2.INTER_LINEAR,
+            borderMode=cv2.BORDER_REPLICATE), np.float32)
+        axes = np.stack([plane.across_m / sides[0], plane.down_m / sides[1],
+                         plane.normal / (sides[0] * sides[1])])
+        normal = nodes[..., :3] @ axes.astype(np.float32)
+        ray = np.stack([xn, yn, np.ones_like(xn)], axis=-1) @ self.view.R.astype(np.float32)
+        ray /= np.linalg.norm(ray, axis=-1, keepdims=True)
+        mirrored = nodes[..., 3] * sky.mirrored(normal, ray)
+        return np.asarray(colour * sky.light(normal) + alpha * mirrored, np.float32)
 
     def sample(self, plane: Plane, box: Box) -> tuple[Image, Image]:
         """

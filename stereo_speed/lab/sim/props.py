@@ -73,12 +73,29 @@ class ParkedConfig:
 
     :param station_m: place of its front along the road, m.
     :param offset_m: place of its middle across it, positive to the left of travel, m.
-    :param kind: ``car``, ``suv``, ``van`` or ``truck``.
+    :param kind: ``car``, ``suv``, ``van``, ``truck``, ``small``, ``bus`` or ``motorcycle``.
     """
 
     station_m: float = 30.0
     offset_m: float = -4.4
     kind: str = 'car'
+
+
+@dataclass(frozen=True, kw_only=True)
+class StreetLampConfig:
+    """
+    A street lamp that is lit; its post is not drawn.
+
+    :param station_m: place along the road, m.
+    :param offset_m: place across it, positive to the left of travel, m.
+    :param height_m: of the lamp above the road, m.
+    :param grey: its grey level in daylight's scale; 255 is full scale.
+    """
+
+    station_m: float = 10.0
+    offset_m: float = -4.0
+    height_m: float = 7.0
+    grey: float = 6000.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,6 +112,9 @@ class LightConfig:
     :param wind_mps: speed of the clouds' shadows along and across the road, m/s.
     :param drift: largest slow change of the exposure, as a share.
     :param drift_period_s: its period, s.
+    :param ambient: share of daylight on everything; lamps are not subject to it.
+    :param wet: how wet the road is, 0 to 1: it is darker, its markings fainter, and it mirrors
+        the sky and the lamps.
     """
 
     sun_elevation_deg: Optional[float] = None
@@ -106,6 +126,15 @@ class LightConfig:
     wind_mps: tuple[float, float] = (7.0, 4.0)
     drift: float = 0.0
     drift_period_s: float = 47.0
+    ambient: float = 1.0
+    wet: float = 0.0
+
+    def to_sun(self) -> Optional[tuple[float, float, float]]:
+        """Return the direction to the sun: along and across the road, and up."""
+        if self.sun_elevation_deg is None:
+            return None
+        up, azimuth = math.radians(self.sun_elevation_deg), math.radians(self.sun_azimuth_deg)
+        return (math.cos(up) * math.cos(azimuth), math.cos(up) * math.sin(azimuth), math.sin(up))
 
     def sun(self) -> Optional[tuple[float, float]]:
         """Return the shift of a shadow per metre of height, along and across the road."""
@@ -119,3 +148,4 @@ class LightConfig:
 OVERCAST = LightConfig(drift=0.06)
 DAY = LightConfig(sun_elevation_deg=38.0, cloud_depth=0.35, drift=0.06)
 DUSK = LightConfig(headlights=True, drift=0.08)
+WET_NIGHT = LightConfig(headlights=True, drift=0.04, ambient=0.12, wet=1.0)

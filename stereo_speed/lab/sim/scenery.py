@@ -8,6 +8,7 @@ import copy
 import cv2
 import numpy as np
 
+from .props import LightConfig
 from .road import Road
 from .scene import SimScene
 from .texture import Image, octaves, pyramid
@@ -21,6 +22,9 @@ TILE = 512  # texels of a ground texture
 TILE_TEXEL_M = 0.03
 LEVELS = 7
 TREES_UP = 0.07  # no tree's top is higher, in sines of elevation
+WET_ASPHALT, WET_MARKING = 0.5, 0.6  # shares by which water darkens asphalt and hides markings
+LAMP_SHARE = 6e-5  # daylight that a street lamp of one grey level gives below it
+MIRRORED = 0.6  # share of the sky that rough wet asphalt mirrors at grazing sight
 GREY = {'asphalt': 85.0, 'grass': 72.0, 'marking': 185.0, 'sky': 150.0, 'trees': 50.0}
 
 
@@ -176,6 +180,16 @@ def _plant(sky: Array, rays: Array, crowns: Array, rng: np.random.Generator) -> 
     sky[band] += share * (trees - sky[band])
 
 
+def _lamp_light(scene: SimScene, ground: GroundMap) -> Array:
+    """Return the light of the street lamps on the ground, as a share of daylight."""
+    total = np.zeros(ground.offset.shape)
+    for lamp in scene.config.street_lamps:
+        foot = scene.road.position(lamp.station_m, lamp.offset_m)[:2]
+        gap = np.square(ground.xy - foot).sum(axis=-1) / lamp.height_m ** 2
+        total += lamp.grey * LAMP_SHARE / (1 + gap) ** 1.5
+    return total
+
+
 def render_background(scene: SimScene, views: tuple[View, View],
                       rng: np.random.Generator) -> tuple[Image, Image]:
     """
@@ -190,14 +204,22 @@ def render_background(scene: SimScene, views: tuple[View, View],
     trees = np.random.default_rng(int(rng.integers(2 ** 31)))
     crowns = octaves(trees, 1, 512, 1)[0]
     images = []
+    light = scene.config.light or LightConfig()
     for view in views:
         ground = GroundMap(scene, view)
         on_road = _asphalt_coverage(ground, scene.road)
         grey = GREY['grass'] + 11.0 * _sample_ground(grass, ground)
         tar = GREY['asphalt'] + 6.0 * _sample_ground(asphalt, ground)
+        tar *= 1 - WET_ASPHALT * light.wet
         grey += on_road * (tar - grey)
-        grey += marking_coverage(ground, scene.road) * (GREY['marking'] - grey)
+        paint = marking_coverage(ground, scene.road) * (1 - WET_MARKING * light.wet)
+        grey += paint * (GREY['marking'] - grey)
+        if light.wet:
+            share = MIRRORED * light.wet * (1 - np.abs(ground.rays[..., 2])) ** 5
+            grey += on_road * share * (GREY['sky'] - grey)
         sky = GREY['sky'] + 60.0 * np.clip(ground.rays[..., 2], 0.0, 0.5)
         _plant(sky, ground.rays, crowns, copy.deepcopy(trees))  # the same in both views
+        grey *= light.ambient + _lamp_light(scene, ground)
+        sky *= light.ambient
         images.append((sky + ground.hit * (grey - sky)).astype(np.float32))
     return images[0], images[1]

@@ -3,7 +3,7 @@
 """What drives on the road, and stands and walks beside it, as items to be painted."""
 from __future__ import annotations
 
-from typing import Optional
+from typing import Optional, Union
 
 import cv2
 import numpy as np
@@ -11,9 +11,11 @@ import numpy as np
 from .appearance import Appearance
 from .bodies import BODIES, BodyConfig
 from .items import Footprint, Item
+from .motorcycle import MotorcycleAppearance
 from .planes import Plane, Texture
 from .props import ParkedConfig, PersonConfig, PoleConfig, TreeConfig
 from .scene import FrontPose, Place, SimScene, Vehicle
+from .solids import SolidAppearance
 from .texture import Canvas, Image, octaves
 from ...core.records import Array
 
@@ -21,6 +23,20 @@ PERSON_TEXEL_M = 0.012
 TREE_TEXEL_M = 0.03
 STRIDE_M = 1.5  # two steps
 NO_LANE = -1  # where vehicles park
+
+Looks = Union[Appearance, MotorcycleAppearance]
+
+
+def looks_of(body: BodyConfig, rear: bool, rng: np.random.Generator) -> Looks:
+    """
+    Return what a vehicle looks like.
+
+    :param rear: its rear is tracked.
+    :param rng: source of its textures.
+    """
+    if body.kind == 'motorcycle':
+        return MotorcycleAppearance(body, rear, rng)
+    return SolidAppearance(body, rng) if body.solid and not rear else Appearance(body, rear, rng)
 
 
 def footprint(scene: SimScene, points_m: Array) -> Footprint:
@@ -56,7 +72,7 @@ def pole(scene: SimScene, config: PoleConfig) -> Item:
 
 def parked(scene: SimScene, config: ParkedConfig, rng: np.random.Generator) -> Item:
     """Return a parked vehicle, whose front is not tracked."""
-    appearance = Appearance(BODIES[config.kind], False, rng)
+    appearance = looks_of(BODIES[config.kind], False, rng)
     place = Place(config.station_m, config.offset_m, NO_LANE, 0.0, 0.0)
     pose = scene.front(Vehicle(0, appearance.body, lambda _: place), 0.0)
     return vehicle_item(scene, appearance, pose)
@@ -71,7 +87,7 @@ def body_box(body: BodyConfig, pose: FrontPose) -> Array:
         for x, y in ((back, -half), (front, -half), (front, half), (back, half))]) @ pose.axes.T
 
 
-def vehicle_item(scene: SimScene, appearance: Appearance, pose: FrontPose,
+def vehicle_item(scene: SimScene, looks: Looks, pose: FrontPose,
                  number: Optional[int] = None, lit: bool = False) -> Item:
     """
     Return a vehicle at its place.
@@ -80,16 +96,15 @@ def vehicle_item(scene: SimScene, appearance: Appearance, pose: FrontPose,
     :param number: of the vehicle; None for one that is not tracked.
     :param lit: its lamps are on.
     """
-    body = appearance.body
-    lamps = np.zeros((0, 3))
-    if lit:
-        up = body.clearance_m + (0.35 if pose.rear else 0.42)
-        side = body.width_m / 2 - 0.25
-        lamps = pose.ground_m + np.array([(0, -side, up), (0, side, up)]) @ pose.axes.T
-    return Item(footprint(scene, body_box(body, pose)[:4]), appearance.planes(pose),
+    body = looks.body
+    lamps = looks.lamp_places if lit else np.zeros((0, 3))
+    places, mirrored = (pose.ground_m + lamps * [1.0, 1.0, side] @ pose.axes.T
+                        for side in (1.0, -1.0))
+    return Item(footprint(scene, body_box(body, pose)[:4]), looks.planes(pose),
                 _silhouette(body, pose), vehicle=number,
-                front_m=None if number is None else pose.corners_m, lamps_m=lamps,
-                lamp_size_m=0.1 if pose.rear else 0.22)
+                front_m=None if number is None else pose.corners_m, lamps_m=places,
+                mirrored_m=mirrored, lamp_size_m=0.1 if pose.rear else 0.22,
+                lamp_grey=looks.lamp_grey)
 
 
 def _silhouette(body: BodyConfig, pose: FrontPose) -> Array:

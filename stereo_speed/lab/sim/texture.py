@@ -72,7 +72,8 @@ class Canvas:
                    round(radius_m * self.scale * 256), float(grey), -1, cv2.LINE_8, 8)
 
 
-def _draw_grille(canvas: Canvas, rng: np.random.Generator, top: float, bottom: float) -> None:
+def draw_grille(canvas: Canvas, rng: np.random.Generator, top: float, bottom: float) -> None:
+    """Draw a grille between two shares of a front's height."""
     left = rng.uniform(0.24, 0.32)
     canvas.box(left, top, 1 - left, bottom, rng.uniform(20, 45))
     slats = int(rng.integers(3, 6))
@@ -98,7 +99,8 @@ def _draw_lights(canvas: Canvas, rng: np.random.Generator, top: float, bottom: f
         canvas.disc(*at(0.03 + width * 0.55, (top + slant + bottom) / 2), inner, rim)
 
 
-def _draw_plate(canvas: Canvas, rng: np.random.Generator, y: float) -> None:
+def draw_plate(canvas: Canvas, rng: np.random.Generator, y: float) -> None:
+    """Draw a number plate about a share of a front's height."""
     half = 0.26 / canvas.width_m
     tall = 0.055 / canvas.height_m
     canvas.box(0.5 - half, y - tall, 0.5 + half, y + tall, rng.uniform(200, 235))
@@ -131,10 +133,10 @@ def front_texture(rng: np.random.Generator, width_m: float, height_m: float) -> 
     def y(share: float) -> float:
         return top + (1 - top) * share
     canvas.box(0, y(0.0), 1, y(0.06), body * 1.15)
-    _draw_grille(canvas, rng, y(rng.uniform(0.12, 0.2)), y(rng.uniform(0.42, 0.5)))
+    draw_grille(canvas, rng, y(rng.uniform(0.12, 0.2)), y(rng.uniform(0.42, 0.5)))
     _draw_lights(canvas, rng, y(rng.uniform(0.1, 0.2)), y(rng.uniform(0.4, 0.5)))
     canvas.box(0, y(0.54), 1, y(0.57), body * 0.55)
-    _draw_plate(canvas, rng, y(rng.uniform(0.64, 0.72)))
+    draw_plate(canvas, rng, y(rng.uniform(0.64, 0.72)))
     canvas.box(0.2, y(0.8), 0.8, y(0.93), rng.uniform(20, 45))
     for x in (0.11, 0.89):
         canvas.disc(x, y(0.84), 0.05, rng.uniform(120, 200))

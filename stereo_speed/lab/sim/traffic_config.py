@@ -10,13 +10,21 @@ import numpy as np
 
 from .bodies import BodyConfig, draw_body_size
 from .config import RoadConfig, SimConfig
+from .optics import LensConfig
 from .props import (
-    DAY, DUSK, LightConfig, OVERCAST, ParkedConfig, PersonConfig, PoleConfig, TreeConfig)
+    DAY, DUSK, LightConfig, OVERCAST, ParkedConfig, PersonConfig, PoleConfig, StreetLampConfig,
+    TreeConfig, WET_NIGHT)
 from ...core.errors import InputError
 from ...core.units import MPH_MPS
 
 LIGHTS: dict[str, tuple[LightConfig, float, float]] = {  # light, exposure, noise in grey levels
-    'day': (DAY, 1.0, 2.0), 'overcast': (OVERCAST, 0.85, 2.0), 'dusk': (DUSK, 0.35, 3.0)}
+    'day': (DAY, 1.0, 2.0), 'overcast': (OVERCAST, 0.85, 2.0), 'dusk': (DUSK, 0.35, 3.0),
+    'wet_night': (WET_NIGHT, 1.0, 3.0)}
+OUTDOOR_KINDS = (('car', 0.4), ('suv', 0.16), ('small', 0.1), ('van', 0.1), ('truck', 0.1),
+                 ('bus', 0.04), ('motorcycle', 0.1))
+LIT_SHARE = 0.7  # of the vehicles by day
+# Grey levels of lamps by day and by night, of which 255 are full scale.
+DAY_LAMPS, NIGHT_LAMPS = (80.0, 15000.0), (5000.0, 30000.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,6 +39,7 @@ class TrafficConfig:
     :param lane_shares: share of the vehicles in each lane; need not sum to 1.
     :param speed_std_mps: scatter of the speeds liked, m/s.
     :param kinds: share of each kind of vehicle; need not sum to 1.
+    :param solid: fronts are no planes; paint and glass are glossy, lamps are lit.
     :param follow_share: share that comes on the heels of another.
     :param headway_s: least and greatest time gap that a follower keeps, s.
     :param change_share: share that means to change lanes.
@@ -50,6 +59,7 @@ class TrafficConfig:
     speed_std_mps: float = 2.0
     kinds: tuple[tuple[str, float], ...] = (
         ('car', 0.5), ('suv', 0.24), ('van', 0.14), ('truck', 0.12))
+    solid: bool = False
     follow_share: float = 0.3
     headway_s: tuple[float, float] = (0.9, 1.8)
     change_share: float = 0.1
@@ -82,11 +92,20 @@ class TrafficConfig:
         """Draw a vehicle's body."""
         share = np.array([s for _, s in self.kinds])
         kind = self.kinds[int(rng.choice(len(share), p=share / share.sum()))][0]
-        return draw_body_size(kind, rng)
+        body = draw_body_size(kind, rng)
+        if not self.solid:
+            return body
+        light = self.scene.light
+        night = light is not None and light.headlights
+        grey = float(np.exp(rng.uniform(*np.log(NIGHT_LAMPS if night else DAY_LAMPS))))
+        lit = rng.random() < LIT_SHARE or night
+        return replace(body, solid=True, relief_m=0.01, gloss=float(rng.uniform(0.3, 1.0)),
+                       lamp_grey=grey if lit else 0.0)
 
 
 def traffic_config(light: str = 'day', lanes: int = 3, receding: int = 0, fps: float = 10.0,
-                   minutes: float = 10.0, vehicles: int = 200, **changes: Any) -> TrafficConfig:
+                   minutes: float = 10.0, vehicles: int = 200, outdoors: bool = False,
+                   **changes: Any) -> TrafficConfig:
     """
     Build a stream by a road of several lanes, with people, trees, a parked car and a pole.
 
@@ -94,6 +113,7 @@ def traffic_config(light: str = 'day', lanes: int = 3, receding: int = 0, fps: f
     :param lanes: number of lanes.
     :param receding: how many of them, from the left, carry oncoming traffic that shows its rears.
     :param fps: pairs per second.
+    :param outdoors: motorcycles, buses and small cars drive too, and fronts are no planes.
     :param changes: fields of :class:`SimConfig`.
     """
     if light not in LIGHTS:
@@ -112,4 +132,11 @@ def traffic_config(light: str = 'day', lanes: int = 3, receding: int = 0, fps: f
                TreeConfig(station_m=-40.0, offset_m=left_m + 9.0, height_m=9.0, period_s=3.3),
                TreeConfig(station_m=-55.0, offset_m=-8.0, height_m=8.0, period_s=2.9)),
         parked=(ParkedConfig(station_m=20.0, offset_m=-4.5),))
-    return TrafficConfig(scene=replace(scene, **changes), minutes=minutes, vehicles=vehicles)
+    if sun.wet:
+        scene = replace(scene, street_lamps=(
+            StreetLampConfig(station_m=25.0), StreetLampConfig(station_m=-15.0),
+            StreetLampConfig(station_m=5.0, offset_m=left_m + 2.0)))
+    if outdoors:
+        scene = replace(scene, lens=LensConfig(core_px=0.6, halo_share=0.03, halo_px=8.0))
+    config = TrafficConfig(scene=replace(scene, **changes), minutes=minutes, vehicles=vehicles)
+    return replace(config, solid=True, kinds=OUTDOOR_KINDS) if outdoors else config

@@ -8,17 +8,17 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from stereo_speed.lab.sim.appearance import Appearance
 from stereo_speed.lab.sim.arrivals import TrafficFlow
 from stereo_speed.lab.sim.bodies import BODIES, BodyConfig
 from stereo_speed.lab.sim.config import RigConfig, RoadConfig, SimConfig, VehicleConfig
 from stereo_speed.lab.sim.items import paint
+from stereo_speed.lab.sim.optics import FaultConfig, LensConfig
 from stereo_speed.lab.sim.planes import Eye
 from stereo_speed.lab.sim.props import (
-    LightConfig, ParkedConfig, PersonConfig, PoleConfig, TreeConfig)
+    LightConfig, ParkedConfig, PersonConfig, PoleConfig, StreetLampConfig, TreeConfig)
 from stereo_speed.lab.sim.scene import Place, SimScene, Vehicle
 from stereo_speed.lab.sim.sequence import simulate
-from stereo_speed.lab.sim.street import vehicle_item
+from stereo_speed.lab.sim.street import looks_of, vehicle_item
 from stereo_speed.lab.sim.traffic_config import TrafficConfig
 from stereo_speed.lab.sim.view import rig_views
 
@@ -27,7 +27,10 @@ LIGHT = LightConfig(sun_elevation_deg=40.0, cloud_depth=0.5, cloud_m=20.0, drift
 PLAIN = SimConfig(rig=TINY, pairs=2, fps=2.0)
 FURNISHED = replace(
     PLAIN, light=LIGHT, poles=(PoleConfig(ahead_m=14.0, right_m=1.8),),
-    people=(PersonConfig(turns_m=0.5),), trees=(TreeConfig(),), parked=(ParkedConfig(),))
+    people=(PersonConfig(turns_m=0.5),), trees=(TreeConfig(),), parked=(ParkedConfig(),),
+    street_lamps=(StreetLampConfig(),), lens=LensConfig(core_px=0.5, halo_share=0.1, halo_px=8.0),
+    faults=FaultConfig(exposure_step=0.1, right_defocus_px=1.0, dirt=3))
+SOLID = replace(FURNISHED, vehicles=(VehicleConfig(solid=True, lamp_grey=300.0, gloss=0.3),))
 
 # A value other than the base's for every field; the files where no image shows it.
 RIG = {
@@ -43,7 +46,8 @@ VEHICLE = {
     'speed_mps': 20.0, 'accel_mps2': -4.0, 'speed_knots': ((0.0, 20.0), (1.0, 15.0)), 'lane': 1,
     'lateral_knots': ((0.0, 0.0), (1.0, 2.0)), 'head_start_m': 5.0, 'front_width_m': 1.4,
     'front_height_m': 1.2, 'clearance_m': 0.6, 'texture_contrast': 0.4, 'relief_m': 0.1,
-    'kind': 'van'}
+    'kind': 'van', 'solid': True}
+LOOKS = {'lamp_grey': 3000.0, 'gloss': 1.0}
 SIM = {
     'vehicles': (VehicleConfig(), VehicleConfig(lane=1)), 'road': RoadConfig(lanes=1),
     'rig': replace(TINY, f_px=150.0), 'start_m': 60.0, 'near_m': 20.0, 'camera_height_m': 5.0,
@@ -52,7 +56,8 @@ SIM = {
     'rig_moved_deg': (0.5, 0.0, 0.0), 'right_delay_s': 0.1, 'drop': (1,), 'fps': 4.0,
     'gaps_s': ((0.4, 0.9),), 'stamp_jitter_s': 0.05, 'poles': FURNISHED.poles,
     'people': (PersonConfig(),), 'trees': (TreeConfig(),), 'parked': (ParkedConfig(),),
-    'light': LIGHT}
+    'light': LIGHT, 'street_lamps': FURNISHED.street_lamps, 'lens': FURNISHED.lens,
+    'faults': FURNISHED.faults}
 STAMPS = {'origin_ns': 5_000_000, 'right_stamp_jitter_s': 0.01}
 FILES = {'picks': 5, 'pick_std_px': 2.0, 'init_std_px': 3.0, 'speed_limit': '30 mph',
          'name': 'another'}
@@ -63,7 +68,11 @@ TREE = {'station_m': 30.0, 'offset_m': 10.0, 'height_m': 4.0, 'sway_m': 2.0, 'pe
 PARKED = {'station_m': 20.0, 'offset_m': -3.0, 'kind': 'truck'}
 SKY = {'sun_elevation_deg': 20.0, 'sun_azimuth_deg': -60.0, 'shadow': 0.9, 'headlights': True,
        'cloud_depth': 0.1, 'cloud_m': 60.0, 'wind_mps': (40.0, -20.0), 'drift': 0.05,
-       'drift_period_s': 3.0}
+       'drift_period_s': 3.0, 'ambient': 0.4, 'wet': 1.0}
+STREET_LAMP = {'station_m': 30.0, 'offset_m': 3.0, 'height_m': 4.0, 'grey': 500.0}
+LENS = {'core_px': 1.0, 'halo_share': 0.3, 'halo_px': 4.0}
+FAULTS = {'exposure_step': 0.3, 'right_defocus_px': 2.0, 'dirt': 9, 'dirt_depth': 0.9,
+          'dirt_px': 9.0}
 
 
 @lru_cache(maxsize=4)
@@ -90,6 +99,11 @@ SWEEP = [
     *((RoadConfig, name, _inside(BEND, 'road'), value) for name, value in ROAD.items()),
     *((VehicleConfig, name, _within(FURNISHED, 'vehicles'), value)
       for name, value in VEHICLE.items()),
+    *((VehicleConfig, name, _within(SOLID, 'vehicles'), value) for name, value in LOOKS.items()),
+    *((StreetLampConfig, name, _within(FURNISHED, 'street_lamps'), value)
+      for name, value in STREET_LAMP.items()),
+    *((LensConfig, name, _inside(FURNISHED, 'lens'), value) for name, value in LENS.items()),
+    *((FaultConfig, name, _inside(FURNISHED, 'faults'), value) for name, value in FAULTS.items()),
     *((SimConfig, name, lambda c: replace(PLAIN, **c), value)
       for part in (SIM, STAMPS, FILES) for name, value in part.items()),
     *((PoleConfig, name, _within(FURNISHED, 'poles'), value) for name, value in POLE.items()),
@@ -128,7 +142,7 @@ def _picture(body, receding=()):
     """Paint a body of its own, some way ahead."""
     scene = _scene(receding)
     place = Place(30.0, 0.0, 0, 10.0, 0.0)
-    appearance = Appearance(body, bool(receding), np.random.default_rng(0))
+    appearance = looks_of(body, bool(receding), np.random.default_rng(0))
     item = vehicle_item(scene, appearance, scene.front(Vehicle(0, body, lambda _: place), 0.0))
     image = np.zeros((72, 96), np.float32)
     paint(image, Eye(rig_views(scene.rig)[0]), item)
@@ -146,7 +160,9 @@ def test_relief_contrast_and_size_are_drawn_of_every_kind(kind, receding):
 
 
 def test_every_size_of_a_body_is_drawn():
-    assert set(BODY) | {'kind'} == {field.name for field in fields(BodyConfig)}
+    # What needs a sky to be seen is swept as fields of the vehicle.
+    names = {field.name for field in fields(BodyConfig)}
+    assert set(BODY) | {'kind', 'solid'} | set(LOOKS) == names
     for name, value in BODY.items():
         kind, receding = 'truck' if name == 'cab_m' else 'car', (0,) if name == 'rear_m' else ()
         base, other = (_picture(body, receding) for body in (
@@ -158,7 +174,7 @@ def test_every_size_of_a_body_is_drawn():
 TRAFFIC = {
     'scene': SimConfig(road=RoadConfig(lanes=3, receding=(2,))), 'minutes': 2.0, 'vehicles': 60,
     'lane_speeds_mps': (15.0, 18.0, 20.0), 'lane_shares': (1.0, 0.1, 0.1), 'speed_std_mps': 0.1,
-    'kinds': (('truck', 1.0),), 'follow_share': 0.9, 'headway_s': (2.0, 3.0),
+    'kinds': (('truck', 1.0),), 'solid': True, 'follow_share': 0.9, 'headway_s': (2.0, 3.0),
     'change_share': 1.0, 'change_s': (5.0, 9.0), 'brake_share': 0.9, 'hardest_g': 0.2,
     'before_s': 30.0, 'clear_s': 1.0}
 

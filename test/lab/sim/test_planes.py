@@ -88,7 +88,7 @@ def test_share_seen_of_a_front():
     assert seen.shares(in_order([beside, far]))[0] == pytest.approx(1.0, abs=0.06)
 
 
-@pytest.mark.parametrize('kind', sorted(BODIES))
+@pytest.mark.parametrize('kind', sorted(set(BODIES) - {'motorcycle'}))
 @pytest.mark.parametrize('rear', [False, True])
 def test_planes_of_bodies_are_rectangles_that_close(kind, rear):
     rng = np.random.default_rng(1)

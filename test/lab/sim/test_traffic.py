@@ -13,8 +13,9 @@ import pytest
 
 from stereo_speed.core.errors import InputError
 from stereo_speed.lab.sim import (
-    DAY, DUSK, ParkedConfig, PersonConfig, PoleConfig, RigConfig, RoadConfig, simulate,
-    straight_config, traffic_config, TrafficStream, TreeConfig, VehicleConfig)
+    DAY, DUSK, FaultConfig, LensConfig, LightConfig, ParkedConfig, PersonConfig, PoleConfig,
+    RigConfig, RoadConfig, simulate, straight_config, traffic_config, TrafficStream, TreeConfig,
+    VehicleConfig)
 from stereo_speed.lab.sim.planes import Eye
 from stereo_speed.lab.sim.write import write_traffic_bag
 from stereo_speed.site.file import load_site
@@ -215,11 +216,29 @@ def test_pole_hides_and_headlights_light():
     assert free.truth[2]['vehicle'] == 0
 
 
+def test_traffic_outdoors_has_every_kind_with_depth_and_lamps():
+    for light in ('day', 'wet_night'):
+        config = _config(light, outdoors=True)
+        rng = np.random.default_rng(0)
+        bodies = [config.draw_body(rng) for _ in range(400)]
+        assert all(body.solid and body.gloss > 0 for body in bodies)
+        shares = {kind: sum(b.kind == kind for b in bodies) / 400 for kind, _ in config.kinds}
+        for kind, share in config.kinds:  # 4 binomial standard deviations
+            assert abs(shares[kind] - share) < 4 * np.sqrt(share * (1 - share) / 400)
+        lit = np.mean([body.lamp_grey > 0 for body in bodies])
+        assert lit == 1.0 if light == 'wet_night' else 0.6 < lit < 0.8
+        assert bool(config.scene.street_lamps) == (light == 'wet_night')
+
+
 @pytest.mark.parametrize('make, what', [
     (lambda: traffic_config('noon'), 'light'),
     (lambda: straight_config(road=RoadConfig(receding=(5,))), 'road.receding'),
     (lambda: straight_config(vehicles=(VehicleConfig(kind='tank'),)), 'vehicle.kind'),
-    (lambda: straight_config(rig_moved_deg=(20.0, 0, 0)), 'rig_moved_deg')])
+    (lambda: straight_config(rig_moved_deg=(20.0, 0, 0)), 'rig_moved_deg'),
+    (lambda: straight_config(lens=LensConfig(halo_share=1.0)), 'lens'),
+    (lambda: straight_config(faults=FaultConfig(exposure_step=1.5)), 'faults.exposure_step'),
+    (lambda: straight_config(faults=FaultConfig(right_defocus_px=-1.0)), 'faults'),
+    (lambda: straight_config(light=LightConfig(ambient=0.0)), 'light.ambient')])
 def test_bad_values_are_refused(make, what):
     with pytest.raises(InputError, match=what):
         make()

@@ -1,0 +1,110 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""What lenses do to the light before the sensor clips it, and what is wrong with a camera."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from .texture import Image
+
+COARSE = 4  # pixels across a cell of the grid on which the halo is computed
+
+
+@dataclass(frozen=True, kw_only=True)
+class LensConfig:
+    """
+    The point spread of both lenses: a core, and a weak wide halo around what is bright.
+
+    :param core_px: 1-sigma of the core, px.
+    :param halo_share: share of the light that goes into the halo.
+    :param halo_px: 1-sigma of the halo, px.
+    """
+
+    core_px: float = 0.0
+    halo_share: float = 0.0
+    halo_px: float = 8.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class FaultConfig:
+    """
+    What is wrong with the cameras; gain and offset of the right one are in ``SimConfig``.
+
+    :param exposure_step: largest random change of the exposure of a pair, as a share; even
+        between both signs, the same in both views.
+    :param right_defocus_px: 1-sigma of the blur of a right camera out of focus, px.
+    :param dirt: number of specks on the glass of the right camera.
+    :param dirt_depth: largest share of the light that a speck takes away.
+    :param dirt_px: largest 1-sigma of a speck, px.
+    """
+
+    exposure_step: float = 0.0
+    right_defocus_px: float = 0.0
+    dirt: int = 0
+    dirt_depth: float = 0.5
+    dirt_px: float = 25.0
+
+
+SHARP, SOUND = LensConfig(), FaultConfig()
+
+
+class Optics:
+    """
+    What is between a scene and the sensors.
+
+    :param lens: point spread of both lenses.
+    :param faults: what is wrong.
+    :param size: columns and rows of the images.
+    :param rng: source of the dirt and the exposures.
+    """
+
+    def __init__(self, lens: LensConfig, faults: FaultConfig, size: tuple[int, int],
+                 rng: np.random.Generator) -> None:
+        self.lens, self.faults = lens, faults
+        dirt, self._steps = rng.spawn(2)
+        self._clear = _transmission(faults, size, dirt) if faults.dirt else None
+
+    def exposure(self) -> float:
+        """Return the exposure of the next pair against the nominal one."""
+        step = self.faults.exposure_step
+        return 1.0 + step * float(self._steps.uniform(-1.0, 1.0)) if step else 1.0
+
+    def spread(self, image: Image, side: int) -> Image:
+        """
+        Return the light on a sensor.
+
+        :param image: (rows, columns) float32, light before the lens.
+        :param side: 0 left, 1 right.
+        """
+        if side and self._clear is not None:
+            image = image * self._clear
+        lens = self.lens
+        core_px = float(np.hypot(lens.core_px, self.faults.right_defocus_px * side))
+        core = image if core_px <= 0 else np.asarray(
+            cv2.GaussianBlur(image, (0, 0), core_px, borderType=cv2.BORDER_REPLICATE), np.float32)
+        if lens.halo_share <= 0:
+            return core
+        coarse = cv2.resize(image, None, fx=1 / COARSE, fy=1 / COARSE,
+                            interpolation=cv2.INTER_AREA)
+        coarse = cv2.GaussianBlur(coarse, (0, 0), lens.halo_px / COARSE,
+                                  borderType=cv2.BORDER_REPLICATE)
+        halo = cv2.resize(coarse, image.shape[::-1], interpolation=cv2.INTER_LINEAR)
+        return np.asarray(cv2.addWeighted(core, 1 - lens.halo_share, halo, lens.halo_share, 0.0),
+                          np.float32)
+
+
+def _transmission(faults: FaultConfig, size: tuple[int, int], rng: np.random.Generator) -> Image:
+    """Return the share (rows, columns) of the light that dirty glass lets through."""
+    x, y = (np.arange(n, dtype=np.float32) for n in size)
+    clear = np.ones((size[1], size[0]), np.float32)
+    for _ in range(faults.dirt):
+        sigma = faults.dirt_px * rng.uniform(0.3, 1.0)
+        depth = faults.dirt_depth * rng.uniform(0.4, 1.0)
+        row, column = (np.exp(-np.square((k - rng.uniform(0, n)) / sigma) / 2)
+                       for k, n in ((y, size[1]), (x, size[0])))
+        # Flat in the middle, soft at the rim.
+        clear *= 1 - np.float32(depth) * np.clip(2 * np.outer(row, column), 0, 1)
+    return clear
