@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import argparse
+from typing import Optional, Sequence
 
 import numpy as np
 
@@ -11,9 +12,11 @@ from ..evaluation.accuracy import (
     accuracy_jobs, accuracy_table, gather, measure_job, passes_table, rejections,
     silently_wrong)
 from ..evaluation.labeled_sequence import LineKnowledge
+from ..evaluation.outdoors import check_held
 from ..evaluation.runner import failures, run_jobs
 from ...cli.options import add_job_options, number_in, report_failures, Subparsers
 from ...core.config import TrackerConfig
+from ...core.errors import InputError
 from ...io.atomic import write_whole
 
 
@@ -37,6 +40,10 @@ def add_parser(subparsers: Subparsers) -> None:
         help='the right camera has turned this far, to either side, since its calibration')
     add('--tolerances', action='store_true',
         help='calibration and stamps are off within the tolerances the tracker allows for')
+    add('--outdoors', nargs='*', metavar='HEADING=KIND',
+        help='bodies with depth, lamps that clip, sun, wet nights and faults of cameras, in place '
+             'of painted fronts; HEADING=KIND holds one, such as vehicle=bus or fault=none')
+    add('--detect', action='store_true', help='vehicles are detected, not annotated')
     add_job_options(parser)
     parser.set_defaults(run=run)
 
@@ -46,7 +53,8 @@ def run(args: argparse.Namespace) -> int:
     TrackerConfig(particles=args.particles)  # refuse before the work begins
     jobs = accuracy_jobs(args.passes, seed=args.seed, lines=LineKnowledge(args.lines),
                          pan_deg=args.pan_deg, tolerances=args.tolerances,
-                         changes={'particles': args.particles})
+                         changes={'particles': args.particles}, outdoors=_held(args.outdoors),
+                         detect=args.detect)
     results = run_jobs(jobs, measure_job, out_dir=args.out, workers=args.jobs,
                        description='accuracy')
     passes = gather(jobs, results)
@@ -60,3 +68,21 @@ def run(args: argparse.Namespace) -> int:
           f'measured, more than 0.1 mph and 2 σ off: {silently_wrong(passes)}; '
           f'{np.nanmedian([p.cpu_ms for p in passes]):.1f} ms of one core per pair')
     return report_failures(failures(results))
+
+
+def _held(words: Optional[Sequence[str]]) -> Optional[dict[str, str]]:
+    """
+    Return what ``--outdoors`` holds, heading to kind; None without the option.
+
+    :raises InputError: a word of another form, or what is not drawn.
+    """
+    if words is None:
+        return None
+    held = {}
+    for word in words:
+        heading, equals, kind = word.partition('=')
+        if not equals:
+            raise InputError('accuracy', '--outdoors', word, 'HEADING=KIND')
+        held[heading] = kind
+    check_held(held)
+    return held

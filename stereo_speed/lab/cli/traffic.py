@@ -33,6 +33,8 @@ def add_parser(subparsers: Subparsers) -> None:
     add('--receding', type=int, choices=(0, 1, 2), default=0,
         help='lanes, from the left, whose vehicles drive away and show their rears')
     add('--light', choices=sorted(LIGHTS), default='day')
+    add('--outdoors', action='store_true',
+        help='motorcycles, buses and small cars drive too, and fronts are no painted planes')
     add('--rig', choices=sorted(RIGS), default='parallel')
     add('--seed', type=number_in(int, 0, 2 ** 63), default=0)
     add('--particles', type=int, default=TrackerConfig().particles)
@@ -65,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
         raise InputError('traffic', '--receding', args.receding, f'fewer than {args.lanes}')
     config = traffic_config(
         args.light, args.lanes, args.receding, args.fps, args.minutes, args.vehicles,
-        rig=RIGS[args.rig])
+        outdoors=args.outdoors, rig=RIGS[args.rig])
     if args.bag is not None:
         # Only writing bags needs rosbags.
         from ..sim.write import write_traffic_bag
@@ -82,10 +84,11 @@ def run(args: argparse.Namespace) -> int:
     if args.out is not None:
         write_traffic(args.out, result, score, {
             **parameters.summary(), 'seed': args.seed, 'traffic': {k: getattr(args, k) for k in (
-                'minutes', 'vehicles', 'fps', 'lanes', 'receding', 'light', 'rig', 'lines')}})
+                'minutes', 'vehicles', 'fps', 'lanes', 'receding', 'light', 'outdoors', 'rig',
+                'lines')}})
     receding = f', {args.receding} receding' if args.receding else ''
     name = (f'{args.minutes:g} min, {args.fps:g} fps, {args.lanes} lanes{receding}, '
-            f'{args.light}')
+            f'{args.light}' + (', outdoors' if args.outdoors else ''))
     print(traffic_table(name, score, result.pair_ms).markdown(), end='')
     return 0
 

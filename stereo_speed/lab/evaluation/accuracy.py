@@ -5,13 +5,13 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, replace
-from typing import Any, Mapping, Sequence
+from typing import Any, Mapping, Optional, Sequence
 
 import numpy as np
 
 from .labeled_sequence import LineKnowledge, run_tracker, simulated_sequence
 from .metrics import pass_error, pass_figures, readings, sigma_share
-from .random_passes import draw_pass
+from .random_passes import draw_pass, RandomPass
 from .runner import Job, Result
 from .scorer import SequenceRun, VehicleRun
 from .tables import Cell, mph, shown, signed, Table
@@ -45,7 +45,9 @@ class PassRun:
 
 def accuracy_jobs(passes: int, *, seed: int, lines: LineKnowledge, pan_deg: float,
                   tolerances: bool, changes: Mapping[str, Any],
-                  tracker: str = 'constrained') -> list[Job]:
+                  tracker: str = 'constrained',
+                  outdoors: Optional[Mapping[str, str]] = None,
+                  detect: bool = False) -> list[Job]:
     """
     Return a job for each pass.
 
@@ -56,21 +58,32 @@ def accuracy_jobs(passes: int, *, seed: int, lines: LineKnowledge, pan_deg: floa
     :param tolerances: whether calibration and stamps are off within the tracker's tolerances.
     :param changes: parameters of the tracker that differ from the defaults.
     :param tracker: name of the tracker.
+    :param outdoors: as of ``draw_pass``.
+    :param detect: vehicles are detected, not annotated.
     """
     return [Job(key=f'pass{number:04d}', parameters={
         'number': number, 'seed': seed, 'lines': lines.value, 'pan_deg': pan_deg,
-        'tolerances': tolerances, 'tracker': tracker, 'changes': dict(changes)})
+        'tolerances': tolerances, 'tracker': tracker, 'changes': dict(changes),
+        'outdoors': None if outdoors is None else dict(outdoors), 'detect': detect})
         for number in range(passes)]
 
 
 def measure_job(parameters: Mapping[str, Any]) -> Mapping[str, Any]:
     """Simulate one pass and measure it; runs in a worker process."""
     number, seed = parameters['number'], parameters['seed']
-    drawn = draw_pass(seed, number, pan_deg=parameters['pan_deg'])
+    drawn = _drawn(parameters)
     config = TrackerConfig(**parameters['changes'])
     sequence = simulated_sequence(drawn.config, (seed, number), LineKnowledge(parameters['lines']),
                                   tolerances=config if parameters['tolerances'] else None)
+    if parameters['detect']:
+        sequence = replace(sequence, annotations=None)
     return run_tracker(sequence, parameters['tracker'], config, number).to_json()
+
+
+def _drawn(parameters: Mapping[str, Any]) -> RandomPass:
+    """Return the pass of a job."""
+    return draw_pass(parameters['seed'], parameters['number'], pan_deg=parameters['pan_deg'],
+                     outdoors=parameters['outdoors'])
 
 
 def gather(jobs: Sequence[Job], results: Sequence[Result]) -> list[PassRun]:
@@ -78,8 +91,7 @@ def gather(jobs: Sequence[Job], results: Sequence[Result]) -> list[PassRun]:
     out = []
     for job, result in zip(jobs, results):
         p = job.parameters
-        kinds = draw_pass(p['seed'], p['number'], pan_deg=p['pan_deg']).kinds
-        found = PassRun(number=p['number'], kinds=kinds, error=result.error)
+        found = PassRun(number=p['number'], kinds=_drawn(p).kinds, error=result.error)
         if result.value is not None:
             done = SequenceRun.from_json(result.value)
             found = replace(found, run=done.vehicles[0], cpu_ms=done.cpu_ms)

@@ -9,9 +9,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 import math
+from typing import Mapping, Optional
 
 import numpy as np
 
+from .outdoors import draw_outdoors
 from ..sim.config import RIGS, RoadConfig, SimConfig, VehicleConfig
 from ..sim.scene import SimScene
 from ..sim.sequence import picked_site
@@ -45,7 +47,8 @@ class RandomPass:
     kinds: dict[str, str]
 
 
-def draw_pass(seed: int, number: int, *, pan_deg: float = 0.0) -> RandomPass:
+def draw_pass(seed: int, number: int, *, pan_deg: float = 0.0,
+              outdoors: Optional[Mapping[str, str]] = None) -> RandomPass:
     """
     Draw a pass.
 
@@ -59,9 +62,16 @@ def draw_pass(seed: int, number: int, *, pan_deg: float = 0.0) -> RandomPass:
     :param seed: of the whole set.
     :param number: of the pass in it, from 0; paths and rigs take turns.
     :param pan_deg: by which the right camera has turned to either side since its calibration.
+    :param outdoors: draw bodies, lamps, light and faults of cameras beside it, but for what this
+        holds: heading to kind. None for fronts with relief in even light, as above.
     """
     for attempt in range(_MOST_ATTEMPTS):
         drawn = _draw(np.random.default_rng([seed, number, attempt]), number, pan_deg)
+        if outdoors is not None:
+            # Another generator: road, rig, speed and noise are those of the pass without.
+            config, kinds = draw_outdoors(drawn.config, number, outdoors, np.random.default_rng(
+                [seed, number, attempt, 1]))
+            drawn = replace(drawn, config=config, kinds={**kinds, **drawn.kinds})
         if _is_in_view(drawn.config, seed):
             return drawn
     raise InputError('accuracy', 'scene', number, 'a road that comes to lie in view')

@@ -1,0 +1,104 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+What passes outdoors have that a painted plane has not, drawn at random for ``accuracy``.
+
+Bodies with depth, lamps that clip, sun and sky mirrored in the paint, wet nights, cameras with
+faults.
+"""
+from __future__ import annotations
+
+from dataclasses import replace
+import math
+from typing import Mapping
+
+import numpy as np
+
+from ..sim.bodies import draw_body_size
+from ..sim.config import SimConfig
+from ..sim.optics import FaultConfig, LensConfig
+from ..sim.props import DUSK, LightConfig, OVERCAST, StreetLampConfig, WET_NIGHT
+from ...core.errors import InputError
+
+OUTDOORS = {
+    'vehicle': ('car', 'small', 'suv', 'van', 'truck', 'bus', 'motorcycle'),
+    'lamps': ('off', 'dim', 'clipping'),
+    'light': ('overcast', 'sun', 'dusk', 'wet_night'),
+    'fault': ('none', 'exposure', 'gain', 'defocus', 'dirt')}
+# Half of the passes have sound cameras.
+FAULT_SHARES = (0.5, 0.125, 0.125, 0.125, 0.125)
+# Grey levels of lamps, of which 255 are full scale.
+DIM_GREY, CLIPPING_GREY, NIGHT_GREY = (80.0, 250.0), (1500.0, 15000.0), (5000.0, 30000.0)
+
+
+def check_held(held: Mapping[str, str]) -> None:
+    """
+    Refuse what is not drawn.
+
+    :param held: heading to kind.
+    :raises InputError: an unknown heading or kind.
+    """
+    for heading, kind in held.items():
+        if heading not in OUTDOORS:
+            raise InputError('accuracy', '--outdoors', heading, 'one of ' + ', '.join(OUTDOORS))
+        if kind not in OUTDOORS[heading]:
+            raise InputError('accuracy', f'--outdoors {heading}', kind,
+                             'one of ' + ', '.join(OUTDOORS[heading]))
+
+
+def draw_outdoors(config: SimConfig, number: int, held: Mapping[str, str],
+                  rng: np.random.Generator) -> tuple[SimConfig, dict[str, str]]:
+    """
+    Make a pass one outdoors; its road, rig, speed and noise stay.
+
+    :param config: the pass.
+    :param number: of the pass; kinds of vehicles take turns.
+    :param held: what is not drawn: heading to kind.
+    :param rng: source of randomness.
+    :return: what to simulate, and what it counts for.
+    """
+    kinds = {'vehicle': OUTDOORS['vehicle'][number % len(OUTDOORS['vehicle'])],
+             'lamps': str(rng.choice(OUTDOORS['lamps'])),
+             'light': str(rng.choice(OUTDOORS['light'])),
+             'fault': str(rng.choice(OUTDOORS['fault'], p=FAULT_SHARES)), **held}
+    night = kinds['light'] == 'wet_night'
+    if night:
+        kinds['lamps'] = 'clipping'
+    bounds = NIGHT_GREY if night else CLIPPING_GREY if kinds['lamps'] == 'clipping' else DIM_GREY
+    grey = math.exp(rng.uniform(*np.log(bounds))) * (kinds['lamps'] != 'off')
+    sun = DUSK if kinds['light'] == 'dusk' else OVERCAST
+    if kinds['light'] == 'sun':
+        sun = LightConfig(sun_elevation_deg=float(rng.uniform(20.0, 60.0)),
+                          sun_azimuth_deg=float(rng.uniform(0.0, 360.0)))
+    body = draw_body_size(kinds['vehicle'], rng)
+    vehicle = replace(
+        config.vehicles[0], kind=body.kind, solid=True, front_width_m=body.width_m,
+        front_height_m=body.front_m, clearance_m=body.clearance_m, relief_m=0.01,
+        lamp_grey=grey, gloss=float(rng.uniform(0.3, 1.0)))
+    config = replace(
+        config, vehicles=(vehicle,), light=WET_NIGHT if night else sun,
+        lens=LensConfig(core_px=float(rng.uniform(0.4, 0.8)),
+                        halo_share=float(rng.uniform(0.01, 0.05)),
+                        halo_px=float(rng.uniform(4.0, 12.0))),
+        street_lamps=_street_lamps(rng) if night else (),
+        exposure=0.35 if kinds['light'] == 'dusk' else config.exposure)
+    return _with_fault(config, kinds['fault'], rng), kinds
+
+
+def _street_lamps(rng: np.random.Generator) -> tuple[StreetLampConfig, ...]:
+    """Draw two street lamps, beside the road and above it."""
+    return tuple(StreetLampConfig(
+        station_m=float(rng.uniform(-60.0, 30.0)), offset_m=float(side * rng.uniform(3.0, 6.0)),
+        height_m=float(rng.uniform(6.0, 9.0)), grey=float(rng.uniform(3000.0, 8000.0)))
+        for side in (-1.0, 2.0))
+
+
+def _with_fault(config: SimConfig, fault: str, rng: np.random.Generator) -> SimConfig:
+    """Give the cameras a fault, and no other."""
+    if fault == 'gain':
+        return replace(config, right_gain=float(rng.choice([0.8, 1.2])),
+                       right_offset_grey=float(rng.uniform(-8.0, 8.0)))
+    faults = {'none': FaultConfig(), 'exposure': FaultConfig(exposure_step=0.15),
+              'defocus': FaultConfig(right_defocus_px=float(rng.uniform(1.0, 2.0))),
+              'dirt': FaultConfig(dirt=15, dirt_depth=0.6)}
+    return replace(config, faults=faults[fault])
