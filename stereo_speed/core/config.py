@@ -77,6 +77,14 @@ class NoiseConfig:
     texture_floor_px: float = parameter(
         0.025, 0.0, 1.0, 'px', 'systematic error of one observation against the texture of the '
         'front, by relief and light')
+    tail_dof: float = parameter(
+        2.0, 1.0, 1e6, '', 'degrees of freedom of the t distribution of the residuals: the fewer, '
+        'the less count clipped lamps, sliding highlights and dirt; a million for none of them')
+    clipped_share: float = parameter(
+        0.98, 0.5, 1.0, '', 'share of the full scale of the images from which on a grey value '
+        'counts as clipped: what it outlines keeps its size in pixels while the front grows')
+    clipped_reach_px: float = parameter(
+        3.0, 0.0, 20.0, 'px', 'how far around what is clipped the light of it spreads in the lens')
     relief_std_m: float = parameter(
         0.04, 0.0001, 0.5, 'm', '1-sigma of the relief of a front: bumper, grille and lamps lie '
         'centimetres apart in depth')

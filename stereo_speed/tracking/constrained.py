@@ -92,7 +92,8 @@ class ConstrainedTracker:
         self.front: Front = placed.front
         self.life = TrackLife(start)
         sampler = ObservationSampler(
-            self.rig, placed.front, grid.unit_xy, grid.shape, self.config.trigger_tolerance_s)
+            self.rig, placed.front, grid.unit_xy, grid.shape, self.config.trigger_tolerance_s,
+            self.config.noise)
         prior = PassPrior(
             s_m=float(placed.pose[0]), s_std_m=placed.s_std_m, offset_m=placed.pose[1:],
             offset_slope=placed.offset_slope, speed_mps=start.expected_mps,

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 import math
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Optional, Sequence
 
 import cv2
 import numpy as np
@@ -19,9 +19,10 @@ from scipy import ndimage
 
 from .front import Front, plane_points
 from .relief import relief_basis
+from ..core.config import NoiseConfig
 from ..core.records import Array, StereoPair
 from ..geometry.rig import StereoRig
-from ..vision.sampling import low_pass_crop
+from ..vision.sampling import low_pass_crop, Patches
 
 # Given corners are a pixel off, and what lies beyond the front's edges moves otherwise: only the
 # inner share of the quad is sampled.
@@ -42,6 +43,8 @@ class Observation:
     :param patches: (2, G) left and right patch, zero mean and unit variance.
     :param jacobian: (2, 3, G) derivatives of the patches by the pose, 1/m.
     :param relief_jacobian: (2, G) derivatives of each sample by its own relief, 1/m.
+    :param outlines: (2, G) how each patch changes when the outlines of what is clipped in it move
+        outwards, of unit length; 0 where nothing is.  The derivatives have no part along it.
     :param pixels: pixels the patch covers in the image, at most one a grid sample.
     :param shift_px: (2, 3) speed of the front's centre in each view by the pose, px/m.
     :param disparity_px: (3,) change of its disparity by the pose, px/m.
@@ -56,6 +59,7 @@ class Observation:
     patches: Array
     jacobian: Array
     relief_jacobian: Array
+    outlines: Array
     pixels: float
     shift_px: Array
     disparity_px: Array
@@ -69,6 +73,7 @@ class _View(NamedTuple):
     patch: Array
     jacobian: Array
     relief_jacobian: Array
+    outline: Array
 
 
 def normalised_change(jacobian: Array, patches: Array) -> Array:
@@ -94,11 +99,13 @@ class ObservationSampler:
     :param grid_shape: rows and columns of the grid.
     :param trigger_tolerance_s: pairs whose stamps differ by less were exposed at once, and their
         stamps differ by mistake; others are two exposures, each at its time.
+    :param noise: what is clipped, and how far that reaches.
     """
 
     def __init__(self, rig: StereoRig, front: Front, unit_xy: Array,
-                 grid_shape: tuple[int, int], trigger_tolerance_s: float) -> None:
-        self.rig, self.front, self.grid_shape = rig, front, grid_shape
+                 grid_shape: tuple[int, int], trigger_tolerance_s: float,
+                 noise: NoiseConfig = NoiseConfig()) -> None:
+        self.rig, self.front, self.grid_shape, self.noise = rig, front, grid_shape, noise
         self.trigger_tolerance_s = trigger_tolerance_s
         inner = 0.5 + _INNER * (unit_xy - 0.5)
         self._plane_m = np.concatenate([front.grid_m(inner), front.corners_m])
@@ -106,7 +113,7 @@ class ObservationSampler:
         self.relief_basis = relief_basis(unit_xy)
 
     def observe(self, pair: StereoPair, pose: Array, velocity_mps: Array, heading_rad: float,
-                relief: Array) -> Observation | None:
+                relief: Array) -> Optional[Observation]:
         """
         Return an observation with its derivatives; None where the front is not in both images.
 
@@ -131,10 +138,11 @@ class ObservationSampler:
         centre = [m[:, :n].mean(axis=1) for m in motion]  # (3, 2)
         area = 0.5 * (_area(left[0, n:]) + _area(right[0, n:]))
         ignored_s = (pair.right_stamp_ns - pair.stamp_ns) * 1e-9 - lag
-        patches, jacobian, alone = (np.stack(part) for part in zip(*views))
+        patches, jacobian, alone, outlines = (np.stack(part) for part in zip(*views))
         return Observation(
             pose=pose, heading_rad=heading_rad, relief=relief, patches=patches,
-            jacobian=jacobian, relief_jacobian=alone, pixels=min(area, float(n)),
+            jacobian=jacobian, relief_jacobian=alone, outlines=outlines,
+            pixels=min(area, float(n)),
             shift_px=np.stack([np.linalg.norm(c, axis=1) for c in centre]),
             disparity_px=centre[0][:, 0] - centre[1][:, 0],
             right_m=lag * float(velocity_mps[0]),
@@ -152,19 +160,46 @@ class ObservationSampler:
                  for k in (0, 1)]
         crop, origin = low_pass_crop(
             image, uv.min(axis=0) - _BORDER_PX, uv.max(axis=0) + _BORDER_PX, 1.0)
-        size = [2 * math.ceil(3 * s) + 1 for s in sigma]
-        smooth = cv2.GaussianBlur(crop, size[::-1], sigmaX=sigma[1], sigmaY=sigma[0],
-                                  borderType=cv2.BORDER_REPLICATE)
+        smooth = _blurred(crop, sigma)
         at = (uv - origin).T[::-1]
         spline = ndimage.spline_filter(smooth, 3, np.float64)
         values = ndimage.map_coordinates(spline, at, order=3, mode='nearest', prefilter=False)
         u, v = np.ascontiguousarray(at[::-1], dtype=np.float32)[:, None]
         scale = max(float(values.std()), 1e-6)
         patch = (values - values.mean()) / scale
-        by_v, by_u = (cv2.remap(slope, u, v, cv2.INTER_LINEAR)[0] / scale
-                      for slope in np.gradient(smooth))
+        slopes = [np.asarray(slope) for slope in np.gradient(smooth)]
+        by_v, by_u = (cv2.remap(slope, u, v, cv2.INTER_LINEAR)[0] / scale for slope in slopes)
         jacobian = motion[..., 0] * by_u + motion[..., 1] * by_v  # (3, G)
-        return _View(patch, normalised_change(jacobian, patch), jacobian[0])
+        change = normalised_change(jacobian, patch)
+        near = _clipped(crop, image.dtype, self.noise)
+        if near is None:
+            return _View(patch, change, jacobian[0], np.zeros_like(patch))
+        moved = np.asarray(np.hypot(*slopes) * _blurred(near, sigma))
+        outline = normalised_change(
+            cv2.remap(moved, u, v, cv2.INTER_LINEAR).astype(np.float64), patch)[0]
+        outline = outline / max(float(np.linalg.norm(outline)), 1e-9)
+        return _View(patch, change - np.outer(change @ outline, outline), jacobian[0], outline)
+
+
+def _blurred(image: Patches, sigma: Sequence[float]) -> Patches:
+    """Return an image after a Gaussian low-pass, 1-sigma in px down and across."""
+    size = [2 * math.ceil(3 * s) + 1 for s in sigma]
+    return np.asarray(cv2.GaussianBlur(image, size[::-1], sigmaX=sigma[1], sigmaY=sigma[0],
+                                       borderType=cv2.BORDER_REPLICATE))
+
+
+def _clipped(crop: Patches, dtype: np.dtype[Any], noise: NoiseConfig) -> Optional[Patches]:
+    """
+    Return where an image is clipped or near that, as ones; None where nothing is.
+
+    Light from a lamp spreads by some pixels in the lens, and much of that is clipped, too: as
+    seen from afar, the lamp is the larger beside the front.
+    """
+    clipped = (crop >= noise.clipped_share * np.iinfo(dtype).max).astype(np.uint8)
+    if not clipped.any():
+        return None
+    size = 2 * round(noise.clipped_reach_px) + 1
+    return cv2.dilate(clipped, np.ones((size, size), np.uint8)).astype(np.float32)
 
 
 def _area(quad: Array) -> float:

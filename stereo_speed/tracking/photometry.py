@@ -7,12 +7,16 @@ What the observations of a pass say of its poses: least squares on their grey va
 - *Temporal*: every patch agrees with the one texture of the front, itself unknown and eliminated
   by its weighted mean (variable projection), which fixes the motion.
 
+A grey value counts by its own evidence.  Lamps that clip keep their size in pixels while the front
+grows, reflections slide over the paint, dirt on the glass stays where it is: their residuals have
+heavy tails, and each is weighed by the t distribution, between the views and over time.
+
 Noise is what the residuals show; below it lies a floor of systematic error (interpolation, relief,
 light) that no number of samples averages away, so that an observation is never believed beyond it.
 
 A front that is occluded in part, by a pole or another vehicle, still looks much like itself, but
 what occludes it moves otherwise and would drag it along: such an observation agrees worse than the
-best do, and counts for nothing.
+best do, between the views too, and counts for nothing.
 """
 from __future__ import annotations
 
@@ -25,9 +29,11 @@ from numpy.typing import NDArray
 from .observation import Observation
 from ..core.config import NoiseConfig, VisibilityConfig
 from ..core.records import Array
+from ..estimation.student import student_weights
 from ..vision.ncc import ncc as correlation
 
 _LEAST_VARIANCE = 1e-4  # of residuals, in those of a patch: identical patches prove little
+_ROUNDS = 3  # of texture, gains and weights, each of which follows from the others
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,16 +62,22 @@ class Photometry:
 
     @property
     def unoccluded(self) -> NDArray[np.bool_]:
-        """Return which observations (n,) agree about as well as the best do: nothing occludes."""
-        agree = [_lacks_little(ncc, self.limits) for ncc in (self.cross_ncc, self.texture_ncc)]
-        return np.asarray(self.seen & agree[0] & agree[1])
+        """
+        Return which observations (n,) agree about as well as the best do: nothing occludes.
+
+        What occludes lies nearer, so that the views disagree, too.  While they agree as well as
+        noise allows, it is light that has changed: a reflection, an exposure.
+        """
+        cross, texture = (_lack(ncc, self.limits) for ncc in (self.cross_ncc, self.texture_ncc))
+        deficit = self.limits.occlusion_deficit
+        return np.asarray(self.seen & (cross <= deficit) & ((texture <= deficit) | (cross <= 0)))
 
 
-def _lacks_little(ncc: Array, limits: VisibilityConfig) -> NDArray[np.bool_]:
-    """Return which observations (n,) lack little more than noise makes the best ones lack."""
+def _lack(ncc: Array, limits: VisibilityConfig) -> Array:
+    """Return by how much observations (n,) lack more than noise makes the best ones lack."""
     lack = 1 - ncc
     noise = np.quantile(lack, limits.occlusion_best_share)
-    return np.asarray(lack <= limits.occlusion_deficit + limits.occlusion_noise_factor * noise)
+    return np.asarray(lack - limits.occlusion_noise_factor * noise)
 
 
 class PassPhotometry:
@@ -108,17 +120,24 @@ class PassPhotometry:
     def _cross_term(self, observation: Observation) -> tuple[Array, Array]:
         """Return the agreement of the two patches of one pair: (3 + m, 3 + m) and (3 + m,)."""
         J = observation.jacobian[0] - observation.jacobian[1]
-        r = observation.patches[0] - observation.patches[1]
-        variance = max(float(np.mean(np.square(r))), _LEAST_VARIANCE)
-        weight = self.noise.independent_share * observation.pixels / len(r) / variance
-        info = weight * float(J[0] @ J[0])
-        per_px = info / max(float(observation.disparity_px[0] ** 2), 1e-12)
-        weight /= 1 + (self.noise.match_floor_px ** 2 + observation.skew_px ** 2) * per_px
+        left, right = observation.patches
+        outlines = _orthonormal(observation.outlines)
+        weights = np.ones((1, len(left)))
+        for _ in range(_ROUNDS):
+            residual = _without(outlines, _beside(left[None], right, weights))
+            weights, variance = self._student(residual, weights)
+        r, J = residual[0], _without(outlines, J)
+        w = self.noise.independent_share * observation.pixels / len(r) / variance * weights[0]
+        per_px = float(w @ np.square(J[0])) / max(float(observation.disparity_px[0] ** 2), 1e-12)
+        w = w / (1 + (self.noise.match_floor_px ** 2 + observation.skew_px ** 2) * per_px)
         relief = observation.relief_jacobian[0] - observation.relief_jacobian[1]
         both = np.concatenate([J, relief * self.basis])
         # As the residual would be on a plane, to first order.
         flat = r - relief * (observation.relief @ self.basis)
-        return weight * both @ both.T, -weight * both @ flat
+        return (w * both) @ both.T, -both @ (w * flat)
+
+    def _student(self, residual: Array, weights: Array) -> tuple[Array, Array]:
+        return student_weights(residual, weights, self.noise.tail_dof, _LEAST_VARIANCE)
 
     def _add_temporal_terms(self, observations: Sequence[Observation],
                             counts: NDArray[np.bool_], patches: Array, H: Array, g: Array
@@ -127,27 +146,25 @@ class PassPhotometry:
         n, m = len(observations), len(self.basis)
         pixels = np.where(counts, [o.pixels for o in observations], 0.0)
         both = patches.mean(axis=1)
-        mean = pixels @ both / pixels.sum()
-        ncc = correlation(both, mean)
-        if n < 2:
+        ncc = correlation(both, pixels @ both / pixels.sum())
+        pixels[ncc < self.limits.least_ncc] = 0.0
+        if n < 2 or not pixels.any():
             return ncc
         J = np.stack([o.jacobian for o in observations])  # (n, 2, 3, G)
         D = np.stack([o.relief_jacobian for o in observations])  # (n, 2, G)
-        w = np.where(counts, self._temporal_weights(observations, patches - mean, J, ncc), 0.0)
-        total = 2 * w.sum()
-        if total <= 0:
-            return ncc
+        residual, w = self._temporal_residuals(observations, patches, pixels, J)
         relief = np.stack([o.relief for o in observations]) @ self.basis
-        flat = patches - D * relief[:, None]  # as they would be on a plane, to first order
-        residual = flat - w @ flat.sum(axis=1) / total
+        flat = residual - D * relief[:, None]  # as they would be on a plane, to first order
+        total = w.sum(axis=(0, 1))
+        flat = flat - (w * flat).sum(axis=(0, 1)) / total
         # The texture is eliminated: what all observations would have in common says nothing.
-        by_pose = w[:, None, None] * J.sum(axis=1)
-        summed = np.concatenate([by_pose.reshape(3 * n, -1), w @ D.sum(axis=1) * self.basis])
-        H -= summed @ summed.T / total
+        weighted, shared = w[:, :, None] * J, w * D
+        summed = np.concatenate([weighted.sum(axis=1).reshape(3 * n, -1),
+                                 shared.sum(axis=(0, 1)) * self.basis])
+        H -= (summed / total) @ summed.T
         nodes = slice(3 * n, 3 * n + m)
-        H[nodes, nodes] += (w @ np.square(D).sum(axis=1) * self.basis) @ self.basis.T
-        g[nodes] -= self.basis @ (w @ (D * residual).sum(axis=1))
-        weighted = w[:, None, None, None] * J
+        H[nodes, nodes] += ((shared * D).sum(axis=(0, 1)) * self.basis) @ self.basis.T
+        g[nodes] -= self.basis @ (shared * flat).sum(axis=(0, 1))
         blocks = (weighted @ J.swapaxes(2, 3)).sum(axis=1)  # (n, 3, 3)
         mixed = (weighted * D[:, :, None]).sum(axis=1) @ self.basis.T  # (n, 3, m)
         for k in range(n):
@@ -155,16 +172,57 @@ class PassPhotometry:
             H[block, block] += blocks[k]
             H[block, nodes] += mixed[k]
             H[nodes, block] += mixed[k].T
-        g[:3 * n] -= (weighted @ residual[..., None]).sum(axis=1).ravel()
+        g[:3 * n] -= (weighted @ flat[..., None]).sum(axis=1).ravel()
         return ncc
 
-    def _temporal_weights(self, observations: Sequence[Observation], residual: Array, J: Array,
-                          ncc: Array) -> Array:
-        """Return the weight (n,) of a grey value of each: its noise, and not beyond the floor."""
-        pixels = np.array([o.pixels for o in observations])
+    def _temporal_residuals(self, observations: Sequence[Observation], patches: Array,
+                            pixels: Array, J: Array) -> tuple[Array, Array]:
+        """
+        Return what the texture does not explain, and the weight of each grey value in that.
+
+        :param patches: (n, 2, G).
+        :param pixels: (n,) pixels that each observation counts with, 0 for none.
+        :param J: (n, 2, 3, G) derivatives of the patches.
+        :return: (n, 2, G) residuals, (n, 2, G) weights, not beyond the floor.
+        """
+        n, _, samples = patches.shape
+        outlines = np.concatenate([o.outlines for o in observations])  # (2 n, G)
+        weights = np.ones_like(patches)
+        for _ in range(_ROUNDS):
+            share = pixels[:, None, None] * weights
+            texture = (share * patches).sum(axis=(0, 1)) / share.sum(axis=(0, 1))
+            residual = _beside(patches.reshape(2 * n, -1), texture, weights.reshape(2 * n, -1))
+            residual = residual - np.einsum('ng,ng->n', residual, outlines)[:, None] * outlines
+            rows, variance = self._student(residual.reshape(n, -1), weights.reshape(n, -1))
+            weights = rows.reshape(patches.shape)
+        scale = self.noise.independent_share * pixels / samples / variance
+        w = scale[:, None, None] * weights
         shift_px = np.array([o.shift_px[0, 1] for o in observations])
-        variance = np.maximum(np.square(residual).mean(axis=(1, 2)), _LEAST_VARIANCE)
-        w = self.noise.independent_share * pixels / residual.shape[2] / variance
-        per_px = w * np.square(J[:, :, 1]).sum(axis=(1, 2)) / np.maximum(shift_px ** 2, 1e-9)
+        per_px = (w * np.square(J[:, :, 1])).sum(axis=(1, 2)) / np.maximum(shift_px ** 2, 1e-9)
         floor = self.noise.texture_floor_px ** 2 * per_px
-        return np.where(ncc < self.limits.least_ncc, 0.0, w / (1 + floor))
+        return residual.reshape(patches.shape), w / (1 + floor)[:, None, None]
+
+
+def _beside(patches: Array, texture: Array, weights: Array) -> Array:
+    """
+    Return patches (N, G) less the gain and the level of a texture (G,) that fit each best.
+
+    :param weights: (N, G) of the samples.  What is an outlier has changed gain and level, too.
+    """
+    share = weights / weights.sum(axis=1, keepdims=True)
+    deviation = texture - (share @ texture)[:, None]
+    patches = patches - (share * patches).sum(axis=1, keepdims=True)
+    along = share * deviation
+    gain = (along * patches).sum(axis=1) / np.maximum((along * deviation).sum(axis=1), 1e-12)
+    return np.asarray(patches - gain[:, None] * deviation)
+
+
+def _orthonormal(rows: Array) -> Array:
+    """Return an orthonormal basis (q, G) of what rows (n, G) of unit length, or 0, span."""
+    size, basis = np.linalg.svd(rows, full_matrices=False)[1:]
+    return np.asarray(basis[size > 1e-3])
+
+
+def _without(basis: Array, rows: Array) -> Array:
+    """Return rows (n, G) without their parts along an orthonormal basis (q, G)."""
+    return np.asarray(rows - (rows @ basis.T) @ basis)

@@ -52,12 +52,17 @@ def blank(pair):
     return replace(pair, left=grey, right=grey)
 
 
-def behind_a_post(pair, share=0.4):
-    """Return a pair with a striped post before a share of the front's image, from the left."""
+def behind_a_post(pair, share=0.4, nearer_px=6):
+    """
+    Return a pair with a striped post before a share of the front's image, from the left.
+
+    :param nearer_px: by which its disparity is greater than that of the front.
+    """
     images = []
-    for image in (pair.left, pair.right):
+    for image, shift_px in ((pair.left, 0), (pair.right, nearer_px)):
         columns = np.flatnonzero(image.std(axis=0) > 60)
-        covered = slice(columns[0] - 3, columns[0] + int(share * len(columns)))
+        end = columns[0] + int(share * len(columns)) - shift_px
+        covered = slice(columns[0] - 3 - shift_px, end)
         image = image.copy()
         image[:, covered] = 16 * (90 + 60 * (np.arange(len(image)) // 5 % 2))[:, None]
         images.append(image)

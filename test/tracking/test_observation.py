@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from stereo_speed.tracking.front import Front
@@ -132,3 +133,30 @@ def test_change_has_no_part_along_a_constant_or_the_patch_itself():
         values = patch + step * raw[axis]
         np.testing.assert_allclose(
             got[axis], ((values - values.mean()) / values.std() - patch) / step, atol=1e-4)
+
+
+def with_lamp(clear, radius_px):
+    """Return the pair in 8 bits, with a clipped lamp before the front's centre."""
+    pair, centres = clear.pair(0, 0, POSE), [q.mean(axis=0) for q in clear.quads(POSE)]
+    views = []
+    for image, (u, v) in zip((pair.left, pair.right), centres):
+        at_u, at_v = np.meshgrid(np.arange(320) - u, np.arange(240) - v)
+        lamp = cv2.GaussianBlur(
+            2000.0 * np.clip(radius_px + 0.5 - np.hypot(at_u, at_v), 0, 1), (0, 0), 1.0)
+        views.append(np.clip(image / 16.0 + lamp, 0, 255).astype(np.uint8))
+    return replace(pair, left=views[0], right=views[1])
+
+
+def test_outlines_are_what_a_clipped_lamp_changes_when_it_spreads(clear):
+    sampler = sampler_of(clear)
+    small, large = (observe(sampler, with_lamp(clear, radius)) for radius in (3.0, 3.5))
+    assert not observe(sampler, clear.pair(0, 0, POSE)).outlines.any()  # nothing is clipped
+    for view in (0, 1):
+        outline = small.outlines[view]
+        change = normalised_change(
+            (large.patches[view] - small.patches[view])[None], small.patches[view])[0]
+        assert np.linalg.norm(outline) == pytest.approx(1.0)
+        assert abs(outline @ small.patches[view]) < 1e-6 and abs(outline.sum()) < 1e-6
+        np.testing.assert_allclose(small.jacobian[view] @ outline, 0.0, atol=1e-6)
+        rest = change - (change @ outline) * outline
+        assert np.linalg.norm(rest) < 0.7 * np.linalg.norm(change)
