@@ -115,6 +115,11 @@ class VisibilityConfig:
     confirm_pairs: int = parameter(
         3, 1, 100, '', 'pairs in which a vehicle is wholly seen before its readings are '
         'confirmed, and so published')
+    reading_std_mps: float = parameter(
+        0.5, 0.0, 100.0, 'm/s', 'a reading is confirmed, and so published, only where its 1-sigma '
+        'is below this')
+    reading_std_share: float = parameter(
+        0.02, 0.0, 10.0, '', 'or below this share of its speed')
     lost_after_s: float = parameter(
         1.5, 0.0, 60.0, 's', 'a vehicle not seen for longer is lost; behind a pole or in missing '
         'images it is gone for less')

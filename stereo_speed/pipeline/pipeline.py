@@ -192,9 +192,17 @@ class SpeedPipeline:
             return None
         if not track.confirmed and self._is_doubtful(track, update):
             update = replace(update, state=TrackState.TENTATIVE)
-        track.last = track.lanes.place(update)
         track.confirmed |= update.state is TrackState.CONFIRMED
+        if update.state is TrackState.CONFIRMED and not self._is_sure(update):
+            update = replace(update, state=TrackState.TENTATIVE)
+        track.last = track.lanes.place(update)
         return track.last
+
+    def _is_sure(self, update: TrackUpdate) -> bool:
+        """Return whether the speed of a vehicle is known well enough to be a reading."""
+        limits = self.config.visibility
+        return update.speed_std_mps <= max(
+            limits.reading_std_mps, limits.reading_std_share * abs(update.speed_mps))
 
     def _is_doubtful(self, track: _Track, update: TrackUpdate) -> bool:
         """

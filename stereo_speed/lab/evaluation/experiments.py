@@ -20,8 +20,11 @@ from .labeled_sequence import (
 from .paper_sequences import find_sequence, rate_std
 from .runner import Job, Result
 from .scorer import SequenceRun, VehicleRun
-from ...core.config import TrackerConfig
+from ...core.config import TrackerConfig, VisibilityConfig
 from ...pipeline.registry import TRACKERS
+
+# Trackers are compared by what they read, however uncertain, as in the papers.
+EVERY_READING = VisibilityConfig(reading_std_mps=100.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,7 +125,7 @@ def plan(runs: Iterable[tuple[Experiment, int]]) -> list[Job]:
 def track_job(parameters: Mapping[str, Any]) -> Mapping[str, Any]:
     """Run one tracker over one sequence; runs in a worker process."""
     sequence = _sequence(json.dumps(parameters['source'], sort_keys=True))
-    config = TrackerConfig(**parameters['changes'])
+    config = TrackerConfig(**{'visibility': EVERY_READING, **parameters['changes']})
     return run_tracker(sequence, parameters['tracker'], config, parameters['seed']).to_json()
 
 

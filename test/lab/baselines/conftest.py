@@ -13,6 +13,7 @@ from stereo_speed.core.records import InitialFront, StereoPair
 from stereo_speed.geometry.camera import Camera
 from stereo_speed.geometry.rig import StereoRig
 from stereo_speed.lab.baselines.points import ExpectedFront, Points
+from stereo_speed.lab.evaluation.experiments import EVERY_READING
 from stereo_speed.lab.sim.config import DISTORTED, straight_config
 from stereo_speed.lab.sim.sequence import simulate
 from stereo_speed.pipeline.assembly import make_pipeline
@@ -48,6 +49,7 @@ def drive(tmp_path_factory):
         site, init = folder / 'site.yaml', folder / 'init.yaml'
         site.write_text(yaml.safe_dump(dict(sequence.site_exact)))
         init.write_text(yaml.safe_dump(dict(sequence.init)))
+        changes = {'visibility': EVERY_READING, **changes}
         config = PipelineConfig(TrackerConfig(**changes), tracker,
                                 trackers={} if settings is None else {tracker: settings})
         done = run_pipeline(
