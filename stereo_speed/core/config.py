@@ -61,12 +61,20 @@ def section(kind: type[Record], doc: str) -> Record:
 
 
 @dataclass(frozen=True)
+class CheckedRecord:
+    """A config record that is within its bounds from the moment it is made."""
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+
+
+@dataclass(frozen=True)
 class NoParameters:
     """The parameters of what has none."""
 
 
 @dataclass(frozen=True)
-class NoiseConfig:
+class NoiseConfig(CheckedRecord):
     """How precisely images tell where a front is; these decide every sigma of matching."""
 
     independent_share: float = parameter(
@@ -94,12 +102,9 @@ class NoiseConfig:
     start_std_px: float = parameter(
         0.15, 0.01, 5.0, 'px', '1-sigma of the first particles in depth, as disparity')
 
-    def __post_init__(self) -> None:
-        check_bounds(self)
-
 
 @dataclass(frozen=True)
-class VisibilityConfig:
+class VisibilityConfig(CheckedRecord):
     """When a vehicle counts as seen, occluded, confirmed or lost."""
 
     least_ncc: float = parameter(
@@ -134,12 +139,9 @@ class VisibilityConfig:
         3.0, 0.0, 100.0, '', 'a reading is held back when it differs from the last one by so '
         'many sigmas more than most_acceleration_mps2 allows')
 
-    def __post_init__(self) -> None:
-        check_bounds(self)
-
 
 @dataclass(frozen=True)
-class StartConfig:
+class StartConfig(CheckedRecord):
     """When two quads are one front, in the first pair of a track."""
 
     most_gap_px: float = parameter(
@@ -157,12 +159,9 @@ class StartConfig:
         2.5, 0.1, 20.0, '', 'greatest speed of these particles, as a multiple of the expected '
         'speed')
 
-    def __post_init__(self) -> None:
-        check_bounds(self)
-
 
 @dataclass(frozen=True)
-class VerdictConfig:
+class VerdictConfig(CheckedRecord):
     """Which passes are rejected, beside those whose 1-sigma is too great."""
 
     least_pairs: int = parameter(
@@ -192,12 +191,9 @@ class VerdictConfig:
         0.3, 0.0, 5.0, 'm', 'a vehicle has changed lanes when the path of another lane is nearer '
         'by more than this')
 
-    def __post_init__(self) -> None:
-        check_bounds(self)
-
 
 @dataclass(frozen=True)
-class EffortConfig:
+class EffortConfig(CheckedRecord):
     """How much is spent on a pass: more takes longer and gains little."""
 
     live_observations: int = parameter(
@@ -211,14 +207,14 @@ class EffortConfig:
         'never more than particles')
 
     def __post_init__(self) -> None:
-        check_bounds(self)
+        super().__post_init__()
         if self.pass_observations < self.live_observations:
             raise InputError('configuration', 'pass_observations', self.pass_observations,
                              f'at least live_observations, {self.live_observations}')
 
 
 @dataclass(frozen=True)
-class AssociationConfig:
+class AssociationConfig(CheckedRecord):
     """How what the detector finds becomes tracks, one for each vehicle."""
 
     catch_up_pairs: int = parameter(
@@ -237,12 +233,9 @@ class AssociationConfig:
     same_vehicle_m: float = parameter(
         1.5, 0.1, 20.0, 'm', 'fronts nearer to each other are of one vehicle')
 
-    def __post_init__(self) -> None:
-        check_bounds(self)
-
 
 @dataclass(frozen=True)
-class TrackerConfig:
+class TrackerConfig(CheckedRecord):
     """
     Parameters of all trackers; the paper's values (2012, Section V) by default.
 
@@ -325,9 +318,6 @@ class TrackerConfig:
     verdict: VerdictConfig = section(VerdictConfig, 'passes that are rejected')
     effort: EffortConfig = section(EffortConfig, 'work spent on a pass')
     association: AssociationConfig = section(AssociationConfig, 'from detections to tracks')
-
-    def __post_init__(self) -> None:
-        check_bounds(self)
 
 
 def check_bounds(config: ConfigRecord) -> None:

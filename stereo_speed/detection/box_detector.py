@@ -21,7 +21,7 @@ from .front_search import FoundFront, FrontSearch, Moment, NoiseEstimate
 from .protocol import Detection, ImageBox, TrackedRegion
 from .pyramid import PairPyramids, PairRegions, Region
 from .spacing import Place
-from ..core.config import check_bounds, parameter, section
+from ..core.config import CheckedRecord, parameter, section
 from ..core.records import StereoPair
 from ..geometry.rig import StereoRig
 from ..road.lanes import LanePath
@@ -31,7 +31,7 @@ _MOST_PYRAMIDS = 6  # that are kept: those of a pair are asked for again as an e
 
 
 @dataclass(frozen=True)
-class BoxConfig:
+class BoxConfig(CheckedRecord):
     """Parameters of the detector that takes boxes."""
 
     least_score: float = parameter(
@@ -48,7 +48,7 @@ class BoxConfig:
     spacing: SpacingConfig = section(SpacingConfig, 'one vehicle or two')
 
     def __post_init__(self) -> None:
-        check_bounds(self)
+        super().__post_init__()
         check_order('motion.reference_s', self.motion.reference_s,
                     'forget_after_s', self.forget_after_s)
 

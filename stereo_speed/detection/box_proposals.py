@@ -16,7 +16,7 @@ import numpy as np
 from .lane_geometry import LaneGeometry
 from .plane_sweep import Proposal
 from .protocol import ImageBox
-from ..core.config import check_bounds, parameter
+from ..core.config import CheckedRecord, parameter
 from ..core.records import Array
 
 _PLANE_SHIFT_M = 0.08  # a step between planes shifts the right view by this: refining bridges it
@@ -25,7 +25,7 @@ _MOST_HALF_M = 0.9  # half of a car; more of the box may be the side of the vehi
 
 
 @dataclass(frozen=True)
-class BoxFitConfig:
+class BoxFitConfig(CheckedRecord):
     """How a front must lie in the box that it was found by."""
 
     lower_edge_px: float = parameter(
@@ -38,9 +38,6 @@ class BoxFitConfig:
     side_share: float = parameter(
         0.7, 0.0, 1.0, '', 'share of the width of a box, at most, that shows the side of the '
         'vehicle: fronts narrower than the rest are none')
-
-    def __post_init__(self) -> None:
-        check_bounds(self)
 
 
 def box_proposals(geometry: LaneGeometry, box: ImageBox, reach_m: float, fit: BoxFitConfig

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..core.config import check_bounds, parameter, section
+from ..core.config import CheckedRecord, parameter, section
 from ..core.errors import InputError
 
 
@@ -20,7 +20,7 @@ def check_order(low: str, low_value: float, high: str, high_value: float) -> Non
 
 
 @dataclass(frozen=True)
-class FrontConfig:
+class FrontConfig(CheckedRecord):
     """What a front is, and how surely both views must show one."""
 
     low_m: float = parameter(
@@ -48,13 +48,13 @@ class FrontConfig:
         'for that of the corners')
 
     def __post_init__(self) -> None:
-        check_bounds(self)
+        super().__post_init__()
         check_order('low_m', self.low_m, 'high_m', self.high_m)
         check_order('tall_low_m', self.tall_low_m, 'tall_high_m', self.tall_high_m)
 
 
 @dataclass(frozen=True)
-class MotionConfig:
+class MotionConfig(CheckedRecord):
     """When a front has come along its lane since an earlier pair."""
 
     reference_s: float = parameter(
@@ -90,14 +90,14 @@ class MotionConfig:
         'a share of it')
 
     def __post_init__(self) -> None:
-        check_bounds(self)
+        super().__post_init__()
         check_order('reference_s', self.reference_s, 'long_reference_s', self.long_reference_s)
         check_order('least_speed_mps', self.least_speed_mps,
                     'greatest_speed_mps', self.greatest_speed_mps)
 
 
 @dataclass(frozen=True)
-class SpacingConfig:
+class SpacingConfig(CheckedRecord):
     """How near to each other two vehicles can be."""
 
     along_m: float = parameter(
@@ -111,12 +111,9 @@ class SpacingConfig:
     least_half_m: float = parameter(
         0.8, 0.0, 3.0, 'm', 'least half width of the place that a track holds')
 
-    def __post_init__(self) -> None:
-        check_bounds(self)
-
 
 @dataclass(frozen=True)
-class SweepConfig:
+class SweepConfig(CheckedRecord):
     """Where a front is proposed by the sweep of planes along a lane."""
 
     least_px_per_m: float = parameter(
@@ -142,9 +139,6 @@ class SweepConfig:
         4, 1, 100, '', 'greatest number of those, on no tracked vehicle, that are refined for '
         'cars, and for lorries')
 
-    def __post_init__(self) -> None:
-        check_bounds(self)
-
 
 TRIGGER_TOLERANCE_DOC = (
     'pairs whose stamps differ by less were exposed at once; beyond it each view is taken at its '
@@ -152,7 +146,7 @@ TRIGGER_TOLERANCE_DOC = (
 
 
 @dataclass(frozen=True)
-class DetectorConfig:
+class DetectorConfig(CheckedRecord):
     """Parameters of the detector that sweeps planes; see ``detector`` for how they are used."""
 
     interval_s: float = parameter(
@@ -172,5 +166,5 @@ class DetectorConfig:
     spacing: SpacingConfig = section(SpacingConfig, 'one vehicle or two')
 
     def __post_init__(self) -> None:
-        check_bounds(self)
+        super().__post_init__()
         check_order('interval_s', self.interval_s, 'forget_after_s', self.forget_after_s)

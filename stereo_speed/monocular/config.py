@@ -10,12 +10,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from ..core.config import check_bounds, parameter
+from ..core.config import CheckedRecord, parameter
 from ..core.errors import InputError
 
 
 @dataclass(frozen=True)
-class MonocularConfig:
+class MonocularConfig(CheckedRecord):
     """Parameters of the monocular tracker, with and without the environment."""
 
     particles: int = parameter(150, 10, 100000, '', 'number of particles N')
@@ -118,7 +118,7 @@ class MonocularConfig:
         0.5, 0.0, 1.0, '', 'or when particles of more than this weight have left it')
 
     def __post_init__(self) -> None:
-        check_bounds(self)
+        super().__post_init__()
         if self.samples_down < self.parts:
             raise InputError('configuration', 'samples_down', self.samples_down,
                              f'at least one for each of the {self.parts} parts')

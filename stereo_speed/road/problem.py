@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .model import drift_matrix, RoadModel, Weights
-from ..core.config import check_bounds, parameter
+from ..core.config import CheckedRecord, parameter
 from ..core.records import Array
 from ..geometry.camera import Camera
 from ..geometry.rig import StereoRig
@@ -23,7 +23,7 @@ REACH = 1.3  # half lengths from the middle of the road to where feet are looked
 
 
 @dataclass(frozen=True)
-class RoadPrior:
+class RoadPrior(CheckedRecord):
     """What is known of any road and rig before their lines are looked at."""
 
     pick_std_px: float = parameter(
@@ -49,8 +49,6 @@ class RoadPrior:
         0.0003, 0.0, 1.0, 'degrees', '1-sigma of each angle between cameras that nobody has '
         'touched since their calibration')
 
-    def __post_init__(self) -> None:
-        check_bounds(self)
 
     @property
     def calibrated_covariance_rad2(self) -> Array:

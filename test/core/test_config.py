@@ -7,31 +7,25 @@ from dataclasses import dataclass, fields
 
 import pytest
 from stereo_speed.core.config import (
-    check_bounds, load_config, parameter, parameters_of, record_of, section, TrackerConfig)
+    CheckedRecord, load_config, parameter, parameters_of, record_of, section, TrackerConfig)
 from stereo_speed.core.errors import InputError
 
 
 @dataclass(frozen=True)
-class Inner:
+class Inner(CheckedRecord):
     """A section."""
 
     share: float = parameter(0.5, 0.0, 1.0, '', 'a share')
     name: str = parameter('a', doc='a name', choices=('a', 'b'))
 
-    def __post_init__(self):
-        check_bounds(self)
-
 
 @dataclass(frozen=True)
-class Outer:
+class Outer(CheckedRecord):
     """A record with a section."""
 
     count: int = parameter(3, 1, 9, '', 'a number')
     exact: bool = parameter(False, doc='a switch')
     inner: Inner = section(Inner, 'inner ones')
-
-    def __post_init__(self):
-        check_bounds(self)
 
 
 def test_what_is_left_out_keeps_its_default():

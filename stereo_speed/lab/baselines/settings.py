@@ -10,11 +10,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ...core.config import check_bounds, parameter
+from ...core.config import CheckedRecord, parameter
 
 
 @dataclass(frozen=True)
-class MotionSettings:
+class MotionSettings(CheckedRecord):
     """How the velocity of a vehicle may change in the filter and the smoother of all baselines."""
 
     along_rate_std: float = parameter(
@@ -23,9 +23,6 @@ class MotionSettings:
         3.0, 0.0, 20.0, 'm/s/sqrt(s)', 'random walk of the velocity across itself, level: bends')
     climb_rate_std: float = parameter(
         0.3, 0.0, 20.0, 'm/s/sqrt(s)', 'random walk of the velocity across itself, up and down')
-
-    def __post_init__(self) -> None:
-        check_bounds(self)
 
 
 @dataclass(frozen=True)

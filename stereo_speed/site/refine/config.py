@@ -5,11 +5,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ...core.config import check_bounds, parameter
+from ...core.config import CheckedRecord, parameter
 
 
 @dataclass(frozen=True)
-class RefineConfig:
+class RefineConfig(CheckedRecord):
     """Parameters of the refinement of a site."""
 
     search_px: float = parameter(
@@ -51,5 +51,3 @@ class RefineConfig:
     length_sigmas: float = parameter(
         3.0, 1.0, 10.0, '', 'sigmas by which a known length may differ from the measured one')
 
-    def __post_init__(self) -> None:
-        check_bounds(self)
