@@ -94,6 +94,7 @@ class StereoPair:
     :param right_stamp_ns: header stamp of the right image, ns.
     :param left: (H, W) uint8 or uint16, raw (not rectified).
     :param right: (H, W), same type.
+    :param stamp_error_s: difference of the stamps, s, that was found to be an error.
     """
 
     index: int
@@ -101,15 +102,22 @@ class StereoPair:
     right_stamp_ns: int
     left: NDArray[Any]
     right: NDArray[Any]
+    stamp_error_s: float = 0.0
 
-    def right_lag_s(self, trigger_tolerance_s: float) -> float:
-        """
-        Return the time from the left to the right exposure, s.
+    @property
+    def right_lag_s(self) -> float:
+        """Return the time from the left to the right exposure, s."""
+        return (self.right_stamp_ns - self.stamp_ns) * 1e-9
 
-        :param trigger_tolerance_s: stamps that differ by less are of one exposure: 0.
+    def triggered(self, tolerance_s: float) -> StereoPair:
         """
-        difference_s = (self.right_stamp_ns - self.stamp_ns) * 1e-9
-        return difference_s if abs(difference_s) > trigger_tolerance_s else 0.0
+        Return it as exposed at once where its stamps tell no more than that.
+
+        :param tolerance_s: stamps that differ by no more are of one exposure.
+        """
+        if not 0 < abs(self.right_lag_s) <= tolerance_s:
+            return self
+        return replace(self, right_stamp_ns=self.stamp_ns, stamp_error_s=self.right_lag_s)
 
 
 @dataclass(frozen=True, eq=False)

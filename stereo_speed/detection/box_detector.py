@@ -15,8 +15,7 @@ from dataclasses import dataclass
 from typing import Mapping, Optional, Sequence
 
 from .box_proposals import box_proposals, BoxFitConfig, fits_box
-from .config import (
-    check_order, FrontConfig, MotionConfig, SpacingConfig, TRIGGER_TOLERANCE_DOC)
+from .config import check_order, FrontConfig, MotionConfig, SpacingConfig
 from .front_search import FoundFront, FrontSearch, Moment, NoiseEstimate
 from .protocol import Detection, ImageBox, TrackedRegion
 from .pyramid import PairPyramids, PairRegions, Region
@@ -40,7 +39,6 @@ class BoxConfig(CheckedRecord):
         10, 0, 1000, '', 'boxes that come more pairs late are ignored')
     forget_after_s: float = parameter(
         3.0, 0.1, 60.0, 's', 'after so long a gap whatever was in view has left')
-    trigger_tolerance_s: float = parameter(5e-4, 0.0, 1.0, 's', TRIGGER_TOLERANCE_DOC)
 
     fit: BoxFitConfig = section(BoxFitConfig, 'where a front lies in its box')
     front: FrontConfig = section(FrontConfig, 'what both views must show')
@@ -190,8 +188,7 @@ class BoxDetector:
         if pair.stamp_ns not in self._pyramids:
             if len(self._pyramids) >= _MOST_PYRAMIDS:
                 del self._pyramids[min(self._pyramids)]
-            self._pyramids[pair.stamp_ns] = PairPyramids.of(
-                pair, self._regions, self.config.trigger_tolerance_s)
+            self._pyramids[pair.stamp_ns] = PairPyramids.of(pair, self._regions)
         return self._pyramids[pair.stamp_ns]
 
     def _since(self, before: PairPyramids) -> tuple[StereoPair, ...]:

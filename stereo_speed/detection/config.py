@@ -140,11 +140,6 @@ class SweepConfig(CheckedRecord):
         'cars, and for lorries')
 
 
-TRIGGER_TOLERANCE_DOC = (
-    'pairs whose stamps differ by less were exposed at once; beyond it each view is taken at its '
-    'own time, as by the trackers')
-
-
 @dataclass(frozen=True)
 class DetectorConfig(CheckedRecord):
     """Parameters of the detector that sweeps planes; see ``detector`` for how they are used."""
@@ -156,7 +151,6 @@ class DetectorConfig(CheckedRecord):
     forget_after_s: float = parameter(
         3.0, 0.1, 60.0, 's', 'after a longer gap between pairs the earlier ones are forgotten: '
         'whatever was in view has left')
-    trigger_tolerance_s: float = parameter(5e-4, 0.0, 1.0, 's', TRIGGER_TOLERANCE_DOC)
     least_symmetry: float = parameter(
         0.60, 0.0, 1.0, '', 'least correlation of a front with its mirror image')
 

@@ -62,7 +62,7 @@ class PlaneSweepDetector:
             self.reset()
         if self._past and self._past[-1].age_s(pair.stamp_ns) < self.config.interval_s:
             return []
-        now = PairPyramids.of(pair, self._regions, self.config.trigger_tolerance_s)
+        now = PairPyramids.of(pair, self._regions)
         if self._past:
             self._noise.learn(now, self._past[-1])
         self._searched += 1

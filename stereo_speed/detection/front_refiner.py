@@ -129,7 +129,7 @@ class FrontRefiner:
                 break
             if symmetric and round_ == 0:
                 batch = replace(batch, x_m=self._axis(batch, now))
-            if now.lag_s:
+            if now.pair.right_lag_s:
                 batch = replace(batch, ahead_m=self._ahead(batch, interval, round_ == 0))
             batch = self._observe(batch, now, noise, symmetric)
             settled = (np.abs(batch.shift_m) < _SETTLED_M) & (round_ > 0)
@@ -159,7 +159,7 @@ class FrontRefiner:
 
     def _ahead(self, batch: FrontBatch, interval: Interval, first: bool) -> Floats:
         """Return how far fronts (n,) go on in the lag of the right view, by the left views."""
-        lag_s = interval.now.lag_s
+        lag_s = interval.now.pair.right_lag_s
         return np.array([
             find_travel(self.sampler, front, interval, self.motion,
                         None if first else front.ahead_m / lag_s * interval.seconds

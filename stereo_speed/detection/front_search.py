@@ -213,7 +213,7 @@ class FrontSearch:
         gone_m = motion.gone_m - travel.gone_m
         speed_mps = gone_m / Interval(now, found.before).seconds
         front = replace(front, s_m=front.s_m - travel.gone_m, x_m=front.x_m + travel.aside_m,
-                        ahead_m=now.lag_s * speed_mps)
+                        ahead_m=now.pair.right_lag_s * speed_mps)
         return replace(
             found, front=front, place=self._place(found.lane, front.s_m, front.x_m, front.half_m),
             motion=replace(motion, speed_mps=speed_mps, gone_m=gone_m,
@@ -239,7 +239,7 @@ class FrontSearch:
             return None
         then = self.quads(found, replace(
             front, s_m=front.s_m - motion.gone_m, x_m=front.x_m + motion.aside_m,
-            ahead_m=found.before.lag_s * motion.speed_mps))
+            ahead_m=found.before.pair.right_lag_s * motion.speed_mps))
         rates = self.geometry[found.lane].rates(np.array([front.s_m]))
         return Detection(
             lane=found.lane, left_px=left, right_px=right,

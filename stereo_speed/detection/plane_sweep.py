@@ -137,7 +137,7 @@ class PlaneSweep:
         planes = np.flatnonzero(live.any(axis=1))
         if not len(planes):
             return []
-        seen, ahead_m = left.take(planes), self._ahead_m(now.lag_s)
+        seen, ahead_m = left.take(planes), self._ahead_m(now.pair.right_lag_s)
         votes = np.zeros((len(ahead_m), len(self.s_m), len(self.middle_m)))
         for k, gone_m in enumerate(ahead_m):
             right = self._sample(now.right, self._right_pixels(planes, gone_m), planes)

@@ -79,26 +79,18 @@ class PairPyramids:
     Both views of a pair.
 
     :param pair: the pair itself.
-    :param lag_s: from the left to the right exposure.
     :param left: left view.
     :param right: right view.
     """
 
     pair: StereoPair
-    lag_s: float
     left: Pyramid
     right: Pyramid
 
     @classmethod
-    def of(cls, pair: StereoPair, regions: PairRegions, trigger_tolerance_s: float
-           ) -> PairPyramids:
-        """
-        Build the pyramids of a region of each image.
-
-        :param trigger_tolerance_s: stamps that differ by less are of one exposure.
-        """
-        return cls(pair, pair.right_lag_s(trigger_tolerance_s),
-                   Pyramid.of(pair.left, regions.left),
+    def of(cls, pair: StereoPair, regions: PairRegions) -> PairPyramids:
+        """Build the pyramids of a region of each image."""
+        return cls(pair, Pyramid.of(pair.left, regions.left),
                    Pyramid.of(pair.right, regions.right))
 
     def age_s(self, stamp_ns: int) -> float:

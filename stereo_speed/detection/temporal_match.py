@@ -157,7 +157,7 @@ def moving_half(sampler: FrontSampler, front: FrontHypothesis, motion: Motion,
     middle = slice(half - sure, half + sure + 1)
     change, allowed = np.zeros(2 * half + 1), np.zeros(2 * half + 1)
     then = replace(front, s_m=front.s_m - motion.gone_m, x_m=front.x_m + motion.aside_m,
-                   ahead_m=interval.before.lag_s * motion.speed_mps)
+                   ahead_m=interval.before.pair.right_lag_s * motion.speed_mps)
     for a, b in zip(_views(sampler, front, half, interval.now),
                     _views(sampler, then, half, interval.before)):
         gain = a[:, middle].std() / max(float(b[:, middle].std()), 1.0)

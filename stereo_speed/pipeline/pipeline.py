@@ -117,6 +117,7 @@ class SpeedPipeline:
                              f'later than {state.last_ns}')
         state.last_ns = pair.stamp_ns
         self._check_size(pair)
+        pair = pair.triggered(self.config.trigger_tolerance_s)
         self._start_annotated(pair)
         for track in state.tracks:
             if isinstance(track.tracker, SharesParticles):

@@ -92,8 +92,7 @@ class ConstrainedTracker:
         self.front: Front = placed.front
         self.life = TrackLife(start)
         sampler = ObservationSampler(
-            self.rig, placed.front, grid.unit_xy, grid.shape, self.config.trigger_tolerance_s,
-            self.config.noise)
+            self.rig, placed.front, grid.unit_xy, grid.shape, self.config.noise)
         prior = PassPrior(
             s_m=float(placed.pose[0]), s_std_m=placed.s_std_m, offset_m=placed.pose[1:],
             offset_slope=placed.offset_slope, speed_mps=start.expected_mps,
@@ -189,8 +188,7 @@ class ConstrainedTracker:
 
     def _weighed(self, pair: StereoPair) -> Optional[_Cloud]:
         """Return the cloud weighed by the images (eq. 2, 12) and resampled, where possible."""
-        quads = self._quads(
-            self.cloud.states, pair.right_lag_s(self.config.trigger_tolerance_s))
+        quads = self._quads(self.cloud.states, pair.right_lag_s)
         scores = score(pair.left, pair.right, quads, self.reference, grid=self.grid,
                        config=self.config)
         try:
@@ -202,8 +200,7 @@ class ConstrainedTracker:
 
     def _update_reference(self, pair: StereoPair) -> None:
         """Blend the features at the estimated state into the reference (eq. 14)."""
-        quads = self._quads(
-            self.cloud.mean[None], pair.right_lag_s(self.config.trigger_tolerance_s))
+        quads = self._quads(self.cloud.mean[None], pair.right_lag_s)
         at = score(pair.left, pair.right, quads, None, grid=self.grid, config=self.config)
         if self.reference is None:
             self.reference = Reference(at.left[0], at.right[0])

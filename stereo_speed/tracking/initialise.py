@@ -85,7 +85,7 @@ def place_front(start: TrackStart, grid: PartGrid) -> Union[Placement, Refusal]:
     """
     # How far the vehicle goes until the right view is exposed.
     speed_mps = start.expected_mps if start.seen_mps is None else start.seen_mps
-    later_m = speed_mps * start.pair.right_lag_s(start.config.trigger_tolerance_s)
+    later_m = speed_mps * start.pair.right_lag_s
     if later_m:
         start = replace(start, front=_at_one_time(
             start.rig, start.lane.path, start.front, later_m))

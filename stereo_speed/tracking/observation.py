@@ -97,16 +97,12 @@ class ObservationSampler:
     :param front: the front.
     :param unit_xy: (G, 2) grid samples in the unit square.
     :param grid_shape: rows and columns of the grid.
-    :param trigger_tolerance_s: pairs whose stamps differ by less were exposed at once, and their
-        stamps differ by mistake; others are two exposures, each at its time.
     :param noise: what is clipped, and how far that reaches.
     """
 
     def __init__(self, rig: StereoRig, front: Front, unit_xy: Array,
-                 grid_shape: tuple[int, int], trigger_tolerance_s: float,
-                 noise: NoiseConfig = NoiseConfig()) -> None:
+                 grid_shape: tuple[int, int], noise: NoiseConfig = NoiseConfig()) -> None:
         self.rig, self.front, self.grid_shape, self.noise = rig, front, grid_shape, noise
-        self.trigger_tolerance_s = trigger_tolerance_s
         inner = 0.5 + _INNER * (unit_xy - 0.5)
         self._plane_m = np.concatenate([front.grid_m(inner), front.corners_m])
         self._count = len(unit_xy)
@@ -122,7 +118,7 @@ class ObservationSampler:
         :param heading_rad: heading of the vehicle against the path.
         :param relief: (M,) relief of the front at its nodes, m.
         """
-        n, lag = self._count, pair.right_lag_s(self.trigger_tolerance_s)
+        n, lag = self._count, pair.right_lag_s
         poses = np.concatenate([pose[None], pose + _STEP_M * np.eye(3)])
         depth = np.concatenate([self.relief_basis @ relief, np.zeros(4)])
         points = plane_points(self.front.path, poses, self._plane_m, heading_rad, depth)
@@ -137,7 +133,6 @@ class ObservationSampler:
                  zip((pair.left, pair.right), (left, right), motion)]
         centre = [m[:, :n].mean(axis=1) for m in motion]  # (3, 2)
         area = 0.5 * (_area(left[0, n:]) + _area(right[0, n:]))
-        ignored_s = (pair.right_stamp_ns - pair.stamp_ns) * 1e-9 - lag
         patches, jacobian, alone, outlines = (np.stack(part) for part in zip(*views))
         return Observation(
             pose=pose, heading_rad=heading_rad, relief=relief, patches=patches,
@@ -146,7 +141,7 @@ class ObservationSampler:
             shift_px=np.stack([np.linalg.norm(c, axis=1) for c in centre]),
             disparity_px=centre[0][:, 0] - centre[1][:, 0],
             right_m=lag * float(velocity_mps[0]),
-            skew_px=float(np.linalg.norm(velocity_mps @ centre[1]) * abs(ignored_s)))
+            skew_px=float(np.linalg.norm(velocity_mps @ centre[1]) * abs(pair.stamp_error_s)))
 
     def _patch(self, image: NDArray[Any], uv: Array, motion: Array) -> _View:
         """

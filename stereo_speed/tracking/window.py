@@ -353,8 +353,7 @@ class PhotometricWindow:
         window = replace(window, state=state, relief=solution[at.relief])
         rates, _, heading = self._directions(window)
         changes = state[:, :3] - np.stack([o.pose for o in window.observations])
-        right_m = state[:, 3] * [
-            pair.right_lag_s(self.config.trigger_tolerance_s) for pair in window.pairs]
+        right_m = state[:, 3] * [pair.right_lag_s for pair in window.pairs]
         px = np.array([
             max(np.abs(o.shift_px * change).max(),
                 o.shift_px[:, 0].max() * (_HALF_WIDTH_M * abs(psi - o.heading_rad)

@@ -73,7 +73,8 @@ def test_a_right_view_of_another_time_is_searched_over_speeds(sweep, geometry, b
     rates = geometry.rates(np.array([AT.s_m]))
     assert abs(best.ahead_m - gone_m) < 0.08 / abs(float(rates.slide[0]))
     assert abs(best.s_m - AT.s_m) < 0.08 / abs(float(rates.shift[0]))
-    assert {p.ahead_m for p in sweep.proposals(replace(now, lag_s=0.0), before, NOISE)} <= {0.0}
+    at_once = replace(now, pair=now.pair.triggered(1.0))
+    assert {p.ahead_m for p in sweep.proposals(at_once, before, NOISE)} <= {0.0}
 
 
 @pytest.mark.parametrize('limits', [

@@ -121,5 +121,5 @@ def test_right_views_of_another_time_are_taken_at_theirs(sampler):
     motion = find_motion(sampler, front, interval, CONFIG)
     assert moving_half(sampler, front, motion, interval, NOISE, CONFIG) \
         == pytest.approx(HALF_M, abs=0.07)
-    wrong = Interval(now, replace(earlier, lag_s=0.0))
+    wrong = Interval(now, replace(earlier, pair=earlier.pair.triggered(1.0)))
     assert moving_half(sampler, front, motion, wrong, NOISE, CONFIG) == 0.0

@@ -231,11 +231,6 @@ def _swept(passing: Scenario) -> Scenario:
     return replace(passing, fronts=(), pairs=passing.pairs[:4]).swept()
 
 
-def _swept_late(passing: Scenario) -> Scenario:
-    late = _late(passing)
-    return replace(late, fronts=(), pairs=late.pairs[:3]).swept()
-
-
 def _swept_behind(passing: Scenario) -> Scenario:
     """Detect a vehicle of which a post hides a part in the second pair."""
     first, second, third = passing.pairs[:3]
@@ -309,7 +304,7 @@ MAKERS: Mapping[str, Callable[[Scenario], Scenario]] = {
     'detected at 20': _scripted(20.0), 'detected late': _scripted(24.6, (3,), 3),
     'detected again': _scripted(24.6, (0, 1), again=True),
     'found again': _scripted(24.6, (0, 1, 2, 3, 4)),
-    'swept': _swept, 'swept late': _swept_late, 'swept across': _swept_across,
+    'swept': _swept, 'swept across': _swept_across,
     'swept behind a post': _swept_behind, 'slow': _slow, 'followed': _followed,
     'behind another': _near(10.0, 0.0), 'beside another': _near(0.0, 3.7)}
 
@@ -382,7 +377,6 @@ CASES: Mapping[str, Case] = {
     SWEEP + 'interval_s': swept('swept', 0.3),
     SWEEP + 'long_every': swept('swept', 2, motion__least_px=13.0),
     SWEEP + 'forget_after_s': swept('swept', 0.15),
-    SWEEP + 'trigger_tolerance_s': swept('swept late'),
     SWEEP + 'sweep.still_ncc': swept('swept', -1.0),
     SWEEP + 'sweep.least_ncc': swept('swept', 1.0),
     SWEEP + 'sweep.least_contrast': swept('swept', 100.0),

@@ -37,6 +37,7 @@ class ScriptedFinder:
     def update(self, pair, occupied):
         """Give the scripted fronts of this pair."""
         self.occupied.append(list(occupied))
+        self.lag_s = pair.right_lag_s
         if pair.index not in self.pairs:
             return []
         return [Detection(lane=self.lane, left_px=m.left_px, right_px=m.right_px, std_px=0.7,
@@ -78,6 +79,14 @@ def test_found_fronts_become_tracks_and_are_told_as_occupied(scene):
     np.testing.assert_array_equal(held.left_px, now.quad_left_px)
     assert (held.lane, held.s_m) == (now.lane, now.s_m)
     assert held.width_m == pytest.approx(1.8, rel=0.1)
+
+
+@pytest.mark.parametrize(('late_ns', 'lag_s'), [(500_000, 0.0), (500_001, 500_001e-9)])
+def test_one_tolerance_decides_for_all_what_was_exposed_at_once(scene, late_ns, lag_s):
+    pipeline, finder = automatic(scene, [], {})
+    pair = scene[0].pairs[0]
+    pipeline.process(replace(pair, right_stamp_ns=pair.stamp_ns + late_ns))
+    assert finder.lag_s == lag_s
 
 
 def seen_before(sequence, marks, moved_px=0.0):

@@ -17,9 +17,9 @@ POSE = np.array([20.0, 0.1, 1.9])  # 40 m away
 STILL = np.zeros(3)
 
 
-def sampler_of(textured, trigger_tolerance_s=5e-4):
+def sampler_of(textured):
     front = Front(textured.path, textured.corners_m)
-    return ObservationSampler(textured.rig, front, GRID.unit_xy, GRID.shape, trigger_tolerance_s)
+    return ObservationSampler(textured.rig, front, GRID.unit_xy, GRID.shape)
 
 
 @pytest.fixture(scope='module')
@@ -104,7 +104,7 @@ def test_a_right_view_of_a_later_time_is_sampled_where_the_front_was_then(clear)
     velocity, lag_ns = np.array([20.0, 0.5, 0.0]), 40_000_000
     late = clear.pair(0, 0, POSE, right_ns=lag_ns, right_pose=POSE + 0.04 * velocity)
     seen = observe(sampler_of(clear), late, velocity_mps=velocity)
-    unaware = observe(sampler_of(clear, trigger_tolerance_s=0.1), late, velocity_mps=velocity)
+    unaware = observe(sampler_of(clear), late.triggered(0.1), velocity_mps=velocity)
     agree = [float(np.mean(np.prod(o.patches, axis=0))) for o in (seen, unaware)]
     assert agree[0] > 0.995 and agree[1] < agree[0]
     assert seen.right_m == pytest.approx(0.8) and seen.skew_px == 0.0

@@ -24,8 +24,7 @@ SECOND = 1_000_000_000
 def window_of(textured, pose, config=TrackerConfig()):
     """Return a window of a pass whose first front was placed 0.7 m wrong along its ray."""
     sampler = ObservationSampler(
-        textured.rig, Front(textured.path, textured.corners_m), GRID.unit_xy, GRID.shape,
-        config.trigger_tolerance_s)
+        textured.rig, Front(textured.path, textured.corners_m), GRID.unit_xy, GRID.shape)
     range_m = 60 - pose[0]
     slope = np.array([-pose[1], 2 - pose[2]]) / range_m
     prior = PassPrior(s_m=pose[0] + 0.7, s_std_m=1.0, offset_m=pose[1:] + 0.7 * slope,

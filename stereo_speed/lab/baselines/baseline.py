@@ -94,7 +94,7 @@ class Baseline(ABC, Generic[OwnSettings]):
         """Carry the state to the time of the next pair."""
 
     @abstractmethod
-    def _observe(self, pair: StereoPair, lag_s: float) -> bool:
+    def _observe(self, pair: StereoPair) -> bool:
         """Take in a pair; return False, with the state as predicted, when it is not seen."""
 
     @abstractmethod
@@ -119,7 +119,7 @@ class Baseline(ABC, Generic[OwnSettings]):
         self._predict(self.life.advance_s(pair))
         if self.life.leaves_view(*self._estimate().quads):
             return None
-        if self._observe(pair, pair.right_lag_s(self.config.trigger_tolerance_s)):
+        if self._observe(pair):
             estimate = self._estimate()
             return self._report(pair, self.life.seen(pair, estimate.quads[0]), estimate)
         self.missed += 1

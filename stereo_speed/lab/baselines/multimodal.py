@@ -78,14 +78,14 @@ class MultimodalTracker(ParticleTracker[MultimodalSettings]):
             s + 0.5 * (v + v_next) * dt_s, a + across * noise[0],
             b + c.drift_up_std_m * noise[1], v_next])
 
-    def _observe(self, pair: StereoPair, lag_s: float) -> bool:
+    def _observe(self, pair: StereoPair) -> bool:
         """Take in a pair as 8 bits."""
         return super()._observe(
-            replace(pair, left=to_eight_bits(pair.left), right=to_eight_bits(pair.right)), lag_s)
+            replace(pair, left=to_eight_bits(pair.left), right=to_eight_bits(pair.right)))
 
-    def _score(self, pair: StereoPair, lag_s: float) -> Array:
+    def _score(self, pair: StereoPair) -> Array:
         """Return the sum of the log-likelihoods of all cues."""
-        quads = self._quads(self.states, lag_s)
+        quads = self._quads(self.states, pair.right_lag_s)
         shown = np.asarray(np.isfinite(np.concatenate(quads, axis=1)).all(axis=(1, 2)))
         if not shown.any():
             return np.full(len(shown), -np.inf)
@@ -100,13 +100,13 @@ class MultimodalTracker(ParticleTracker[MultimodalSettings]):
             edge = outline_gradient(image, q)
             total -= self.settings.lambda_gradient * np.square(
                 1 - edge / max(float(edge.max()), 1e-6))
-        total += self._depth_score(pair, lag_s)
+        total += self._depth_score(pair)
         return np.where(shown, total, -np.inf)
 
-    def _depth_score(self, pair: StereoPair, lag_s: float) -> Array:
+    def _depth_score(self, pair: StereoPair) -> Array:
         """Return the (N,) log-likelihood of the disparity map."""
         points = plane_points(self.lane.path, self.states[:, :3], self.samples_m)
-        late = points + lag_s * self._velocities(self.states)[:, None]
+        late = points + pair.right_lag_s * self._velocities(self.states)[:, None]
         uv, expected = self.rectifier.project(points, late)
         ahead = np.asarray(np.isfinite(expected).all(axis=1))
         if not ahead.any():
@@ -126,10 +126,10 @@ class MultimodalTracker(ParticleTracker[MultimodalSettings]):
         score[enough] = -0.5 * square
         return score * float(share.mean())
 
-    def _accept(self, pair: StereoPair, lag_s: float) -> bool:
+    def _accept(self, pair: StereoPair) -> bool:
         """Return whether the mean state resembles the references; blend it into them if so."""
         found = [histograms(image, q, self.grid)[0] for image, q in
-                 zip((pair.left, pair.right), self._mean_quads(lag_s))]
+                 zip((pair.left, pair.right), self._mean_quads(pair.right_lag_s))]
         if self.references is None:
             self.references = found[0], found[1]
             return True

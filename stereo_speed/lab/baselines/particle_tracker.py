@@ -51,11 +51,11 @@ class ParticleTracker(Baseline[OwnSettings]):
         """Move the particles on, with noise."""
 
     @abstractmethod
-    def _score(self, pair: StereoPair, lag_s: float) -> Array:
+    def _score(self, pair: StereoPair) -> Array:
         """Return the (N,) log-likelihood of a pair; -inf where the front would not be seen."""
 
     @abstractmethod
-    def _accept(self, pair: StereoPair, lag_s: float) -> bool:
+    def _accept(self, pair: StereoPair) -> bool:
         """Return whether the mean state shows the vehicle; learn from it if it does."""
 
     @abstractmethod
@@ -82,18 +82,18 @@ class ParticleTracker(Baseline[OwnSettings]):
         if dt_s > 0:
             self._move(dt_s)
 
-    def _observe(self, pair: StereoPair, lag_s: float) -> bool:
+    def _observe(self, pair: StereoPair) -> bool:
         """Weigh, resample, learn; keep the particles as predicted when the vehicle is not seen."""
         before = self.states.copy(), self.log_weights.copy()
-        seen = self._weigh(pair, lag_s) and self._accept(pair, lag_s)
+        seen = self._weigh(pair) and self._accept(pair)
         if not seen:
             self.states, self.log_weights = before
         self._record(seen)
         return seen
 
-    def _weigh(self, pair: StereoPair, lag_s: float) -> bool:
+    def _weigh(self, pair: StereoPair) -> bool:
         try:
-            found = weigh(self.log_weights, self._score(pair, lag_s), self.config.resample_ess,
+            found = weigh(self.log_weights, self._score(pair), self.config.resample_ess,
                           self.rng)
         except DegenerateWeightsError:
             return False

@@ -89,19 +89,19 @@ class PointTracker(Baseline[OwnSettings]):
         self._step = transition(dt_s, rate)
         self.belief = predict(self.belief, self._step)
 
-    def _observe(self, pair: StereoPair, lag_s: float) -> bool:
+    def _observe(self, pair: StereoPair) -> bool:
         """Measure the position of the front and take it in."""
         eight = replace(pair, left=to_eight_bits(pair.left), right=to_eight_bits(pair.right))
-        seen = self._measure(eight, lag_s)
+        seen = self._measure(eight)
         if self.filtered:
             self.steps.append(self._step)
         self.filtered.append(self.belief)
         self.seen.append(seen)
         return seen
 
-    def _measure(self, pair: StereoPair, lag_s: float) -> bool:
+    def _measure(self, pair: StereoPair) -> bool:
         left, right = self._quads(self.belief.mean[:3])
-        shift = self._motion_px(lag_s)
+        shift = self._motion_px(pair.right_lag_s)
         found = self.source.observe(pair, ExpectedFront(
             left, right + shift, self.before, self._slack_px(float(np.ptp(left[:, 0])))))
         predicted = self.rig.project(self.belief.mean[None, :3])[0][0]

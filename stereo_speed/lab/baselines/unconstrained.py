@@ -101,13 +101,14 @@ class UnconstrainedTracker(ParticleTracker[UnconstrainedSettings]):
         states[:, :3] += dt_s * (rotation * half).apply(states[:, 6:9]) @ self.first_axes.T
         states[:, 3:6] = (rotation * half * half).as_rotvec()
 
-    def _score(self, pair: StereoPair, lag_s: float) -> Array:
-        return score(pair.left, pair.right, self._quads(self.states, lag_s), self.reference,
-                     grid=self.grid, config=self.config).log_likelihood
+    def _score(self, pair: StereoPair) -> Array:
+        quads = self._quads(self.states, pair.right_lag_s)
+        return score(pair.left, pair.right, quads, self.reference, grid=self.grid,
+                     config=self.config).log_likelihood
 
-    def _accept(self, pair: StereoPair, lag_s: float) -> bool:
+    def _accept(self, pair: StereoPair) -> bool:
         """Return whether the mean state shows the vehicle; update the reference (eq. 14)."""
-        quads = self._mean_quads(lag_s)
+        quads = self._mean_quads(pair.right_lag_s)
         at = score(pair.left, pair.right, quads, self.reference, grid=self.grid,
                    config=self.config)
         least_ncc = self.config.visibility.least_ncc

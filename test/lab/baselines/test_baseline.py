@@ -28,7 +28,7 @@ class Scripted(Baseline[MotionSettings]):
     def _predict(self, dt_s):
         self.ns += round(dt_s * 1e9)
 
-    def _observe(self, pair, lag_s):
+    def _observe(self, pair):
         return pair.index in self.seen_in
 
     def _estimate(self):

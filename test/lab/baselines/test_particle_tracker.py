@@ -32,11 +32,11 @@ class Linear(ParticleTracker[MotionSettings]):
         noise = self.rng.standard_normal(self.states.shape) @ np.linalg.cholesky(step.Q).T
         self.states = self.states @ step.F.T + noise
 
-    def _score(self, pair, lag_s):
+    def _score(self, pair):
         off = (self.states[:, :3] - self.measured[pair.index]) / STD_M
         return -0.5 * np.square(off).sum(axis=1)
 
-    def _accept(self, pair, lag_s):
+    def _accept(self, pair):
         return True
 
     def _quads(self, states, lag_s=0.0):
