@@ -3,6 +3,8 @@
 """Files of sites, as the tests of their reading write them."""
 from __future__ import annotations
 
+import copy
+
 import pytest
 import yaml
 
@@ -15,3 +17,19 @@ def write(tmp_path):
         path.write_text(data if isinstance(data, str) else yaml.safe_dump(data))
         return path
     return writer
+
+
+@pytest.fixture(scope='session')
+def put():
+    """Give the function that copies a structure with one place changed; None removes it."""
+    def changed(base, place, value):
+        data = copy.deepcopy(base)
+        at = data
+        for key in place[:-1]:
+            at = at[key]
+        if value is None:
+            del at[place[-1]]
+        else:
+            at[place[-1]] = value
+        return data
+    return changed

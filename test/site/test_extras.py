@@ -3,8 +3,6 @@
 """What refined site files say more: read, written and refused, by name."""
 from __future__ import annotations
 
-import copy
-
 import numpy as np
 import pytest
 from stereo_speed.core.errors import SiteError
@@ -30,16 +28,6 @@ SITE = {
         {'name': 'paint', 'dashes': 'a', 'length_m': 9, 'std_m': 0.02},
         {'left_image': [[1, 2], [3, 4]], 'right_image': [[1, 2], [3, 5]], 'length_m': 2,
          'std_m': 0.01, 'pick_std_px': 0.1}]}
-
-
-def put(place, value):
-    """Copy the site with one place changed."""
-    data = copy.deepcopy(SITE)
-    at = data
-    for key in place[:-1]:
-        at = at[key]
-    at[place[-1]] = value
-    return data
 
 
 def load(folder, data):
@@ -93,6 +81,6 @@ def test_there_and_back(tmp_path):
     (['known_lengths', 1, 'length_m'], None, 'length_m: found nothing'),
     (['known_lengths', 2, 'left_image'], [[1, 2], [3, 4], [5, 6]], 'found 3 points, wanted 2'),
 ])
-def test_refusals(tmp_path, place, value, message):
+def test_refusals(tmp_path, place, value, message, put):
     with pytest.raises(SiteError, match=message):
-        load(tmp_path, put(place, value))
+        load(tmp_path, put(SITE, place, value))

@@ -3,7 +3,6 @@
 """Reading of site files: what is taken and what is refused, by name."""
 from __future__ import annotations
 
-import copy
 from pathlib import Path
 
 import numpy as np
@@ -23,19 +22,6 @@ SITE = {'stereo_speed_site': 1, 'name': 'here', 'lines': {
               {'name': 'l1', 'path': 'p', 'speed_limit': '80 km/h'}]}
 
 
-def put(base, place, value):
-    """Copy a structure with one place changed; None removes it."""
-    data = copy.deepcopy(base)
-    at = data
-    for key in place[:-1]:
-        at = at[key]
-    if value is None:
-        del at[place[-1]]
-    else:
-        at[place[-1]] = value
-    return data
-
-
 def test_site_is_read(write):
     """Lines, lanes and limits arrive as arrays and m/s."""
     site = load_site(write(SITE))
@@ -46,7 +32,7 @@ def test_site_is_read(write):
     assert site.lanes[0].speed_limit_mps == pytest.approx(24.5872)
 
 
-def test_name_is_optional(write):
+def test_name_is_optional(write, put):
     """The file's stem stands in."""
     assert load_site(write(put(SITE, ['name'], None))).name == 'file'
 
@@ -91,7 +77,7 @@ NAN, INF = float('nan'), float('inf')
     (['lanes', 0, 'speed_limit'], None, r'lanes\[0\].speed_limit: found nothing'),
     (['lanes', 0, 'speed_limit'], 55, r'lanes\[0\].speed_limit: found 55'),
 ])
-def test_site_faults(write, place, value, match):
+def test_site_faults(write, place, value, match, put):
     """Each fault names the file, the place, what was found and what was wanted."""
     path = write(put(SITE, place, value))
     with pytest.raises(SiteError, match=f'file.yaml: .*{match}') as info:

@@ -3,7 +3,6 @@
 """Reading of init files: what is taken and what is refused, by name."""
 from __future__ import annotations
 
-import copy
 
 import numpy as np
 import pytest
@@ -14,19 +13,6 @@ NAN = float('nan')
 QUAD = [[10, 10], [50, 11], [51, 40], [9, 39]]
 INIT = {'stereo_speed_init': 1, 'vehicles': [
     {'frame': 0, 'left_image': QUAD, 'right_image': QUAD}]}
-
-
-def put(base, place, value):
-    """Copy a structure with one place changed; None removes it."""
-    data = copy.deepcopy(base)
-    at = data
-    for key in place[:-1]:
-        at = at[key]
-    if value is None:
-        del at[place[-1]]
-    else:
-        at[place[-1]] = value
-    return data
 
 
 def test_init_is_read(write):
@@ -51,7 +37,7 @@ def test_init_is_read(write):
     (['vehicles', 0, 'right_image'], QUAD[1:] + QUAD[:1], 'clockwise from the image.s top-left'),
     (['vehicles', 0, 'right_image'], [QUAD[i] for i in (0, 2, 1, 3)], 'corners clockwise'),
 ])
-def test_init_faults(write, place, value, match):
+def test_init_faults(write, place, value, match, put):
     """Each fault names its place."""
     with pytest.raises(SiteError, match=match):
         load_init(write(put(INIT, place, value)))
