@@ -23,7 +23,7 @@ from ..io.atomic import prepare_folder
 from ..io.bags import StereoBag
 from ..io.boxes import BoxFeed
 from ..io.results import file_sha256, software_versions, staged_run, stream_timings, write_run
-from ..pipeline.assembly import make_pipeline, MeasuringSite
+from ..pipeline.assembly import MeasuringSite
 from ..pipeline.config import load_pipeline_config, PipelineConfig
 from ..pipeline.pipeline import SpeedPipeline, Step
 from ..pipeline.registry import DETECTORS, Registry, TRACKERS
@@ -115,14 +115,13 @@ def run(args: argparse.Namespace) -> int:
         figures = None if place.refined is None else report(place.refined)
         if place.refined is not None and figures is not None:
             print('\n'.join(summary_lines(place.refined, figures)))
-        config = config.with_tolerances(place.site.tolerances)
-        pipeline = make_pipeline(place.rig, place.lanes, config, annotations, seed=args.seed,
-                                 where=str(args.init))
+        pipeline = place.pipeline(config, annotations, seed=args.seed, where=str(args.init))
         feed = BoxFeed(pipeline.detector, args.boxes, args.detector)
         if annotations is not None:
             _check_frames(annotations, bag.pair_count, args.init)
         result, frames = measure(bag, pipeline, keep_frames=not args.no_plots, feed=feed)
-        summary = summarize(args, config, bag, result, place.lanes)
+        summary = summarize(args, config.with_tolerances(place.site.tolerances), bag, result,
+                            place.lanes)
         pairing = dict(bag.pairing)
     if place.refined is not None and figures is not None:
         summary['refinement'] = report_summary(place.refined, figures)

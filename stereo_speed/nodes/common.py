@@ -153,6 +153,18 @@ class Parameters:
         return float(value)
 
 
+def unknown_parameters(node: Node) -> list[str]:
+    """
+    Return the names that a node was given values for and never declared.
+
+    A node names in ``unused_parameters`` the prefixes of those that are for another choice.
+    """
+    unused = getattr(node, 'unused_parameters', ())
+    given = node._parameter_overrides  # rclpy shows them nowhere else
+    return sorted(name for name in given
+                  if not node.has_parameter(name) and not name.startswith(unused))
+
+
 class Diagnostics:
     """
     Publishes one status on ``/diagnostics`` each second.
@@ -199,6 +211,10 @@ def run(make: Callable[[], Node], args: Optional[Sequence[str]] = None,
     status = 0
     try:
         node = make()
+        unknown = unknown_parameters(node)
+        if unknown:
+            node.get_logger().warning(f'ignored, for there are no such parameters: '
+                                      f'{", ".join(unknown)}')
         spin(node)
     except StereoSpeedError as error:
         print(f'error: {error}', file=sys.stderr, flush=True)

@@ -64,6 +64,10 @@ class TrackerNode(Node):
         if not site:
             raise InputError(where, 'site', 'nothing', 'the path of the site file')
         self.config = self._config(p, tracker, detector, where)
+        # Files of parameters have those of every tracker and detector.
+        self.unused_parameters = tuple(
+            f'{registry.kind}s.{name}.' for registry in (TRACKERS, DETECTORS)
+            for name in registry.names if name not in (tracker, detector))
         self.site = load_site(site)
         self.annotations = load_init(self.init_path) if self.init_path else None
         self.infos: dict[str, CameraInfo] = {}

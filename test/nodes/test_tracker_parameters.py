@@ -13,6 +13,7 @@ from stereo_speed.cli.demo import Process  # noqa: E402
 from stereo_speed.core.config import parameters_of, TrackerConfig  # noqa: E402
 from stereo_speed.detection.config import DetectorConfig  # noqa: E402
 from stereo_speed.nodes import tracker_node  # noqa: E402
+from stereo_speed.nodes.common import run  # noqa: E402
 from stereo_speed.pipeline.config import SiteConfig  # noqa: E402
 
 STARTUP_S, EVENT_S = 60.0, 20.0
@@ -59,3 +60,17 @@ def test_an_illegal_value_ends_the_node_with_one_line(given, words, sample, capf
         ['--ros-args', '-p', f'site:={sample / "site.yaml"}', '-p', given]) == 2
     line, = capfd.readouterr().err.splitlines()
     assert line.startswith('error: ') and all(word in line for word in words)
+
+
+@pytest.mark.usefixtures('private_graph')
+@pytest.mark.parametrize('given, said', [
+    (['trackers.kalman.most_ratio:=0.5', 'use_sim_time:=true', 'detectors.boxes.fit.x:=1',
+      'qos_overrides./tracks.publisher.depth:=9'], None),
+    (['stamp_std:=0.1', 'detectors.plane_sweep.intervall_s:=1.0', 'trackers.karman.x:=1'],
+     'no such parameters: detectors.plane_sweep.intervall_s, stamp_std, trackers.karman.x')])
+def test_a_misspelt_name_is_told_and_what_another_choice_needs_is_not(given, said, sample, capfd):
+    values = [f'site:={sample / "site.yaml"}', *given]
+    assert run(tracker_node.TrackerNode, ['--ros-args', *(w for v in values for w in ('-p', v))],
+               spin=lambda node: None) == 0
+    error = capfd.readouterr().err
+    assert error == '' if said is None else error.count('\n') == 1 and said in error
