@@ -7,8 +7,11 @@ PY := $(VENV)/bin/python
 SOURCES := stereo_speed launch test setup.py tools
 # a file of tests stays on one core, for its tests share what it made
 CORES := -n auto --dist loadfile
-# what test-fast leaves out: tests of real nodes, of commands, and of whole drives
-FAST := --ignore=test/integration --ignore=test/cli --ignore=test/lab/cli --ignore=test/nodes
+# what test-fast leaves out: tests of real nodes, of commands, of whole drives, of drawn scenes
+FAST := --ignore=test/integration --ignore=test/cli --ignore=test/lab/cli --ignore=test/nodes \
+	--ignore=test/lab/sim
+# each core has a program of its own already: libraries with a thread for each would wait in turns
+ONE_THREAD := OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 OPENCV_FOR_THREADS_NUM=1
 
 .PHONY: venv test test-fast demo bench lint build clean
 
@@ -16,10 +19,10 @@ venv:
 	@bash tools/venv.sh '$(PYTHON)' $(VENV)
 
 test: venv
-	$(PY) -m pytest -q $(CORES) $(PYTEST_ARGS)
+	$(ONE_THREAD) $(PY) -m pytest -q $(CORES) $(PYTEST_ARGS)
 
 test-fast: venv
-	$(PY) -m pytest -q -m 'not slow' $(CORES) $(FAST) $(PYTEST_ARGS)
+	$(ONE_THREAD) $(PY) -m pytest -q -m 'not slow' $(CORES) $(FAST) $(PYTEST_ARGS)
 
 demo: venv
 	$(PY) -m stereo_speed demo --out out

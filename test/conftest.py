@@ -91,12 +91,17 @@ def make_rig(distorted=False):
     return StereoRig(*cameras, cv2.Rodrigues(np.array(r, dtype=float))[0], np.array(t))
 
 
-def build_scene(curvature=0.0, grade=0.0, seed=0, std_px=0.3, distorted=False):
-    """Make a road of constant curvature (1/m) and grade, 120 m or 65 m long, seen from ahead."""
+def build_scene(curvature=0.0, grade=0.0, seed=0, std_px=0.3, distorted=False, crest=0.0):
+    """
+    Make a road of constant curvature (1/m), 120 m or 65 m long, seen from ahead.
+
+    :param grade: in its middle.
+    :param crest: by how much the grade falls, per metre.
+    """
     rng, rig = np.random.default_rng(seed), make_rig(distorted)
     s = np.linspace(0, 120 if curvature < 0.02 else 65, 2401)
     psi = curvature * s
-    tangent = np.stack([np.cos(psi), np.sin(psi), np.full(s.shape, grade)], -1)
+    tangent = np.stack([np.cos(psi), np.sin(psi), grade - crest * (s - s[-1] / 2)], -1)
     tangent /= np.linalg.norm(tangent, axis=-1, keepdims=True)
     way = np.cumsum((tangent[1:] + tangent[:-1]) / 2 * np.diff(s)[:, None], axis=0)
     points = np.concatenate([np.zeros((1, 3)), way])

@@ -7,12 +7,12 @@ A row for each box: ``stamp_ns,left_px,top_px,width_px,height_px`` and, if given
 """
 from __future__ import annotations
 
-import csv
 import math
 from pathlib import Path
-from typing import Iterable, Iterator, Mapping, Optional
+from typing import Iterable, Iterator, Optional
 
 from .atomic import PathLike
+from .csv_rows import read_rows
 from ..core.errors import InputError
 from ..core.records import StereoPair
 from ..detection.protocol import Detector, ImageBox, TakesBoxes
@@ -20,9 +20,13 @@ from ..detection.protocol import Detector, ImageBox, TakesBoxes
 COLUMNS = ('stamp_ns', 'left_px', 'top_px', 'width_px', 'height_px')
 OPTIONAL = 'score'
 _LARGEST_PX = 1e6  # a larger number is no pixel
-_LARGEST_NS = 2 ** 63  # stamps have 64 bits
-
-Row = Mapping[Optional[str], object]  # what is beyond the columns stands under None
+_LAST_NS = 2 ** 63 - 1  # stamps have 64 bits
+_BOUNDS = {
+    'left_px': (-_LARGEST_PX, _LARGEST_PX, 'a column in px'),
+    'top_px': (-_LARGEST_PX, _LARGEST_PX, 'a row in px'),
+    'width_px': (math.ulp(0.0), _LARGEST_PX, 'a width above 0 px'),
+    'height_px': (math.ulp(0.0), _LARGEST_PX, 'a height above 0 px'),
+    OPTIONAL: (0.0, 1.0, 'a confidence between 0 and 1')}
 
 
 def load_boxes(path: PathLike) -> dict[int, list[ImageBox]]:
@@ -31,65 +35,17 @@ def load_boxes(path: PathLike) -> dict[int, list[ImageBox]]:
 
     :raises InputError: names the line and column at fault.
     """
-    try:
-        with open(path, encoding='utf-8-sig', newline='') as file:
-            lines = file.read().splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(path, 'file', error, 'a readable CSV file of boxes') from None
-    reader = csv.DictReader(lines, strict=True)
-    out: dict[int, list[ImageBox]] = {}
-    try:
-        _check_columns(path, reader.fieldnames or ())
-        for row in reader:
-            stamp_ns, box = _box(path, f'line {reader.line_num}', row)
-            out.setdefault(stamp_ns, []).append(box)
-    except csv.Error as error:
-        raise InputError(path, f'line {reader.line_num + 1}', error,
-                         'a row of a CSV file') from None
-    return out
-
-
-def _check_columns(path: PathLike, found: object) -> None:
-    """Check that the columns are those of boxes, each once."""
-    names = [str(name) for name in found] if isinstance(found, (list, tuple)) else []
+    names, rows = read_rows(path, 'CSV file of boxes')
     if sorted(set(names) - {OPTIONAL}) != sorted(COLUMNS) or len(set(names)) != len(names):
         raise InputError(path, 'columns', ','.join(names) or 'none',
                          f'{",".join(COLUMNS)} and, if given, {OPTIONAL}')
-
-
-def _box(path: PathLike, line: str, row: Row) -> tuple[int, ImageBox]:
-    """Return the stamp and the box of a row."""
-    if None in row or None in row.values():
-        raise InputError(path, line, 'another number of values', 'one for each column')
-    values = {}
-    for name, low, high, wanted in (
-            ('left_px', -_LARGEST_PX, _LARGEST_PX, 'a column in px'),
-            ('top_px', -_LARGEST_PX, _LARGEST_PX, 'a row in px'),
-            ('width_px', math.ulp(0.0), _LARGEST_PX, 'a width above 0 px'),
-            ('height_px', math.ulp(0.0), _LARGEST_PX, 'a height above 0 px'),
-            (OPTIONAL, 0.0, 1.0, 'a confidence between 0 and 1')):
-        if name in row:
-            values[name] = _number(path, f'{line}, {name}', row[name], low, high, wanted)
-    return _stamp(path, f'{line}, stamp_ns', row['stamp_ns']), ImageBox(**values)
-
-
-def _number(path: PathLike, what: str, text: object, low: float, high: float, wanted: str
-            ) -> float:
-    try:
-        value = float(str(text))
-    except ValueError:
-        value = math.nan
-    if not low <= value <= high:
-        raise InputError(path, what, repr(text), wanted)
-    return value
-
-
-def _stamp(path: PathLike, what: str, text: object) -> int:
-    """Return a stamp, read as an integer: it has more digits than a float."""
-    digits = str(text).strip()
-    if not (digits.isascii() and digits.isdigit() and int(digits) < _LARGEST_NS):
-        raise InputError(path, what, repr(text), 'an integer of nanoseconds')
-    return int(digits)
+    out: dict[int, list[ImageBox]] = {}
+    for row in rows:
+        stamp_ns = int(row.number('stamp_ns', 'an integer of nanoseconds', 0, _LAST_NS, 1))
+        values = {name: float(row.number(name, wanted, low, high))
+                  for name, (low, high, wanted) in _BOUNDS.items() if name in names}
+        out.setdefault(stamp_ns, []).append(ImageBox(**values))
+    return out
 
 
 class BoxFeed:

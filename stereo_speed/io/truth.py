@@ -3,15 +3,15 @@
 """True speeds and positions of the vehicles of a sequence: from ``truth.csv`` or a simulation."""
 from __future__ import annotations
 
-import csv
 from dataclasses import dataclass
-from decimal import Decimal, InvalidOperation
+from decimal import Decimal
 from pathlib import Path
 from typing import Any, Mapping, Sequence, Union
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .csv_rows import CsvRow, read_rows
 from ..core.errors import InputError
 from ..core.records import Array
 
@@ -78,33 +78,20 @@ def read_truth(path: Union[str, Path]) -> tuple[VehicleTruth, ...]:
 
     :raises InputError: names the line and column at fault.
     """
-    try:
-        text = Path(path).read_text(encoding='utf-8')
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(path, 'file', error, 'a readable truth.csv') from None
-    reader = csv.DictReader(text.splitlines())
+    columns, rows = read_rows(path, 'truth.csv')
     for name in ('stamp', 'speed'):
-        if name not in (reader.fieldnames or ()):
-            raise InputError(path, 'columns', ','.join(reader.fieldnames or ()) or 'none',
-                             f'a column {name}')
-    rows = [_row(path, number, row) for number, row in enumerate(reader, start=2)]
+        if name not in columns:
+            raise InputError(path, 'columns', ','.join(columns) or 'none', f'a column {name}')
     if not rows:
         raise InputError(path, 'rows', 'none', 'a row for each vehicle and pair')
-    return truth_of_rows(rows)
+    return truth_of_rows([_row(row) for row in rows])
 
 
-def _row(path: Union[str, Path], number: int, row: Mapping[str, Any]) -> dict[str, Any]:
+def _row(row: CsvRow) -> dict[str, Any]:
     """Return the numbers of a line."""
     def parse(name: str) -> Decimal:
-        try:
-            value = Decimal(row[name])
-        except (InvalidOperation, TypeError, ValueError):
-            value = Decimal('nan')
-        if not value.is_finite():
-            raise InputError(path, f'line {number}, {name}', repr(row[name]), 'a finite number')
-        return value
-    known = [c for c in ('speed', *_POSITION) if row.get(c) not in (None, '')]
-    out: dict[str, Any] = {c: float(parse(c)) for c in {'speed', *known}}
-    # Exact: a stamp in ns has more digits than a float.
-    return {**out, 'stamp_ns': int(parse('stamp') * 10 ** 9),
-            'vehicle': int(parse('vehicle')) if row.get('vehicle') else 0}
+        return row.number(name, 'a finite number')
+    known = [c for c in _POSITION if row.values.get(c)]
+    return {**{c: float(parse(c)) for c in ('speed', *known)},
+            'stamp_ns': int(parse('stamp') * 10 ** 9),
+            'vehicle': int(parse('vehicle')) if row.values.get('vehicle') else 0}

@@ -49,7 +49,6 @@ class RoadPrior(CheckedRecord):
         0.0003, 0.0, 1.0, 'degrees', '1-sigma of each angle between cameras that nobody has '
         'touched since their calibration')
 
-
     @property
     def calibrated_covariance_rad2(self) -> Array:
         """Return the covariance (3, 3) of pan, tilt and roll of a rig as calibrated."""

@@ -50,6 +50,7 @@ def test_the_rig_is_corrected_as_the_site_says(bag, site_with):
     assert place.pipeline(PipelineConfig(), None).rig is place.rig
 
 
+@pytest.mark.slow
 def test_a_refined_site_is_what_is_measured_at(bag, sample):
     rough = load_site(sample / 'site.yaml')
     place = MeasuringSite.of(rough, bag.rig, bag.pairs())

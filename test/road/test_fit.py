@@ -59,6 +59,7 @@ def test_exact_picks_give_the_road_exactly(make_scene):
     assert lane.residual_px < 0.02
 
 
+@pytest.mark.slow
 def test_claimed_scatter_is_the_scatter(make_scene):
     """Over 24 draws, errors in the middle have the claimed 1-sigma within sampling error."""
     scores = []

@@ -50,4 +50,3 @@ class RefineConfig(CheckedRecord):
         'which to warn')
     length_sigmas: float = parameter(
         3.0, 1.0, 10.0, '', 'sigmas by which a known length may differ from the measured one')
-

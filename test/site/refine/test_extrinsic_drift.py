@@ -39,6 +39,7 @@ def test_what_cannot_be_seen_stays_uncertain():
     assert np.degrees(np.sqrt(drift.covariance_rad2[0, 0])) == pytest.approx(expected, rel=0.05)
 
 
+@pytest.mark.slow
 def test_uncertainty_covers_the_decision():
     """Over rigs drawn from the same belief the error has the claimed second moment."""
     rng = np.random.default_rng(0)

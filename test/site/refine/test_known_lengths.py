@@ -52,6 +52,7 @@ def test_wrong_beyond_what_chance_allows():
     assert not replace(near, measured_m=math.nan).wrong
 
 
+@pytest.mark.slow
 def test_lengths_of_a_drawn_road(drawn, drawn_refined):
     """Lines 3.5 m apart, dashes every 8 m, two points 5 m apart; and what cannot be measured."""
     points = np.array([[-2.0, 3, 20], [1, 3, 24]])

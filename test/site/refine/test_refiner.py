@@ -146,6 +146,7 @@ def test_pictures(drifted):
         assert (drawn.max(axis=-1) > drawn.min(axis=-1) + 80).sum() > 1000  # colours
 
 
+@pytest.mark.slow
 def test_nothing_where_nothing_is(drawn):
     """Lines clicked on bare road stay as clicked, and that is reported."""
     rng, shape = np.random.default_rng(0), drawn.image(0).shape

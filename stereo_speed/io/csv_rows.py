@@ -1,0 +1,63 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Rows of CSV files, read number by number, every fault named by its line."""
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+from decimal import Decimal, InvalidOperation
+from pathlib import Path
+from typing import Mapping
+
+from .atomic import PathLike
+from ..core.errors import InputError
+
+
+@dataclass(frozen=True)
+class CsvRow:
+    """A row: its file and line for errors, and what stands in each column."""
+
+    path: PathLike
+    line: str
+    values: Mapping[str, str]
+
+    def number(self, name: str, wanted: str, low: float = -1e300, high: float = 1e300,
+               step: float = 0.0) -> Decimal:
+        """
+        Return a finite number, exact: a stamp in ns has more digits than a float.
+
+        :param wanted: what it should be, for the error.
+        :param step: it is a multiple of that; 0 for any.
+        :raises InputError: another one, or none.
+        """
+        try:
+            value = Decimal(self.values[name] or 'nan')
+        except InvalidOperation:
+            value = Decimal('nan')
+        if not (value.is_finite() and low <= value <= high) or (step and value % Decimal(step)):
+            raise InputError(self.path, f'{self.line}, {name}', repr(self.values[name]), wanted)
+        return value
+
+
+def read_rows(path: PathLike, kind: str) -> tuple[tuple[str, ...], list[CsvRow]]:
+    """
+    Return the columns and the rows of a file.
+
+    :param kind: what it should be, for errors.
+    :raises InputError: a file that cannot be read, a row without a value for each column.
+    """
+    try:
+        lines = Path(path).read_text(encoding='utf-8-sig').splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(path, 'file', error, f'a readable {kind}') from None
+    reader, rows = csv.DictReader(lines, strict=True), []
+    try:
+        for row in reader:
+            if None in row or None in row.values():
+                raise InputError(path, f'line {reader.line_num}', 'another number of values',
+                                 'one for each column')
+            rows.append(CsvRow(path, f'line {reader.line_num}', row))
+    except csv.Error as error:
+        raise InputError(path, f'line {reader.line_num + 1}', error,
+                         'a row of a CSV file') from None
+    return tuple(reader.fieldnames or ()), rows

@@ -1,0 +1,68 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Every parameter of what is known of roads changes some lane."""
+from __future__ import annotations
+
+from functools import lru_cache
+import math
+from typing import Any, Callable, Mapping
+
+import numpy as np
+import pytest
+from stereo_speed.core.config import parameters_of
+from stereo_speed.road.fit import fit_road
+from stereo_speed.road.lanes import lane_of_paths, lane_of_road, LanePath
+from stereo_speed.road.path import StraightPath
+from stereo_speed.road.problem import RoadPrior
+
+FIELDS = dict(parameters_of(RoadPrior))
+Maker = Callable[[RoadPrior], LanePath]
+
+
+def figures(lane: LanePath) -> np.ndarray:
+    """Return what a measurement takes from a lane."""
+    at = np.linspace(0, 1, 5) * lane.path.length_m
+    return np.array([*lane.path.position(at).ravel(), *lane.heading_std_rad, lane.scale_std])
+
+
+@pytest.fixture(scope='module')
+def makers(make_scene) -> Mapping[str, Maker]:
+    """Return makers of lanes by name, those that take no time first."""
+    def fitted(std_px: float = 0.3, **road: float) -> Maker:
+        scene = make_scene(std_px=std_px, **road)
+        std = {name: tuple(np.full(len(uv), std_px) for uv in views)
+               for name, views in scene.lines.items()} if std_px < 0.3 else None
+        return lambda prior: lane_of_road(
+            'lane', fit_road(scene.rig, scene.lines, std, prior=prior), (0, 1), None)
+    path = StraightPath(np.array([0.0, 2.0, 60.0]), np.array([0.0, 0.0, -1.0]), 40.0)
+    return {'surveyed': lambda prior: lane_of_paths('lane', (path,), None, prior=prior),
+            'clicked': fitted(), 'precise': fitted(std_px=0.005),
+            'crest': fitted(crest=1 / 150, std_px=0.1),
+            'climbing bend': fitted(curvature=1 / 41, grade=0.02)}
+
+
+@pytest.fixture(scope='module')
+def made(makers) -> Callable[[str, str, float], np.ndarray]:
+    """Return the function that makes a lane with a parameter at a value, each once."""
+    @lru_cache(maxsize=None)
+    def of(scene: str, name: str, value: float) -> np.ndarray:
+        return figures(makers[scene](RoadPrior(**({name: value} if name else {}))))
+    return of
+
+
+def values(name: str) -> list[Any]:
+    """Return values of a parameter that are not its default."""
+    known = FIELDS[name]
+    low, high = known.metadata['low'], known.metadata['high']
+    return [v for v in (min(3 * known.default, high), low, high) if v != known.default]
+
+
+# The calibration decides with the refinement: test/site/refine/test_parameters.py.
+@pytest.mark.slow
+@pytest.mark.parametrize('name', [n for n in FIELDS if n != 'calibrated_std_deg'])
+def test_every_parameter_changes_something(name, makers, made):
+    def moved(scene: str, value: float) -> float:
+        usual = made(scene, '', math.nan)
+        now = made(scene, name, value)
+        return float(np.abs(now / usual - 1)[usual != 0].max())
+    assert any(moved(scene, value) > 1e-6 for scene in makers for value in values(name))
