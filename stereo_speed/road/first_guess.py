@@ -9,7 +9,7 @@ import numpy as np
 from numpy.polynomial import Legendre, legendre
 
 from .curve_matching import image_spline, match_curves
-from .model import RoadModel
+from .model import RoadModel, RoadShape
 from .path import CAMERA_UP, frame_of, unit
 from ..core.records import Array
 from ..geometry.ray_plane import back_project, Plane
@@ -126,7 +126,8 @@ def _along(line: Array, on_road: list[Array], curvature_terms: int, up: Array
     half = max(s[-1] / 2, min(reach, _LONGEST * s[-1]))
     offsets = [_offset(points, frame, centre) if curvature_terms == 0 else
                _offset_along(points, line, frame) for points in on_road]
-    model = RoadModel(frame, centre, float(half), len(on_road), curvature_terms, 0)
+    model = RoadModel(
+        frame, centre, float(half), len(on_road), RoadShape(curvature_terms))
     return model, np.concatenate([
         np.zeros(4), offsets, _curvature(curve, float(s[-1]), float(half), curvature_terms)])
 

@@ -5,8 +5,10 @@ The joint fit of a road: all picks of all its lines, in both raw views, at once.
 
 Lines of one road are parallel, so they share one heading and one surface. Each pick measures
 how far it lies from its projected line, in its own 1-sigma; a far line thus weighs as little as
-it should. The data decide (BIC) how the road curves and whether its surface is bent; weak
-priors keep both from following the scatter of the picks.
+it should. How the road curves, climbs and is banked is decided by evidence: families of roads are
+widened as long as the probability of the picks rises, each number weighed by what is known of
+roads beforehand. Families that come close remain as rivals, and their disagreement is part of what
+is uncertain.
 
 The right camera may have rotated since the calibration. Lines that are parallel in space show it:
 they meet in one vanishing point in each view, and the two must be one direction. On demand its
@@ -14,15 +16,17 @@ three angles are unknowns as well.
 """
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Mapping, Optional
+from itertools import product
+from typing import Iterator, Mapping, Optional
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from .first_guess import guess_road, NoRoadError
-from .model import Weights
+from .model import RoadShape, Weights
 from .problem import DriftPrior, Feet, Picks, pixels, REACH, RoadPrior, RoadProblem
 from ..core.records import Array
 from ..estimation.robust import robust_std
@@ -30,13 +34,16 @@ from ..geometry.ray_plane import Plane
 from ..geometry.rig import StereoRig
 
 ROBUST = 3.3  # residuals beyond this many sigmas count less and less (soft L1)
-AIC = 2.0  # Akaike's penalty for each number that describes a curved road, for precise picks
-MAX_CURVATURE_TERMS = 8  # a clothoid needs two; what needs more is several curves
+# Numbers that may describe a road: a clothoid needs two, a hairpin some more, the ends of a
+# parabola in the middle of a road five.
+MOST = RoadShape(curvature=8, tilt=2, vertical=6, twist=3)
 MAX_STEPS = 40  # of the solver; fits that converge need 10
 FOOT_PLACES = 8001  # places along the road among which a foot is looked up: some cm apart
 _NARROW = 0.7  # least ratio of the robust to the r.m.s. scatter: a few outliers are no excuse
-_SETTLED = 10.0  # times the variance by which a straight road may be worse than any other
-_PRECISE = 3.0  # times better than clicks: then a road too simple harms more than one too rich
+_WIDER = RoadShape(curvature=2, tilt=2, vertical=2, twist=2)  # looked at in one step
+_TRIED = 3  # of the families that promise most, until one keeps its promise
+_LEAST_GAIN = 0.5  # in the logarithm of the evidence, of a family that is worth a step
+_RIVAL = 1e-3  # least odds against the best family of one that is kept in mind
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,11 +54,14 @@ class RoadFit:
     :param problem: picks and model.
     :param x: (size,) parameters.
     :param cost: robust sum of squares, in sigmas, priors included.
+    :param rivals: roads of other families that the picks allow for as well, and their odds
+        against this one.
     """
 
     problem: RoadProblem
     x: Array
     cost: float
+    rivals: tuple[tuple[float, RoadFit], ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -93,6 +103,32 @@ class RoadFit:
         jacobian = jacobian / scale[:, None]
         return np.asarray(np.linalg.pinv(jacobian.T @ jacobian), dtype=np.float64)
 
+    def log_evidence(self, variance: float) -> float:
+        """
+        Return the logarithm of the probability of the picks in this family, but for a constant.
+
+        Laplace's approximation, with the priors of all numbers that other families lack.
+
+        :param variance: of the picks in units of their own; the same for families to be compared.
+        """
+        residual, jacobian = self._weighted(variance)
+        normal, shape = jacobian.T @ jacobian, self.problem.model.shape
+        fit = -0.5 * float(residual @ residual)
+        occam = -0.5 * float(np.linalg.slogdet(normal)[1]) - float(
+            np.log(self.problem.prior_std).sum())
+        return fit + occam + sum(shape) * float(np.log(self.problem.prior.bent_probability))
+
+    def _weighted(self, variance: float) -> tuple[Array, Array]:
+        """Return residuals and derivatives whose squares are the robust cost near this road."""
+        residual, jacobian = self.problem.residuals(self.x), self.problem.jacobian(self.x)
+        count = len(self.problem.picks.line)
+        root = np.sqrt(1 + (residual[:count] / ROBUST)**2)
+        cost, slope = np.ones(len(residual)), np.ones(len(residual))
+        # soft L1, 2 f^2 (root - 1), and the square root of its derivative by the square
+        cost[:count] = np.sqrt(2 / (root + 1) / variance)
+        slope[:count] = np.sqrt(1 / root / variance)
+        return residual * cost, jacobian * slope[:, None]
+
     @property
     def drift_rad(self) -> Array:
         """Pan, tilt and roll (3,) of the right camera since the calibration."""
@@ -131,7 +167,8 @@ class RoadFit:
         model = self.problem.model
         points, frames = model.reference(self.x)
         weights = Weights.at(model.s_m, s_m)
-        offset = np.asarray(across_m) + model.offsets(self.x)[line]
+        place = model.offsets_at(self.x, np.full(len(s_m), line), np.asarray(s_m))
+        offset = np.asarray(across_m) + place.reshape((-1,) + (1,) * (np.ndim(across_m) - 1))
         shape = (len(s_m),) + (1,) * (offset.ndim - 1) + (3,)
         return np.asarray(weights(points).reshape(shape)
                           + offset[..., None] * weights(frames[..., 1]).reshape(shape))
@@ -181,10 +218,10 @@ def _solve(problem: RoadProblem, start: Array) -> RoadFit:
     return RoadFit(problem, result.x, 2 * float(result.cost))
 
 
-def _widened(fit: RoadFit, curvature_terms: int, surface_terms: int) -> RoadFit:
-    """Fit a wider model, from a narrower one's result."""
+def _reshaped(fit: RoadFit, shape: RoadShape) -> RoadFit:
+    """Fit another family, from the result of one."""
     problem = fit.problem
-    model, start = problem.model.widened(curvature_terms, surface_terms, fit.x)
+    model, start = problem.model.reshaped(shape, fit.x, problem.model.tapered)
     return _solve(RoadProblem(
         problem.rig, problem.picks, model, problem.drift, problem.prior), start)
 
@@ -194,15 +231,17 @@ def same_family(fit: RoadFit, problem: RoadProblem) -> RoadFit:
     Fit the same family of roads again.
 
     :param fit: where to start.
-    :param problem: with the model of ``fit``; its rig, picks or drift prior may be others.
+    :param problem: with a model of the same shape; its rig, picks or drift prior may be others.
     """
-    start = fit.x[:problem.model.size]
+    shape, tapered = problem.model.shape, problem.model.tapered
+    start = fit.problem.model.reshaped(shape, fit.x[:fit.problem.model.size], tapered)[1]
     return _solve(problem, start if problem.drift is None else np.append(start, fit.drift_rad))
 
 
 def fit_road(rig: StereoRig, lines: Mapping[str, tuple[Array, Array]],
              std_px: Optional[Mapping[str, tuple[Array, Array]]] = None,
-             drift: Optional[DriftPrior] = None, prior: RoadPrior = RoadPrior()) -> RoadFit:
+             drift: Optional[DriftPrior] = None, prior: RoadPrior = RoadPrior(), *,
+             near: Optional[RoadFit] = None) -> RoadFit:
     """
     Fit one road to the picks of its lines; the data decide how it curves and climbs.
 
@@ -210,67 +249,122 @@ def fit_road(rig: StereoRig, lines: Mapping[str, tuple[Array, Array]],
     :param std_px: name to (left (n,), right (m,)) 1-sigmas; see :meth:`Picks.of`.
     :param drift: see :class:`RoadProblem`.
     :param prior: what is known of any road.
+    :param near: a road that is not far off, with the same lines.
     :raises NoRoadError: when the picks give no road to start from.
     """
     picks = Picks.of(lines, std_px, prior.pick_std_px)
     rotated = np.zeros(0) if drift is None else drift.mean_rad
-    flat: list[RoadFit] = []
     # a few picks, 2 a line, are only enough for a straight road
-    most = min(MAX_CURVATURE_TERMS, len(picks.line) // 2 - 4 - len(lines))
+    most = min(MOST.curvature, len(picks.line) // 2 - 4 - len(lines))
+    fits = []
     for terms in range(max(min(most, 2), 0) + 1):  # each from its own guess
         model, start = guess_road(rig, list(lines.values()), terms)
-        flat.append(_solve(RoadProblem(rig, picks, model, drift, prior),
+        fits.append(_solve(RoadProblem(rig, picks, model, drift, prior),
                            np.append(start, rotated)))
-    while len(flat) <= most and not _settled(flat) and not _past(flat):
-        flat.append(_widened(flat[-1], len(flat), 0))
-    if most < 1:
-        return flat[0]
-    bent = [_widened(flat[1], 1, 1)]
-    while len(bent) < len(flat) - 1 and not _past(bent):
-        bent.append(_widened(flat[len(bent) + 1], len(bent) + 1, 1))
-    # and a straight road over a crest or through a dip
-    fits = flat + bent + [_widened(flat[0], 0, 3)]
-    for fit in _best(fits, 2):
-        model = fit.problem.model
-        fits += [_widened(fit, model.curvature_terms, terms) for terms in (2, 3)
-                 if terms > model.surface_terms]
-    return _best(fits, 1)[0]
+    if near is not None:
+        fits.append(same_family(near, RoadProblem(
+            rig, picks, near.problem.model, drift, prior)))
+    return fits[0] if most < 1 else _search(fits, most)
 
 
-def _settled(flat: list[RoadFit]) -> bool:
-    """Return whether a straight road already explains what wider ones do."""
-    problem = flat[-1].problem
-    variance = max(flat[-1].cost / len(problem.picks.line), _least_variance(problem))
-    return flat[0].cost - flat[-1].cost < _SETTLED * variance
-
-
-def _past(fits: list[RoadFit]) -> bool:
-    """Return whether the last two curvature terms were both of no use."""
-    return len(fits) > 3 and all(fit is not _best(fits, 1)[0] for fit in fits[-2:])
-
-
-def _best(fits: list[RoadFit], count: int) -> list[RoadFit]:
+def families(fit: RoadFit, problem: RoadProblem) -> RoadFit:
     """
-    Return the best by BIC, with the scatter of the picks from the closest fit.
+    Search the families of roads from one of them.
 
-    Where picks are precise and BIC decides that the road is curved, AIC decides how.
+    :param fit: where to start.
+    :param problem: with any model of as many lines; its rig, picks or drift prior may be others.
     """
+    return _search([same_family(fit, problem)], MOST.curvature)
+
+
+def _search(fits: list[RoadFit], most: int) -> RoadFit:
+    """
+    Return the road of greatest evidence, with its rivals.
+
+    :param fits: roads to start from.
+    :param most: curvature coefficients.
+    """
+    best = _best(fits)
+    while True:
+        known = {fit.problem.model.shape for fit in fits}
+        for shape in _promising(best, known, most, variance_of(fits)):
+            fits.append(_reshaped(best, shape))
+            if _best(fits) is fits[-1]:
+                break
+        if _best(fits) is best:
+            break
+        best = _best(fits)
+    # what later numbers have made idle
+    for shape in _narrower(best.problem.model.shape):
+        if shape not in {fit.problem.model.shape for fit in fits}:
+            fits.append(_reshaped(best, shape))
+    return with_rivals(fits)
+
+
+def with_rivals(fits: list[RoadFit]) -> RoadFit:
+    """Return the road of greatest evidence, with those of other families that come near it."""
+    variance, best = variance_of(fits), _best(fits)
+    top = best.log_evidence(variance)
+    odds = {}
+    for fit in fits:
+        shape, chance = fit.problem.model.shape, float(np.exp(fit.log_evidence(variance) - top))
+        if shape != best.problem.model.shape and chance > odds.get(shape, (_RIVAL, fit))[0]:
+            odds[shape] = chance, fit
+    return replace(best, rivals=tuple(odds.values()))
+
+
+def _promising(fit: RoadFit, known: set[RoadShape], most: int, variance: float
+               ) -> Iterator[RoadShape]:
+    """
+    Yield wider families whose evidence would be greater, the best first, were all linear.
+
+    :param known: families that need not be looked at.
+    """
+    shape, problem = fit.problem.model.shape, fit.problem
+    limit = MOST._replace(curvature=most)
+    wide = RoadShape(*(min(a + b, c) for a, b, c in zip(shape, _WIDER, limit)))
+    model, x = problem.model.reshaped(wide, fit.x, problem.model.tapered)
+    wider = RoadFit(RoadProblem(
+        problem.rig, problem.picks, model, problem.drift, problem.prior), x, fit.cost)
+    residual, jacobian = wider._weighted(variance)
+    gradient, normal = jacobian.T @ residual, jacobian.T @ jacobian
+    std = np.ones(len(x))
+    std[model.places.tapers.start:model.size] = wider.problem.prior_std
+    chance = float(np.log(problem.prior.bent_probability))
+
+    def promise(columns: NDArray[np.intp]) -> float:
+        part = normal[np.ix_(columns, columns)]
+        gain = gradient[columns] @ np.linalg.solve(part, gradient[columns])
+        return 0.5 * float(gain - np.linalg.slogdet(part)[1]) - float(np.log(std[columns]).sum())
+    promises = {}
+    for more in product(*(range(b - a + 1) for a, b in zip(shape, wide))):
+        new = RoadShape(*map(sum, zip(shape, more)))
+        if new.tilt == 1 or (new.tilt and not new.curvature):
+            continue
+        promises[new] = promise(model.columns(new, len(x))) + sum(new) * chance
+    least = promises[shape] + _LEAST_GAIN
+    ranked = sorted((p for p in promises if p not in known and promises[p] > least),
+                    key=lambda p: -promises[p])
+    yield from ranked[:_TRIED]
+
+
+def _narrower(shape: RoadShape) -> Iterator[RoadShape]:
+    """Yield the families that lack one number, or both of the tilt."""
+    for name, less in (('curvature', 1), ('tilt', 2), ('vertical', 1), ('twist', 1)):
+        count = getattr(shape, name) - less
+        if count >= 0 and not (name == 'curvature' and count == 0 and shape.tilt):
+            yield shape._replace(**{name: count})
+
+
+def variance_of(fits: list[RoadFit]) -> float:
+    """Return the variance of the picks, in their own, about the closest of some roads."""
     problem = fits[0].problem
-    number = len(problem.picks.line)
-    variance = max(min(f.cost / max(number - f.problem.size, 1) for f in fits),
-                   _least_variance(problem))
-
-    def score(fit: RoadFit, penalty: float) -> float:
-        return fit.cost / variance + penalty * fit.problem.size
-
-    penalty = problem.prior.curvature_penalty * float(np.log(number))
-    strict = sorted(fits, key=lambda f: score(f, penalty))
-    if not strict[0].problem.model.curvature_terms or not _precise(problem):
-        return strict[:count]
-    return sorted(fits, key=lambda f: (
-        not f.problem.model.curvature_terms, score(f, AIC)))[:count]
+    count = len(problem.picks.line)
+    return max(min(f.cost / max(count - f.problem.size, 1) for f in fits),
+               _least_variance(problem))
 
 
-def _precise(problem: RoadProblem) -> bool:
-    """Return whether picks are far better than clicks."""
-    return problem.picks.median_std_px < problem.prior.pick_std_px / _PRECISE
+def _best(fits: list[RoadFit]) -> RoadFit:
+    """Return the road of greatest evidence."""
+    variance = variance_of(fits)
+    return max(fits, key=lambda fit: fit.log_evidence(variance))

@@ -10,11 +10,13 @@ import numpy as np
 
 from .fit import RoadFit
 from .model import NODES, Weights
-from .path import Path, SplinePath, StraightPath, unit
+from .path import chord_lengths, Path, SplinePath, StraightPath, unit
+from .path_effect import path_effect, PLACES, seen_stretch
 from .problem import RoadPrior
 from ..core.records import Array
 
 _SLIDE_M = 0.5  # along the path, of the curvature in its middle
+_BEYOND, _DENSE = 1.2, 4001  # nodes' ends to which a rival is followed, and places there
 _SPACING_M, _FEWEST = 1.0, 8  # of the points of a path between surveyed lines
 
 
@@ -28,8 +30,9 @@ class LanePath:
     :param speed_limit_mps: None where the site file gives none.
     :param heading_std_rad: (2,) 1-sigma of the direction in the middle, across (P) and up (B).
     :param residual_px: root mean square distance of the picks from the lines; 0 for surveys.
-    :param scale_std: 1-sigma of the length along the path, as a share: what it does to the speed
-        of a pass over the whole path, where near observations weigh most.
+    :param scale_std: 1-sigma of speeds over the whole path, where near observations weigh most,
+        as a share: by the shape of the path and, once the rig is looked at, by the scale of
+        lengths along it.
     :param scale_profile: arc lengths (n,) in m and the 1-sigma (n,) of the length there, as a
         share; errors are the same one along the path, only larger farther away. None: it is
         ``scale_std`` everywhere.
@@ -69,14 +72,14 @@ def lane_of_road(name: str, fit: RoadFit, lines: tuple[int, ...],
     ranges = np.array([fit.line_range_m(i) for i in lines])
     s = np.linspace(ranges[:, 0].min(), ranges[:, 1].max(), NODES)
     points, frames = _lane(fit, fit.x, lines, s[::-1] if reverse else s)
-    if fit.problem.model.curvature_terms == 0 and fit.problem.model.surface_terms == 0:
+    if not any(fit.problem.model.shape):
         path: Path = StraightPath(
             points[0], points[-1] - points[0], s[-1] - s[0], frames[0, :, 2])
     else:
         path = SplinePath(points, frames[:, :, 2])
     square = np.mean(fit.residual_px[list(lines)]**2)
-    return LanePath(name, path, speed_limit_mps, _heading_std(fit, lines, s[NODES // 2]),
-                    float(np.sqrt(square)))
+    heading_std, shape_std = _uncertain(fit, lines, s)
+    return LanePath(name, path, speed_limit_mps, heading_std, float(np.sqrt(square)), shape_std)
 
 
 def _lane(fit: RoadFit, x: Array, lines: tuple[int, ...], s_m: Array) -> tuple[Array, Array]:
@@ -89,9 +92,38 @@ def _lane(fit: RoadFit, x: Array, lines: tuple[int, ...], s_m: Array) -> tuple[A
     return weights(points) + offset * axes[..., 1], axes
 
 
-def _heading_std(fit: RoadFit, lines: tuple[int, ...], middle_m: float) -> Array:
+def _uncertain(fit: RoadFit, lines: tuple[int, ...], s_m: Array) -> tuple[Array, float]:
     """
-    Return the 1-sigmas (2,) of a lane's direction in its middle, across and up, in rad.
+    Return how well a lane's path is known.
+
+    What the rivals of the road say otherwise counts as they are likely.
+
+    :param s_m: (n,) reference arc lengths along the lane.
+    :return: the 1-sigmas (2,) of its direction in its middle, across and up, in rad; and that of
+        speeds, as a share, for whatever else is wrong with the path.
+    """
+    weight = np.array([odds for odds, _ in fit.rivals])
+    weight = weight / (1 + weight.sum())
+    variance = _heading_variance(fit, lines, s_m[NODES // 2])
+    middle, axes = (values[0] for values in _lane(fit, fit.x, lines, s_m[[NODES // 2]]))
+    others = [_densely(rival, lines) for _, rival in fit.rivals]
+    for share, (points, tangents) in zip(weight, others):
+        near = int(np.argmin(np.linalg.norm(points - middle, axis=-1)))
+        variance = variance + share * (tangents[near] @ axes[:, 1:])**2
+    return np.sqrt(variance), _shape_std(fit, lines, s_m, variance, list(zip(weight, others)))
+
+
+def _densely(fit: RoadFit, lines: tuple[int, ...]) -> tuple[Array, Array]:
+    """Return points (n, 3) of a lane, near to each other, and its directions (n, 3) there."""
+    nodes = fit.problem.model.s_m
+    points, axes = _lane(fit, fit.x, lines, np.linspace(
+        _BEYOND * nodes[0], _BEYOND * nodes[-1], _DENSE))
+    return points, axes[..., 0]
+
+
+def _heading_variance(fit: RoadFit, lines: tuple[int, ...], middle_m: float) -> Array:
+    """
+    Return the variances (2,) of a lane's direction in its middle, across and up, in rad^2.
 
     Sliding along the path is no error of it: a point that slides by ds takes its direction from
     ``T(s)`` to ``T(s + ds)``, which is subtracted.
@@ -108,7 +140,40 @@ def _heading_std(fit: RoadFit, lines: tuple[int, ...], middle_m: float) -> Array
     position, direction = slope(points[:, 0]), slope(frames[:, 0, :, 0])
     direction = direction - np.outer(position @ axes[1][:, 0], curvature)
     direction = direction @ axes[1][:, 1:]
-    return np.asarray(np.sqrt(np.einsum('ij,ik,kj->j', direction, fit.covariance, direction)))
+    return np.asarray(np.einsum('ij,ik,kj->j', direction, fit.covariance, direction))
+
+
+def _shape_std(fit: RoadFit, lines: tuple[int, ...], s_m: Array, heading_variance: Array,
+               rivals: list[tuple[float, tuple[Array, Array]]]) -> float:
+    """
+    Return the 1-sigma of speeds, as a share, by errors of the path beyond its direction.
+
+    :param heading_variance: (2,) of the direction, which is an unknown of each pass by itself.
+    :param rivals: weights, and points and directions of the lane on rival roads.
+    """
+    rig, points = fit.problem.rig, _lane(fit, fit.x, lines, s_m)[0]
+    stretch = seen_stretch(rig, points)
+    if stretch is None:
+        return 0.0
+    s = s_m[0] + (s_m[-1] - s_m[0]) * np.linspace(*stretch, PLACES)
+    points, axes = _lane(fit, fit.x, lines, s)
+    effect = path_effect(rig, points, axes, chord_lengths(points))
+    steps = fit.problem.steps
+    both = _lane(fit, fit.x + np.concatenate([np.diag(steps), -np.diag(steps)]), lines, s)[0]
+    arcs = np.concatenate([np.zeros(both.shape[:1] + (1,)), np.cumsum(
+        np.linalg.norm(np.diff(both, axis=1), axis=-1), axis=1)], axis=1)
+    moved, longer = ((v[:len(steps)] - v[len(steps):]) / 2 for v in (both, arcs))
+    slope = effect.speed(moved, longer) / steps
+    variance = float(slope @ fit.covariance @ slope)
+    middle = points[PLACES // 2]
+    for axis, turn in ((2, heading_variance[0]), (1, heading_variance[1])):
+        rotated = np.cross(axes[PLACES // 2, :, axis], points - middle)
+        variance -= turn * float(effect.speed(rotated, np.zeros(PLACES)))**2
+    for weight, (others, _) in rivals:
+        near = [int(np.argmin(np.linalg.norm(others - p, axis=-1))) for p in points]
+        variance += weight * float(effect.speed(
+            others[near] - points, chord_lengths(others)[near] - chord_lengths(points)))**2
+    return float(np.sqrt(max(variance, 0.0)))
 
 
 def between(right: Path, left: Path) -> SplinePath:

@@ -3,27 +3,53 @@
 """
 The shape of a road: a reference line that curves and climbs, and lines parallel to it.
 
-The road's frame at reference arc length ``s`` is ``G Rz(psi(s)) Ry(-theta(s)) Rx(phi)``: heading
-``psi`` about a fixed up axis, the integral of a polynomial curvature; grade ``theta = theta_0 +
-crest s``; crossfall ``phi``. With both at zero the road is a plane. A straight grade needs
-neither, because the plane tilts with it; a curve that climbs does.
+The road's frame at reference arc length ``s`` is ``G Rz(psi(s)) Ry(-theta(s)) Rx(phi(s))``: heading
+``psi`` about a fixed up axis, the integral of a polynomial curvature; grade ``theta``, the integral
+of a polynomial vertical curvature; crossfall ``phi``, the integral of a polynomial twist. A straight
+grade needs none of these, because the plane tilts with it; a curve that climbs does.
 
 The parameters are one vector: small rotation of the guess (3), height (1), a lateral offset for
-each line, the curvature coefficients and the first few of grade, crossfall and crest.
+each line, on demand a taper for each line, and the coefficients of the shape.
 """
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial import legendre
+from numpy.typing import NDArray
 
 from ..core.records import Array
 
 NODES = 81  # along the reference line
-SURFACE = ('grade', 'crossfall', 'crest')  # rad, rad, rad per half length
 _OVERHANG = 1.1  # half lengths from the middle to the last node; lines go on a little
+
+
+class RoadShape(NamedTuple):
+    """
+    How many numbers describe how a road departs from a straight one on a plane.
+
+    :param curvature: coefficients of its curvature.
+    :param tilt: 2 where grade and crossfall in the middle are free, 0 where they are 0.
+    :param vertical: coefficients of its vertical curvature.
+    :param twist: coefficients of the change of its crossfall.
+    """
+
+    curvature: int = 0
+    tilt: int = 0
+    vertical: int = 0
+    twist: int = 0
+
+    @property
+    def flat(self) -> bool:
+        """Return whether the surface is a plane."""
+        return not (self.tilt or self.vertical or self.twist)
+
+    def joined(self, other: RoadShape) -> RoadShape:
+        """Return the least shape that both are cases of."""
+        return RoadShape(*map(max, self, other))
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,65 +61,105 @@ class RoadModel:
     :param centre_m: (3,) in the middle of the road.
     :param half_length_m: from the middle to the furthest pick.
     :param lines: number of lines.
-    :param curvature_terms: number of curvature coefficients; 0 is a straight road.
-    :param surface_terms: how many terms of ``SURFACE`` are free, in its order; 0 is a plane.
+    :param shape: what is free.
+    :param tapered: each line may run off from the others, evenly along the road.
     """
 
     frame: Array
     centre_m: Array
     half_length_m: float
     lines: int
-    curvature_terms: int
-    surface_terms: int
+    shape: RoadShape = RoadShape()
+    tapered: bool = False
 
     @property
     def size(self) -> int:
         """Length of the parameter vector."""
-        return 4 + self.lines + self.curvature_terms + self.surface_terms
+        return self._first + sum(self.shape)
+
+    @property
+    def _first(self) -> int:
+        """Place of the first coefficient of the shape."""
+        return 4 + self.lines * (2 if self.tapered else 1)
+
+    @cached_property
+    def places(self) -> RoadPlaces:
+        """Return where the parameters of each kind stand."""
+        ends = self._first + np.cumsum(self.shape)
+        return RoadPlaces(slice(4, 4 + self.lines), slice(4 + self.lines, self._first), *(
+            slice(int(end) - count, int(end)) for end, count in zip(ends, self.shape)))
+
+    def columns(self, shape: RoadShape, count: int) -> NDArray[np.intp]:
+        """
+        Return which unknowns a narrower family keeps.
+
+        :param shape: of that family.
+        :param count: of the unknowns, those that follow the parameters included.
+        """
+        keep = np.ones(count, dtype=bool)
+        for place, count in zip(self.places[2:], shape):
+            keep[place.start + count:place.stop] = False
+        return np.flatnonzero(keep)
 
     @cached_property
     def steps(self) -> Array:
         """Return the (size,) differences that move the picks by something like 1e-3 px."""
         return np.concatenate([
-            np.full(3, 1e-6), np.full(1 + self.lines, 1e-5),
-            np.full(self.curvature_terms + self.surface_terms, 1e-6)])
+            np.full(3, 1e-6), np.full(self._first - 3, 1e-5), np.full(sum(self.shape), 1e-6)])
 
     @cached_property
     def s_m(self) -> Array:
         """Arc lengths (NODES,) of the nodes from the middle."""
         return np.linspace(-1, 1, NODES) * _OVERHANG * self.half_length_m
 
-    def widened(self, curvature_terms: int, surface_terms: int, x: Array
-                ) -> tuple[RoadModel, Array]:
+    def reshaped(self, shape: RoadShape, x: Array, tapered: bool = False
+                 ) -> tuple[RoadModel, Array]:
         """
-        Return a wider family, and the parameters of the road of ``x`` (size,) or more in it.
+        Return another family about the same guess, and the parameters nearest to a road in it.
 
-        :param curvature_terms: at least as many as now.
-        :param surface_terms: at least as many as now.
+        :param x: (size,) parameters of the road, or more.
+        :param shape: of that family; coefficients that it lacks are dropped, further ones 0.
+        :param tapered: see :class:`RoadModel`.
         """
-        wide = replace(self, curvature_terms=curvature_terms, surface_terms=surface_terms)
-        cut = self.size - self.surface_terms
-        return wide, np.concatenate([
-            x[:cut], np.zeros(curvature_terms - self.curvature_terms), x[cut:self.size],
-            np.zeros(surface_terms - self.surface_terms), x[self.size:]])
+        other = replace(self, shape=shape, tapered=tapered)
+        out = np.zeros(other.size)
+        out[:4] = x[:4]
+        for mine, its in zip(self.places, other.places):
+            count = min(mine.stop - mine.start, its.stop - its.start)
+            out[its.start:its.start + count] = x[mine.start:mine.start + count]
+        return other, np.concatenate([out, x[self.size:]])
 
     @cached_property
-    def _heading_basis(self) -> Array:
-        """Heading (2 NODES - 1, curvature_terms) of unit coefficients, at nodes and between."""
+    def _basis(self) -> Array:
+        """Integrals (2 NODES - 1, terms) of Legendre polynomials, at nodes and between."""
         sigma = np.linspace(-1, 1, 2 * NODES - 1) * _OVERHANG
-        basis = [legendre.legval(sigma, legendre.legint(np.eye(self.curvature_terms)[i], lbnd=0))
-                 for i in range(self.curvature_terms)]
-        return np.stack(basis, axis=-1) if basis else np.zeros((sigma.size, 0))
+        terms = max(self.shape.curvature, self.shape.vertical, self.shape.twist, 1)
+        return np.stack([legendre.legval(sigma, legendre.legint(row, lbnd=0))
+                         for row in np.eye(terms)], axis=-1)
+
+    def _integral(self, coefficients: Array) -> Array:
+        """Return the integral (..., 2 NODES - 1) of a polynomial (..., terms); 0 in the middle."""
+        return np.asarray(coefficients @ self._basis[:, :coefficients.shape[-1]].T)
 
     def offsets(self, x: Array) -> Array:
         """Return the (..., lines) lateral places of the lines, m, positive to the left."""
-        return x[..., 4:4 + self.lines]
+        return x[..., self.places.offsets]
 
-    def surface(self, x: Array) -> Array:
-        """Return grade, crossfall and crest (..., 3); those that are not free are 0."""
-        out = np.zeros(x.shape[:-1] + (len(SURFACE),))
-        out[..., :self.surface_terms] = x[..., self.size - self.surface_terms:self.size]
-        return out
+    def offsets_at(self, x: Array, line: Array, s_m: Array) -> Array:
+        """
+        Return the lateral places (..., n) of lines where they are looked at, tapers included.
+
+        :param line: (n,) their numbers.
+        :param s_m: (n,) arc lengths.
+        """
+        out = x[..., self.places.offsets][..., line]
+        if self.tapered:
+            out = out + x[..., self.places.tapers][..., line] * (s_m / self.half_length_m)
+        return np.asarray(out)
+
+    def tilt(self, x: Array) -> Array:
+        """Return grade and crossfall in the middle (..., 2), rad; 0 where they are not free."""
+        return x[..., self.places.tilt] if self.shape.tilt else np.zeros(x.shape[:-1] + (2,))
 
     def reference(self, x: Array) -> tuple[Array, Array]:
         """
@@ -101,11 +167,12 @@ class RoadModel:
 
         :param x: (..., size) parameters.
         """
-        psi = x[..., 4 + self.lines:self.size - self.surface_terms] @ self._heading_basis.T
-        grade, fall, crest = np.moveaxis(self.surface(x), -1, 0)[..., None]
-        theta = grade + crest * np.linspace(-1, 1, 2 * NODES - 1) * _OVERHANG
+        psi, climb, roll = (self._integral(x[..., part]) for part in (
+            self.places.curvature, self.places.vertical, self.places.twist))
+        tilt = self.tilt(x)
+        theta, phi = tilt[..., :1] + climb, tilt[..., 1:] + roll
         cp, sp, ct, st = np.cos(psi), np.sin(psi), np.cos(theta), np.sin(theta)
-        cf, sf = np.cos(fall), np.sin(fall)
+        cf, sf = np.cos(phi), np.sin(phi)
         tangent = np.stack([cp * ct, sp * ct, st], axis=-1)
         left = np.stack([-sp * cf - cp * st * sf, cp * cf - sp * st * sf, ct * sf], axis=-1)
         axes = self.frame @ rotation(x[..., :3])
@@ -120,6 +187,26 @@ class RoadModel:
         origin = self.centre_m + x[..., 3:4] * self.frame[:, 2]
         points = origin[..., None, :] + way @ np.swapaxes(axes, -1, -2)
         return points, axes[..., None, :, :] @ local
+
+
+class RoadPlaces(NamedTuple):
+    """
+    Where the parameters of each kind stand in the vector of a :class:`RoadModel`.
+
+    :param offsets: lateral places of the lines, m.
+    :param tapers: by how much each line runs off over half the length, m.
+    :param curvature: rad per half length.
+    :param tilt: grade and crossfall in the middle, rad.
+    :param vertical: rad per half length.
+    :param twist: rad per half length.
+    """
+
+    offsets: slice
+    tapers: slice
+    curvature: slice
+    tilt: slice
+    vertical: slice
+    twist: slice
 
 
 def rotation(vectors: Array) -> Array:

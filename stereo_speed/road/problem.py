@@ -19,6 +19,8 @@ _DRIFT_STEP_RAD = 1e-6  # moves the picks by something like 1e-3 px
 _NEAREST_M = 0.1  # what is nearer to a camera's plane is not seen
 _STEP_M = 0.01  # along a line, of its direction in the image
 _LOST_PX = 1e3  # residual of a pick whose line is behind the camera: far off, without a slope
+_ASTRAY_PX = 60.0  # a pick further from its line says nothing of which of its parts it is of
+_LEAST_TAPER_M = 1e-6  # stands for lines that are parallel without a doubt
 REACH = 1.3  # half lengths from the middle of the road to where feet are looked for
 
 
@@ -37,12 +39,20 @@ class RoadPrior(CheckedRecord):
         0.06, 1e-4, 1.0, 'rad', '1-sigma of the grade of a curved road against its plane')
     crossfall_std_rad: float = parameter(
         0.04, 1e-4, 1.0, 'rad', '1-sigma of the crossfall of a curved road against its plane')
+    curvature_std_per_m: float = parameter(
+        0.02, 1e-5, 1.0, '1/m', '1-sigma of the curvature of a road that is not straight')
     crest_std_per_m: float = parameter(
-        1 / 800, 1e-6, 1.0, '1/m', '1-sigma of the vertical curvature; crests of fast roads have '
-        'radii of some 1000 m')
-    curvature_penalty: float = parameter(
-        2.0, 0.0, 100.0, '', 'times that of BIC for each number more that describes a road; at 1 '
-        'one straight road in fifteen was taken for a curve')
+        1 / 400, 1e-6, 1.0, '1/m', '1-sigma of the vertical curvature of a road whose grade '
+        'changes; crests are built with radii from 200 m at 30 km/h to 5000 m at 100 km/h')
+    twist_std_rad: float = parameter(
+        0.04, 1e-4, 1.0, 'rad', '1-sigma of the change of the crossfall over half the road, where '
+        'it changes; superelevation is built up to 8 %')
+    bent_probability: float = parameter(
+        0.1, 1e-6, 0.9, '', 'probability, beforehand, of each number more that describes how a '
+        'road bends')
+    taper_std_m: float = parameter(
+        0.003, 0.0, 1.0, 'm', '1-sigma by which a line runs off from the others over half of the '
+        'road: so parallel are lines that are to show a rotation of a camera')
     survey_heading_std_rad: float = parameter(
         1e-3, 0.0, 0.1, 'rad', '1-sigma of the direction of a surveyed line: 2 cm over 20 m')
     calibrated_std_deg: float = parameter(
@@ -149,6 +159,25 @@ class DriftPrior:
         return cls(np.zeros(3), np.eye(3) / std_rad)
 
 
+def in_order(cost: Array) -> NDArray[np.intp]:
+    """
+    Return the column (n,) of each row of least cost together, columns never going back.
+
+    :param cost: (n, m) of each column for each row.
+    """
+    total, came = cost[0], []
+    columns = np.arange(cost.shape[1])
+    for row in cost[1:]:
+        least = np.minimum.accumulate(total)
+        # the last column at or before each at which the least was reached
+        came.append(np.maximum.accumulate(np.where(total == least, columns, 0)))
+        total = least + row
+    out = [int(np.argmin(total))]
+    for back in reversed(came):
+        out.append(int(back[out[-1]]))
+    return np.array(out[::-1], dtype=np.intp)
+
+
 class RoadProblem:
     """
     The residuals of a road model and their derivatives.
@@ -192,15 +221,16 @@ class RoadProblem:
         right = self.rig.to_right(points_m)
         return right if self.drift is None else right @ drift_matrix(self.drift_rad(x))
 
-    def at(self, x: Array, weights: Weights) -> Array:
-        """Return the pixels (..., n, 2) of the lines at fixed arc lengths, one for each pick."""
+    def at(self, x: Array, s_m: Array) -> Array:
+        """Return the pixels (..., n, 2) of the lines at arc lengths (n,), one for each pick."""
         points, frames = self._reference(x)
-        return self._seen(x, (points, frames[..., 1]), weights)
+        return self._seen(x, (points, frames[..., 1]), s_m)
 
-    def _seen(self, x: Array, reference: tuple[Array, Array], weights: Weights) -> Array:
+    def _seen(self, x: Array, reference: tuple[Array, Array], s_m: Array) -> Array:
         """Return the pixels of a point on the line of each pick, in the view of the pick."""
+        weights = Weights.at(self.model.s_m, s_m)
         points, left = (weights(values) for values in reference)
-        points = points + self.model.offsets(x)[..., self.picks.line, None] * left
+        points = points + self.model.offsets_at(x, self.picks.line, s_m)[..., None] * left
         uv_px, right = np.empty(points.shape[:-1] + (2,)), self.picks.right
         uv_px[..., ~right, :] = pixels(self.rig.left, points[..., ~right, :])
         uv_px[..., right, :] = pixels(
@@ -216,7 +246,7 @@ class RoadProblem:
         nodes, h = self.model.s_m, _STEP_M
         s, reach = nodes[self._nearest_nodes(x, reference)], 3 * (nodes[1] - nodes[0])
         for _ in range(3):
-            here, after = (self._seen(x, reference, Weights.at(nodes, s + d))
+            here, after = (self._seen(x, reference, s + d)
                            for d in (-h, h))
             tangent, off = (after - here) / (2 * h), self.picks.uv_px - (here + after) / 2
             step = np.sum(off * tangent, -1) / np.sum(tangent * tangent, -1)
@@ -224,38 +254,58 @@ class RoadProblem:
                         REACH * nodes[0], REACH * nodes[-1])
         length = np.linalg.norm(tangent, axis=-1, keepdims=True)
         normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=-1) / length
-        off = self.picks.uv_px - self._seen(x, reference, Weights.at(nodes, s))
+        off = self.picks.uv_px - self._seen(x, reference, s)
         residual = np.sum(normal * off, axis=-1)
         lost = ~np.isfinite(residual)
         feet = Feet(s, np.where(lost[:, None], 0.0, normal), np.where(lost, _LOST_PX, residual))
         self._last = x.copy(), feet
         return feet
 
-    def _nearest_nodes(self, x: Array, reference: tuple[Array, Array]) -> Array:
-        """Return the node (n,) whose projection is nearest to each pick."""
-        lines = reference[0] + self.model.offsets(x)[:, None, None] * reference[1]
-        views = (pixels(self.rig.left, lines), pixels(self.rig.right, self.to_right(x, lines)))
-        nearest = np.zeros(len(self.picks.line), dtype=int)
+    def _nearest_nodes(self, x: Array, reference: tuple[Array, Array]) -> NDArray[np.intp]:
+        """
+        Return the node (n,) whose projection is nearest to each pick.
+
+        The picks of a line are in order: where a hairpin or a crest brings a line back near
+        itself in the image, the order tells which of its parts a pick is of.
+        """
+        nodes, lines = self.model.s_m, []
+        for i in range(self.model.lines):
+            offset = self.model.offsets_at(x, np.full(len(nodes), i), nodes)
+            lines.append(reference[0] + offset[:, None] * reference[1])
+        stack = np.array(lines)
+        views = (pixels(self.rig.left, stack), pixels(self.rig.right, self.to_right(x, stack)))
+        nearest = np.zeros(len(self.picks.line), dtype=np.intp)
         for i in range(self.model.lines):
             for right in (False, True):
                 mine = self.picks.of_line(i, right)
                 gap = self.picks.uv_px[mine, None] - views[int(right)][i]
-                square = np.sum(gap * gap, axis=-1)
-                nearest[mine] = np.argmin(np.where(np.isnan(square), np.inf, square), axis=-1)
+                square = np.minimum(np.nan_to_num(np.sum(gap * gap, axis=-1), nan=np.inf),
+                                    _ASTRAY_PX**2)
+                nearest[mine] = in_order(square)
         return nearest
+
+    @property
+    def prior_std(self) -> Array:
+        """Return the 1-sigmas of the parameters of the shape and of the tapers, beforehand."""
+        shape, half, prior = self.model.shape, self.model.half_length_m, self.prior
+        tilt = np.array([prior.grade_std_rad, prior.crossfall_std_rad])
+        return np.concatenate([
+            np.full(self.model.lines * self.model.tapered, max(prior.taper_std_m, _LEAST_TAPER_M)),
+            np.full(shape.curvature, prior.curvature_std_per_m * half), tilt[:shape.tilt],
+            np.full(shape.vertical, prior.crest_std_per_m * half),
+            np.full(shape.twist, prior.twist_std_rad)])
 
     def priors(self, x: Array) -> Array:
         """
-        Return weak constraints as (..., 4 and more) residuals in sigmas.
+        Return weak constraints as (..., 1 and more) residuals in sigmas.
 
-        They are roll, grade, crossfall and crest, and the drift of the right camera.
+        They are roll, tapers, the coefficients of the shape, and the drift of the right camera.
         """
         axes = (self._reference(x)[1])[..., len(self.model.s_m) // 2, :, :]
-        roll = axes[..., 1, 1]  # how far the left axis dips below the camera's horizontal
-        surface, prior = self.model.surface(x), self.prior
-        crest = surface[..., 2] / (self.model.half_length_m * prior.crest_std_per_m)
-        weak = np.stack([roll / prior.roll_std_rad, surface[..., 0] / prior.grade_std_rad,
-                         surface[..., 1] / prior.crossfall_std_rad, crest], axis=-1)
+        roll = axes[..., 1, 1:2]  # how far the left axis dips below the camera's horizontal
+        weak = np.concatenate([
+            roll / self.prior.roll_std_rad,
+            x[..., self.model.places.tapers.start:self.model.size] / self.prior_std], axis=-1)
         if self.drift is None:
             return weak
         drift = (self.drift_rad(x) - self.drift.mean_rad) @ self.drift.root.T
@@ -268,9 +318,8 @@ class RoadProblem:
     def jacobian(self, x: Array) -> Array:
         """Return their derivatives; moving a foot along its line changes nothing, so feet stay."""
         feet, steps = self.feet(x), self.steps
-        weights = Weights.at(self.model.s_m, feet.s_m)
         both = x + np.concatenate([np.diag(steps), -np.diag(steps)])
-        uv = self.at(both, weights)
+        uv = self.at(both, feet.s_m)
         moved = np.concatenate(
             [-np.sum(np.nan_to_num(uv) * feet.normal, axis=-1) / self.picks.std_px,
              self.priors(both)], axis=-1)

@@ -61,11 +61,19 @@ class RoadConfig:
     :param curvature_end: the same at the end of the clothoid, 1/m.
     :param clothoid_m: length over which the curvature changes, m.
     :param grade: rise over plan distance along the road, positive uphill in travel direction.
+    :param grade_end: the same beyond the vertical curve; None for ``grade``.
+    :param vertical_curve_m: plan length of the parabola between both grades, a crest or a sag.
+    :param vertical_curve_at_m: station of its middle.
+    :param crossfall_start: rise to the left over plan distance, where the curvature is
+        ``curvature_start``; it changes along the clothoid as the curvature does.
+    :param crossfall_end: the same at the end of the clothoid.
     :param lanes: number of lanes, 1 to 3; lane 0 is the rightmost.
     :param lane_width_m: distance of two lane markings, centre to centre, m.
     :param marking_width_m: width of a lane marking, m.
     :param dash_m: length of a dash of the inner lines, m.
     :param gap_m: gap between two dashes, m.
+    :param dashed_edges: the outer lines are dashed as well.
+    :param wear: share of the paint that is worn away, in patches.
     :param receding: lanes whose vehicles drive the other way and show their rears.
     """
 
@@ -73,11 +81,18 @@ class RoadConfig:
     curvature_end: float = 0.0
     clothoid_m: float = 40.0
     grade: float = 0.0
+    grade_end: Optional[float] = None
+    vertical_curve_m: float = 60.0
+    vertical_curve_at_m: float = 20.0
+    crossfall_start: float = 0.0
+    crossfall_end: float = 0.0
     lanes: int = 2
     lane_width_m: float = 3.7
     marking_width_m: float = 0.15
     dash_m: float = 3.0
     gap_m: float = 6.0
+    dashed_edges: bool = False
+    wear: float = 0.0
     receding: tuple[int, ...] = ()
 
 

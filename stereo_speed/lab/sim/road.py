@@ -5,7 +5,8 @@ The simulated road in its world frame.
 
 World: x along the right lane's path at station 0, y to its left, z up. A point of the road is
 named by its station (plan arc length along the right lane's path, m) and its offset from that
-path (positive to the left of travel, m); its height is grade x station.
+path (positive to the left of travel, m); its height is that of the path, which follows a grade,
+a parabola and another grade, and the offset times the crossfall there.
 """
 from __future__ import annotations
 
@@ -20,6 +21,7 @@ from .config import RoadConfig
 from ...core.records import Array
 
 FROM_M, TO_M, STEP_M = -260.0, 420.0, 0.1
+BANKED_M = 15.0  # beside the path to which the ground follows the crossfall
 CELL_M = 0.5  # of the raster that starts the search for a point's station
 
 
@@ -43,11 +45,50 @@ class Road:
         """Return whether it bends anywhere."""
         return bool(self.config.curvature_start or self.config.curvature_end)
 
+    @property
+    def folded(self) -> bool:
+        """Return whether its grade or its crossfall changes, so that it may hide itself."""
+        c = self.config
+        return bool(c.crossfall_start or c.crossfall_end
+                    or c.grade_end not in (None, c.grade))
+
     def curvature(self, station_m: ArrayLike) -> Array:
         """Return the curvature of the right lane's path, 1/m."""
         c = self.config
         share = np.clip(np.asarray(station_m) / c.clothoid_m, 0.0, 1.0)
         return np.asarray(c.curvature_start + (c.curvature_end - c.curvature_start) * share)
+
+    def crossfall(self, station_m: ArrayLike) -> Array:
+        """Return the rise to the left over plan distance."""
+        c = self.config
+        share = np.clip(np.asarray(station_m) / c.clothoid_m, 0.0, 1.0)
+        return np.asarray(c.crossfall_start + (c.crossfall_end - c.crossfall_start) * share)
+
+    def _vertical(self, station_m: Array) -> tuple[Array, Array]:
+        """Return height and grade of the right lane's path; the height at station 0 is 0."""
+        c = self.config
+        change = (c.grade if c.grade_end is None else c.grade_end) - c.grade
+
+        def added(s: Array) -> tuple[Array, Array]:
+            into = np.clip(s - c.vertical_curve_at_m + c.vertical_curve_m / 2, 0.0, None)
+            on = np.minimum(into, c.vertical_curve_m)
+            rise = change / c.vertical_curve_m
+            return rise * (on ** 2 / 2 + c.vertical_curve_m * (into - on)), rise * on
+        height, grade = added(station_m)
+        return c.grade * station_m + height - added(np.zeros(1))[0][0], c.grade + grade
+
+    def height(self, station_m: ArrayLike, offset_m: ArrayLike = 0.0) -> Array:
+        """Return the height of points of the surface, m."""
+        s = np.asarray(station_m, dtype=float)
+        banked = np.clip(np.asarray(offset_m, dtype=float), -BANKED_M, BANKED_M)
+        return np.asarray(self._vertical(s)[0] + banked * self.crossfall(s))
+
+    def slope(self, station_m: ArrayLike, offset_m: ArrayLike = 0.0) -> Array:
+        """Return the rise per station of the line at this offset."""
+        c, s = self.config, np.asarray(station_m, dtype=float)
+        twist = np.where((s > 0) & (s < c.clothoid_m),
+                         (c.crossfall_end - c.crossfall_start) / c.clothoid_m, 0.0)
+        return np.asarray(self._vertical(s)[1] + np.asarray(offset_m) * twist)
 
     def heading(self, station_m: ArrayLike) -> Array:
         """Return the heading of the right lane's path, rad, anticlockwise from x."""
@@ -76,21 +117,24 @@ class Road:
         s = np.asarray(station_m, dtype=float)
         h, n = self.heading(s), np.asarray(offset_m, dtype=float)
         xy = self._table(s) + n[..., None] * np.stack([-np.sin(h), np.cos(h)], axis=-1)
-        return np.concatenate([xy, (self.config.grade * s)[..., None]], axis=-1)
+        return np.concatenate([xy, self.height(s, n)[..., None]], axis=-1)
 
     def frame(self, station_m: float, offset_m: float) -> Array:
         """Return the columns [along, left, up] (3, 3) at a point of the surface, world."""
         h = float(self.heading(station_m))
         plan = 1.0 - float(self.curvature(station_m)) * offset_m
-        along = np.array([plan * np.cos(h), plan * np.sin(h), self.config.grade])
+        along = np.array([plan * np.cos(h), plan * np.sin(h),
+                          float(self.slope(station_m, offset_m))])
         along /= np.linalg.norm(along)
-        left = np.array([-np.sin(h), np.cos(h), 0.0])
+        left = np.array([-np.sin(h), np.cos(h), float(self.crossfall(station_m))])
+        left -= (left @ along) * along
+        left /= np.linalg.norm(left)
         return np.stack([along, left, np.cross(along, left)], axis=1)
 
     def length_per_station(self, station_m: ArrayLike, offset_m: float) -> Array:
         """Return d(arc length of the line at this offset)/d(station)."""
         plan = 1.0 - self.curvature(station_m) * offset_m
-        return np.hypot(plan, self.config.grade)
+        return np.hypot(plan, self.slope(station_m, offset_m))
 
     def station(self, xy_m: Array) -> tuple[Array, Array]:
         """

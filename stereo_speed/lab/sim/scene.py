@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import Callable, Iterator, TypedDict
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
@@ -205,6 +205,14 @@ class SimScene:
     def point(self, station_m: ArrayLike, offset_m: ArrayLike) -> Array:
         """Return points (..., 3) of the road's surface in the left optical frame, m."""
         return self.to_left(self.road.position(station_m, offset_m))
+
+    def open_m(self, points_m: Array) -> NDArray[np.bool_]:
+        """Return which points (n, 3) of the surface no other part of it hides from the left."""
+        world = points_m @ self.left_R_world + self.centre_world_m
+        share = np.linspace(0.02, 0.98, 60)[:, None, None]
+        sight = self.centre_world_m + share * (world - self.centre_world_m)
+        ground = self.road.height(*self.road.station(sight[..., :2]))
+        return np.asarray((sight[..., 2] > ground - _MARGIN_M).all(axis=0))
 
     def axes(self, station_m: float, offset_m: float, away: bool = False) -> Array:
         """Return columns along travel, left and up (3, 3); ``away`` for the other direction."""

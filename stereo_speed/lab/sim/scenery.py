@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import copy
+import math
+from typing import Optional
 
 import cv2
 import numpy as np
@@ -21,6 +23,11 @@ SHOULDER_M = 1.5  # of asphalt beyond the outer lines
 TILE = 512  # texels of a ground texture
 TILE_TEXEL_M = 0.03
 LEVELS = 7
+WORN_TEXELS = 16  # of the finest patches of worn paint
+WORN_EDGE = 0.5  # of the texture's standard deviations, from worn paint to whole
+# Steps along rays towards a surface that may hide itself, as a share of the way so far.
+MARCH_FROM_M, MARCH_STEP, MARCH_ROWS, MARCH_COLUMNS = 6.0, 0.08, 2, 16
+SECANTS = 5
 TREES_UP = 0.07  # no tree's top is higher, in sines of elevation
 WET_ASPHALT, WET_MARKING = 0.5, 0.6  # shares by which water darkens asphalt and hides markings
 LAMP_SHARE = 6e-5  # daylight that a street lamp of one grey level gives below it
@@ -54,12 +61,12 @@ class GroundMap:
         self.station, self.station_x, self.station_y = _derivatives(station)
         self.offset, self.offset_x, self.offset_y = _derivatives(offset)
         # Beyond its range, or where the ray and a sloping bend meet twice, there is no road.
-        height = centre[2] + depth * rays[..., 2] - scene.road.config.grade * station
+        height = centre[2] + depth * rays[..., 2] - scene.road.height(station, offset)
         far = 0.9 * FAR_M if not scene.road.curved else scene.config.start_m + BEYOND_M
         self.road = ((np.abs(height) < 1e-3) & (depth * flat < far)
                      & (station > scene.road.from_m) & (station < scene.road.to_m))[1:-1, 1:-1]
         slope, slope_x, slope_y = _derivatives(rays[..., 2] / flat)
-        horizon = -(centre[2] - scene.road.config.grade * scene.end_station_m) / FAR_M
+        horizon = -(centre[2] - float(scene.road.height(scene.end_station_m))) / FAR_M
         self.hit = below(horizon - slope, slope_x, slope_y)
         self.xy = xy[1:-1, 1:-1]
 
@@ -73,6 +80,8 @@ def _derivatives(values: Array) -> tuple[Array, Array, Array]:
 
 def _ground_distance(road: Road, centre: Array, rays: Array, flat: Array) -> Array:
     """Return the multiple of each ray at which it meets the surface; capped at ``FAR_M``."""
+    if road.folded:
+        return _first_meeting(road, centre, rays, flat)
     grade = road.config.grade
     far = FAR_M / flat
 
@@ -97,6 +106,37 @@ def _ground_distance(road: Road, centre: Array, rays: Array, flat: Array) -> Arr
     return depth
 
 
+def _first_meeting(road: Road, centre: Array, rays: Array, flat: Array) -> Array:
+    """Return the same where a crest may hide what lies behind it."""
+    far = FAR_M / flat
+
+    def gap(rays: Array, depth: Array) -> Array:
+        xy = centre[:2] + depth[..., None] * rays[..., :2]
+        station, offset = road.station(xy)
+        station = np.clip(station, road.from_m, road.to_m)
+        return np.asarray(centre[2] + depth * rays[..., 2] - road.height(station, offset))
+    # march along some of the rays, and go on from the last place above the ground
+    some = rays[::MARCH_ROWS, ::MARCH_COLUMNS]
+    some_flat = flat[::MARCH_ROWS, ::MARCH_COLUMNS]
+    above, last = np.ones(some_flat.shape, dtype=bool), np.full(some_flat.shape, FAR_M)
+    for k in range(math.ceil(math.log(FAR_M / MARCH_FROM_M) / math.log(1 + MARCH_STEP))):
+        distance = MARCH_FROM_M * (1 + MARCH_STEP) ** k
+        below_now = above & (gap(some, distance / some_flat) < 0)
+        last[below_now] = distance / (1 + MARCH_STEP)
+        above &= ~below_now
+    row, column = np.indices(flat.shape)
+    depth = last[row // MARCH_ROWS, column // MARCH_COLUMNS] / flat
+    before, high = depth, gap(rays, depth)
+    depth = np.minimum(depth * (1 + MARCH_STEP / 2), far)
+    for _ in range(SECANTS):
+        here, step = gap(rays, depth), depth - before
+        slope = (here - high) / np.where(step == 0, 1.0, step)
+        before, high = depth, here
+        most = MARCH_STEP * depth
+        depth = np.clip(depth + np.clip(-here / np.minimum(slope, -1e-4), -most, most), 0.0, far)
+    return depth
+
+
 def _asphalt_coverage(ground: GroundMap, road: Road) -> Array:
     """Return the share of each pixel that is road."""
     left = (road.config.lanes - 0.5) * road.config.lane_width_m + SHOULDER_M
@@ -106,8 +146,12 @@ def _asphalt_coverage(ground: GroundMap, road: Road) -> Array:
     return np.where(ground.road, share, 0.0)
 
 
-def marking_coverage(ground: GroundMap, road: Road) -> Array:
-    """Return the share of each pixel that is lane marking."""
+def marking_coverage(ground: GroundMap, road: Road, worn: Optional[list[Image]] = None) -> Array:
+    """
+    Return the share of each pixel that is lane marking.
+
+    :param worn: texture by whose lows the paint is worn away; None leaves all of it.
+    """
     c = road.config
     total = np.zeros_like(ground.offset)
     near = np.abs(ground.offset_x) + np.abs(ground.offset_y)
@@ -118,7 +162,7 @@ def marking_coverage(ground: GroundMap, road: Road) -> Array:
         gx, gy = ground.offset_x[where], ground.offset_y[where]
         share = (below(gap + c.marking_width_m / 2, gx, gy)
                  - below(gap - c.marking_width_m / 2, gx, gy))
-        if name.startswith('line'):
+        if name.startswith('line') or c.dashed_edges:
             period = c.dash_m + c.gap_m
             phase = np.mod(ground.station[where], period)
             gx, gy = ground.station_x[where], ground.station_y[where]
@@ -130,6 +174,9 @@ def marking_coverage(ground: GroundMap, road: Road) -> Array:
             dash = np.where(reach > period, c.dash_m / period, np.clip(dash, 0.0, 1.0))
             share = share * dash
         total[where] = np.maximum(total[where], share)
+    if worn is not None:
+        level = float(np.quantile(worn[0], c.wear))
+        total *= np.clip((_sample_ground(worn, ground) - level) / WORN_EDGE + 0.5, 0.0, 1.0)
     return total
 
 
@@ -201,6 +248,7 @@ def render_background(scene: SimScene, views: tuple[View, View],
     :return: two (rows, columns) float32 images, grey levels.
     """
     asphalt, grass = _tile(rng, 2), _tile(rng, 4)
+    worn = _tile(rng.spawn(1)[0], WORN_TEXELS) if scene.road.config.wear else None
     trees = np.random.default_rng(int(rng.integers(2 ** 31)))
     crowns = octaves(trees, 1, 512, 1)[0]
     images = []
@@ -212,7 +260,7 @@ def render_background(scene: SimScene, views: tuple[View, View],
         tar = GREY['asphalt'] + 6.0 * _sample_ground(asphalt, ground)
         tar *= 1 - WET_ASPHALT * light.wet
         grey += on_road * (tar - grey)
-        paint = marking_coverage(ground, scene.road) * (1 - WET_MARKING * light.wet)
+        paint = marking_coverage(ground, scene.road, worn) * (1 - WET_MARKING * light.wet)
         grey += paint * (GREY['marking'] - grey)
         if light.wet:
             share = MIRRORED * light.wet * (1 - np.abs(ground.rays[..., 2])) ** 5

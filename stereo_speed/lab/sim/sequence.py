@@ -190,12 +190,14 @@ def _site(scene: SimScene, lines: dict[str, dict[str, Points]]) -> SiteContent:
     return {'stereo_speed_site': 1, 'name': scene.config.name, 'lines': lines, 'lanes': lanes}
 
 
-def picked_site(scene: SimScene, rng: np.random.Generator) -> SiteContent:
+def picked_site(scene: SimScene, rng: np.random.Generator, *, hidden: bool = True
+                ) -> SiteContent:
     """
     Pick points of the marked lines, in each view on its own.
 
     :param scene: the scene.
     :param rng: source of the scatter.
+    :param hidden: go on where a crest hides the line.
     """
     config = scene.config
     lines: dict[str, dict[str, Points]] = {}
@@ -204,6 +206,8 @@ def picked_site(scene: SimScene, rng: np.random.Generator) -> SiteContent:
         if offset not in picks:
             points = _line_points(scene, offset, 0.02)
             left, right, in_left, in_right = scene.seen_rig.project(points)
+            if not hidden:
+                in_left, in_right = in_left & scene.open_m(points), in_right & scene.open_m(points)
             picks[offset] = (
                 _picks(_visible_run(left, in_left), config.picks, config.pick_std_px, rng),
                 _picks(_visible_run(right, in_right), config.picks, config.pick_std_px, rng))

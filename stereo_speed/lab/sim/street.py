@@ -62,8 +62,7 @@ def pole(scene: SimScene, config: PoleConfig) -> Item:
     chord = scene.chord
     world = scene.centre_world_m - chord * config.ahead_m + config.right_m * np.array(
         [-chord[1], chord[0], 0.0])
-    station, _ = scene.road.station(world[:2])
-    world[2] = scene.road.config.grade * float(station)
+    world[2] = float(scene.road.height(*scene.road.station(world[:2])))
     shade = np.cos(np.linspace(-1.3, 1.1, 16))
     grey = np.tile(config.grey * (0.45 + 0.75 * shade), (16, 1)).astype(np.float32)
     return billboard(scene, scene.to_left(world), 2 * config.radius_m, config.height_m,

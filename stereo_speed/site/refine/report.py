@@ -214,10 +214,13 @@ def summary_lines(refined: RefinedSite, figures: Report) -> list[str]:
                    f'{_both(line.points, "d"):>9} '
                    f'{_both(tuple(100 * p for p in line.painted), ".0f"):>11}')
     if refined.road is not None:
-        model = refined.road.problem.model
-        kind = 'straight' if model.curvature_terms == 0 else \
-            f'curved ({model.curvature_terms} coefficients)'
-        out.append(f'road: {kind}, {"bent" if model.surface_terms else "plane"} surface')
+        shape = refined.road.problem.model.shape
+        kind = f'curved ({shape.curvature} coefficients)' if shape.curvature else 'straight'
+        bent = [text for count, text in (
+            (shape.tilt, 'grade and crossfall in the bend'),
+            (shape.vertical, f'changing grade ({shape.vertical})'),
+            (shape.twist, f'changing crossfall ({shape.twist})')) if count]
+        out.append(f'road: {kind}, {", ".join(bent) or "plane surface"}')
     for lane in figures.lanes:
         mph = lane.limit_mps / MPH_MPS
         width = '' if math.isnan(lane.width_m) else \

@@ -1,0 +1,225 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Roads drawn at random, clicked and refined: how wrong and how certain speeds on them become.
+
+The number of the road and the seed give the road. No vehicle is drawn: the error of a speed
+follows from path and rig (:mod:`stereo_speed.site.refine.speed_effect`).
+"""
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+import math
+from typing import Any, Callable, Mapping, Optional, Sequence
+
+import numpy as np
+
+from .labeled_sequence import read_back
+from .runner import Job, Result
+from .tables import Table
+from ..sim.config import RigConfig, RIGS, RoadConfig, SimConfig
+from ..sim.painter import Painter
+from ..sim.scene import SimScene
+from ..sim.sequence import exact_site, picked_site
+from ...core.errors import SiteError
+from ...core.records import StereoPair
+from ...geometry.rig import StereoRig
+from ...road.lanes import LanePath
+from ...site.file import load_site
+from ...site.lane_paths import lane_paths
+from ...site.refine.refiner import refine_site
+from ...site.refine.speed_effect import heading_effect, Setup, speed_error
+
+PAIRS = 5  # of the empty road
+SMALLER = 0.7  # than the usual rigs' images: roads are many
+_EVERY_S = 1.0  # between them
+Draw = Callable[[np.random.Generator], RoadConfig]
+
+
+def _sign(rng: np.random.Generator) -> float:
+    return float(rng.choice([-1.0, 1.0]))
+
+
+def _straight(rng: np.random.Generator) -> RoadConfig:
+    return RoadConfig(grade=float(rng.uniform(-0.03, 0.03)))
+
+
+def _steep(rng: np.random.Generator) -> RoadConfig:
+    return RoadConfig(grade=_sign(rng) * float(rng.uniform(0.04, 0.08)))
+
+
+def _bend(rng: np.random.Generator) -> RoadConfig:
+    curvature = _sign(rng) * float(rng.uniform(0.004, 0.02))
+    return RoadConfig(curvature_start=curvature, curvature_end=curvature)
+
+
+def _clothoid(rng: np.random.Generator) -> RoadConfig:
+    sign = _sign(rng)
+    return RoadConfig(curvature_start=sign * 0.002, curvature_end=sign * float(
+        rng.uniform(0.015, 0.032)), grade=float(rng.choice([-0.02, 0.02])))
+
+
+def _hairpin(rng: np.random.Generator) -> RoadConfig:
+    curvature = _sign(rng) / float(rng.uniform(16.0, 22.0))
+    return RoadConfig(curvature_start=0.2 * curvature, curvature_end=curvature, clothoid_m=20.0,
+                      grade=float(rng.uniform(-0.05, 0.05)), lane_width_m=3.2)
+
+
+def _vertical(rng: np.random.Generator, change: float, road: RoadConfig) -> RoadConfig:
+    """Give a road a vertical curve, half of the change of grade on either side of level."""
+    middle = float(rng.uniform(-0.01, 0.01))
+    return replace(road, grade=middle - change / 2, grade_end=middle + change / 2,
+                   vertical_curve_m=float(rng.uniform(30.0, 60.0)),
+                   vertical_curve_at_m=float(rng.uniform(15.0, 35.0)))
+
+
+def _crest(rng: np.random.Generator) -> RoadConfig:
+    return _vertical(rng, -float(rng.uniform(0.02, 0.05)), RoadConfig())
+
+
+def _hiding_crest(rng: np.random.Generator) -> RoadConfig:
+    return replace(_vertical(rng, -float(rng.uniform(0.12, 0.16)), RoadConfig()),
+                   vertical_curve_at_m=float(rng.uniform(8.0, 20.0)))
+
+
+def _sag(rng: np.random.Generator) -> RoadConfig:
+    return _vertical(rng, float(rng.uniform(0.03, 0.08)), RoadConfig())
+
+
+def _banked(rng: np.random.Generator) -> RoadConfig:
+    sign, curvature = _sign(rng), float(rng.uniform(0.008, 0.02))
+    return RoadConfig(
+        curvature_start=0.1 * sign * curvature, curvature_end=sign * curvature,
+        grade=float(rng.uniform(-0.04, 0.04)), crossfall_start=0.02 * sign * float(
+            rng.choice([-1.0, 1.0])), crossfall_end=-sign * float(rng.uniform(0.04, 0.08)))
+
+
+def _crest_bend(rng: np.random.Generator) -> RoadConfig:
+    return _vertical(rng, -float(rng.uniform(0.04, 0.12)), _bend(rng))
+
+
+def _worn(rng: np.random.Generator) -> RoadConfig:
+    return replace(_straight(rng), wear=float(rng.uniform(0.3, 0.6)))
+
+
+def _dashed(rng: np.random.Generator) -> RoadConfig:
+    road = _bend(rng) if rng.uniform() < 0.5 else _sag(rng)
+    return replace(road, dashed_edges=True, wear=float(rng.uniform(0.0, 0.3)))
+
+
+KINDS: dict[str, Draw] = {
+    'straight': _straight, 'steep grade': _steep, 'bend': _bend, 'clothoid, 2 %': _clothoid,
+    'hairpin': _hairpin, 'crest': _crest, 'crest that hides': _hiding_crest, 'sag': _sag,
+    'banked bend': _banked, 'bend over a crest': _crest_bend, 'worn lines': _worn,
+    'dashed lines': _dashed}
+
+
+@dataclass(frozen=True, kw_only=True)
+class RandomRoad:
+    """
+    A road drawn at random.
+
+    :param kind: one of ``KINDS``.
+    :param config: what to draw; its vehicle only says where the camera looks.
+    :param clicks_on: the clicks go on where a crest hides the lines.
+    """
+
+    kind: str
+    config: SimConfig
+    clicks_on: bool
+
+
+def draw_road(seed: int, number: int, pan_deg: float = 0.0) -> RandomRoad:
+    """
+    Draw a road; kinds take turns.
+
+    :param seed: of the whole set.
+    :param number: of the road in it, from 0.
+    :param pan_deg: by which the right camera has turned to either side since its calibration.
+    """
+    kind = list(KINDS)[number % len(KINDS)]
+    rng = np.random.default_rng([seed, number])
+    road = KINDS[kind](rng)
+    road = replace(road, lanes=int(rng.integers(1, 4)) if kind != 'hairpin' else 2)
+    straight = not road.curvature_end
+    rig = list(RIGS)[(number // len(KINDS)) % len(RIGS)]
+    config = SimConfig(
+        road=road, rig=_smaller(RIGS[rig]), start_m=float(rng.uniform(60, 75) if straight else
+                                                rng.uniform(44, 50)),
+        near_m=float(rng.uniform(15, 18)), camera_height_m=float(rng.uniform(2.5, 6.0)),
+        camera_side_m=float(rng.uniform(3.0, 6.0)) if straight else None,
+        noise_grey=float(rng.uniform(1.0, 3.0)), name=f'road {number}',
+        rig_moved_deg=(_sign(rng) * pan_deg, 0.0, 0.0))
+    if kind == 'hairpin':
+        config = replace(config, start_m=34.0, near_m=14.0, rig=replace(
+            config.rig, f_px=SMALLER * 1300.0, right_f_px=None))
+    return RandomRoad(kind=kind, config=config, clicks_on=bool((number // len(KINDS)) % 2))
+
+
+def _smaller(rig: RigConfig) -> RigConfig:
+    """Return a rig with fewer pixels for the same field of view."""
+    return replace(rig, width_px=round(SMALLER * rig.width_px),
+                   height_px=round(SMALLER * rig.height_px), f_px=SMALLER * rig.f_px,
+                   right_f_px=None if rig.right_f_px is None else SMALLER * rig.right_f_px)
+
+
+def road_jobs(count: int, seed: int, pan_deg: float) -> list[Job]:
+    """Return a job for each road, the parameters all that its result depends on."""
+    return [Job(key=f'{number:03d}', parameters={
+        'seed': seed, 'number': number, 'pan_deg': pan_deg}) for number in range(count)]
+
+
+def measure_road(parameters: Mapping[str, Any]) -> Mapping[str, Any]:
+    """
+    Draw, click and refine one road.
+
+    :param parameters: of :func:`road_jobs`.
+    :return: errors and 1-sigmas of speeds on the lane that they are worst on, as shares, by the
+        clicks and refined; and what the refinement said.
+    """
+    drawn = draw_road(**{'seed': parameters['seed'], 'number': parameters['number'],
+                         'pan_deg': parameters['pan_deg']})
+    scene = SimScene(drawn.config)
+    rng = np.random.default_rng([parameters['seed'], parameters['number'], 1])
+    pick, scenery, bodies = rng.spawn(3)
+    site = read_back(picked_site(scene, pick, hidden=drawn.clicks_on), load_site)
+    exact = lane_paths(read_back(exact_site(scene), load_site), scene.seen_rig)
+    out: dict[str, Any] = {'kind': drawn.kind}
+    try:
+        clicks = lane_paths(site, scene.rig)
+    except SiteError as error:
+        clicks = {}
+        out['clicks_refused'] = str(error)
+    painter = Painter(scene, scenery, bodies)
+    pairs = [StereoPair(i, i, i, *painter.paint((), i * _EVERY_S)[0]) for i in range(PAIRS)]
+    try:
+        refined = refine_site(site, scene.rig, pairs)
+    except SiteError as error:
+        return {**out, **_worst(scene, exact, {'clicks': (clicks, scene.rig)}),
+                'refined_refused': str(error)}
+    pan_deg, tilt_deg, roll_deg = np.degrees(refined.drift.drift_rad)
+    out.update(_worst(scene, exact, {'clicks': (clicks, scene.rig),
+                                     'refined': (refined.lanes, refined.rig)}))
+    return {**out, 'turned': bool(refined.drift.moved), 'pan_deg': float(pan_deg),
+            'tilt_deg': float(tilt_deg), 'roll_deg': float(roll_deg),
+            'moved_probability': refined.drift.moved_probability, 'lost': list(refined.lost)}
+
+
+def _worst(scene: SimScene, exact: Mapping[str, LanePath],
+           used: Mapping[str, tuple[Mapping[str, LanePath], StereoRig]]) -> dict[str, float]:
+    """Return error and 1-sigma of each way on the lane where the error of the last is greatest."""
+    best: dict[str, float] = {}
+    for name, truth in exact.items():
+        here = {}
+        for way, (lanes, rig) in used.items():
+            if name in lanes:
+                lane = lanes[name]
+                here[f'{way}_error'] = speed_error(
+                    Setup(truth.path, scene.seen_rig), Setup(lane.path, rig))
+                effect = heading_effect(lane.path, rig, lane.heading_std_rad)
+                here[f'{way}_std'] = math.hypot(
+                    lane.scale_std, 0.0 if math.isnan(effect) else effect)
+        key = f'{list(used)[-1]}_error'
+        if not best or abs(here.get(key, 0.0)) > abs(best.get(key, 0.0)):
+            best = here
+    return best
