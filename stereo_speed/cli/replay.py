@@ -7,6 +7,7 @@ import argparse
 from dataclasses import replace
 import math
 from pathlib import Path
+import sys
 from typing import Any, Callable, Iterable, Mapping, Optional, Sequence
 
 import cv2
@@ -115,6 +116,9 @@ def run(args: argparse.Namespace) -> int:
         figures = None if place.refined is None else report(place.refined)
         if place.refined is not None and figures is not None:
             print('\n'.join(summary_lines(place.refined, figures)))
+        if place.not_refined:
+            print(f'warning: site not refined, measured as it was read: {place.not_refined}',
+                  file=sys.stderr)
         pipeline = place.pipeline(config, annotations, seed=args.seed, where=str(args.init))
         feed = BoxFeed(pipeline.detector, args.boxes, args.detector)
         if annotations is not None:
@@ -125,6 +129,8 @@ def run(args: argparse.Namespace) -> int:
         pairing = dict(bag.pairing)
     if place.refined is not None and figures is not None:
         summary['refinement'] = report_summary(place.refined, figures)
+    elif place.not_refined:
+        summary['refinement'] = {'not_refined': place.not_refined}
     write_all(args, place, result, frames, summary)
     print_lanes(place.lanes)
     print_table(result.passes)

@@ -173,6 +173,9 @@ class TrackerNode(Node):
         if place.refined is not None:
             for line in summary_lines(place.refined, report(place.refined)):
                 self.get_logger().info(line)
+        if place.not_refined:
+            self.get_logger().warning(
+                f'site not refined, measured as it was read: {place.not_refined}')
         self.pipeline = place.pipeline(self.config, self.annotations, seed=self.seed,
                                        where=self.init_path)
         self.offer_boxes()

@@ -10,6 +10,7 @@ from typing import Iterable, Mapping, Optional, Sequence
 from .config import PipelineConfig, SiteConfig
 from .pipeline import SpeedPipeline
 from .registry import DETECTORS, TRACKERS
+from ..core.errors import SiteError
 from ..core.records import InitialFront, StereoPair
 from ..geometry.rig import StereoRig
 from ..road.lanes import LanePath
@@ -27,12 +28,15 @@ class MeasuringSite:
     :param rig: the cameras as they stand: corrected as the site says.
     :param lanes: lane name to lane path.
     :param refined: how it was refined; None where it was not.
+    :param not_refined: why it could not be, though it was asked for: it is measured at as it was
+        read; empty otherwise.
     """
 
     site: Site
     rig: StereoRig
     lanes: Mapping[str, LanePath]
     refined: Optional[RefinedSite] = None
+    not_refined: str = ''
 
     @classmethod
     def of(cls, site: Site, rig: StereoRig,
@@ -43,15 +47,21 @@ class MeasuringSite:
 
         :param site: as read.
         :param rig: the cameras as calibrated.
-        :param refine_by: pairs to refine the site by; None takes it at its word.
+        :param refine_by: pairs to refine the site by, and to take it at its word where they do
+            not serve; None takes it at its word anyhow.
         :param config: what is known of roads, and how to refine.
         :raises SiteError: lines that leave no usable road.
         """
+        not_refined = ''
         if refine_by is not None:
-            refined = refine_site(site, rig, refine_by, config.site_refinement, config.road)
-            return cls(refined.site, refined.rig, refined.lanes, refined)
+            try:
+                refined = refine_site(site, rig, refine_by, config.site_refinement, config.road)
+                return cls(refined.site, refined.rig, refined.lanes, refined)
+            except SiteError as error:
+                not_refined = str(error)
         corrected = site.corrected_rig(rig)
-        return cls(site, corrected, lane_paths(site, corrected, config.road))
+        return cls(site, corrected, lane_paths(site, corrected, config.road),
+                   not_refined=not_refined)
 
     def pipeline(self, config: PipelineConfig,
                  annotations: Optional[Sequence[InitialFront]] = None, *, seed: int = 0,

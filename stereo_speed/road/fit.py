@@ -19,7 +19,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
-from typing import Iterator, Mapping, Optional
+from typing import Iterable, Iterator, Mapping, Optional
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,8 +42,8 @@ FOOT_PLACES = 8001  # places along the road among which a foot is looked up: som
 _NARROW = 0.7  # least ratio of the robust to the r.m.s. scatter: a few outliers are no excuse
 _WIDER = RoadShape(curvature=2, tilt=2, vertical=2, twist=2)  # looked at in one step
 _TRIED = 3  # of the families that promise most, until one keeps its promise
-_LEAST_GAIN = 0.5  # in the logarithm of the evidence, of a family that is worth a step
-_RIVAL = 1e-3  # least odds against the best family of one that is kept in mind
+_LEAST_GAIN = 0.0  # in the logarithm of the evidence, of a family that is worth a step
+_RIVAL = 5e-3  # least odds against the best family of one that is kept in mind
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +97,7 @@ class RoadFit:
     @cached_property
     def covariance(self) -> Array:
         """Covariance (size, size) of the parameters, scaled by the residuals."""
-        jacobian = self.problem.jacobian(self.x)
+        jacobian = self._linear[1]
         scale = np.ones(len(jacobian))
         scale[:len(self.feet.residual_px)] = self.scale  # priors are not scaled
         jacobian = jacobian / scale[:, None]
@@ -111,16 +111,25 @@ class RoadFit:
 
         :param variance: of the picks in units of their own; the same for families to be compared.
         """
-        residual, jacobian = self._weighted(variance)
-        normal, shape = jacobian.T @ jacobian, self.problem.model.shape
+        residual, jacobian = self.weighted(variance)
+        normal = jacobian.T @ jacobian
         fit = -0.5 * float(residual @ residual)
         occam = -0.5 * float(np.linalg.slogdet(normal)[1]) - float(
             np.log(self.problem.prior_std).sum())
-        return fit + occam + sum(shape) * float(np.log(self.problem.prior.bent_probability))
+        return fit + occam + log_chance(self.problem.model.shape, self.problem.prior)
 
-    def _weighted(self, variance: float) -> tuple[Array, Array]:
-        """Return residuals and derivatives whose squares are the robust cost near this road."""
-        residual, jacobian = self.problem.residuals(self.x), self.problem.jacobian(self.x)
+    @cached_property
+    def _linear(self) -> tuple[Array, Array]:
+        """Residuals and their derivatives."""
+        return self.problem.residuals(self.x), self.problem.jacobian(self.x)
+
+    def weighted(self, variance: float) -> tuple[Array, Array]:
+        """
+        Return residuals and derivatives whose squares are the robust cost near this road.
+
+        :param variance: as for :meth:`log_evidence`.
+        """
+        residual, jacobian = self._linear
         count = len(self.problem.picks.line)
         root = np.sqrt(1 + (residual[:count] / ROBUST)**2)
         cost, slope = np.ones(len(residual)), np.ones(len(residual))
@@ -133,6 +142,11 @@ class RoadFit:
     def drift_rad(self) -> Array:
         """Pan, tilt and roll (3,) of the right camera since the calibration."""
         return self.problem.drift_rad(self.x)
+
+    @property
+    def shapes(self) -> list[RoadShape]:
+        """Return the shape of the road, and those of its rivals."""
+        return [fit.problem.model.shape for fit in (self, *(rival for _, rival in self.rivals))]
 
     @property
     def plane(self) -> Plane:
@@ -253,6 +267,9 @@ def fit_road(rig: StereoRig, lines: Mapping[str, tuple[Array, Array]],
     :raises NoRoadError: when the picks give no road to start from.
     """
     picks = Picks.of(lines, std_px, prior.pick_std_px)
+    if near is not None:
+        start = same_family(near, RoadProblem(rig, picks, near.problem.model, drift, prior))
+        return _search([start], MOST.curvature)
     rotated = np.zeros(0) if drift is None else drift.mean_rad
     # a few picks, 2 a line, are only enough for a straight road
     most = min(MOST.curvature, len(picks.line) // 2 - 4 - len(lines))
@@ -261,20 +278,27 @@ def fit_road(rig: StereoRig, lines: Mapping[str, tuple[Array, Array]],
         model, start = guess_road(rig, list(lines.values()), terms)
         fits.append(_solve(RoadProblem(rig, picks, model, drift, prior),
                            np.append(start, rotated)))
-    if near is not None:
-        fits.append(same_family(near, RoadProblem(
-            rig, picks, near.problem.model, drift, prior)))
-    return fits[0] if most < 1 else _search(fits, most)
+    if most < 1:
+        return fits[0]
+    # real bends climb and are banked
+    fits += [_reshaped(fit, fit.problem.model.shape._replace(tilt=2)) for fit in fits[1:]]
+    return _search(fits, most)
 
 
-def families(fit: RoadFit, problem: RoadProblem) -> RoadFit:
+def in_families(fit: RoadFit, shapes: Iterable[RoadShape], drift: DriftPrior) -> list[RoadFit]:
     """
-    Search the families of roads from one of them.
+    Fit families of roads whose lines may run off from each other a little.
 
-    :param fit: where to start.
-    :param problem: with any model of as many lines; its rig, picks or drift prior may be others.
+    :param fit: where to start; gives rig and picks.
+    :param shapes: of the families.
+    :param drift: what is known of the drift of the right camera.
     """
-    return _search([same_family(fit, problem)], MOST.curvature)
+    out, problem = [], fit.problem
+    for shape in shapes:
+        model, start = problem.model.reshaped(shape, fit.x[:problem.model.size], tapered=True)
+        out.append(_solve(RoadProblem(problem.rig, problem.picks, model, drift, problem.prior),
+                          np.append(start, fit.drift_rad)))
+    return out
 
 
 def _search(fits: list[RoadFit], most: int) -> RoadFit:
@@ -284,21 +308,15 @@ def _search(fits: list[RoadFit], most: int) -> RoadFit:
     :param fits: roads to start from.
     :param most: curvature coefficients.
     """
-    best = _best(fits)
     while True:
+        best = _best(fits)
         known = {fit.problem.model.shape for fit in fits}
-        for shape in _promising(best, known, most, variance_of(fits)):
-            fits.append(_reshaped(best, shape))
+        for other in _promising(best, known, most, variance_of(fits)):
+            fits.append(_reshaped(best, other))
             if _best(fits) is fits[-1]:
                 break
         if _best(fits) is best:
-            break
-        best = _best(fits)
-    # what later numbers have made idle
-    for shape in _narrower(best.problem.model.shape):
-        if shape not in {fit.problem.model.shape for fit in fits}:
-            fits.append(_reshaped(best, shape))
-    return with_rivals(fits)
+            return with_rivals(fits)
 
 
 def with_rivals(fits: list[RoadFit]) -> RoadFit:
@@ -313,39 +331,51 @@ def with_rivals(fits: list[RoadFit]) -> RoadFit:
     return replace(best, rivals=tuple(odds.values()))
 
 
-def _promising(fit: RoadFit, known: set[RoadShape], most: int, variance: float
-               ) -> Iterator[RoadShape]:
+def log_chance(shape: RoadShape, prior: RoadPrior) -> float:
     """
-    Yield wider families whose evidence would be greater, the best first, were all linear.
+    Return the logarithm of the probability of a family, but for a constant.
+
+    A bend that lies in a plane is the exception, as is each number more.
+    """
+    plane_bend = bool(shape.curvature) and not shape.tilt
+    return (sum(shape) - shape.tilt + plane_bend) * float(np.log(prior.bent_probability))
+
+
+def _promising(fit: RoadFit, known: set[RoadShape], most: int, variance: float
+               ) -> list[RoadShape]:
+    """
+    Return other families whose evidence would be greater, the best first, were all linear.
 
     :param known: families that need not be looked at.
+    :param most: curvature coefficients.
     """
     shape, problem = fit.problem.model.shape, fit.problem
-    limit = MOST._replace(curvature=most)
+    limit = MOST._replace(curvature=max(most, shape.curvature))
     wide = RoadShape(*(min(a + b, c) for a, b, c in zip(shape, _WIDER, limit)))
     model, x = problem.model.reshaped(wide, fit.x, problem.model.tapered)
     wider = RoadFit(RoadProblem(
         problem.rig, problem.picks, model, problem.drift, problem.prior), x, fit.cost)
-    residual, jacobian = wider._weighted(variance)
+    residual, jacobian = wider.weighted(variance)
     gradient, normal = jacobian.T @ residual, jacobian.T @ jacobian
     std = np.ones(len(x))
     std[model.places.tapers.start:model.size] = wider.problem.prior_std
-    chance = float(np.log(problem.prior.bent_probability))
 
-    def promise(columns: NDArray[np.intp]) -> float:
-        part = normal[np.ix_(columns, columns)]
-        gain = gradient[columns] @ np.linalg.solve(part, gradient[columns])
-        return 0.5 * float(gain - np.linalg.slogdet(part)[1]) - float(np.log(std[columns]).sum())
-    promises = {}
-    for more in product(*(range(b - a + 1) for a, b in zip(shape, wide))):
-        new = RoadShape(*map(sum, zip(shape, more)))
-        if new.tilt == 1 or (new.tilt and not new.curvature):
-            continue
-        promises[new] = promise(model.columns(new, len(x))) + sum(new) * chance
+    def promise(new: RoadShape) -> float:
+        kept = model.columns(new, len(x))
+        out = np.setdiff1d(np.arange(len(x)), kept)
+        part, rest = normal[np.ix_(kept, kept)], x[out]
+        slope = gradient[kept] - normal[np.ix_(kept, out)] @ rest
+        gain = slope @ np.linalg.solve(part, slope) + rest @ (
+            2 * gradient[out] - normal[np.ix_(out, out)] @ rest)
+        return (0.5 * float(gain - np.linalg.slogdet(part)[1]) - float(np.log(std[kept]).sum())
+                + log_chance(new, problem.prior))
+    more = (RoadShape(*map(sum, zip(shape, by))) for by in product(
+        *(range(b - a + 1) for a, b in zip(shape, wide))))
+    promises = {new: promise(new) for new in (*more, *_narrower(shape))
+                if new.tilt != 1 and (new.curvature or not new.tilt)}
     least = promises[shape] + _LEAST_GAIN
-    ranked = sorted((p for p in promises if p not in known and promises[p] > least),
-                    key=lambda p: -promises[p])
-    yield from ranked[:_TRIED]
+    return sorted((p for p in promises if p not in known and promises[p] > least),
+                  key=lambda p: -promises[p])[:_TRIED]
 
 
 def _narrower(shape: RoadShape) -> Iterator[RoadShape]:

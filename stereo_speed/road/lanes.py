@@ -12,8 +12,8 @@ from .fit import RoadFit
 from .model import NODES, Weights
 from .path import chord_lengths, Path, SplinePath, StraightPath, unit
 from .path_effect import path_effect, PLACES, seen_stretch
-from .problem import RoadPrior
 from ..core.records import Array
+from ..geometry.rig import StereoRig
 
 _SLIDE_M = 0.5  # along the path, of the curvature in its middle
 _BEYOND, _DENSE = 1.2, 4001  # nodes' ends to which a rival is followed, and places there
@@ -193,13 +193,32 @@ def between(right: Path, left: Path) -> SplinePath:
 
 
 def lane_of_paths(name: str, paths: tuple[Path, ...], speed_limit_mps: Optional[float],
-                  residual_px: float = 0.0, prior: RoadPrior = RoadPrior()) -> LanePath:
+                  rig: StereoRig, std_m: float, residual_px: float = 0.0) -> LanePath:
     """
     Return a lane of which at least one line is surveyed.
 
+    Errors of its points that change over the length of the path turn it and bow it.
+
     :param paths: one path, or those of the right and the left line.
-    :param prior: how well the direction of surveyed lines is known.
+    :param rig: that sees it.
+    :param std_m: 1-sigma of the points across the path.
     """
     path = paths[0] if len(paths) == 1 else between(*paths)
-    return LanePath(name, path, speed_limit_mps,
-                    np.full(2, prior.survey_heading_std_rad), residual_px)
+    # both ends are off by so much, each by itself
+    heading_std = np.full(2, np.sqrt(2.0) * std_m / path.length_m)
+    return LanePath(name, path, speed_limit_mps, heading_std, residual_px,
+                    std_m * _bow_effect(path, rig))
+
+
+def _bow_effect(path: Path, rig: StereoRig) -> float:
+    """Return the change of speeds, as a share, by each m that a path's middle is off its ends."""
+    s = np.linspace(0.0, path.length_m, NODES)
+    stretch = seen_stretch(rig, path.position(s))
+    if stretch is None:
+        return 0.0
+    s = path.length_m * np.linspace(*stretch, PLACES)
+    points, frames = path.position(s), path.frame(s)
+    effect = path_effect(rig, points, frames, s)
+    bow = 1 - (2 * s / path.length_m - 1)**2
+    return float(np.hypot(*(effect.speed(bow[:, None] * frames[..., axis], np.zeros(PLACES))
+                            for axis in (1, 2))))

@@ -49,12 +49,13 @@ class RoadPrior(CheckedRecord):
         'it changes; superelevation is built up to 8 %')
     bent_probability: float = parameter(
         0.1, 1e-6, 0.9, '', 'probability, beforehand, of each number more that describes how a '
-        'road bends')
+        'road bends, and of a bend that lies in a plane')
     taper_std_m: float = parameter(
         0.003, 0.0, 1.0, 'm', '1-sigma by which a line runs off from the others over half of the '
         'road: so parallel are lines that are to show a rotation of a camera')
-    survey_heading_std_rad: float = parameter(
-        1e-3, 0.0, 0.1, 'rad', '1-sigma of the direction of a surveyed line: 2 cm over 20 m')
+    survey_std_m: float = parameter(
+        0.03, 0.0, 10.0, 'm', '1-sigma of a given or surveyed point across its line, where the '
+        'site does not say; neighbours are wrong together')
     calibrated_std_deg: float = parameter(
         0.0003, 0.0, 1.0, 'degrees', '1-sigma of each angle between cameras that nobody has '
         'touched since their calibration')
@@ -161,21 +162,21 @@ class DriftPrior:
 
 def in_order(cost: Array) -> NDArray[np.intp]:
     """
-    Return the column (n,) of each row of least cost together, columns never going back.
+    Return the column (g, n) of each row of least cost together, columns never going back.
 
-    :param cost: (n, m) of each column for each row.
+    :param cost: (g, n, m) of each column for each row, for each of some groups.
     """
-    total, came = cost[0], []
-    columns = np.arange(cost.shape[1])
-    for row in cost[1:]:
-        least = np.minimum.accumulate(total)
+    groups, columns = np.arange(len(cost)), np.arange(cost.shape[2])
+    total, came = cost[:, 0], []
+    for row in range(1, cost.shape[1]):
+        least = np.minimum.accumulate(total, axis=1)
         # the last column at or before each at which the least was reached
-        came.append(np.maximum.accumulate(np.where(total == least, columns, 0)))
-        total = least + row
-    out = [int(np.argmin(total))]
+        came.append(np.maximum.accumulate(np.where(total == least, columns, 0), axis=1))
+        total = least + cost[:, row]
+    out = [np.argmin(total, axis=1)]
     for back in reversed(came):
-        out.append(int(back[out[-1]]))
-    return np.array(out[::-1], dtype=np.intp)
+        out.append(back[groups, out[-1]])
+    return np.stack(out[::-1], axis=1).astype(np.intp)
 
 
 class RoadProblem:
@@ -274,14 +275,15 @@ class RoadProblem:
             lines.append(reference[0] + offset[:, None] * reference[1])
         stack = np.array(lines)
         views = (pixels(self.rig.left, stack), pixels(self.rig.right, self.to_right(x, stack)))
+        groups = [(i, right, np.flatnonzero(self.picks.of_line(i, right)))
+                  for i in range(self.model.lines) for right in (False, True)]
+        square = np.zeros((len(groups), max(len(mine) for _, _, mine in groups), len(nodes)))
+        for group, (i, right, mine) in zip(square, groups):
+            gap = self.picks.uv_px[mine, None] - views[int(right)][i]
+            group[:len(mine)] = np.fmin(np.sum(gap * gap, axis=-1), _ASTRAY_PX**2)
         nearest = np.zeros(len(self.picks.line), dtype=np.intp)
-        for i in range(self.model.lines):
-            for right in (False, True):
-                mine = self.picks.of_line(i, right)
-                gap = self.picks.uv_px[mine, None] - views[int(right)][i]
-                square = np.minimum(np.nan_to_num(np.sum(gap * gap, axis=-1), nan=np.inf),
-                                    _ASTRAY_PX**2)
-                nearest[mine] = in_order(square)
+        for (_, _, mine), columns in zip(groups, in_order(square)):
+            nearest[mine] = columns[:len(mine)]
         return nearest
 
     @property

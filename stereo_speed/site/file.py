@@ -21,6 +21,7 @@ from ..geometry.rig import StereoRig
 
 LEAST_ROAD_M = 5.0  # of a line; the direction of a shorter one is too uncertain
 LEAST_STD_PX, MOST_STD_PX = 1e-6, 100.0  # beyond them a 1-sigma is a slip of whoever wrote it
+LEAST_STD_M, MOST_STD_M = 1e-6, 10.0
 VIEWS = ('left_image', 'right_image')
 
 
@@ -68,10 +69,12 @@ class SurveyedLine:
 
     :param name: of the line.
     :param points_m: (k, 3) in order along travel, left optical frame.
+    :param std_m: 1-sigma of each point across the line; None where the file gives none.
     """
 
     name: str
     points_m: Array
+    std_m: Optional[float] = None
 
 
 SiteLine = Union[PickedLine, SurveyedLine]
@@ -180,7 +183,7 @@ def load_site(path: Union[str, FilePath]) -> Site:
 def _line(where: object, name: str, data: object) -> SiteLine:
     """Read one line and refuse points out of order."""
     stds = tuple(f'{view[:-6]}_std_px' for view in VIEWS)
-    fields = StrictMapping(where, f'lines.{name}', data, (*VIEWS, 'points_m', *stds))
+    fields = StrictMapping(where, f'lines.{name}', data, (*VIEWS, 'points_m', 'std_m', *stds))
     if 'points_m' in fields:
         if any(view in fields for view in VIEWS + stds):
             raise fields.error('points_m', 'image picks as well', 'either one')
@@ -188,7 +191,10 @@ def _line(where: object, name: str, data: object) -> SiteLine:
         length = np.linalg.norm(np.diff(points, axis=0), axis=-1).sum()
         if length < LEAST_ROAD_M:
             raise fields.error('points_m', f'{length:.1f} m', f'at least {LEAST_ROAD_M} m of road')
-        return SurveyedLine(name, points)
+        std = fields.number('std_m', LEAST_STD_M, MOST_STD_M, 'm') if 'std_m' in fields else None
+        return SurveyedLine(name, points, std)
+    if 'std_m' in fields:
+        raise fields.error('std_m', 'image picks', 'points_m beside it')
     left, right = (_ordered(fields, view, 2) for view in VIEWS)
     return PickedLine(name, left, right, _stds(fields, stds[0], len(left)),
                       _stds(fields, stds[1], len(right)))

@@ -55,7 +55,7 @@ def lane_paths(site: Site, rig: StereoRig, prior: RoadPrior = RoadPrior()
             fit = joint or fit_lines(site, rig, picked, prior=prior)
             lane = _lane_on(fit, site, i, reversed_lines, prior)
         else:
-            lane = _part_surveyed(site, spec, {}, prior)
+            lane = _part_surveyed(site, spec, {}, rig, prior)
         out[spec.name] = with_scale(lane, rig, drift.covariance_rad2)
     return out
 
@@ -95,7 +95,8 @@ def _way(line: PickedLine, rig: StereoRig) -> Array:
 
 
 def fit_lines(site: Site, rig: StereoRig, names: Iterable[str],
-              drift: Optional[DriftPrior] = None, prior: RoadPrior = RoadPrior()) -> RoadFit:
+              drift: Optional[DriftPrior] = None, prior: RoadPrior = RoadPrior(),
+              near: Optional[RoadFit] = None) -> RoadFit:
     """
     Fit a road to the named lines.
 
@@ -103,12 +104,13 @@ def fit_lines(site: Site, rig: StereoRig, names: Iterable[str],
     :param names: of picked lines.
     :param drift: what is known of the drift of the right camera; None for as calibrated.
     :param prior: what is known of any road.
+    :param near: a road of the same lines that is not far off.
     :raises SiteError: when the picks leave no usable road.
     """
     lines = [site.picked[n] for n in names]
     try:
         return fit_road(rig, {line.name: line.views_px for line in lines}, _stds(lines), drift,
-                        prior)
+                        prior, near=near)
     except (NoRoadError, np.linalg.LinAlgError) as error:
         raise SiteError(site.where, 'lines', error, 'picks of one line in both views') from None
 
@@ -143,24 +145,28 @@ def _lane_on(fit: RoadFit, site: Site, index: int, reversed_lines: set[str],
     if len(picked) < len(spec.lines):
         on_road = {n: lane_of_road(n, fit, (fit.number(n),), None, reverse=reverse)
                    for n in picked}
-        return _part_surveyed(site, spec, on_road, prior)
+        return _part_surveyed(site, spec, on_road, fit.problem.rig, prior)
     numbers = tuple(fit.number(n) for n in picked)
     _refuse_swapped(site, index, fit, numbers[::-1] if reverse else numbers)
     return lane_of_road(spec.name, fit, numbers, spec.speed_limit_mps, reverse=reverse)
 
 
 def _part_surveyed(site: Site, spec: LaneSpec, on_road: Mapping[str, LanePath],
-                   prior: RoadPrior) -> LanePath:
+                   rig: StereoRig, prior: RoadPrior) -> LanePath:
     """
     Return a lane of which at least one line is surveyed.
 
     :param on_road: the paths along its picked lines.
     """
     paths = {n: lane.path for n, lane in on_road.items()}
-    paths.update({n: SplinePath(line.points_m) for n, line in site.lines.items()
-                  if isinstance(line, SurveyedLine) and n in spec.lines})
+    surveyed = {n: line for n, line in site.lines.items()
+                if isinstance(line, SurveyedLine) and n in spec.lines}
+    paths.update({n: SplinePath(line.points_m) for n, line in surveyed.items()})
+    std_m = max(prior.survey_std_m if line.std_m is None else line.std_m
+                for line in surveyed.values())
     return lane_of_paths(spec.name, tuple(paths[n] for n in spec.lines), spec.speed_limit_mps,
-                         max((lane.residual_px for lane in on_road.values()), default=0.0), prior)
+                         rig, std_m,
+                         max((lane.residual_px for lane in on_road.values()), default=0.0))
 
 
 def _refuse_outside(site: Site, line: PickedLine, rig: StereoRig) -> None:

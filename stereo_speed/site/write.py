@@ -40,7 +40,8 @@ def _rounded(values: Array, digits: int) -> list[Any]:
 def _line(line: SiteLine) -> dict[str, Any]:
     """Return one line."""
     if isinstance(line, SurveyedLine):
-        return {'points_m': _rounded(line.points_m, 6)}
+        points = {'points_m': _rounded(line.points_m, 6)}
+        return points if line.std_m is None else {**points, 'std_m': line.std_m}
     out = {'left_image': _rounded(line.left_px, 4), 'right_image': _rounded(line.right_px, 4)}
     for key, std in (('left_std_px', line.left_std_px), ('right_std_px', line.right_std_px)):
         if std is not None:

@@ -9,6 +9,7 @@ from stereo_speed.lab.reference.straight_path import straight_path
 from stereo_speed.road.first_guess import guess_road
 from stereo_speed.road.fit import fit_road
 from stereo_speed.road.lanes import lane_of_road
+from stereo_speed.road.model import RoadShape
 from stereo_speed.road.problem import Picks, RoadProblem
 
 
@@ -30,7 +31,7 @@ def test_straight_road(make_scene, distorted):
     """With picks of 0.3 px the direction is right to 0.05 degrees."""
     scene = make_scene(distorted=distorted, grade=-0.03)
     fit, lane = lane_of(scene)
-    assert fit.problem.model.curvature_terms == 0
+    assert fit.problem.model.shape.curvature == 0
     assert np.degrees(np.arccos(lane.path.tangent(0.0) @ scene.tangent[0])) < 0.05
     assert 0.15 < lane.residual_px < 0.45
     gap = scene.lane_m - lane.path.position(lane.path.arc_length(scene.lane_m))
@@ -44,7 +45,8 @@ def test_curve_of_41_m(make_scene, grade, bends):
     """A curve that climbs is no plane; the fit finds that out by itself."""
     scene = make_scene(curvature=1 / 41, grade=grade, seed=5)
     fit, lane = lane_of(scene)
-    assert fit.problem.model.curvature_terms >= 1 and fit.problem.model.surface_terms >= bends
+    shape = fit.problem.model.shape
+    assert shape.curvature >= 1 and sum(shape[1:]) >= bends
     assert abs(scale_error(lane.path, scene, 30.0)) < 0.001
     assert abs(scale_error(lane.path, scene)) < 0.01
 
@@ -67,7 +69,7 @@ def test_claimed_scatter_is_the_scatter(make_scene):
         scene = make_scene(seed=seed)
         fit, lane = lane_of(scene)
         path, middle = lane.path, lane.path.length_m / 2
-        if fit.problem.model.curvature_terms:
+        if fit.problem.model.shape.curvature:
             continue
         at = np.argmin(np.abs(path.arc_length(scene.lane_m) - middle))
         s = path.arc_length(scene.lane_m[at])
@@ -85,7 +87,7 @@ def test_one_straight_line_is_that_of_the_closed_form(make_scene):
     fit = fit_road(scene.rig, {'line_0': (left, right)})
     path = lane_of_road('lane', fit, (0,), None).path
     alone = straight_path(scene.rig, left, right)
-    assert fit.problem.model.curvature_terms == 0
+    assert fit.problem.model.shape.curvature == 0
     assert np.linalg.norm(np.cross(path.tangent(0.0), alone.tangent(0.0))) < 1e-4
     for s in (0.0, path.length_m):
         off = path.position(s) - alone.position(0.0)
@@ -115,7 +117,7 @@ def test_jacobian_against_differences(make_scene):
     """The analytic elimination of the feet gives the derivative of the residuals."""
     scene = make_scene(curvature=1 / 60)
     model, x = guess_road(scene.rig, list(scene.lines.values()), 2)
-    model, x = model.widened(2, 3, x)
+    model, x = model.reshaped(RoadShape(2, 2, 1, 1), x, tapered=True)
     problem = RoadProblem(scene.rig, Picks.of(scene.lines), model)
     got, h = problem.jacobian(x), 1e-5
     for i in range(model.size):

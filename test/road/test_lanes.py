@@ -9,7 +9,7 @@ from stereo_speed.road.fit import RoadFit
 from stereo_speed.road.lanes import between, lane_of_paths, lane_of_road
 from stereo_speed.road.model import RoadModel
 from stereo_speed.road.path import StraightPath
-from stereo_speed.road.problem import Picks, RoadPrior, RoadProblem
+from stereo_speed.road.problem import Picks, RoadProblem
 
 FRAME = np.array([[0, 1.0, 0], [0, 0, -1], [-1, 0, 0]])
 
@@ -17,7 +17,7 @@ FRAME = np.array([[0, 1.0, 0], [0, 0, -1], [-1, 0, 0]])
 @pytest.fixture(scope='module')
 def fit(make_scene):
     """Give a straight road with lines at 2 m right and 1.5 m left, as if fitted."""
-    rig, model = make_scene().rig, RoadModel(FRAME, np.array([0, 3.0, 40]), 25.0, 2, 0, 0)
+    rig, model = make_scene().rig, RoadModel(FRAME, np.array([0, 3.0, 40]), 25.0, 2)
     z = np.linspace(60, 20, 12)
     lines = {}
     for name, across in (('right', -2.0), ('left', 1.5)):
@@ -53,19 +53,23 @@ def test_plane_of_the_road(fit):
     assert plane.distance_m == pytest.approx(3.0)
 
 
-def test_middle_of_two_paths():
+def test_middle_of_two_paths(make_scene):
     """Halfway between, up square to both; its direction is as certain as the survey."""
+    rig = make_scene().rig
     right = StraightPath(np.array([-2.0, 2, 60]), np.array([0.0, 0, -1]), 40.0)
     left = StraightPath(np.array([2.0, 2, 60]), np.array([0.0, 0, -1]), 40.0)
     middle = between(right, left)
     np.testing.assert_allclose(middle.position(10.0), [0, 2, 50], atol=1e-9)
     np.testing.assert_allclose(middle.frame(10.0)[:, 2], [0, -1, 0], atol=1e-9)
-    lane = lane_of_paths('lane', (right, left), 25.0, prior=RoadPrior(survey_heading_std_rad=0.02))
-    np.testing.assert_allclose(lane.heading_std_rad, 0.02)
+    lane = lane_of_paths('lane', (right, left), 25.0, rig, 0.02)
+    np.testing.assert_allclose(lane.heading_std_rad, 0.02 * np.sqrt(2) / 40)
+    twice = lane_of_paths('lane', (right, left), 25.0, rig, 0.04)
+    assert 0 < lane.scale_std < 0.01 and twice.scale_std == pytest.approx(2 * lane.scale_std)
     np.testing.assert_allclose(lane.path.position(10.0), [0, 2, 50], atol=1e-9)
-    assert lane_of_paths('one', (left,), None).path is left
+    assert lane_of_paths('one', (left,), None, rig, 0.0).path is left
 
 
-def test_length_errors_along_a_lane():
-    lane = lane_of_paths('one', (StraightPath(np.zeros(3), np.array([0, 0, 1.0]), 40.0),), None)
+def test_length_errors_along_a_lane(make_scene):
+    lane = lane_of_paths('one', (StraightPath(np.zeros(3), np.array([0, 0, 1.0]), 40.0),), None,
+                         make_scene().rig, 0.0)
     assert lane.scale_std_at(np.array([1.0, 30.0])).tolist() == [0.0, 0.0]

@@ -6,14 +6,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from stereo_speed.road.model import drift_matrix, NODES, RoadModel, rotation, Weights
+from stereo_speed.road.model import drift_matrix, NODES, RoadModel, RoadShape, rotation, Weights
 
 FRAME = np.array([[0, 1.0, 0], [0, 0, -1], [-1, 0, 0]])  # comes nearer, left is right of the image
 
 
-def model_of(curvature_terms=0, surface_terms=0, lines=2):
+def model_of(*shape):
     """Make a family about a level road 2 m below the camera."""
-    return RoadModel(FRAME, np.array([0, 2.0, 40]), 30.0, lines, curvature_terms, surface_terms)
+    return RoadModel(FRAME, np.array([0, 2.0, 40]), 30.0, 2, RoadShape(*shape))
 
 
 def test_constant_curvature_is_a_circle():
@@ -25,7 +25,7 @@ def test_constant_curvature_is_a_circle():
     np.testing.assert_allclose(np.linalg.norm(points - centre, axis=-1), 41, atol=1e-5)
     np.testing.assert_allclose(
         frames @ np.swapaxes(frames, -1, -2), np.tile(np.eye(3), (len(points), 1, 1)), atol=1e-12)
-    wide, wide_x = model.widened(3, 2, x)
+    wide, wide_x = model.reshaped(RoadShape(3, 2, 1, 2), x)
     np.testing.assert_allclose(wide.reference(wide_x)[0], points)
     assert model.offsets(x).tolist() == [-1.0, 2.0]
     at = Weights.at(model.s_m, np.array([1.234, -7.0]))(points)
@@ -35,7 +35,7 @@ def test_constant_curvature_is_a_circle():
 
 def test_grade_and_crest():
     """A grade climbs by its tangent; a crest adds a parabola; crossfall tilts the left axis."""
-    model = model_of(0, 3)
+    model = model_of(0, 2, 1)
     x = np.zeros(model.size)
     x[-3:] = 0.05, 0.02, -0.03
     points, frames = model.reference(x)
@@ -45,12 +45,33 @@ def test_grade_and_crest():
     np.testing.assert_allclose(2 - points[:, 1], want, atol=1e-6)
     middle = frames[NODES // 2]
     np.testing.assert_allclose(middle[:, 1] @ [0, -1, 0], np.cos(0.05) * np.sin(0.02), atol=1e-12)
-    assert model.surface(x).tolist() == [0.05, 0.02, -0.03]
-    assert model_of(0, 1).surface(np.arange(7.0)).tolist() == [6.0, 0.0, 0.0]
+    assert model.tilt(x).tolist() == [0.05, 0.02]
+    assert model_of(0, 0, 1).tilt(np.arange(7.0)).tolist() == [0.0, 0.0]
+
+
+def test_a_crossfall_that_changes_banks_the_left_axis():
+    """By the integral of the twist: after half the length the left axis has risen by it."""
+    model = model_of(0, 0, 0, 2)
+    x = np.zeros(model.size)
+    x[-2:] = 0.06, 0.02
+    _, frames = model.reference(x)
+    u = model.s_m / 30
+    np.testing.assert_allclose(-frames[:, 1, 1], np.sin(0.06 * u + 0.01 * u**2), atol=1e-12)
+
+
+def test_lines_of_a_tapered_road_run_off_evenly():
+    """By its taper at half the length, on either side; narrower families forget it."""
+    model, x = model_of(1).reshaped(RoadShape(1), np.array([0, 0, 0, 0, -1.0, 2.0, 0.1]), True)
+    x[model.places.tapers] = 0.0, 0.03
+    lines = np.array([0, 1, 1])
+    np.testing.assert_allclose(model.offsets_at(x, lines, np.array([-30.0, -30.0, 15.0])),
+                               [-1.0, 1.97, 2.015])
+    again, y = model.reshaped(RoadShape(), x)
+    assert again.size == 6 and y.tolist() == [0, 0, 0, 0, -1.0, 2.0]
 
 
 def test_stacks_of_roads_are_the_roads_one_by_one():
-    model = model_of(2, 2)
+    model = model_of(2, 2, 1, 1)
     x = np.random.default_rng(0).normal(0, 0.05, (4, model.size))
     points, frames = model.reference(x)
     assert points.shape == (4, NODES, 3) and frames.shape == (4, NODES, 3, 3)

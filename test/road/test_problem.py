@@ -4,21 +4,22 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
 from stereo_speed.core.errors import InputError
-from stereo_speed.road.model import RoadModel
-from stereo_speed.road.problem import DriftPrior, Picks, RoadPrior, RoadProblem
+from stereo_speed.road.model import RoadModel, RoadShape
+from stereo_speed.road.problem import DriftPrior, in_order, Picks, RoadPrior, RoadProblem
 
 FRAME = np.array([[0, 1.0, 0], [0, 0, -1], [-1, 0, 0]])
-MODEL = RoadModel(FRAME, np.array([0, 3.0, 40]), 25.0, 2, 0, 0)
+MODEL = RoadModel(FRAME, np.array([0, 3.0, 40]), 25.0, 2)
 X = np.array([0, 0, 0, 0, -2.0, 1.5])
 
 
 def picks_on(rig, off_px=0.0):
     """Pick points of the two lines of MODEL at X, all off by as much to the right."""
-    z = np.linspace(20, 60, 9)
+    z = np.linspace(60, 20, 9)
     lines = {}
     for name, across in (('a', -2.0), ('b', 1.5)):
         points = np.stack([np.full(9, across), np.full(9, 3.0), z], axis=-1)
@@ -49,7 +50,7 @@ def test_feet_are_where_the_picks_were_made(rig):
     feet = problem.feet(X)
     np.testing.assert_allclose(feet.residual_px, 0, atol=1e-6)
     mine = problem.picks.of_line(0, False)
-    np.testing.assert_allclose(feet.s_m[mine], 40 - np.linspace(20, 60, 9), atol=1e-4)
+    np.testing.assert_allclose(feet.s_m[mine], 40 - np.linspace(60, 20, 9), atol=1e-4)
     beside = RoadProblem(rig, Picks.of(picks_on(rig, 2.0)), MODEL).feet(X)
     np.testing.assert_allclose(
         np.abs(beside.residual_px), np.abs(2.0 * beside.normal[:, 0]), atol=1e-5)
@@ -75,19 +76,30 @@ def test_a_line_behind_the_camera_is_far_off(rig):
 
 
 def test_priors_hand_worked(rig):
-    """Roll, grade, crossfall and crest, each over its sigma; then the drift."""
+    """Roll, curvature, grade, crossfall and crest, each over its sigma; then the drift."""
     prior = RoadPrior(roll_std_rad=0.2, grade_std_rad=0.01, crossfall_std_rad=0.02,
                       crest_std_per_m=0.001)
-    model = replace(MODEL, curvature_terms=1, surface_terms=3)
+    model = replace(MODEL, shape=RoadShape(1, 2, 1))
     drift = DriftPrior(np.array([1e-4, 0, 0]), np.eye(3) / 1e-4)
     problem = RoadProblem(rig, Picks.of(picks_on(rig)), model, drift, prior)
-    x = np.concatenate([X, [0.0], [0.03, 0.0, 0.05], [3e-4, -1e-4, 0.0]])
+    x = np.concatenate([X, [0.05], [0.03, 0.0, 0.05], [3e-4, -1e-4, 0.0]])
     np.testing.assert_allclose(
-        problem.priors(x), [0, 3, 0, 0.05 / (25 * 0.001), 2, -1, 0], atol=1e-9)
+        problem.priors(x), [0, 0.1, 3, 0, 0.05 / (25 * 0.001), 2, -1, 0], atol=1e-9)
     assert problem.size == len(x) and problem.drift_rad(x).tolist() == [3e-4, -1e-4, 0.0]
     rolled = np.concatenate([X, np.zeros(7)])
     rolled[0] = 0.1  # about the direction of travel: the left axis rises
     assert abs(problem.priors(rolled)[0]) == pytest.approx(np.sin(0.1) / 0.2)
+
+
+def test_the_order_of_picks_tells_the_leg_of_a_hairpin():
+    """The second pick is nearer to the last column, but what follows it lies before that."""
+    cost = np.array([[[0.0, 5, 9, 9], [9, 2, 5, 0], [9, 9, 0, 9]]])
+    assert in_order(cost).tolist() == [[0, 1, 2]]
+    rng = np.random.default_rng(0)
+    cost = rng.uniform(size=(3, 4, 5))
+    for group, got in zip(cost, in_order(cost)):
+        ways = [w for w in product(range(5), repeat=4) if list(w) == sorted(w)]
+        assert tuple(got) == min(ways, key=lambda w: sum(group[range(4), w]))
 
 
 def test_the_prior_is_bounded_and_gives_the_calibrated_covariance():

@@ -3,6 +3,8 @@
 """What extrinsic drift does to lengths, against closed forms."""
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from stereo_speed.geometry.camera import Camera
@@ -34,13 +36,16 @@ def test_pan_along_the_line_of_sight():
 def test_scale_of_a_lane():
     """At each place 2 Z pan / b; over the pass between its two ends, nearer to the near one."""
     pan = np.radians(0.001)
-    lane = with_scale(LanePath('lane', PATH, None, np.zeros(2), 0.0), make_rig(),
-                      np.diag([pan**2, 0.0, 0.0]))
+    bare = LanePath('lane', PATH, None, np.zeros(2), 0.0)
+    lane = with_scale(bare, make_rig(), np.diag([pan**2, 0.0, 0.0]))
     np.testing.assert_allclose(lane.scale_std_at(np.array([1.0, 49.0])),
                                4 * pan * np.array([69.0, 21.0]), rtol=0.05)
     assert 4 * pan * 20 < lane.scale_std < 4 * pan * 45
-    twice = with_scale(lane, make_rig(), np.diag([4 * pan**2, 0.0, 0.0]))
+    twice = with_scale(bare, make_rig(), np.diag([4 * pan**2, 0.0, 0.0]))
     assert twice.scale_std == pytest.approx(2 * lane.scale_std)
+    # what the shape of the path leaves uncertain is another error
+    both = with_scale(replace(bare, scale_std=0.003), make_rig(), np.diag([pan**2, 0.0, 0.0]))
+    assert both.scale_std == pytest.approx(np.hypot(0.003, lane.scale_std))
 
 
 def test_a_path_that_nobody_sees_keeps_what_it_had():

@@ -25,6 +25,7 @@ from ...core.errors import SiteError
 from ...core.records import StereoPair
 from ...geometry.rig import StereoRig
 from ...road.lanes import LanePath
+from ...road.path import Path, SplinePath
 from ...site.file import load_site
 from ...site.lane_paths import lane_paths
 from ...site.refine.refiner import refine_site
@@ -32,6 +33,7 @@ from ...site.refine.speed_effect import heading_effect, Setup, speed_error
 
 PAIRS = 5  # of the empty road
 SMALLER = 0.7  # than the usual rigs' images: roads are many
+_SPACING_M = 1.0  # of the points of a true path
 _EVERY_S = 1.0  # between them
 Draw = Callable[[np.random.Generator], RoadConfig]
 
@@ -183,7 +185,7 @@ def measure_road(parameters: Mapping[str, Any]) -> Mapping[str, Any]:
     rng = np.random.default_rng([parameters['seed'], parameters['number'], 1])
     pick, scenery, bodies = rng.spawn(3)
     site = read_back(picked_site(scene, pick, hidden=drawn.clicks_on), load_site)
-    exact = lane_paths(read_back(exact_site(scene), load_site), scene.seen_rig)
+    exact = true_paths(scene)
     out: dict[str, Any] = {'kind': drawn.kind}
     try:
         clicks = lane_paths(site, scene.rig)
@@ -205,7 +207,19 @@ def measure_road(parameters: Mapping[str, Any]) -> Mapping[str, Any]:
             'moved_probability': refined.drift.moved_probability, 'lost': list(refined.lost)}
 
 
-def _worst(scene: SimScene, exact: Mapping[str, LanePath],
+def true_paths(scene: SimScene) -> dict[str, Path]:
+    """Return the true path of each lane as far as nothing hides it."""
+    out: dict[str, Path] = {}
+    for name, lane in lane_paths(read_back(exact_site(scene), load_site), scene.seen_rig).items():
+        s = np.linspace(0.0, lane.path.length_m, round(lane.path.length_m / _SPACING_M))
+        points = lane.path.position(s)
+        hidden = np.flatnonzero(~scene.open_m(points))
+        first = 0 if not len(hidden) else int(hidden[-1]) + 1
+        out[name] = SplinePath(points[first:], lane.path.frame(s[first:])[..., 2])
+    return out
+
+
+def _worst(scene: SimScene, exact: Mapping[str, Path],
            used: Mapping[str, tuple[Mapping[str, LanePath], StereoRig]]) -> dict[str, float]:
     """Return error and 1-sigma of each way on the lane where the error of the last is greatest."""
     best: dict[str, float] = {}
@@ -215,7 +229,7 @@ def _worst(scene: SimScene, exact: Mapping[str, LanePath],
             if name in lanes:
                 lane = lanes[name]
                 here[f'{way}_error'] = speed_error(
-                    Setup(truth.path, scene.seen_rig), Setup(lane.path, rig))
+                    Setup(truth, scene.seen_rig), Setup(lane.path, rig))
                 effect = heading_effect(lane.path, rig, lane.heading_std_rad)
                 here[f'{way}_std'] = math.hypot(
                     lane.scale_std, 0.0 if math.isnan(effect) else effect)

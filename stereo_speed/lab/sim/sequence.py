@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypedDict
+from typing import Mapping, TypedDict, Union
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from ...core.records import Array, StereoPair
 from ...geometry.rig import StereoRig
 
 MOST_PAIRS = 2000
+EXACT_STD_M = 1e-4  # of true lines
 PICK_BEYOND_M = 5.0  # the picks begin this far before the first front
 
 Points = list[list[float]]
@@ -36,7 +37,7 @@ class SiteContent(TypedDict):
 
     stereo_speed_site: int
     name: str
-    lines: dict[str, dict[str, Points]]
+    lines: Mapping[str, Mapping[str, Union[Points, float]]]
     lanes: list[SiteLane]
 
 
@@ -182,7 +183,7 @@ def site_lines(scene: SimScene) -> tuple[dict[str, tuple[float, bool]], list[tup
     return lines, lanes
 
 
-def _site(scene: SimScene, lines: dict[str, dict[str, Points]]) -> SiteContent:
+def _site(scene: SimScene, lines: Mapping[str, Mapping[str, Union[Points, float]]]) -> SiteContent:
     lanes: list[SiteLane] = [
         {'name': f'lane_{i}', 'right': right, 'left': left,
          'speed_limit': scene.config.speed_limit}
@@ -220,7 +221,8 @@ def picked_site(scene: SimScene, rng: np.random.Generator, *, hidden: bool = Tru
 def exact_site(scene: SimScene) -> SiteContent:
     """Return the same site with the true lines as points, 6 decimals."""
     return _site(scene, {
-        name: {'points_m': _rounded(_line_points(scene, offset, 1.0)[::-1 if away else 1], 6)}
+        name: {'points_m': _rounded(_line_points(scene, offset, 1.0)[::-1 if away else 1], 6),
+               'std_m': EXACT_STD_M}
         for name, (offset, away) in site_lines(scene)[0].items()})
 
 

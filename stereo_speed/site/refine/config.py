@@ -38,6 +38,9 @@ class RefineConfig(CheckedRecord):
     most_drift_deg: float = parameter(
         0.3, 0.01, 1.0, 'degrees', 'a camera that has moved by more is another rig: calibrate '
         'again')
+    disagreement_sigmas: float = parameter(
+        4.0, 1.0, 100.0, '', 'sigmas of both by which speeds on the refined lines may differ from '
+        'those on the clicked ones; beyond it the clicks are kept')
     few_pairs: int = parameter(
         5, 1, 1000, '', 'with fewer pairs a median may still show what passed: warn')
     worst_residual_px: float = parameter(

@@ -15,12 +15,14 @@ from numpy.typing import NDArray
 
 from ...core.records import Array
 from ...road.fit import RoadFit
+from ...road.occlusion import hidden
 from ...road.path import chord_lengths
 from ...vision.spline_image import SplineImage
 
 SPACING_PX = 1.5  # of cross-sections along the line; nearer ones share their pixels
 BORDER_PX = 3.0  # of the image, where the spline knows only one side
 _DENSE = 4000  # places along a line at which its image is measured
+_SIGHTS = 160  # lines of sight that are tried for being free
 _STEP_M = 0.02  # of differences along and across the line
 _MIN_SINE = 0.12  # of the angle between the line and its cross-section in the image
 
@@ -81,7 +83,7 @@ class LineView:
 
     def sections(self, ends_px: Array) -> CrossSections:
         """
-        Return cross-sections evenly along the line.
+        Return cross-sections evenly along the line, without those that the road itself hides.
 
         :param ends_px: (2, 2) where the line begins and ends.
         """
@@ -102,4 +104,6 @@ class LineView:
         size = np.array([camera.width_px, camera.height_px])
         good = ((near[:, 1] >= BORDER_PX) & (near[:, 1] <= size - 1 - BORDER_PX)).all(axis=-1)
         good &= px_per_m > _MIN_SINE * np.linalg.norm(across, axis=-1)
+        coarse = np.linspace(s[0], s[-1], _SIGHTS)
+        good &= np.interp(at, coarse, hidden(self.fit, self.line, self.right, coarse)) == 0
         return CrossSections(at, arcs, px_per_m).take(good)

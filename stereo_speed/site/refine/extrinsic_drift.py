@@ -5,14 +5,16 @@ Whether the right camera has rotated since its calibration.
 
 Each of its three angles either stands as calibrated, within a small tolerance, or has moved by
 anything up to some hundredths of a degree. The eight combinations are weighed by how well they
-predict the angles that the lines and the background show. What remains uncertain, that of the
+predict the angles that the lines and the background show. What lines show depends on the family of
+roads that they are taken for: a road that is built so may look like a pan. All families that come
+into question are weighed together with the combinations. What remains uncertain, that of the
 decision included, goes into the covariance.
 """
 from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import product
-from typing import NamedTuple
+from typing import NamedTuple, Sequence
 
 import numpy as np
 
@@ -50,9 +52,24 @@ class Drift:
         return np.asarray(np.sqrt(np.diag(self.covariance_rad2)))
 
 
+class Shown(NamedTuple):
+    """
+    What lines and background show of the angles, if the road is of one family.
+
+    :param log_evidence: logarithm of the probability of all that is seen, but for a constant, with
+        every angle alike beforehand.
+    :param drift_rad: (3,) pan, tilt and roll.
+    :param covariance_rad2: (3, 3) of them, without any prior.
+    """
+
+    log_evidence: float
+    drift_rad: Array
+    covariance_rad2: Array
+
+
 class _Branch(NamedTuple):
     """
-    One combination of angles that have moved and angles that have not.
+    One combination of angles that have moved and angles that have not, on one family of roads.
 
     :param score: logarithm of its probability, but for a constant.
     :param moved: which angles have.
@@ -66,38 +83,55 @@ class _Branch(NamedTuple):
     covariance_rad2: Array
 
 
-def decide_drift(shown_rad: Array, covariance_rad2: Array, config: RefineConfig = RefineConfig(),
+def decide_drift(shown: Sequence[Shown], config: RefineConfig = RefineConfig(),
                  prior: RoadPrior = RoadPrior()) -> Drift:
     """
     Decide whether the camera has rotated, and about which axes.
 
-    :param shown_rad: (3,) pan, tilt and roll as the images show them.
-    :param covariance_rad2: (3, 3) of them, without any prior.
+    :param shown: what is seen, for each family of roads.
     :param config: how often and how far cameras move.
     :param prior: how well angles stay as calibrated.
     """
-    branches = [_branch(shown_rad, covariance_rad2, moved, config, prior)
-                for moved in product((False, True), repeat=3)]
-    scores = np.array([b.score for b in branches])
-    weight = np.exp(scores - scores.max())
-    weight /= weight.sum()
-    best = branches[int(np.argmax(weight))]
+    branches = [_branch(s, moved, config, prior)
+                for moved in product((False, True), repeat=3) for s in shown]
+    weight = _shares([b.score for b in branches])
+    chances = {moved: sum(w for w, b in zip(weight, branches) if b.moved == moved)
+               for moved in product((False, True), repeat=3)}
+    best = max(chances, key=lambda moved: chances[moved])
+    mean = sum((w * b.mean_rad for w, b in zip(weight, branches) if b.moved == best),
+               np.zeros(3)) / chances[best]
     # an axis that stands as calibrated is left alone
-    drift = np.where(best.moved, best.mean_rad, 0.0)
-    spread = [w * (b.covariance_rad2 + np.outer(b.mean_rad - drift, b.mean_rad - drift))
-              for w, b in zip(weight, branches)]
-    return Drift(np.asarray(shown_rad), np.sqrt(np.diag(covariance_rad2)), float(1 - weight[0]),
-                 drift, np.sum(spread, axis=0))
+    drift = np.where(best, mean, 0.0)
+    by_itself = _shares([s.log_evidence for s in shown])
+    seen = np.asarray(sum(w * s.drift_rad for w, s in zip(by_itself, shown)))
+    return Drift(
+        seen, np.sqrt(np.diag(_spread(seen, by_itself, shown))),
+        float(1 - chances[(False, False, False)]), drift,
+        _spread(drift, weight, [Shown(0.0, b.mean_rad, b.covariance_rad2) for b in branches]))
 
 
-def _branch(shown_rad: Array, covariance_rad2: Array, moved: tuple[bool, ...],
-            config: RefineConfig, prior: RoadPrior) -> _Branch:
-    """Weigh one combination."""
+def _shares(scores: Sequence[float]) -> Array:
+    """Return probabilities that add up to 1, of their logarithms but for a constant."""
+    weight = np.exp(np.array(scores) - max(scores))
+    return np.asarray(weight / weight.sum())
+
+
+def _spread(about_rad: Array, weight: Array, parts: Sequence[Shown]) -> Array:
+    """Return the covariance (3, 3) of a mixture about a place."""
+    return np.asarray(sum(
+        w * (p.covariance_rad2 + np.outer(p.drift_rad - about_rad, p.drift_rad - about_rad))
+        for w, p in zip(weight, parts)))
+
+
+def _branch(shown: Shown, moved: tuple[bool, ...], config: RefineConfig, prior: RoadPrior
+            ) -> _Branch:
+    """Weigh one combination on one family of roads."""
+    seen, covariance = shown.drift_rad, shown.covariance_rad2
     still, far = np.radians(prior.calibrated_std_deg)**2, np.radians(config.moved_std_deg)**2
     before = np.diag(np.where(moved, far, still))
-    total = covariance_rad2 + before
+    total = covariance + before
     gain = before @ np.linalg.inv(total)
-    score = -0.5 * (shown_rad @ np.linalg.solve(total, shown_rad) + np.linalg.slogdet(total)[1])
+    score = -0.5 * (seen @ np.linalg.solve(total, seen) + np.linalg.slogdet(total)[1])
     chance = config.moved_probability
-    score += sum(np.log(chance if m else 1 - chance) for m in moved)
-    return _Branch(float(score), moved, gain @ shown_rad, before - gain @ before)
+    score += sum(np.log(chance if m else 1 - chance) for m in moved) + shown.log_evidence
+    return _Branch(float(score), moved, gain @ seen, before - gain @ before)

@@ -10,6 +10,7 @@ points then show whether the right camera has rotated since its calibration.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+import math
 from typing import Iterable, Mapping, Optional
 
 import numpy as np
@@ -17,17 +18,18 @@ import numpy as np
 from .config import RefineConfig
 from .cross_sections import LineView
 from .empty_road import Background, backgrounds
-from .extrinsic_drift import decide_drift, Drift
+from .extrinsic_drift import decide_drift, Drift, Shown
 from .markings import locate, LocatedLine
 from .rig_check import Epipolar, epipolar_check
+from .speed_effect import heading_effect, Setup, speed_error
 from ..extras import RigCorrection
 from ..file import PickedLine, Site
 from ..lane_paths import (
-    ALIKE_PX, fit_lines, in_one_direction, lane_paths, picks_of, with_reversed)
+    ALIKE_PX, fit_lines, in_one_direction, lane_paths, with_reversed)
 from ...core.errors import SiteError
 from ...core.records import Array, StereoPair
 from ...geometry.rig import StereoRig
-from ...road.fit import RoadFit, same_family
+from ...road.fit import in_families, RoadFit, same_family, variance_of
 from ...road.lanes import LanePath
 from ...road.problem import DriftPrior, RoadPrior, RoadProblem
 
@@ -36,6 +38,7 @@ _LOOSE = DriftPrior.loose(np.radians(0.2))  # of the camera while the markings a
 _UNKNOWN_RAD2 = np.eye(3) * np.radians(1.0)**2  # covariance of a drift that nothing shows
 _END_STD_PX = 1.0  # of the ends of lines, which carry on what lies before them
 _END_PX = 4.0  # by which the clicked end must be further on than the last point found
+_LEAST_STILL_DEG = 1e-5  # stands for a calibration without a doubt
 _MOST_DROPPED = 0.3  # share of a line's points; a line that loses more is another line
 _LEAST_POINTS = 3  # of a line in a view
 
@@ -58,6 +61,7 @@ class RefinedSite:
     :param views: clean images of both views.
     :param config: what it was refined with.
     :param prior: what was known of road and rig.
+    :param kept_clicks: why the lines stay as they were clicked; empty where they are refined.
     """
 
     site: Site
@@ -71,6 +75,7 @@ class RefinedSite:
     views: tuple[Background, Background]
     config: RefineConfig
     prior: RoadPrior
+    kept_clicks: str = ''
 
     @property
     def lost(self) -> tuple[str, ...]:
@@ -142,8 +147,55 @@ def refine_site(site: Site, rig: StereoRig, pairs: Iterable[StereoPair],
             n: _with_ends(better.picked[n], rough.picked[n], road)
             for n in found if n in road.names}})
     result = with_reversed(better, reversed_lines)
-    return RefinedSite(result, now, lane_paths(result, now, prior), site, found, road, drift,
-                       checked.epipolar, views, config, prior)
+    try:
+        lanes = lane_paths(result, now, prior)
+    except SiteError as error:
+        if not found:
+            raise
+        why = f'the markings that were found make no lane: {error.what}: found {error.found}'
+    else:
+        why = _disagreement(lanes, replace(site, correction=correction), now, config, prior)
+    refined = RefinedSite(result, now, {}, site, found, road, drift, checked.epipolar, views,
+                          config, prior)
+    return _as_clicked(refined, rig, why) if why else replace(refined, lanes=lanes)
+
+
+def _disagreement(lanes: Mapping[str, LanePath], clicked: Site, rig: StereoRig,
+                  config: RefineConfig, prior: RoadPrior) -> str:
+    """
+    Return by how much refined lanes contradict the clicks; empty where they do not.
+
+    :param clicked: the lines as clicked, with the correction of the rig.
+    :param rig: as corrected.
+    """
+    try:
+        rough = lane_paths(clicked, rig, prior)
+    except SiteError:
+        return ''
+    for name, lane in lanes.items():
+        change = speed_error(Setup(lane.path, rig), Setup(rough[name].path, rig))
+        std = math.hypot(*(effect for one in (lane, rough[name]) for effect in (
+            one.scale_std, np.nan_to_num(heading_effect(one.path, rig, one.heading_std_rad)))))
+        if abs(change) > config.disagreement_sigmas * std:
+            return (f'on {name} the markings that were found and the clicks differ by '
+                    f'{100 * change:+.2f} % of the speed, {abs(change) / std:.1f} sigmas of both')
+    return ''
+
+
+def _as_clicked(refined: RefinedSite, rig: StereoRig, why: str) -> RefinedSite:
+    """
+    Return the site as it was clicked, with what the drift of the right camera may be.
+
+    :param refined: what came of the refinement.
+    :param rig: as calibrated.
+    :param why: it is not used.
+    """
+    drift = refined.drift
+    spread = drift.covariance_rad2 + np.outer(drift.drift_rad, drift.drift_rad)
+    drift = replace(drift, drift_rad=np.zeros(3), covariance_rad2=spread)
+    site = replace(refined.rough, correction=RigCorrection(np.zeros(3), spread))
+    return replace(refined, site=site, rig=rig, lanes=lane_paths(site, rig, refined.prior),
+                   drift=drift, kept_clicks=why)
 
 
 def _roads(site: Site, rig: StereoRig, prior: RoadPrior) -> list[RoadFit]:
@@ -169,7 +221,7 @@ def _find(site: Site, fit: RoadFit, views: tuple[Background, Background], known:
     for number in range(ROUNDS):
         if number:
             fit = fit_lines(_with_found(site, found), fit.problem.rig, fit.names, _LOOSE,
-                            fit.problem.prior)
+                            fit.problem.prior, fit)
         for i, name in enumerate(fit.names):
             before = found.get(name)
             if name in known or (number and before is None):
@@ -198,7 +250,8 @@ def _checked(site: Site, first: Optional[RoadFit], views: tuple[Background, Back
     Points that lie off the road that the others make are dropped.
     """
     if first is None:
-        return _Checked(decide_drift(np.zeros(3), _UNKNOWN_RAD2, config, prior), None, None, found)
+        return _Checked(decide_drift(
+            [Shown(0.0, np.zeros(3), _UNKNOWN_RAD2)], config, prior), None, None, found)
     rig = first.problem.rig
     epipolar = epipolar_check(rig, views, first.plane, config)
     information = np.linalg.inv(_UNKNOWN_RAD2)
@@ -207,19 +260,36 @@ def _checked(site: Site, first: Optional[RoadFit], views: tuple[Background, Back
         information = information + epipolar.information
         mean = np.linalg.solve(information, epipolar.information @ epipolar.drift_rad)
     before = DriftPrior(mean, np.linalg.cholesky(information).T)
-    fit = fit_lines(_with_found(site, found), rig, first.names, before, prior)
-    kept = _without_strays(fit, found, config)
+    still = DriftPrior.loose(np.radians(max(prior.calibrated_std_deg, _LEAST_STILL_DEG)))
+    site, kept = _with_found(site, found), found
+    free = fit_lines(site, rig, first.names, before, prior, first)
+    kept = _without_strays(free, found, config)
     if kept != found:
-        lines = _with_found(site, kept).picked
-        picks = picks_of((lines[n] for n in fit.names), prior)
-        fit = same_family(fit, RoadProblem(rig, picks, fit.problem.model, before, prior))
-    drift = decide_drift(fit.drift_rad, fit.covariance[-3:, -3:], config, prior)
+        site = _with_found(site, kept)
+        free = fit_lines(site, rig, first.names, before, prior, free)
+    fixed = fit_lines(site, rig, first.names, still, prior, first)
+    drift = decide_drift(_shown(free, fixed, before), config, prior)
     worst = int(np.argmax(np.abs(drift.drift_rad)))
     if np.degrees(abs(drift.drift_rad[worst])) > config.most_drift_deg:
         raise SiteError(site.where, f'{("pan", "tilt", "roll")[worst]} of the right camera since '
                         'its calibration', f'{np.degrees(drift.drift_rad[worst]):+.3f} degrees',
                         f'at most {config.most_drift_deg}; calibrate again')
-    return _Checked(drift, epipolar, fit, kept)
+    return _Checked(drift, epipolar, free if drift.moved else fixed, kept)
+
+
+def _shown(free: RoadFit, fixed: RoadFit, before: DriftPrior) -> list[Shown]:
+    """
+    Return what each family of roads says of the right camera.
+
+    :param free: the road that is likeliest if the camera may have rotated, with its rivals.
+    :param fixed: the same if it stands as calibrated.
+    :param before: what the background says.
+    """
+    starts = {shape: fit for fit in (fixed, free) for shape in fit.shapes}
+    fits = [in_families(start, [shape], before)[0] for shape, start in starts.items()]
+    variance = variance_of(fits)
+    return [Shown(fit.log_evidence(variance), fit.drift_rad, fit.covariance[-3:, -3:])
+            for fit in fits]
 
 
 def _without_strays(fit: RoadFit, found: Found, config: RefineConfig) -> Found:

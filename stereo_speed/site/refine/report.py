@@ -149,6 +149,8 @@ def _warnings(refined: RefinedSite, lines: tuple[LineFigures, ...],
     if refined.views[0].pairs < config.few_pairs:
         out.insert(0, f'only {refined.views[0].pairs} pairs: what passed may still be in the '
                    'background')
+    if refined.kept_clicks:
+        out.append(f'lines left as they were clicked: {refined.kept_clicks}')
     for lane in lanes:
         if lane.std > config.worst_speed_std:
             out.append(f'{lane.name}: path and rig leave speeds uncertain by {100 * lane.std:.2f} '
@@ -252,6 +254,7 @@ def summary(refined: RefinedSite, figures: Report) -> dict[str, Any]:
         'residual_px': {line.name: [round(v, 4) for v in line.residual_px]
                         for line in figures.lines if line.points[0]},
         'path_and_rig_std': {lane.name: round(lane.std, 6) for lane in figures.lanes},
+        'kept_clicks': refined.kept_clicks,
         'warnings': list(figures.warnings)}
 
 

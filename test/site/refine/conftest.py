@@ -24,7 +24,7 @@ from stereo_speed.site.lane_paths import lane_paths
 from stereo_speed.site.refine.config import RefineConfig
 from stereo_speed.site.refine.cross_sections import LineView
 from stereo_speed.site.refine.empty_road import Background
-from stereo_speed.site.refine.extrinsic_drift import decide_drift
+from stereo_speed.site.refine.extrinsic_drift import decide_drift, Shown
 from stereo_speed.site.refine.markings import locate
 from stereo_speed.site.refine.refiner import RefinedSite
 from stereo_speed.vision.spline_image import SplineImage
@@ -89,7 +89,7 @@ class DrawnRoad:
         self.lines = {name: PickedLine(name, *(self.line(name, z, right) for right in (0, 1)))
                       for name in LINES_M}
         half = (FAR_M - NEAR_M) / 2
-        model = RoadModel(FRAME, np.array([0, HEIGHT_M, NEAR_M + half]), half, 2, 0, 0)
+        model = RoadModel(FRAME, np.array([0, HEIGHT_M, NEAR_M + half]), half, 2)
         picks = Picks.of({name: line.views_px for name, line in self.lines.items()})
         self.fit = RoadFit(RoadProblem(self.rig, picks, model), np.array(
             [0, 0, 0, 0, *(x + off_m for x in LINES_M.values())]), 0.0)
@@ -164,6 +164,7 @@ def drawn_refined(drawn) -> RefinedSite:
         locate(LineView(drawn.fit, i, bool(right), views[right].spline, 1.0),
                drawn.lines[name].views_px[right][[0, -1]]) for right in (0, 1))
              for i, name in enumerate(LINES_M)}
-    drift = decide_drift(np.zeros(3), np.diag(np.radians([0.001, 0.0003, 0.002])**2))
+    drift = decide_drift(
+        [Shown(0.0, np.zeros(3), np.diag(np.radians([0.001, 0.0003, 0.002])**2))])
     return RefinedSite(drawn.site, drawn.rig, lane_paths(drawn.site, drawn.rig), drawn.site, found,
                        drawn.fit, drift, None, views, RefineConfig(), RoadPrior())

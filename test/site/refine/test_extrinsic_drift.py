@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from stereo_speed.road.problem import RoadPrior
 from stereo_speed.site.refine.config import RefineConfig
-from stereo_speed.site.refine.extrinsic_drift import decide_drift
+from stereo_speed.site.refine.extrinsic_drift import decide_drift, Shown
 
 CONFIG, CALIBRATED_DEG = RefineConfig(), RoadPrior().calibrated_std_deg
 STD_DEG = np.array([0.0008, 0.0003, 0.002])
 
 
 def test_nothing_moved():
-    drift = decide_drift(np.radians([0.0005, -0.0002, 0.001]), np.diag(np.radians(STD_DEG)**2))
+    drift = decide_drift([Shown(0.0, np.radians([0.0005, -0.0002, 0.001]), np.diag(np.radians(STD_DEG)**2))])
     assert not drift.moved and drift.moved_probability < 0.05
     left = np.degrees(drift.std_rad)
     assert np.all(left < 3 * CALIBRATED_DEG) and np.all(left > 0.5 * CALIBRATED_DEG)
@@ -24,7 +24,7 @@ def test_nothing_moved():
 def test_one_angle_moved(axis):
     shown = np.zeros(3)
     shown[axis] = 0.02
-    drift = decide_drift(np.radians(shown), np.diag(np.radians(STD_DEG)**2))
+    drift = decide_drift([Shown(0.0, np.radians(shown), np.diag(np.radians(STD_DEG)**2))])
     assert drift.moved and drift.moved_probability > 0.99
     assert np.degrees(drift.drift_rad[axis]) == pytest.approx(0.02, rel=0.02)
     assert np.count_nonzero(drift.drift_rad) == 1
@@ -34,7 +34,7 @@ def test_one_angle_moved(axis):
 
 def test_what_cannot_be_seen_stays_uncertain():
     """An angle that the images do not show may have moved as often as any."""
-    drift = decide_drift(np.zeros(3), np.diag(np.radians([5.0, 0.0003, 0.002])**2))
+    drift = decide_drift([Shown(0.0, np.zeros(3), np.diag(np.radians([5.0, 0.0003, 0.002])**2))])
     expected = np.sqrt(CONFIG.moved_probability * CONFIG.moved_std_deg**2)
     assert np.degrees(np.sqrt(drift.covariance_rad2[0, 0])) == pytest.approx(expected, rel=0.05)
 
@@ -49,7 +49,8 @@ def test_uncertainty_covers_the_decision():
         moved = rng.random(3) < CONFIG.moved_probability
         truth = np.radians(np.where(moved, CONFIG.moved_std_deg, CALIBRATED_DEG)
                            * rng.standard_normal(3))
-        drift = decide_drift(truth + np.radians(STD_DEG) * rng.standard_normal(3), covariance)
+        drift = decide_drift([Shown(
+            0.0, truth + np.radians(STD_DEG) * rng.standard_normal(3), covariance)])
         off = drift.drift_rad - truth
         squares.append(off**2)
         variances.append(np.diag(drift.covariance_rad2))

@@ -100,7 +100,7 @@ def test_bend_is_right(circle):
     here = lane.path.position(np.linspace(3, lane.path.length_m - 3, 20))
     off = here - exact.path.position(exact.path.arc_length(here))
     assert np.linalg.norm(off, axis=-1).max() < 0.02
-    assert refined.road.problem.model.curvature_terms >= 1
+    assert refined.road.problem.model.shape.curvature >= 1
 
 
 @pytest.mark.slow
