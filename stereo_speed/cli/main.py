@@ -35,6 +35,8 @@ COMMANDS = {
                  'compare trackers on sequences with truth; the tables of the papers'),
     'traffic': ('stereo_speed.lab.cli.traffic',
                 'measure simulated traffic with exact truth, and tabulate'),
+    'roads': ('stereo_speed.lab.cli.roads',
+              'click and refine simulated roads with exact truth, and tabulate'),
     'bench': ('stereo_speed.lab.cli.bench', 'time the tracker'),
 }
 INPUT_ERROR = 2

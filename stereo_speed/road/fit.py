@@ -268,8 +268,8 @@ def fit_road(rig: StereoRig, lines: Mapping[str, tuple[Array, Array]],
     """
     picks = Picks.of(lines, std_px, prior.pick_std_px)
     if near is not None:
-        start = same_family(near, RoadProblem(rig, picks, near.problem.model, drift, prior))
-        return _search([start], MOST.curvature)
+        return _search([same_family(
+            near, RoadProblem(rig, picks, near.problem.model, drift, prior))], MOST.curvature)
     rotated = np.zeros(0) if drift is None else drift.mean_rad
     # a few picks, 2 a line, are only enough for a straight road
     most = min(MOST.curvature, len(picks.line) // 2 - 4 - len(lines))
@@ -323,7 +323,7 @@ def with_rivals(fits: list[RoadFit]) -> RoadFit:
     """Return the road of greatest evidence, with those of other families that come near it."""
     variance, best = variance_of(fits), _best(fits)
     top = best.log_evidence(variance)
-    odds = {}
+    odds: dict[RoadShape, tuple[float, RoadFit]] = {}
     for fit in fits:
         shape, chance = fit.problem.model.shape, float(np.exp(fit.log_evidence(variance) - top))
         if shape != best.problem.model.shape and chance > odds.get(shape, (_RIVAL, fit))[0]:

@@ -145,14 +145,14 @@ class RoadModel:
         """Return the (..., lines) lateral places of the lines, m, positive to the left."""
         return x[..., self.places.offsets]
 
-    def offsets_at(self, x: Array, line: Array, s_m: Array) -> Array:
+    def offsets_at(self, x: Array, line: NDArray[np.intp], s_m: Array) -> Array:
         """
         Return the lateral places (..., n) of lines where they are looked at, tapers included.
 
         :param line: (n,) their numbers.
         :param s_m: (n,) arc lengths.
         """
-        out = x[..., self.places.offsets][..., line]
+        out: Array = x[..., self.places.offsets][..., line]
         if self.tapered:
             out = out + x[..., self.places.tapers][..., line] * (s_m / self.half_length_m)
         return np.asarray(out)

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from stereo_speed.core.config import TrackerConfig
-from stereo_speed.core.errors import InputError
+from stereo_speed.core.errors import InputError, SiteError
 from stereo_speed.core.records import InitialFront
 from stereo_speed.detection.detector import PlaneSweepDetector
 from stereo_speed.io.bags import StereoBag
@@ -74,3 +74,16 @@ def test_what_cannot_be_measured_is_refused(bag, sample):
     with pytest.raises(InputError, match='marks.yaml: .*right_image'):
         make_pipeline(bag.rig, place.lanes, PipelineConfig(),
                       [InitialFront(0, quad, quad - 30.0)], where='marks.yaml')
+
+
+def test_a_site_that_cannot_be_refined_is_measured_as_it_was_read(bag, sample, monkeypatch):
+    """And it is said why."""
+    def refuse(*_):
+        raise SiteError('site.yaml', 'pan', '+1 degrees', 'at most 0.3')
+    monkeypatch.setattr('stereo_speed.pipeline.assembly.refine_site', refuse)
+    rough = load_site(sample / 'site.yaml')
+    place = MeasuringSite.of(rough, bag.rig, bag.pairs())
+    assert place.refined is None and place.site is rough and place.rig is bag.rig
+    assert set(place.lanes) == {lane.name for lane in rough.lanes}
+    assert place.not_refined == 'site.yaml: pan: found +1 degrees, wanted at most 0.3'
+    assert MeasuringSite.of(rough, bag.rig).not_refined == ''

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 import math
-from typing import Any, Callable, Mapping, Optional, Sequence
+from typing import Any, Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -32,6 +32,7 @@ from ...site.refine.refiner import refine_site
 from ...site.refine.speed_effect import heading_effect, Setup, speed_error
 
 PAIRS = 5  # of the empty road
+SAME = 5e-4  # of the speed: errors that differ by less are equal
 SMALLER = 0.7  # than the usual rigs' images: roads are many
 _SPACING_M = 1.0  # of the points of a true path
 _EVERY_S = 1.0  # between them
@@ -204,7 +205,7 @@ def measure_road(parameters: Mapping[str, Any]) -> Mapping[str, Any]:
                                      'refined': (refined.lanes, refined.rig)}))
     return {**out, 'turned': bool(refined.drift.moved), 'pan_deg': float(pan_deg),
             'tilt_deg': float(tilt_deg), 'roll_deg': float(roll_deg),
-            'moved_probability': refined.drift.moved_probability, 'lost': list(refined.lost)}
+            'moved_probability': refined.drift.moved_probability, 'lost': list(refined.lost), 'kept_clicks': refined.kept_clicks}
 
 
 def true_paths(scene: SimScene) -> dict[str, Path]:
@@ -237,3 +238,33 @@ def _worst(scene: SimScene, exact: Mapping[str, Path],
         if not best or abs(here.get(key, 0.0)) > abs(best.get(key, 0.0)):
             best = here
     return best
+
+
+def road_table(results: Sequence[Result]) -> Table:
+    """Return a row for each road, errors and 1-sigmas in percent of the speed."""
+    rows = []
+    for result in results:
+        v = result.value or {}
+        said = v.get('refined_refused') or v.get('kept_clicks') or ''
+        rows.append([
+            result.key, v.get('kind', 'failed'), *(
+                None if v.get(key) is None else 100 * v[key] for key in (
+                    'clicks_error', 'clicks_std', 'refined_error', 'refined_std')),
+            v.get('moved_probability'), v.get('pan_deg'), said])
+    return Table(title='', rows=rows, digits=(0, 0, 3, 3, 3, 3, 3, 4, 0), columns=(
+        'road', 'kind', 'clicks, %', 'σ', 'refined, %', 'σ', 'probability of a turn',
+        'pan corrected, °', 'not refined because'))
+
+
+def road_figures(results: Sequence[Result]) -> str:
+    """Return the roads in one sentence."""
+    values = [r.value for r in results if r.value is not None]
+    refined = [v for v in values if 'refined_error' in v]
+    worse = sum(abs(v['refined_error']) > abs(v.get('clicks_error', math.inf)) + SAME
+                for v in refined)
+    scores = [v['refined_error'] / v['refined_std'] for v in refined]
+    return (f'{len(values)} roads: {len(refined)} refined, {len(values) - len(refined)} refused, '
+            f'{sum(bool(v.get("kept_clicks")) for v in refined)} kept as clicked, '
+            f'{sum(v["turned"] for v in refined)} found turned, {worse} worse than the clicks; '
+            f'r.m.s. of error/σ {np.sqrt(np.mean(np.square(scores))):.2f}' if refined
+            else f'{len(values)} roads: none refined')

@@ -134,7 +134,7 @@ def _first_meeting(road: Road, centre: Array, rays: Array, flat: Array) -> Array
         before, high = depth, here
         most = MARCH_STEP * depth
         depth = np.clip(depth + np.clip(-here / np.minimum(slope, -1e-4), -most, most), 0.0, far)
-    return depth
+    return np.asarray(depth)
 
 
 def _asphalt_coverage(ground: GroundMap, road: Road) -> Array:

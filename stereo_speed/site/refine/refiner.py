@@ -28,6 +28,7 @@ from ..lane_paths import (
     ALIKE_PX, fit_lines, in_one_direction, lane_paths, with_reversed)
 from ...core.errors import SiteError
 from ...core.records import Array, StereoPair
+from ...estimation.robust import robust_std
 from ...geometry.rig import StereoRig
 from ...road.fit import in_families, RoadFit, same_family, variance_of
 from ...road.lanes import LanePath
@@ -39,7 +40,8 @@ _UNKNOWN_RAD2 = np.eye(3) * np.radians(1.0)**2  # covariance of a drift that not
 _END_STD_PX = 1.0  # of the ends of lines, which carry on what lies before them
 _END_PX = 4.0  # by which the clicked end must be further on than the last point found
 _LEAST_STILL_DEG = 1e-5  # stands for a calibration without a doubt
-_MOST_DROPPED = 0.3  # share of a line's points; a line that loses more is another line
+_MOST_DROPPED = 0.5  # share of a line's points; a line that loses more is another line
+_STRAY_ROUNDS = 4  # of dropping them; each road shows others
 _LEAST_POINTS = 3  # of a line in a view
 
 Found = Mapping[str, tuple[LocatedLine, LocatedLine]]
@@ -173,7 +175,9 @@ def _disagreement(lanes: Mapping[str, LanePath], clicked: Site, rig: StereoRig,
     except SiteError:
         return ''
     for name, lane in lanes.items():
-        change = speed_error(Setup(lane.path, rig), Setup(rough[name].path, rig))
+        ways = Setup(lane.path, rig), Setup(rough[name].path, rig)
+        change = max((speed_error(a, b) for a, b in (ways, ways[::-1])),
+                     key=lambda value: abs(np.nan_to_num(value)))
         std = math.hypot(*(effect for one in (lane, rough[name]) for effect in (
             one.scale_std, np.nan_to_num(heading_effect(one.path, rig, one.heading_std_rad)))))
         if abs(change) > config.disagreement_sigmas * std:
@@ -261,11 +265,14 @@ def _checked(site: Site, first: Optional[RoadFit], views: tuple[Background, Back
         mean = np.linalg.solve(information, epipolar.information @ epipolar.drift_rad)
     before = DriftPrior(mean, np.linalg.cholesky(information).T)
     still = DriftPrior.loose(np.radians(max(prior.calibrated_std_deg, _LEAST_STILL_DEG)))
-    site, kept = _with_found(site, found), found
+    clicked, site, kept = site, _with_found(site, found), found
     free = fit_lines(site, rig, first.names, before, prior, first)
-    kept = _without_strays(free, found, config)
-    if kept != found:
-        site = _with_found(site, kept)
+    for _ in range(_STRAY_ROUNDS):
+        without = _without_strays(free, kept, config)
+        if without == kept:
+            break
+        kept = without
+        site = _with_found(clicked, kept)
         free = fit_lines(site, rig, first.names, before, prior, free)
     fixed = fit_lines(site, rig, first.names, still, prior, first)
     drift = decide_drift(_shown(free, fixed, before), config, prior)
@@ -293,17 +300,25 @@ def _shown(free: RoadFit, fixed: RoadFit, before: DriftPrior) -> list[Shown]:
 
 
 def _without_strays(fit: RoadFit, found: Found, config: RefineConfig) -> Found:
-    """Drop what is far off the road: a rail's edge, a shadow's. Never much of a line."""
+    """
+    Drop what is far off the road: a rail's edge, a shadow's, what is behind a crest.
+
+    A line that would lose much of itself is no line of this road, and is dropped as a whole.
+    """
     picks, out = fit.problem.picks, dict(found)
-    off = np.abs(fit.feet.residual_px) / (picks.std_px * fit.scale)
+    off = np.abs(fit.feet.residual_px) / picks.std_px
+    off = off / max(robust_std(fit.feet.residual_px / picks.std_px), 1.0)
     for number, name in enumerate(fit.names):
         if name in found:
             good = [off[picks.of_line(number, right)] < config.stray_sigmas
                     for right in (False, True)]
-            left, right = (line if g.all() or g.sum() < max((1 - _MOST_DROPPED) * len(g),
-                                                            _LEAST_POINTS) else line.take(g)
-                           for line, g in zip(found[name], good))
-            out[name] = left, right
+            if all(g.all() for g in good):
+                continue
+            if any(g.sum() < max((1 - _MOST_DROPPED) * len(g), _LEAST_POINTS) for g in good):
+                del out[name]
+            else:
+                left, right = (line.take(g) for line, g in zip(found[name], good))
+                out[name] = left, right
     return out
 
 

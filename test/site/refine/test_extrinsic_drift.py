@@ -58,3 +58,16 @@ def test_uncertainty_covers_the_decision():
     assert np.all(np.abs(np.mean(scores, axis=0) - 1) < 0.25)
     ratio = np.mean(squares, axis=0) / np.mean(variances, axis=0)
     assert np.all((ratio > 0.75) & (ratio < 1.3))
+
+
+def test_a_road_that_explains_as_much_keeps_a_pan_from_being_found():
+    """One family sees a pan of 30 sigmas; another, more likely by e^10, sees none."""
+    small = np.diag(np.radians([0.001, 0.0003, 0.002])**2)
+    plane = Shown(0.0, np.radians([0.03, 0.0, 0.0]), small)
+    assert decide_drift([plane]).moved
+    crest = Shown(10.0, np.zeros(3), small)
+    drift = decide_drift([plane, crest])
+    assert not drift.moved and drift.moved_probability < 0.02
+    # where both are as likely, what is not corrected is uncertain
+    drift = decide_drift([plane, crest._replace(log_evidence=-6.0)])
+    assert np.degrees(drift.std_rad[0]) > 0.005

@@ -1,0 +1,39 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""``roads``: click and refine simulated roads of many kinds with exact truth, and tabulate."""
+from __future__ import annotations
+
+import argparse
+
+from ..evaluation.roads import KINDS, measure_road, road_figures, road_jobs, road_table
+from ..evaluation.runner import failures, run_jobs
+from ...cli.options import add_job_options, number_in, report_failures, Subparsers
+from ...io.atomic import write_whole
+
+
+def add_parser(subparsers: Subparsers) -> None:
+    """Add the ``roads`` command."""
+    parser = subparsers.add_parser('roads', help='tabulate errors on simulated roads',
+                                   description=__doc__)
+    parser.add_argument(
+        '--roads', type=number_in(int, 1, 10000), default=4 * len(KINDS),
+        help=f'roads, {len(KINDS)} kinds by turns (default: {4 * len(KINDS)})')
+    parser.add_argument('--seed', type=number_in(int, 0, 2 ** 31), default=0,
+                        help='another set of roads')
+    parser.add_argument('--pan-deg', type=number_in(float, -1, 1), default=0.0, metavar='DEG',
+                        help='the right camera has turned this far, to either side, since its '
+                             'calibration')
+    add_job_options(parser)
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure the roads that are not measured yet, print the table, write the files."""
+    results = run_jobs(road_jobs(args.roads, args.seed, args.pan_deg), measure_road,
+                       out_dir=args.out, workers=args.jobs, description='roads')
+    table = road_table(results)
+    if args.out is not None:
+        write_whole(args.out, {'roads.md': table.markdown(), 'roads.csv': table.csv()})
+    print(table.markdown())
+    print(road_figures(results))
+    return report_failures(failures(results))
