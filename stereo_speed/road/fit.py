@@ -22,7 +22,6 @@ from itertools import product
 from typing import Iterable, Iterator, Mapping, Optional
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from .first_guess import guess_road, NoRoadError

@@ -30,12 +30,13 @@ class LanePath:
     :param speed_limit_mps: None where the site file gives none.
     :param heading_std_rad: (2,) 1-sigma of the direction in the middle, across (P) and up (B).
     :param residual_px: root mean square distance of the picks from the lines; 0 for surveys.
-    :param scale_std: 1-sigma of speeds over the whole path, where near observations weigh most,
-        as a share: by the shape of the path and, once the rig is looked at, by the scale of
-        lengths along it.
+    :param scale_std: 1-sigma of the length along the path, as a share: what it does to the speed
+        of a pass over the whole path, where near observations weigh most.
     :param scale_profile: arc lengths (n,) in m and the 1-sigma (n,) of the length there, as a
         share; errors are the same one along the path, only larger farther away. None: it is
         ``scale_std`` everywhere.
+    :param shape_std: 1-sigma of speeds, as a share, by whatever else than its direction is wrong
+        with the path.
     """
 
     name: str
@@ -45,6 +46,7 @@ class LanePath:
     residual_px: float
     scale_std: float = 0.0
     scale_profile: Optional[tuple[Array, Array]] = None
+    shape_std: float = 0.0
 
     def scale_std_at(self, s_m: Array) -> Array:
         """
@@ -79,7 +81,8 @@ def lane_of_road(name: str, fit: RoadFit, lines: tuple[int, ...],
         path = SplinePath(points, frames[:, :, 2])
     square = np.mean(fit.residual_px[list(lines)]**2)
     heading_std, shape_std = _uncertain(fit, lines, s)
-    return LanePath(name, path, speed_limit_mps, heading_std, float(np.sqrt(square)), shape_std)
+    return LanePath(name, path, speed_limit_mps, heading_std, float(np.sqrt(square)),
+                    shape_std=shape_std)
 
 
 def _lane(fit: RoadFit, x: Array, lines: tuple[int, ...], s_m: Array) -> tuple[Array, Array]:
@@ -207,7 +210,7 @@ def lane_of_paths(name: str, paths: tuple[Path, ...], speed_limit_mps: Optional[
     # both ends are off by so much, each by itself
     heading_std = np.full(2, np.sqrt(2.0) * std_m / path.length_m)
     return LanePath(name, path, speed_limit_mps, heading_std, residual_px,
-                    std_m * _bow_effect(path, rig))
+                    shape_std=std_m * _bow_effect(path, rig))
 
 
 def _bow_effect(path: Path, rig: StereoRig) -> float:

@@ -3,10 +3,10 @@
 """
 The shape of a road: a reference line that curves and climbs, and lines parallel to it.
 
-The road's frame at reference arc length ``s`` is ``G Rz(psi(s)) Ry(-theta(s)) Rx(phi(s))``: heading
-``psi`` about a fixed up axis, the integral of a polynomial curvature; grade ``theta``, the integral
-of a polynomial vertical curvature; crossfall ``phi``, the integral of a polynomial twist. A straight
-grade needs none of these, because the plane tilts with it; a curve that climbs does.
+The road's frame at reference arc length ``s`` is ``G Rz(psi(s)) Ry(-theta(s)) Rx(phi(s))``:
+heading ``psi`` about a fixed up axis, the integral of a polynomial curvature; grade ``theta``, the
+integral of a polynomial vertical curvature; crossfall ``phi``, the integral of a polynomial twist.
+A straight grade needs none of these, because the plane tilts with it; a curve that climbs does.
 
 The parameters are one vector: small rotation of the guess (3), height (1), a lateral offset for
 each line, on demand a taper for each line, and the coefficients of the shape.

@@ -291,11 +291,12 @@ class RoadProblem:
         """Return the 1-sigmas of the parameters of the shape and of the tapers, beforehand."""
         shape, half, prior = self.model.shape, self.model.half_length_m, self.prior
         tilt = np.array([prior.grade_std_rad, prior.crossfall_std_rad])
+        number = np.arange(1, max(shape) + 1)  # roads are smooth: further coefficients are smaller
         return np.concatenate([
             np.full(self.model.lines * self.model.tapered, max(prior.taper_std_m, _LEAST_TAPER_M)),
-            np.full(shape.curvature, prior.curvature_std_per_m * half), tilt[:shape.tilt],
-            np.full(shape.vertical, prior.crest_std_per_m * half),
-            np.full(shape.twist, prior.twist_std_rad)])
+            prior.curvature_std_per_m * half / number[:shape.curvature], tilt[:shape.tilt],
+            prior.crest_std_per_m * half / number[:shape.vertical],
+            prior.twist_std_rad / number[:shape.twist]])
 
     def priors(self, x: Array) -> Array:
         """

@@ -52,8 +52,6 @@ def with_scale(lane: LanePath, rig: StereoRig, covariance_rad2: Array) -> LanePa
     """
     Return a lane with what the uncertain rotation of the right camera does to its lengths.
 
-    That is added to what the shape of the path leaves uncertain.
-
     The speed of a pass is the slope of its places over time, each weighted by how well disparity
     determines it, ``1 / Z^4``.
 
@@ -72,6 +70,5 @@ def with_scale(lane: LanePath, rig: StereoRig, covariance_rad2: Array) -> LanePa
         (slope[1:] + slope[:-1]) / 2 * np.diff(s)[:, None], axis=0)])
     mean = lever @ off / (lever @ s)
     profile = np.sqrt(np.einsum('ni,ij,nj->n', slope, covariance_rad2, slope))
-    by_drift = float(np.sqrt(mean @ covariance_rad2 @ mean))
-    return replace(lane, scale_std=float(np.hypot(lane.scale_std, by_drift)),
-                   scale_profile=(s, np.hypot(lane.scale_std, profile)))
+    return replace(lane, scale_std=float(np.sqrt(mean @ covariance_rad2 @ mean)),
+                   scale_profile=(s, profile))

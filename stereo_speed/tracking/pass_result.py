@@ -21,10 +21,10 @@ from ..geometry.rig import StereoRig
 from ..road.lanes import LanePath
 
 
-def calibration_share(rig: StereoRig, lane: LanePath, config: TrackerConfig,
-                      s_m: Optional[float] = None) -> float:
+def rig_share(rig: StereoRig, lane: LanePath, config: TrackerConfig,
+              s_m: Optional[float] = None) -> float:
     """
-    Return the 1-sigma of the scale of all speeds, as a share.
+    Return the 1-sigma of the scale of all speeds by the rig, as a share.
 
     Focal length, baseline and the length of the path add to it: ranges, and so speeds along the
     path, are proportional to the first two (Z = f b / d).
@@ -34,6 +34,16 @@ def calibration_share(rig: StereoRig, lane: LanePath, config: TrackerConfig,
     baseline = config.baseline_std_m / rig.baseline_m
     path = lane.scale_std if s_m is None else float(lane.scale_std_at(np.array(s_m)))
     return math.hypot(config.focal_std, baseline, path)
+
+
+def calibration_share(rig: StereoRig, lane: LanePath, config: TrackerConfig,
+                      s_m: Optional[float] = None) -> float:
+    """
+    Return the 1-sigma of the scale of all speeds by the rig and by the shape of the path.
+
+    :param s_m: as for :func:`rig_share`.
+    """
+    return math.hypot(rig_share(rig, lane, config, s_m), lane.shape_std)
 
 
 def live_std(posterior_std_mps: float, speed_mps: float, calibration: float) -> float:
@@ -73,7 +83,8 @@ def conclude(found: Pass, rig: StereoRig, config: TrackerConfig) -> PassResult:
     profile = between @ speeds
     speed = float(profile.mean())
     budget = _budget(found.solved, between.mean(axis=0), abs(speed) * share)
-    reason = _reason(found, posterior, speeds, budget.total_mps, share, config)
+    reason = _reason(found, posterior, speeds, budget.total_mps,
+                     rig_share(rig, found.lane, config), config)
     if reason:
         return _result(found, pairs=len(found.stamps_ns), reason=reason)
     variance = posterior.ground_ratio() ** 2 * np.diag(posterior.covariance)[3::4]

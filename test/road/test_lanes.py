@@ -64,7 +64,7 @@ def test_middle_of_two_paths(make_scene):
     lane = lane_of_paths('lane', (right, left), 25.0, rig, 0.02)
     np.testing.assert_allclose(lane.heading_std_rad, 0.02 * np.sqrt(2) / 40)
     twice = lane_of_paths('lane', (right, left), 25.0, rig, 0.04)
-    assert 0 < lane.scale_std < 0.01 and twice.scale_std == pytest.approx(2 * lane.scale_std)
+    assert 0 < lane.shape_std < 0.01 and twice.shape_std == pytest.approx(2 * lane.shape_std)
     np.testing.assert_allclose(lane.path.position(10.0), [0, 2, 50], atol=1e-9)
     assert lane_of_paths('one', (left,), None, rig, 0.0).path is left
 

@@ -13,7 +13,7 @@ FRAME = np.array([[0, 1.0, 0], [0, 0, -1], [-1, 0, 0]])
 
 
 def road(rig, radius_m):
-    """Return a road of 80 m that comes nearer over a crest of that radius, its top in the middle."""
+    """Return a road of 80 m over a crest of that radius, its top in the middle."""
     shape = RoadShape(vertical=1) if np.isfinite(radius_m) else RoadShape()
     model = RoadModel(FRAME, np.array([0, 3.0, 45.0]), 40.0, 2, shape)
     x = np.array([0, 0, 0, 0, -2.0, 2.0, -40.0 / radius_m])[:model.size]

@@ -34,6 +34,7 @@ from ...site.refine.speed_effect import heading_effect, Setup, speed_error
 PAIRS = 5  # of the empty road
 SAME = 5e-4  # of the speed: errors that differ by less are equal
 SMALLER = 0.7  # than the usual rigs' images: roads are many
+_CREST_M = 10.0  # of a road before it hides itself: seen at a grazing angle
 _SPACING_M = 1.0  # of the points of a true path
 _EVERY_S = 1.0  # between them
 Draw = Callable[[np.random.Generator], RoadConfig]
@@ -146,9 +147,9 @@ def draw_road(seed: int, number: int, pan_deg: float = 0.0) -> RandomRoad:
     road = replace(road, lanes=int(rng.integers(1, 4)) if kind != 'hairpin' else 2)
     straight = not road.curvature_end
     rig = list(RIGS)[(number // len(KINDS)) % len(RIGS)]
+    start_m = float(rng.uniform(60, 75) if straight else rng.uniform(44, 50))
     config = SimConfig(
-        road=road, rig=_smaller(RIGS[rig]), start_m=float(rng.uniform(60, 75) if straight else
-                                                rng.uniform(44, 50)),
+        road=road, rig=_smaller(RIGS[rig]), start_m=start_m,
         near_m=float(rng.uniform(15, 18)), camera_height_m=float(rng.uniform(2.5, 6.0)),
         camera_side_m=float(rng.uniform(3.0, 6.0)) if straight else None,
         noise_grey=float(rng.uniform(1.0, 3.0)), name=f'road {number}',
@@ -205,17 +206,19 @@ def measure_road(parameters: Mapping[str, Any]) -> Mapping[str, Any]:
                                      'refined': (refined.lanes, refined.rig)}))
     return {**out, 'turned': bool(refined.drift.moved), 'pan_deg': float(pan_deg),
             'tilt_deg': float(tilt_deg), 'roll_deg': float(roll_deg),
-            'moved_probability': refined.drift.moved_probability, 'lost': list(refined.lost), 'kept_clicks': refined.kept_clicks}
+            'moved_probability': refined.drift.moved_probability, 'lost': list(refined.lost),
+            'kept_clicks': refined.kept_clicks}
 
 
 def true_paths(scene: SimScene) -> dict[str, Path]:
-    """Return the true path of each lane as far as nothing hides it."""
+    """Return the true path of each lane, from some way before a crest that hides the rest."""
     out: dict[str, Path] = {}
     for name, lane in lane_paths(read_back(exact_site(scene), load_site), scene.seen_rig).items():
         s = np.linspace(0.0, lane.path.length_m, round(lane.path.length_m / _SPACING_M))
         points = lane.path.position(s)
         hidden = np.flatnonzero(~scene.open_m(points))
-        first = 0 if not len(hidden) else int(hidden[-1]) + 1
+        first = 0 if not len(hidden) else min(
+            int(hidden[-1]) + round(_CREST_M / _SPACING_M), len(points) - 2)
         out[name] = SplinePath(points[first:], lane.path.frame(s[first:])[..., 2])
     return out
 
@@ -233,7 +236,7 @@ def _worst(scene: SimScene, exact: Mapping[str, Path],
                     Setup(truth, scene.seen_rig), Setup(lane.path, rig))
                 effect = heading_effect(lane.path, rig, lane.heading_std_rad)
                 here[f'{way}_std'] = math.hypot(
-                    lane.scale_std, 0.0 if math.isnan(effect) else effect)
+                    lane.scale_std, lane.shape_std, 0.0 if math.isnan(effect) else effect)
         key = f'{list(used)[-1]}_error'
         if not best or abs(here.get(key, 0.0)) > abs(best.get(key, 0.0)):
             best = here

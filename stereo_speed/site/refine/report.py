@@ -138,7 +138,7 @@ def _lanes(refined: RefinedSite) -> list[LaneFigures]:
         heading = heading_effect(lane.path, refined.rig, lane.heading_std_rad)
         heading = 0.0 if math.isnan(heading) else heading
         out.append(LaneFigures(spec.name, *width, spec.speed_limit_mps, change,
-                               math.hypot(lane.scale_std, heading)))
+                               math.hypot(lane.scale_std, lane.shape_std, heading)))
     return out
 
 

@@ -14,7 +14,8 @@ STD_DEG = np.array([0.0008, 0.0003, 0.002])
 
 
 def test_nothing_moved():
-    drift = decide_drift([Shown(0.0, np.radians([0.0005, -0.0002, 0.001]), np.diag(np.radians(STD_DEG)**2))])
+    drift = decide_drift([Shown(0.0, np.radians([0.0005, -0.0002, 0.001]),
+                                np.diag(np.radians(STD_DEG)**2))])
     assert not drift.moved and drift.moved_probability < 0.05
     left = np.degrees(drift.std_rad)
     assert np.all(left < 3 * CALIBRATED_DEG) and np.all(left > 0.5 * CALIBRATED_DEG)
