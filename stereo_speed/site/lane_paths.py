@@ -22,6 +22,7 @@ from ..road.problem import DriftPrior, Picks, RoadPrior
 from ..road.scale import with_scale
 
 MARGIN_PX = 5.0  # by which a pick may lie outside the image: scatter at the edge
+_CLEARLY = 0.3  # share by which ends lie nearer together one way than the other
 ALIKE_PX = 2.0  # residual beyond which the lines are not taken for one road
 MOST_RESIDUAL_PX = 5.0  # beyond it the two views do not show one line
 _SAME_PX = 3.0  # picks nearer than this to each other may change places by their scatter
@@ -64,17 +65,28 @@ def in_one_direction(site: Site, rig: StereoRig) -> tuple[Site, set[str]]:
     """
     Return a site whose picked lines all run as the first one does, and which were reversed.
 
-    In an image lines of one road diverge towards the camera, by more than a right angle beside
-    a wide one; in space they do not.
+    Lines of one road begin near one another, if they are clicked over the same stretch.  Of others
+    the way in space tells: in an image they diverge towards the camera, by more than a right angle
+    beside a wide one, and in space they do not.
 
     :raises SiteError: for picks outside the images.
     """
     picked = site.picked
     for line in picked.values():
         _refuse_outside(site, line, rig)
-    ways = {n: _way(line, rig) for n, line in picked.items()}
-    names = {n for n, way in ways.items() if way @ next(iter(ways.values())) < 0}
+    first = next(iter(picked.values()), None)
+    names = {n for n, line in picked.items() if first is not None and _against(line, first, rig)}
     return with_reversed(site, names), names
+
+
+def _against(line: PickedLine, other: PickedLine, rig: StereoRig) -> bool:
+    """Return whether two lines run in opposite directions."""
+    ends, others = line.left_px[[0, -1]], other.left_px[[0, -1]]
+    along, across = (float(np.linalg.norm(ends - them, axis=1).sum())
+                     for them in (others, others[::-1]))
+    if abs(along - across) > _CLEARLY * max(along, across):
+        return across < along
+    return float(_way(line, rig) @ _way(other, rig)) < 0
 
 
 def with_reversed(site: Site, names: Iterable[str]) -> Site:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from stereo_speed.core.errors import SiteError
 from stereo_speed.site.file import LaneSpec, PickedLine, Site, SurveyedLine
-from stereo_speed.site.lane_paths import lane_paths
+from stereo_speed.site.lane_paths import in_one_direction, lane_paths
 
 
 def site_of(lines, *lanes):
@@ -90,3 +90,21 @@ def test_views_that_disagree_are_refused(scene):
     site = site_of({**scene.lines, 'line_0': (left, wave)})
     with pytest.raises(SiteError, match='line_0'):
         lane_paths(site, scene.rig)
+
+
+def bend_in_view(rig, radius_m):
+    """Return the picks (left, right) of a line that comes round a bend of 180 degrees."""
+    angle = np.radians(np.linspace(100, 280, 14))
+    points = np.column_stack([5 + radius_m * np.cos(angle), np.full(14, 5.0),
+                              70 + radius_m * np.sin(angle)])
+    return rig.project(points)[:2]
+
+
+@pytest.mark.parametrize('clicked', [False, True])
+def test_lines_round_a_bend_run_the_same_way_unless_clicked_the_other(scene, clicked):
+    """Such lines fold in the image, so that epipolar lines cross them twice."""
+    lines = {'edge_right': bend_in_view(scene.rig, 15.0), 'line_0': bend_in_view(scene.rig, 11.5)}
+    if clicked:
+        lines['line_0'] = tuple(view[::-1] for view in lines['line_0'])
+    site = site_of(lines, ('edge_right', 'line_0', None))
+    assert in_one_direction(site, scene.rig)[1] == ({'line_0'} if clicked else set())

@@ -42,6 +42,7 @@ _END_PX = 4.0  # by which the clicked end must be further on than the last point
 _LEAST_STILL_DEG = 1e-5  # stands for a calibration without a doubt
 _MOST_DROPPED = 0.5  # share of a line's points; a line that loses more is another line
 _STRAY_ROUNDS = 4  # of dropping them; each road shows others
+_STEP_M = 0.05  # along a line, for the way it goes in the image
 _LEAST_POINTS = 3  # of a line in a view
 
 Found = Mapping[str, tuple[LocatedLine, LocatedLine]]
@@ -156,23 +157,52 @@ def refine_site(site: Site, rig: StereoRig, pairs: Iterable[StereoPair],
             raise
         why = f'the markings that were found make no lane: {error.what}: found {error.found}'
     else:
-        why = _disagreement(lanes, replace(site, correction=correction), now, config, prior)
+        off_px = np.zeros(0) if road is None else _off_road_px(road, rough)
+        clicked = replace(site, correction=correction)
+        why = _disagreement(lanes, clicked, now, off_px, config, prior)
     refined = RefinedSite(result, now, {}, site, found, road, drift, checked.epipolar, views,
                           config, prior)
     return _as_clicked(refined, rig, why) if why else replace(refined, lanes=lanes)
 
 
-def _disagreement(lanes: Mapping[str, LanePath], clicked: Site, rig: StereoRig,
+def _off_road_px(road: RoadFit, rough: Site) -> Array:
+    """Return how far all clicks (n,) lie from their lines on a refined road, px."""
+    return np.concatenate([np.zeros(0), *(
+        _off_line_px(road, name, bool(right), uv) for name in rough.picked if name in road.names
+        for right, uv in enumerate(rough.picked[name].views_px))])
+
+
+def _off_line_px(road: RoadFit, name: str, right: bool, uv: Array) -> Array:
+    """Return the distances (n,) of points from a line of a road in a view, across it, px."""
+    number, across = road.number(name), np.zeros(len(uv))
+    feet = road.foot(number, right, uv)
+    on, ahead = (road.seen(road.points(number, feet + step_m, across), right)
+                 for step_m in (0.0, _STEP_M))
+    way, off = ahead - on, uv - on
+    return np.asarray(np.abs(way[:, 0] * off[:, 1] - way[:, 1] * off[:, 0])
+                      / np.linalg.norm(way, axis=1))
+
+
+def _disagreement(lanes: Mapping[str, LanePath], clicked: Site, rig: StereoRig, off_px: Array,
                   config: RefineConfig, prior: RoadPrior) -> str:
     """
     Return by how much refined lanes contradict the clicks; empty where they do not.
 
+    Clicks that lie as near the refined lines as clicks do contradict nothing, however far a road
+    through them alone has gone astray.
+
     :param clicked: the lines as clicked, with the correction of the rig.
     :param rig: as corrected.
+    :param off_px: (n,) how far the clicks lie from the refined lines.
     """
     try:
         rough = lane_paths(clicked, rig, prior)
     except SiteError:
+        return ''
+    scatter_px = max([prior.pick_std_px, *(lane.residual_px for lane in rough.values())])
+    # The mean square of so many normal distances has this relative 1-sigma.
+    most = 1 + config.disagreement_sigmas * math.sqrt(2 / max(len(off_px), 1))
+    if len(off_px) and np.mean(np.square(off_px)) < most * scatter_px ** 2:
         return ''
     for name, lane in lanes.items():
         ways = Setup(lane.path, rig), Setup(rough[name].path, rig)

@@ -44,7 +44,7 @@ def test_lines_of_text(drawn_refined, figures):
 def test_plain_values(drawn_refined, figures):
     values = summary(drawn_refined, figures)
     assert list(values) == ['turn_deg', 'turn_std_deg', 'moved_probability', 'residual_px',
-                            'path_and_rig_std', 'warnings']
+                            'path_and_rig_std', 'kept_clicks', 'warnings']
     assert values['turn_deg'] == {'pan': 0.0, 'tilt': 0.0, 'roll': 0.0}
     np.testing.assert_allclose(list(values['turn_std_deg'].values()),
                                np.degrees(drawn_refined.drift.std_rad), atol=1e-5)
