@@ -200,9 +200,7 @@ def _disagreement(lanes: Mapping[str, LanePath], clicked: Site, rig: StereoRig, 
     except SiteError:
         return ''
     scatter_px = max([prior.pick_std_px, *(lane.residual_px for lane in rough.values())])
-    # The mean square of so many normal distances has this relative 1-sigma.
-    most = 1 + config.disagreement_sigmas * math.sqrt(2 / max(len(off_px), 1))
-    if len(off_px) and np.mean(np.square(off_px)) < most * scatter_px ** 2:
+    if len(off_px) and np.sqrt(np.mean(np.square(off_px))) < config.disagreement_factor * scatter_px:
         return ''
     for name, lane in lanes.items():
         ways = Setup(lane.path, rig), Setup(rough[name].path, rig)
