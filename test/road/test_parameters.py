@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 from stereo_speed.core.config import parameters_of
 from stereo_speed.road.fit import fit_road
-from stereo_speed.road.lanes import lane_of_paths, lane_of_road, LanePath
-from stereo_speed.road.path import StraightPath
+from stereo_speed.road.lanes import lane_of_road, LanePath
 from stereo_speed.road.problem import RoadPrior
+from stereo_speed.site.file import LaneSpec, Site, SurveyedLine
+from stereo_speed.site.lane_paths import lane_paths
 
 FIELDS = dict(parameters_of(RoadPrior))
 Maker = Callable[[RoadPrior], LanePath]
@@ -22,7 +23,8 @@ Maker = Callable[[RoadPrior], LanePath]
 def figures(lane: LanePath) -> np.ndarray:
     """Return what a measurement takes from a lane."""
     at = np.linspace(0, 1, 5) * lane.path.length_m
-    return np.array([*lane.path.position(at).ravel(), *lane.heading_std_rad, lane.scale_std])
+    return np.array([*lane.path.position(at).ravel(), *lane.heading_std_rad, lane.scale_std,
+                     lane.shape_std])
 
 
 @pytest.fixture(scope='module')
@@ -34,8 +36,11 @@ def makers(make_scene) -> Mapping[str, Maker]:
                for name, views in scene.lines.items()} if std_px < 0.3 else None
         return lambda prior: lane_of_road(
             'lane', fit_road(scene.rig, scene.lines, std, prior=prior), (0, 1), None)
-    path = StraightPath(np.array([0.0, 2.0, 60.0]), np.array([0.0, 0.0, -1.0]), 40.0)
-    return {'surveyed': lambda prior: lane_of_paths('lane', (path,), None, prior=prior),
+    points_m = np.column_stack([np.zeros(5), np.full(5, 2.0), np.linspace(60.0, 20.0, 5)])
+    surveyed = Site('site.yaml', 'test', {'middle': SurveyedLine('middle', points_m)},
+                    (LaneSpec('lane', None, None, 'middle', None),))
+    rig = make_scene().rig
+    return {'surveyed': lambda prior: lane_paths(surveyed, rig, prior)['lane'],
             'clicked': fitted(), 'precise': fitted(std_px=0.005),
             'crest': fitted(crest=1 / 150, std_px=0.1),
             'climbing bend': fitted(curvature=1 / 41, grade=0.02)}

@@ -17,7 +17,7 @@ from stereo_speed.road.problem import RoadPrior
 from stereo_speed.site.extras import KnownLength, LinesApart
 from stereo_speed.site.refine.config import RefineConfig
 from stereo_speed.site.refine.empty_road import Background
-from stereo_speed.site.refine.extrinsic_drift import decide_drift
+from stereo_speed.site.refine.extrinsic_drift import decide_drift, Shown
 from stereo_speed.site.refine.known_lengths import check_lengths
 from stereo_speed.site.refine.markings import locate
 from stereo_speed.site.refine.refiner import refine_site
@@ -25,7 +25,9 @@ from stereo_speed.site.refine.report import report
 from stereo_speed.site.refine.rig_check import epipolar_check
 from stereo_speed.site.write import site_text
 
-FIELDS = {**dict(parameters_of(RefineConfig)),
+# When clicks win over markings: test_refiner.py.
+ELSEWHERE = 'disagreement_sigmas', 'disagreement_factor'
+FIELDS = {**{n: f for n, f in parameters_of(RefineConfig) if n not in ELSEWHERE},
           'calibrated_std_deg': dict(parameters_of(RoadPrior))['calibrated_std_deg']}
 
 
@@ -49,8 +51,8 @@ def results(drawn, drawn_off, drawn_refined) -> Mapping[str, Callable[..., Any]]
         KnownLength('lane', 3.51, 0.002, LinesApart(('right', 'left'))),)))
 
     def drift(config, prior):
-        found = decide_drift(np.radians([0.01, 0.001, -0.01]), np.radians(0.002)**2 * np.eye(3),
-                             config, prior)
+        shown = Shown(0.0, np.radians([0.01, 0.001, -0.01]), np.radians(0.002)**2 * np.eye(3))
+        found = decide_drift([shown], config, prior)
         return found.moved_probability, *found.drift_rad, *found.std_rad
 
     def said(config, prior):

@@ -214,3 +214,21 @@ def test_a_site_nobody_refined_is_as_certain_as_a_calibration(circle):
     said = lane_paths(replace(scene.site, correction=as_calibrated()), rig)
     for name, lane in plain.items():
         assert lane.scale_std == pytest.approx(said[name].scale_std) and lane.scale_std > 1e-5
+
+
+@pytest.mark.slow
+def test_clicks_that_contradict_what_was_found_are_kept(drawn):
+    """Clicked 2 px off in the right view, 2 m further off at the far end, and both are sure."""
+    images = [np.clip(drawn.image(right, noise=1.0, seed=right), 0, 255).astype(np.uint8)
+              for right in (0, 1)]
+    lines = {n: replace(line, right_px=line.right_px + [2.0, 0.0])
+             for n, line in drawn.lines.items()}
+    site, pairs = replace(drawn.site, lines=lines), [StereoPair(0, 0, 0, *images)]
+    kept = refine_site(site, drawn.rig, pairs)
+    assert 'sigmas of both' in kept.kept_clicks
+    np.testing.assert_allclose(kept.site.picked['right'].right_px, lines['right'].right_px)
+    for limit in ({'disagreement_sigmas': 100.0}, {'disagreement_factor': 100.0}):
+        refined = refine_site(site, drawn.rig, pairs, RefineConfig(**limit))
+        assert not refined.kept_clicks
+        off = drawn.off_px('right', refined.site.picked['right'].right_px, 1)
+        assert np.abs(off).mean() < 0.1
