@@ -15,7 +15,7 @@ from typing import Mapping, Optional, Protocol, Sequence
 import numpy as np
 
 from .config import FrontConfig, MotionConfig, SpacingConfig
-from .front_refiner import FrontRefiner
+from .front_refiner import FrontKind, FrontRefiner
 from .front_sampler import FrontHypothesis, FrontSampler
 from .lane_geometry import LaneGeometry
 from .plane_sweep import Proposal
@@ -127,11 +127,12 @@ class FrontSearch:
         self.spacing = Spacing(self.lanes, config.spacing)
         self.geometry = {name: LaneGeometry(rig, lane) for name, lane in self.lanes.items()}
         front = config.front
-        kinds = ((front.low_m, front.high_m, front.least_width_m),
-                 (front.tall_low_m, front.tall_high_m, front.tall_width_m))
+        kinds = (FrontKind(front.low_m, front.high_m, front.least_width_m),
+                 FrontKind(front.tall_low_m, front.tall_high_m, front.tall_width_m),
+                 FrontKind(front.narrow_low_m, front.narrow_high_m, front.narrow_least_m,
+                           front.narrow_most_m))
         self._refiners = {
-            name: [FrontRefiner(FrontSampler(geometry, low_m, high_m), width_m, front,
-                                config.motion) for low_m, high_m, width_m in kinds]
+            name: [FrontRefiner(geometry, kind, front, config.motion) for kind in kinds]
             for name, geometry in self.geometry.items()}
 
     def search(self, lane: str, proposals: Sequence[Proposal], moment: Moment,
