@@ -45,9 +45,10 @@ _OFF_AXIS = 2  # samples by which an edge may be nearer to the axis than its mir
 _BAND = 3  # columns an edge takes
 _WEAK_SHARE = 0.5  # weaker edges, as a share of the strongest, do not count
 _LEAST_HALF_M = 0.45  # edges nearer to the axis are not those of a front
+FLANK_HALF_M = 0.3  # half of what must be no part of a vehicle on either side of a narrow front
 _NARROW_SHARE = 0.4  # of the least width of a narrow front, as far from its axis
 _BEYOND_M = 0.06  # a front ends a little beyond its outermost strong edges, often those of lamps
-_LYING_SHIFTS = 1  # the road may be a little higher or lower than the path says
+_OFF_SHIFTS = 1  # road or front may be a little higher or nearer than path or refinement say
 _LEAST_RATE = 0.2  # of depth, as a share of that at rest: below it the motion hides the depth
 
 
@@ -67,6 +68,14 @@ class FrontKind:
     high_m: float
     least_width_m: float
     narrow_m: Optional[float] = None
+
+    @property
+    def flanks_m(self) -> tuple[float, ...]:
+        """Return the offsets of the middles of what is beside a narrow front."""
+        if self.narrow_m is None:
+            return ()
+        beside_m = self.narrow_m / 2 + FLANK_HALF_M
+        return -beside_m, beside_m
 
     @property
     def half(self) -> int:
@@ -183,15 +192,22 @@ class FrontRefiner:
             batch = batch.take(np.array(_distinct(batch, symmetric), dtype=np.int64))
         return out
 
+    def standing_ncc(self, front: FrontHypothesis, now: PairPyramids) -> float:
+        """Return the correlation of the views of what stands at a place, a little off or not."""
+        return self._views_ncc(front, now, False)
+
     def lying_ncc(self, front: FrontHypothesis, now: PairPyramids) -> float:
         """Return the correlation of the views as if what is seen of a front lay on the road."""
+        return self._views_ncc(front, now, True)
+
+    def _views_ncc(self, front: FrontHypothesis, now: PairPyramids, lying: bool) -> float:
         s, x, ahead = (np.array([v]) for v in (front.s_m, front.x_m, front.ahead_m))
         half = round(front.half_m / GRID_M)
         left = level_rows(self.sampler.left(s, x, half, now))
-        right = self.sampler.right(s, x, half + _LYING_SHIFTS, now, ahead, lying=True)
+        right = self.sampler.right(s, x, half + _OFF_SHIFTS, now, ahead, lying=lying)
         width = left.shape[2]
         return max(float(correlate(left, level_rows(right[:, :, k:k + width]))[0])
-                   for k in range(2 * _LYING_SHIFTS + 1))
+                   for k in range(2 * _OFF_SHIFTS + 1))
 
     def _ahead(self, batch: FrontBatch, interval: Interval, first: bool) -> Floats:
         """Return how far fronts (n,) go on in the lag of the right view, by the left views."""

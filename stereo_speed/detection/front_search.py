@@ -15,7 +15,7 @@ from typing import Mapping, Optional, Protocol, Sequence
 import numpy as np
 
 from .config import FrontConfig, MotionConfig, SpacingConfig
-from .front_refiner import FrontKind, FrontRefiner
+from .front_refiner import FLANK_HALF_M, FrontKind, FrontRefiner
 from .front_sampler import FrontHypothesis, FrontSampler
 from .lane_geometry import LaneGeometry
 from .plane_sweep import Proposal
@@ -23,7 +23,7 @@ from .protocol import Detection, EarlierFront
 from .pyramid import PairPyramids
 from .spacing import Place, Spacing
 from .temporal_match import (
-    find_motion, find_travel, Interval, Motion, moved, moving_half)
+    find_motion, find_travel, goes_along, Interval, Motion, moved, moving_half)
 from ..core.records import Array, StereoPair
 from ..geometry.camera import Camera
 from ..geometry.rig import StereoRig
@@ -176,7 +176,7 @@ class FrontSearch:
                 continue
             half_m = moving_half(refiner.sampler, front, motion, interval, moment.noise,
                                  self.config.motion)
-            if half_m > 0:
+            if half_m > 0 and not self._is_part(front, motion, refiner, interval):
                 return FoundFront(lane, replace(front, half_m=half_m), motion, place,
                                   refiner.sampler, before)
         return None
@@ -185,11 +185,28 @@ class FrontSearch:
                     ) -> bool:
         """Return whether a front stands on its plane and looks like one."""
         limits = self.config.front
-        doubt = max(1 - front.cross_ncc, _LEAST_DOUBT)
-        return (front.cross_ncc >= limits.least_cross_ncc
-                and (self.least_symmetry is None or front.symmetry >= self.least_symmetry)
+        return ((self.least_symmetry is None or front.symmetry >= self.least_symmetry)
                 and abs(front.x_m) < limits.reach_m
+                and self._stands(front, front.cross_ncc, refiner, now))
+
+    def _stands(self, front: FrontHypothesis, standing_ncc: float, refiner: FrontRefiner,
+                now: PairPyramids) -> bool:
+        """Return whether both views show a thing to stand on its plane, not to lie beyond it."""
+        limits = self.config.front
+        doubt = max(1 - standing_ncc, _LEAST_DOUBT)
+        return (standing_ncc >= limits.least_cross_ncc
                 and 1 - refiner.lying_ncc(front, now) > limits.upright_factor * doubt)
+
+    def _is_part(self, front: FrontHypothesis, motion: Motion, refiner: FrontRefiner,
+                 interval: Interval) -> bool:
+        """Return whether what is beside a narrow front stands on its plane or goes with it."""
+        for beside_m in refiner.kind.flanks_m:
+            flank = replace(front, x_m=front.x_m + beside_m, half_m=FLANK_HALF_M)
+            ncc = refiner.standing_ncc(flank, interval.now)
+            if self._stands(flank, ncc, refiner, interval.now) or goes_along(
+                    refiner.sampler, flank, motion, interval, self.config.motion):
+                return True
+        return False
 
     def _place(self, lane: str, s_m: float, x_m: float, half_m: float) -> Place:
         front = self.config.front
