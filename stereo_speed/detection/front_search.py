@@ -185,26 +185,27 @@ class FrontSearch:
                     ) -> bool:
         """Return whether a front stands on its plane and looks like one."""
         limits = self.config.front
-        return ((self.least_symmetry is None or front.symmetry >= self.least_symmetry)
+        doubt = max(1 - front.cross_ncc, _LEAST_DOUBT)
+        return (front.cross_ncc >= limits.least_cross_ncc
+                and (self.least_symmetry is None or refiner.kind.narrow_m is not None
+                     or front.symmetry >= self.least_symmetry)
                 and abs(front.x_m) < limits.reach_m
-                and self._stands(front, front.cross_ncc, refiner, now))
-
-    def _stands(self, front: FrontHypothesis, standing_ncc: float, refiner: FrontRefiner,
-                now: PairPyramids) -> bool:
-        """Return whether both views show a thing to stand on its plane, not to lie beyond it."""
-        limits = self.config.front
-        doubt = max(1 - standing_ncc, _LEAST_DOUBT)
-        return (standing_ncc >= limits.least_cross_ncc
                 and 1 - refiner.lying_ncc(front, now) > limits.upright_factor * doubt)
 
     def _is_part(self, front: FrontHypothesis, motion: Motion, refiner: FrontRefiner,
                  interval: Interval) -> bool:
-        """Return whether what is beside a narrow front stands on its plane or goes with it."""
+        """Return whether something beside a narrow front stands as it does, or goes with it."""
+        limits = self.config.front
         for beside_m in refiner.kind.flanks_m:
             flank = replace(front, x_m=front.x_m + beside_m, half_m=FLANK_HALF_M)
-            ncc = refiner.standing_ncc(flank, interval.now)
-            if self._stands(flank, ncc, refiner, interval.now) or goes_along(
-                    refiner.sampler, flank, motion, interval, self.config.motion):
+            stands, lies = (ncc(flank, interval.now)
+                            for ncc in (refiner.standing_ncc, refiner.lying_ncc))
+            if stands >= max(limits.least_cross_ncc, lies):
+                return True
+            # A line on the road looks alike all along; the views show that it lies.
+            on_road = 1 - stands > limits.upright_factor * max(1 - lies, _LEAST_DOUBT)
+            if not on_road and goes_along(refiner.sampler, flank, motion, interval,
+                                          self.config.motion):
                 return True
         return False
 
