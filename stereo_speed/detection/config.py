@@ -33,6 +33,14 @@ class FrontConfig(CheckedRecord):
     tall_width_m: float = parameter(2.14, 1.5, 2.5, 'm', 'what is narrower is no lorry')
     least_width_m: float = parameter(
         1.0, 0.5, 2.0, 'm', 'what is narrower is no vehicle')
+    narrow_low_m: float = parameter(
+        0.40, 0.05, 2.0, 'm', 'height of the lower edge of the quad on two-wheelers')
+    narrow_high_m: float = parameter(
+        1.25, 0.3, 3.0, 'm', 'height of its upper edge there: the handlebars')
+    narrow_least_m: float = parameter(
+        0.4, 0.2, 1.0, 'm', 'what is narrower is no two-wheeler')
+    narrow_most_m: float = parameter(
+        1.2, 0.6, 2.0, 'm', 'what is wider is no two-wheeler')
     reach_m: float = parameter(
         1.9, 0.3, 6.0, 'm', 'how far beside the path of a lane the middle of a vehicle may be')
     least_cross_ncc: float = parameter(
@@ -51,6 +59,8 @@ class FrontConfig(CheckedRecord):
         super().__post_init__()
         check_order('low_m', self.low_m, 'high_m', self.high_m)
         check_order('tall_low_m', self.tall_low_m, 'tall_high_m', self.tall_high_m)
+        check_order('narrow_low_m', self.narrow_low_m, 'narrow_high_m', self.narrow_high_m)
+        check_order('narrow_least_m', self.narrow_least_m, 'narrow_most_m', self.narrow_most_m)
 
 
 @dataclass(frozen=True)

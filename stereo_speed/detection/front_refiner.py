@@ -14,13 +14,14 @@ such a front moves, and looks for it in the right view as far ahead as that says
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from typing import Sequence
+from typing import Optional, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .config import FrontConfig, MotionConfig
 from .front_sampler import FrontHypothesis, FrontSampler, GRID_M, ROWS
+from .lane_geometry import LaneGeometry
 from .patches import correlate, cut, Floats, level_rows, mirrored
 from .plane_sweep import Proposal
 from .pyramid import PairPyramids, Patches
@@ -44,9 +45,53 @@ _OFF_AXIS = 2  # samples by which an edge may be nearer to the axis than its mir
 _BAND = 3  # columns an edge takes
 _WEAK_SHARE = 0.5  # weaker edges, as a share of the strongest, do not count
 _LEAST_HALF_M = 0.45  # edges nearer to the axis are not those of a front
+FLANK_HALF_M = 0.3  # half of what must be no part of a vehicle on either side of a narrow front
+_NARROW_SHARE = 0.4  # of the least width of a narrow front, as far from its axis
 _BEYOND_M = 0.06  # a front ends a little beyond its outermost strong edges, often those of lamps
-_LYING_SHIFTS = 1  # the road may be a little higher or lower than the path says
+_OFF_SHIFTS = 1  # road or front may be a little higher or nearer than path or refinement say
 _LEAST_RATE = 0.2  # of depth, as a share of that at rest: below it the motion hides the depth
+
+
+@dataclass(frozen=True)
+class FrontKind:
+    """
+    A kind of front, and where its middle and its edges are looked for.
+
+    :param low_m: height above the road of the lower edge of what is looked at.
+    :param high_m: height of its upper edge.
+    :param least_width_m: what is narrower is none.
+    :param narrow_m: what is wider is none either, nor part of a wider one; None where it may be as
+        wide as a lorry.
+    """
+
+    low_m: float
+    high_m: float
+    least_width_m: float
+    narrow_m: Optional[float] = None
+
+    @property
+    def flanks_m(self) -> tuple[float, ...]:
+        """Return the offsets of the middles of what is beside a narrow front."""
+        if self.narrow_m is None:
+            return ()
+        beside_m = self.narrow_m / 2 + FLANK_HALF_M
+        return -beside_m, beside_m
+
+    @property
+    def half(self) -> int:
+        """Return the samples from the axis to the edge of the widest front."""
+        return HALF if self.narrow_m is None else round(self.narrow_m / 2 / GRID_M)
+
+    @property
+    def middle(self) -> int:
+        """Return the samples from the axis to the edge of what gives the axis in the end."""
+        return _MIDDLE if self.narrow_m is None else self.half
+
+    @property
+    def least_half(self) -> int:
+        """Return the samples within which there is more on a front than its edges."""
+        least_m = _LEAST_HALF_M if self.narrow_m is None else _NARROW_SHARE * self.least_width_m
+        return round(least_m / GRID_M)
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,15 +147,15 @@ class FrontRefiner:
     """
     Refines proposals of one lane.
 
-    :param sampler: of its planes, at the height of the fronts sought.
-    :param least_width_m: what is narrower is none.
+    :param geometry: the lane.
+    :param kind: of the fronts sought.
     :param front: what a front is.
     :param motion: how it may move, for views that are exposed apart.
     """
 
-    def __init__(self, sampler: FrontSampler, least_width_m: float, front: FrontConfig,
+    def __init__(self, geometry: LaneGeometry, kind: FrontKind, front: FrontConfig,
                  motion: MotionConfig) -> None:
-        self.sampler, self.least_width_m = sampler, least_width_m
+        self.sampler, self.kind = FrontSampler(geometry, kind.low_m, kind.high_m), kind
         self.front, self.motion = front, motion
 
     def refine(self, proposals: Sequence[Proposal], interval: Interval, noise: float,
@@ -133,7 +178,7 @@ class FrontRefiner:
                 batch = replace(batch, ahead_m=self._ahead(batch, interval, round_ == 0))
             batch = self._observe(batch, now, noise, symmetric)
             settled = (np.abs(batch.shift_m) < _SETTLED_M) & (round_ > 0)
-            done = settled & (2 * batch.half_m >= self.least_width_m)
+            done = settled & (2 * batch.half_m >= self.kind.least_width_m)
             if symmetric and done.any():
                 some = batch.take(done)
                 done[done] = np.abs(self._axis(some, now) - some.x_m) < _CLOSE_M
@@ -147,15 +192,22 @@ class FrontRefiner:
             batch = batch.take(np.array(_distinct(batch, symmetric), dtype=np.int64))
         return out
 
+    def standing_ncc(self, front: FrontHypothesis, now: PairPyramids) -> float:
+        """Return the correlation of the views of what stands at a place, a little off or not."""
+        return self._views_ncc(front, now, False)
+
     def lying_ncc(self, front: FrontHypothesis, now: PairPyramids) -> float:
         """Return the correlation of the views as if what is seen of a front lay on the road."""
+        return self._views_ncc(front, now, True)
+
+    def _views_ncc(self, front: FrontHypothesis, now: PairPyramids, lying: bool) -> float:
         s, x, ahead = (np.array([v]) for v in (front.s_m, front.x_m, front.ahead_m))
         half = round(front.half_m / GRID_M)
         left = level_rows(self.sampler.left(s, x, half, now))
-        right = self.sampler.right(s, x, half + _LYING_SHIFTS, now, ahead, lying=True)
+        right = self.sampler.right(s, x, half + _OFF_SHIFTS, now, ahead, lying=lying)
         width = left.shape[2]
         return max(float(correlate(left, level_rows(right[:, :, k:k + width]))[0])
-                   for k in range(2 * _LYING_SHIFTS + 1))
+                   for k in range(2 * _OFF_SHIFTS + 1))
 
     def _ahead(self, batch: FrontBatch, interval: Interval, first: bool) -> Floats:
         """Return how far fronts (n,) go on in the lag of the right view, by the left views."""
@@ -185,7 +237,7 @@ class FrontRefiner:
         Not the share of it: each lamp is symmetric by itself.  Logarithms keep lamps from being
         all that counts.
         """
-        aside, half = round(_ASIDE_M / GRID_M / _STRIDE), HALF // _STRIDE
+        aside, half = round(_ASIDE_M / GRID_M / _STRIDE), self.kind.half // _STRIDE
         both = np.log(np.maximum(self._both(batch, (half + aside) * _STRIDE, now, _STRIDE), 0.0)
                       + _DARK)
         energy, _ = mirrored(both, 2 * half + 1)
@@ -204,7 +256,8 @@ class FrontRefiner:
         both = self._both(batch, HALF + aside + _SHIFTS, now, 1)
         moved = np.full(len(batch), aside)
         if symmetric:
-            moved = _middle_axis(both[:, :, HALF + _SHIFTS - _MIDDLE:_MIDDLE - HALF - _SHIFTS])
+            beside = HALF + _SHIFTS - self.kind.middle
+            moved = _middle_axis(both[:, :, beside:-beside], self.kind.middle)
         width, start = 2 * HALF + 1, moved + _SHIFTS
         left, right = cut(both[:, :ROWS], start, width), both[:, ROWS:]
         mask = _mask(batch.half_m)
@@ -215,7 +268,8 @@ class FrontRefiner:
         matched = cut(right, start - _SHIFTS + np.round(place).astype(np.int64), width)
         half_m = batch.half_m
         if symmetric:
-            half_m = np.minimum(_half_width(left, matched, noise) + _BEYOND_M, HALF * GRID_M)
+            half_m = np.minimum(_half_width(left, matched, noise, self.kind) + _BEYOND_M,
+                                self.kind.half * GRID_M)
         mask = _mask(half_m)
         a, b = (level_rows(v, mask) for v in (left, matched))
         return replace(batch, x_m=batch.x_m + (moved - aside) * GRID_M, half_m=half_m,
@@ -223,9 +277,9 @@ class FrontRefiner:
                        symmetry=(correlate(a, a[:, :, ::-1]) + correlate(b, b[:, :, ::-1])) / 2)
 
 
-def _middle_axis(both: Patches) -> NDArray[np.int64]:
+def _middle_axis(both: Patches, middle: int) -> NDArray[np.int64]:
     """Return the windows (n,) in which the middle of a front is most symmetric."""
-    found, most = mirrored(both, 2 * _MIDDLE + 1)
+    found, most = mirrored(both, 2 * middle + 1)
     return np.asarray(np.argmax(found / most, axis=1))
 
 
@@ -235,14 +289,15 @@ def _mask(half_m: Floats) -> NDArray[np.bool_]:
     return np.asarray(columns <= half_m[:, None] + 1e-9)
 
 
-def _half_width(left: Patches, right: Patches, noise: float) -> Floats:
+def _half_width(left: Patches, right: Patches, noise: float, kind: FrontKind) -> Floats:
     """
     Return how far out the outermost edges are that are mirrored and seen at this depth by both.
 
     :param left: (n, rows, 2 HALF + 1).
     :param right: the same, already shifted to agree.
     :param noise: 1-sigma of a grey value; edges that may be noise do not count.
-    :return: (n,) m; 0 where there are none.
+    :param kind: of the fronts.
+    :return: (n,) m; 0 where there are none, or a narrow one is part of a wider.
     """
     views = [np.gradient(v, axis=2) for v in (left, right)]
     plus = [v[:, :, HALF:] for v in views]  # outwards from the axis
@@ -254,8 +309,8 @@ def _half_width(left: Patches, right: Patches, noise: float) -> Floats:
         mixed = np.mean([_band(a, np.roll(b, k, axis=2)) for a, b in zip(plus, minus)], axis=0)
         alike = np.maximum(alike, mixed / np.sqrt(of_plus * np.roll(of_minus, k, axis=1) + 1e-6))
     weaker = np.sqrt(np.minimum(of_plus, of_minus) / (ROWS * _BAND))
-    weaker[:, :round(_LEAST_HALF_M / GRID_M)] = 0  # there is more on a front than its edges
-    weaker[:, HALF - 1:] = 0
+    weaker[:, :kind.least_half] = 0  # there is more on a front than its edges
+    weaker[:, kind.half - 1:] = 0
     alike = np.where((alike > _ALIKE) & (same > _ALIKE) & (weaker > noise), weaker, 0.0)
     good = alike > _WEAK_SHARE * alike.max(axis=1, keepdims=True)
     last = HALF - np.argmax(good[:, ::-1], axis=1)

@@ -15,7 +15,7 @@ from typing import Mapping, Optional, Protocol, Sequence
 import numpy as np
 
 from .config import FrontConfig, MotionConfig, SpacingConfig
-from .front_refiner import FrontRefiner
+from .front_refiner import FLANK_HALF_M, FrontKind, FrontRefiner
 from .front_sampler import FrontHypothesis, FrontSampler
 from .lane_geometry import LaneGeometry
 from .plane_sweep import Proposal
@@ -23,7 +23,7 @@ from .protocol import Detection, EarlierFront
 from .pyramid import PairPyramids
 from .spacing import Place, Spacing
 from .temporal_match import (
-    find_motion, find_travel, Interval, Motion, moved, moving_half)
+    find_motion, find_travel, goes_along, Interval, Motion, moved, moving_half)
 from ..core.records import Array, StereoPair
 from ..geometry.camera import Camera
 from ..geometry.rig import StereoRig
@@ -127,11 +127,12 @@ class FrontSearch:
         self.spacing = Spacing(self.lanes, config.spacing)
         self.geometry = {name: LaneGeometry(rig, lane) for name, lane in self.lanes.items()}
         front = config.front
-        kinds = ((front.low_m, front.high_m, front.least_width_m),
-                 (front.tall_low_m, front.tall_high_m, front.tall_width_m))
+        kinds = (FrontKind(front.low_m, front.high_m, front.least_width_m),
+                 FrontKind(front.tall_low_m, front.tall_high_m, front.tall_width_m),
+                 FrontKind(front.narrow_low_m, front.narrow_high_m, front.narrow_least_m,
+                           front.narrow_most_m))
         self._refiners = {
-            name: [FrontRefiner(FrontSampler(geometry, low_m, high_m), width_m, front,
-                                config.motion) for low_m, high_m, width_m in kinds]
+            name: [FrontRefiner(geometry, kind, front, config.motion) for kind in kinds]
             for name, geometry in self.geometry.items()}
 
     def search(self, lane: str, proposals: Sequence[Proposal], moment: Moment,
@@ -175,7 +176,7 @@ class FrontSearch:
                 continue
             half_m = moving_half(refiner.sampler, front, motion, interval, moment.noise,
                                  self.config.motion)
-            if half_m > 0:
+            if half_m > 0 and not self._is_part(front, motion, refiner, interval):
                 return FoundFront(lane, replace(front, half_m=half_m), motion, place,
                                   refiner.sampler, before)
         return None
@@ -186,9 +187,27 @@ class FrontSearch:
         limits = self.config.front
         doubt = max(1 - front.cross_ncc, _LEAST_DOUBT)
         return (front.cross_ncc >= limits.least_cross_ncc
-                and (self.least_symmetry is None or front.symmetry >= self.least_symmetry)
+                and (self.least_symmetry is None or refiner.kind.narrow_m is not None
+                     or front.symmetry >= self.least_symmetry)
                 and abs(front.x_m) < limits.reach_m
                 and 1 - refiner.lying_ncc(front, now) > limits.upright_factor * doubt)
+
+    def _is_part(self, front: FrontHypothesis, motion: Motion, refiner: FrontRefiner,
+                 interval: Interval) -> bool:
+        """Return whether something beside a narrow front stands as it does, or goes with it."""
+        limits = self.config.front
+        for beside_m in refiner.kind.flanks_m:
+            flank = replace(front, x_m=front.x_m + beside_m, half_m=FLANK_HALF_M)
+            stands, lies = (ncc(flank, interval.now)
+                            for ncc in (refiner.standing_ncc, refiner.lying_ncc))
+            if stands >= max(limits.least_cross_ncc, lies):
+                return True
+            # A line on the road looks alike all along; the views show that it lies.
+            on_road = 1 - stands > limits.upright_factor * max(1 - lies, _LEAST_DOUBT)
+            if not on_road and goes_along(refiner.sampler, flank, motion, interval,
+                                          self.config.motion):
+                return True
+        return False
 
     def _place(self, lane: str, s_m: float, x_m: float, half_m: float) -> Place:
         front = self.config.front

@@ -136,6 +136,26 @@ def moved(motion: Motion, config: MotionConfig) -> bool:
             and motion.ncc > motion.still_ncc + config.still_margin)
 
 
+def goes_along(sampler: FrontSampler, front: FrontHypothesis, motion: Motion, interval: Interval,
+               config: MotionConfig) -> bool:
+    """
+    Return whether what is seen at a place goes with a front, rather than standing still.
+
+    :param sampler: of its lane.
+    :param front: the place, in the pair.
+    :param motion: of the front, from the earlier pair.
+    :param interval: the pair and the earlier one.
+    :param config: parameters.
+    """
+    half = round(front.half_m / GRID_M)
+    s, x = np.array([front.s_m]), np.array([front.x_m])
+    mine, still, gone = (v - v.mean() for v in (
+        sampler.left(s, x, half, interval.now), sampler.left(s, x, half, interval.before),
+        sampler.left(s - motion.gone_m, x + motion.aside_m, half, interval.before)))
+    ncc = float(correlate(mine, gone)[0])
+    return ncc >= config.least_ncc and ncc > float(correlate(mine, still)[0]) + config.still_margin
+
+
 def moving_half(sampler: FrontSampler, front: FrontHypothesis, motion: Motion,
                 interval: Interval, noise: float, config: MotionConfig) -> float:
     """

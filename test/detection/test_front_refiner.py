@@ -11,7 +11,7 @@ from drawn_fronts import (
 import numpy as np
 import pytest
 from stereo_speed.detection.config import FrontConfig, MotionConfig
-from stereo_speed.detection.front_refiner import FrontBatch, FrontRefiner
+from stereo_speed.detection.front_refiner import FrontBatch, FrontKind, FrontRefiner
 from stereo_speed.detection.front_sampler import FrontSampler
 from stereo_speed.detection.lane_geometry import LaneGeometry
 from stereo_speed.detection.plane_sweep import Proposal
@@ -23,7 +23,8 @@ AT = Front(30.0, x_m=0.3)
 
 def refiner_of(front=FrontConfig()):
     sampler = FrontSampler(LaneGeometry(RIG, LANE), front.low_m, front.high_m)
-    return FrontRefiner(sampler, front.least_width_m, front, MotionConfig())
+    return FrontRefiner(sampler.geometry, FrontKind(front.low_m, front.high_m, front.least_width_m),
+                        front, MotionConfig())
 
 
 def interval_of(front, late=None, lag_s=0.0):
