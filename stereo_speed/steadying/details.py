@@ -26,7 +26,7 @@ Grey = NDArray[Any]  # (H, W) uint8 or uint16
 HALF_PX = 4  # of the samples of a patch, which are a pixel apart
 BORDER_PX = HALF_PX + 2  # from a patch's middle to the edge of the image
 _CELLS = (9, 12)  # rows and columns of an image that each give their best corners
-_MASK_PX = 2 * HALF_PX  # between two patches
+_MASK_PX = HALF_PX  # about a patch, within which there is no other
 _CORNER_PX = 5  # of the window that corners are sought in
 _LEAST_CORNER = 1e-3  # of the strongest one; below it a patch is flat
 _STEPS_PER_PX = 32  # cv2.remap knows no finer places
@@ -194,6 +194,6 @@ def corners(image: Grey, count: int, taken_px: Optional[Array] = None) -> Array:
 
 
 def _clear(strength: NDArray[np.float32], u: int, v: int) -> None:
-    """Take a place, so that no other patch overlaps with it."""
+    """Take a place, so that no other patch is about the same."""
     strength[max(v - _MASK_PX, 0):max(v + _MASK_PX + 1, 0),
              max(u - _MASK_PX, 0):max(u + _MASK_PX + 1, 0)] = 0

@@ -23,7 +23,7 @@ def world(rays: NDArray[np.float64]) -> NDArray[np.float64]:
     x, y = np.moveaxis(rays[..., :2] / rays[..., 2:], -1, 0)
     out = np.full(x.shape, 120.0)
     for _ in range(12):
-        length_px = rng.uniform(9.0, 50.0)
+        length_px = rng.uniform(9.0, 150.0)
         angle, phase = rng.uniform(0.0, 2 * np.pi, 2)
         wave = 2 * np.pi * F_PX / length_px
         out += 16.0 * np.sin(wave * (np.cos(angle) * x + np.sin(angle) * y) + phase)
