@@ -21,12 +21,13 @@ def world(rays: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the grey values of directions (..., 3): waves of many lengths, of some pixels."""
     rng = np.random.default_rng(5)
     x, y = np.moveaxis(rays[..., :2] / rays[..., 2:], -1, 0)
-    out = np.full(x.shape, 120.0)
-    for _ in range(12):
-        length_px = rng.uniform(9.0, 150.0)
+    out = np.full(x.shape, 125.0)
+    # Fine ones tell places, long ones where to look for them.
+    for low_px, high_px in 12 * [(9.0, 50.0)] + 4 * [(120.0, 300.0)]:
+        length_px = rng.uniform(low_px, high_px)
         angle, phase = rng.uniform(0.0, 2 * np.pi, 2)
         wave = 2 * np.pi * F_PX / length_px
-        out += 16.0 * np.sin(wave * (np.cos(angle) * x + np.sin(angle) * y) + phase)
+        out += 12.0 * np.sin(wave * (np.cos(angle) * x + np.sin(angle) * y) + phase)
     return out
 
 
