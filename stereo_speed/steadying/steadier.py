@@ -24,7 +24,7 @@ from ..geometry.rig import StereoRig
 
 _ORDER = [1, 0, 2]  # of pan, tilt and roll among the components x, y, z of a rotation vector
 _REST_PAIRS = 100  # that the rest of the rig is averaged over
-_NEVER = 0.01  # a less likely sway is none: a rig that stands still is left alone
+_NEVER = 0.5  # a less likely sway is none: a rig that stands still is left alone
 _MOST_ODDS = 500.0  # logarithm of odds that are certain
 
 
