@@ -20,7 +20,7 @@ LAYERS = (
     ('road',),
     ('site',),
     ('site.refine',),
-    ('detection', 'monocular', 'tracking'),
+    ('detection', 'monocular', 'steadying', 'tracking'),
     ('pipeline',),
     ('io',),
     ('report',),

@@ -35,6 +35,7 @@ from ..site.file import load_site
 from ..site.init_file import load_init
 from ..site.refine.report import report, summary as report_summary, summary_lines
 from ..site.write import site_text
+from ..steadying.report import steadiness_lines, steadiness_summary
 
 REFINED_SITE = 'site.yaml'
 _STRIP_FRAMES = 9  # annotated frames of a run
@@ -131,9 +132,13 @@ def run(args: argparse.Namespace) -> int:
         summary['refinement'] = report_summary(place.refined, figures)
     elif place.not_refined:
         summary['refinement'] = {'not_refined': place.not_refined}
+    if pipeline.steadier is not None:
+        summary['steadiness'] = steadiness_summary(pipeline.steadier.state())
     write_all(args, place, result, frames, summary)
     print_lanes(place.lanes)
     print_table(result.passes)
+    if pipeline.steadier is not None:
+        print(''.join(f'{line}\n' for line in steadiness_lines(pipeline.steadier.state())), end='')
     print(f'{pairing["pairs"]} pairs ({pairing["method"]} stamps; unpaired: '
           f'{pairing["unpaired_left"]} left, {pairing["unpaired_right"]} right), '
           f'{1e3 * result.wall_s / len(result.stamps_ns):.1f} ms per pair; in {args.out}')

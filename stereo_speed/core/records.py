@@ -84,6 +84,22 @@ class InitialFront:
     std_px: float = 0.7
 
 
+@dataclass(frozen=True)
+class RigMotion:
+    """
+    How a rig stood when it took a pair, against how it stood when the site was learnt.
+
+    Angles are pan to the right, tilt upwards and roll clockwise, rad: components of one rotation
+    vector about the camera's y, x and z axis.
+
+    :param sway_rad: of the whole rig, about the left camera.
+    :param drift_rad: of the right camera against the left one.
+    """
+
+    sway_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    drift_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
 @dataclass(frozen=True, eq=False)
 class StereoPair:
     """
@@ -95,6 +111,7 @@ class StereoPair:
     :param left: (H, W) uint8 or uint16, raw (not rectified).
     :param right: (H, W), same type.
     :param stamp_error_s: difference of the stamps, s, that was found to be an error.
+    :param motion: how the rig stood; None where it stood as when the site was learnt.
     """
 
     index: int
@@ -103,6 +120,7 @@ class StereoPair:
     left: NDArray[Any]
     right: NDArray[Any]
     stamp_error_s: float = 0.0
+    motion: Optional[RigMotion] = None
 
     @property
     def right_lag_s(self) -> float:

@@ -11,8 +11,10 @@ followed from there to the newest pair.
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Mapping, Optional, Sequence
+
+import numpy as np
 
 from .box_proposals import box_proposals, BoxFitConfig, fits_box
 from .config import check_order, FrontConfig, MotionConfig, SpacingConfig
@@ -23,6 +25,7 @@ from .spacing import Place
 from ..core.config import CheckedRecord, parameter, section
 from ..core.records import StereoPair
 from ..geometry.rig import StereoRig
+from ..geometry.steadied import moved_px
 from ..road.lanes import LanePath
 
 _MOST_WAITING = 10_000  # offers for pairs still to come: more are of another clock
@@ -119,7 +122,7 @@ class BoxDetector:
                 if now is not None and not self._search.spacing.meet(
                         now.lane, now.place, held, now.motion.speed_mps):
                     found.append(now)
-        detections = [self._search.detection(f, self._since(f.before)) for f in found]
+        detections = [self._search.detection(f, pair, self._since(f.before)) for f in found]
         self._trim()
         return [d for d in detections if d is not None]
 
@@ -154,15 +157,27 @@ class BoxDetector:
                   ) -> Optional[FoundFront]:
         """Return the front in a box, by its symmetry or, where that leads nowhere, without."""
         fit, reach_m = self.config.fit, self.config.front.reach_m
-        proposals = {lane: box_proposals(geometry, box, reach_m, fit)
+        pair = moment.now.pair
+        there = self._unmoved(box, pair)
+        proposals = {lane: box_proposals(geometry, there, reach_m, fit)
                      for lane, geometry in self._search.geometry.items()}
         for symmetric in (True, False):
             found = [one for lane, some in proposals.items() for one in self._search.search(
                 lane, some, moment, taken, len(some), symmetric)
-                if fits_box(self._search.quads(one, one.front)[0], box, fit)]
+                if fits_box(self._search.quads(one, one.front, pair)[0], box, fit)]
             if found:
                 return max(self._search.distinct(found), key=lambda one: one.front.cross_ncc)
         return None
+
+    def _unmoved(self, box: ImageBox, pair: StereoPair) -> ImageBox:
+        """Return where a box would be, had the rig not moved."""
+        if pair.motion is None:
+            return box
+        rig = self._search.rig
+        middle = np.array([box.left_px + box.width_px / 2, box.top_px + box.height_px])
+        moved = moved_px(rig.as_taken(pair.motion), rig, False, middle) - middle
+        return replace(box, left_px=box.left_px + float(moved[0]),
+                       top_px=box.top_px + float(moved[1]))
 
     def _now(self, found: FoundFront, kept: _Kept) -> Optional[FoundFront]:
         """Return a front as it is in the newest pair; None where it is not seen there."""
@@ -188,7 +203,8 @@ class BoxDetector:
         if pair.stamp_ns not in self._pyramids:
             if len(self._pyramids) >= _MOST_PYRAMIDS:
                 del self._pyramids[min(self._pyramids)]
-            self._pyramids[pair.stamp_ns] = PairPyramids.of(pair, self._regions)
+            self._pyramids[pair.stamp_ns] = PairPyramids.of(
+                pair, self._regions, self._search.rig)
         return self._pyramids[pair.stamp_ns]
 
     def _since(self, before: PairPyramids) -> tuple[StereoPair, ...]:

@@ -62,7 +62,7 @@ class PlaneSweepDetector:
             self.reset()
         if self._past and self._past[-1].age_s(pair.stamp_ns) < self.config.interval_s:
             return []
-        now = PairPyramids.of(pair, self._regions)
+        now = PairPyramids.of(pair, self._regions, self._search.rig)
         if self._past:
             self._noise.learn(now, self._past[-1])
         self._searched += 1
@@ -75,7 +75,7 @@ class PlaneSweepDetector:
                 proposals = sweep.proposals(now, past[-1], self._noise.std)
                 found += self._search.search(lane, proposals, moment, taken,
                                              self.config.sweep.most_refined)
-        detections = [self._search.detection(f, self._since(f.before))
+        detections = [self._search.detection(f, pair, self._since(f.before))
                       for f in self._search.distinct(found)]
         self._remember(now)
         return [d for d in detections if d is not None]

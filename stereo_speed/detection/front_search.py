@@ -103,7 +103,8 @@ class NoiseEstimate:
 
     def learn(self, now: PairPyramids, before: PairPyramids) -> None:
         """Take in two pairs."""
-        a, b = (v.left.levels[0][::_NOISE_STEP, ::_NOISE_STEP] for v in (now, before))
+        places = now.left.places(_NOISE_STEP)
+        a, b = (v.left.pick(places) for v in (now, before))
         difference = a - b
         spread = float(np.median(np.abs(difference - np.median(difference))))
         self.std += _NOISE_SHARE * (spread / _NORMAL / np.sqrt(2) - self.std)
@@ -246,19 +247,21 @@ class FrontSearch:
                 out.append(one)
         return out
 
-    def detection(self, found: FoundFront, since: tuple[StereoPair, ...]) -> Optional[Detection]:
+    def detection(self, found: FoundFront, now: StereoPair, since: tuple[StereoPair, ...]
+                  ) -> Optional[Detection]:
         """
         Return what is reported of a front; None where it does not lie well in both images.
 
+        :param now: the newest pair.
         :param since: the earlier pair that it was in and those since, without the newest.
         """
         front, motion = found.front, found.motion
-        left, right = self.quads(found, front)
+        left, right = self.quads(found, front, now)
         if not self._inside(left, right):
             return None
         then = self.quads(found, replace(
             front, s_m=front.s_m - motion.gone_m, x_m=front.x_m + motion.aside_m,
-            ahead_m=found.before.pair.right_lag_s * motion.speed_mps))
+            ahead_m=found.before.pair.right_lag_s * motion.speed_mps), found.before.pair)
         rates = self.geometry[found.lane].rates(np.array([front.s_m]))
         return Detection(
             lane=found.lane, left_px=left, right_px=right,
@@ -269,13 +272,14 @@ class FrontSearch:
             earlier=EarlierFront(pairs=since, left_px=then[0], right_px=then[1])
             if self._inside(*then) else None)
 
-    def quads(self, found: FoundFront, front: FrontHypothesis) -> tuple[Array, Array]:
-        """Return the corners of a front at a place, clockwise, in both views as exposed."""
+    def quads(self, found: FoundFront, front: FrontHypothesis, pair: StereoPair
+              ) -> tuple[Array, Array]:
+        """Return the corners of a front at a place, clockwise, in both views of a pair."""
         edges = front.x_m + np.array([-1.0, 1.0]) * front.half_m
-        geometry = self.geometry[found.lane]
-        left = geometry.project(np.array([front.s_m]), edges, found.heights_m)[0]
-        right = geometry.project(np.array([front.s_m + front.ahead_m]), edges,
-                                 found.heights_m)[1]
+        geometry, rig = self.geometry[found.lane], self.rig.as_taken(pair.motion)
+        left, right = (rig.project(geometry.points(
+            np.array([front.s_m + ahead_m]), edges, found.heights_m))[side]
+            for side, ahead_m in enumerate((0.0, front.ahead_m)))
         return _clockwise(left[0]), _clockwise(right[0])
 
     def _inside(self, left_px: Array, right_px: Array) -> bool:

@@ -4,19 +4,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Sequence
+from typing import Any, NamedTuple, Optional, Sequence
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core.records import Array, StereoPair
+from ..geometry.rig import StereoRig
+from ..geometry.steadied import moved_px
 
 Patches = NDArray[np.float32]
 
 LEVELS = 4
 _MARGIN_PX = 40  # the coarsest level blurs over as many pixels
 _MAX_ROWS = 1 << 14  # cv2.remap takes maps of fewer than 32768 rows
+_NODES = 5  # across and down an image, that its motion is fitted to
 
 
 class Region(NamedTuple):
@@ -42,29 +45,51 @@ class Pyramid:
 
     :param levels: float32 grey images, the first of full size.
     :param origin_px: column and row of the image where they begin.
+    :param motion: (3, 2) takes pixels (u, v, 1) of a rig that has not moved to those of the
+        image, to a few tenths of a pixel at its edges; None where it has not.
     """
 
     levels: tuple[Patches, ...]
     origin_px: tuple[int, int]
+    motion: Optional[Patches] = None
 
     @classmethod
-    def of(cls, image: NDArray[Any], region: Region) -> Pyramid:
+    def of(cls, image: NDArray[Any], region: Region, motion: Optional[Patches] = None
+           ) -> Pyramid:
         """Build the pyramid of a region of an image."""
         levels = [image[region.top:region.bottom, region.left:region.right].astype(np.float32)]
         for _ in range(LEVELS - 1):
             levels.append(np.asarray(cv2.pyrDown(levels[-1]), dtype=np.float32))
-        return cls(tuple(levels), (region.left, region.top))
+        return cls(tuple(levels), (region.left, region.top), motion)
+
+    def places(self, step_px: int) -> NDArray[np.float32]:
+        """Return every so many of the pixels of the full size, (n, 2)."""
+        (height, width), (left, top) = self.levels[0].shape, self.origin_px
+        v, u = np.mgrid[top:top + height:step_px, left:left + width:step_px]
+        return np.stack([u.ravel(), v.ravel()], axis=-1).astype(np.float32)
+
+    def pick(self, uv_px: NDArray[np.float32]) -> Patches:
+        """Return the grey values of the nearest pixels of the full size (n,) to pixels (n, 2)."""
+        u, v = np.round(self._moved(uv_px) - self.origin_px).astype(int).T
+        height, width = self.levels[0].shape
+        return np.asarray(self.levels[0][np.clip(v, 0, height - 1), np.clip(u, 0, width - 1)])
+
+    def _moved(self, uv_px: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return where the image shows what a rig that has not moved shows at pixels."""
+        if self.motion is None:
+            return uv_px
+        return np.asarray(uv_px @ self.motion[:2] + self.motion[2], np.float32)
 
     def sample(self, uv_px: NDArray[np.float32], level: int) -> Patches:
         """
         Sample one level; what lies outside repeats the border.
 
-        :param uv_px: (..., W, 2) full-size pixels, finite.
+        :param uv_px: (..., W, 2) full-size pixels of a rig that has not moved, finite.
         """
         scale = np.float32(0.5 ** level)
         shift = (0.5 - np.array(self.origin_px, np.float32)) * scale - np.float32(0.5)
         shift = shift.astype(np.float32)
-        flat: Any = uv_px.reshape(-1, *uv_px.shape[-2:]) * scale + shift
+        flat: Any = self._moved(uv_px).reshape(-1, *uv_px.shape[-2:]) * scale + shift
         out = np.empty(flat.shape[:2], np.float32)
         for k in range(0, len(flat), _MAX_ROWS):
             out[k:k + _MAX_ROWS] = cv2.remap(
@@ -88,14 +113,31 @@ class PairPyramids:
     right: Pyramid
 
     @classmethod
-    def of(cls, pair: StereoPair, regions: PairRegions) -> PairPyramids:
-        """Build the pyramids of a region of each image."""
-        return cls(pair, Pyramid.of(pair.left, regions.left),
-                   Pyramid.of(pair.right, regions.right))
+    def of(cls, pair: StereoPair, regions: PairRegions, rig: StereoRig) -> PairPyramids:
+        """
+        Build the pyramids of a region of each image.
+
+        :param rig: the cameras.
+        """
+        left, right = (_motion(pair, rig, region, side) for side, region in enumerate(regions))
+        return cls(pair, Pyramid.of(pair.left, regions.left, left),
+                   Pyramid.of(pair.right, regions.right, right))
 
     def age_s(self, stamp_ns: int) -> float:
         """Return the time from this pair to a stamp, s."""
         return (stamp_ns - self.pair.stamp_ns) * 1e-9
+
+
+def _motion(pair: StereoPair, rig: StereoRig, region: Region, right: int) -> Optional[Patches]:
+    """Return the affine motion of one view, as of :class:`Pyramid`."""
+    if pair.motion is None:
+        return None
+    u, v = np.meshgrid(np.linspace(region.left, region.right, _NODES),
+                       np.linspace(region.top, region.bottom, _NODES))
+    uv = np.stack([u.ravel(), v.ravel()], axis=-1)
+    moved = moved_px(rig, rig.as_taken(pair.motion), bool(right), uv)
+    fit = np.linalg.lstsq(np.column_stack([uv, np.ones(len(uv))]), moved, rcond=None)[0]
+    return np.asarray(fit, np.float32)
 
 
 def region_of(pixels: Sequence[Patches], size: tuple[int, int]) -> Region:

@@ -6,6 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 import math
+from typing import Optional
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,8 @@ class Camera:
     :param K: (3, 3) intrinsic matrix of the raw image.
     :param D: (n,) distortion coefficients in OpenCV's order.
     :param model: name of its lens model, one of ``LENSES``.
+    :param rotation: (3, 3) from the frame that points and rays are given in to its own optical
+        frame, for a camera that sways; None where they are one.
     """
 
     name: str
@@ -36,6 +39,7 @@ class Camera:
     K: Array
     D: Array
     model: str
+    rotation: Optional[Array] = None
 
     def __post_init__(self) -> None:
         for key, shape in (('K', (3, 3)), ('D', (-1,))):
@@ -101,7 +105,11 @@ class Camera:
         :param uv_px: (..., 2).
         """
         xy = self.undistort(uv_px)
-        return np.concatenate([xy, np.ones_like(xy[..., :1])], axis=-1)
+        rays = np.concatenate([xy, np.ones_like(xy[..., :1])], axis=-1)
+        if self.rotation is None:
+            return rays
+        rays = rays @ self.rotation
+        return np.asarray(rays / rays[..., 2:])
 
     def project(self, points_m: Array) -> tuple[Array, NDArray[np.bool_]]:
         """
@@ -110,9 +118,11 @@ class Camera:
         Points behind the camera get NaN. Rays wider than the lens model holds for are never
         valid: its polynomial may fold them back into the image.
 
-        :param points_m: (..., 3) in this camera's frame.
+        :param points_m: (..., 3) in this camera's frame, or in that which ``rotation`` is from.
         """
         points_m = np.asarray(points_m, dtype=np.float64)
+        if self.rotation is not None:
+            points_m = points_m @ self.rotation.T
         front = points_m[..., 2] > _NEAREST_M
         z = np.where(front, points_m[..., 2], np.nan)
         xy = points_m[..., :2] / z[..., None]

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Optional, Sequence, Union
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,20 @@ from scipy.spatial.transform import Rotation
 
 from .camera import Camera
 from ..core.errors import CalibrationError
-from ..core.records import Array
+from ..core.records import Array, RigMotion
+
+Angles = Union[Sequence[float], Array]  # (3,) pan, tilt and roll
+
+
+def of_camera(angles_rad: Angles) -> Array:
+    """
+    Return the rotation (3, 3) of points into the frame of a camera that has rotated.
+
+    :param angles_rad: (3,) pan to the right, tilt upwards and roll clockwise: components of one
+        rotation vector about the camera's y, x and z axis.
+    """
+    pan, tilt, roll = (float(angle) for angle in angles_rad)
+    return np.asarray(Rotation.from_rotvec((tilt, pan, roll)).as_matrix().T)
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +62,7 @@ class StereoRig:
         if not self.baseline_m > 0:
             raise CalibrationError('rig', 'baseline', f'{self.baseline_m} m', 'more than 0')
 
-    def drifted(self, drift_rad: Array) -> StereoRig:
+    def drifted(self, drift_rad: Angles) -> StereoRig:
         """
         Return the rig after a rotation of its right camera about its own centre.
 
@@ -56,10 +70,34 @@ class StereoRig:
             one rotation vector about the right camera's y, x and z axis.
         """
         pan, tilt, roll = (float(angle) for angle in drift_rad)
-        rotation = Rotation.from_rotvec((tilt, pan, roll)).as_matrix().T
-        before = self.drift_rad
+        rotation, before = of_camera(drift_rad), self.drift_rad
         return replace(self, R=rotation @ self.R, t=rotation @ self.t, drift_rad=(
             before[0] + pan, before[1] + tilt, before[2] + roll))
+
+    def swayed(self, sway_rad: Angles) -> StereoRig:
+        """
+        Return the rig after a rotation of the whole of it about its left camera's centre.
+
+        Points and rays of the left camera stay in the frame from before: that of the site.
+
+        :param sway_rad: (3,) pan to the right, tilt upwards and roll clockwise, as of
+            :meth:`drifted`, about the left camera's axes.
+        """
+        rotation = of_camera(sway_rad)
+        before = self.left.rotation
+        left = replace(self.left, rotation=rotation if before is None else rotation @ before)
+        return replace(self, left=left, R=self.R @ rotation)
+
+    def as_taken(self, motion: Optional[RigMotion]) -> StereoRig:
+        """
+        Return the rig as it stood when a pair was taken; itself where it stood still.
+
+        :param motion: of the pair, see :class:`..core.records.StereoPair`.
+        """
+        if motion is None:
+            return self
+        rig = self.drifted(motion.drift_rad) if any(motion.drift_rad) else self
+        return rig.swayed(motion.sway_rad) if any(motion.sway_rad) else rig
 
     @property
     def baseline_m(self) -> float:

@@ -39,6 +39,7 @@ from ..report.overlay import draw
 from ..site.file import load_site
 from ..site.init_file import load_init
 from ..site.refine.report import report, summary_lines
+from ..steadying.report import steadiness_summary, warning
 
 _WAITING_PAIRS = 50  # pairs kept until both calibrations have come
 MOST_REFINE_PAIRS = 200
@@ -243,12 +244,17 @@ class TrackerNode(Node):
 
     def state(self) -> tuple[bytes, str, dict[str, Any]]:
         """Level, message and counts for ``/diagnostics``."""
-        ready = self.pipeline is not None
-        message = 'measuring' if ready else (
-            'waiting for camera_info' if self.rig is None else 'waiting to refine the site')
-        return (b'\x00' if ready else b'\x01'), message, {
-            'pairs': self.index, 'passes': self.passes, 'resets': self.resets,
-            'repeated': self.repeated, 'waiting': len(self.waiting)}
+        counts = {'pairs': self.index, 'passes': self.passes, 'resets': self.resets,
+                  'repeated': self.repeated, 'waiting': len(self.waiting)}
+        if self.pipeline is None:
+            return b'\x01', ('waiting for camera_info' if self.rig is None
+                             else 'waiting to refine the site'), counts
+        steadier = self.pipeline.steadier
+        if steadier is None:
+            return b'\x00', 'measuring', counts
+        rig = {f'rig_{key}': value for key, value in steadiness_summary(steadier.state()).items()}
+        wrong = warning(steadier)
+        return (b'\x01' if wrong else b'\x00'), wrong or 'measuring', {**counts, **rig}
 
 
 def main(args: Optional[Sequence[str]] = None) -> int:

@@ -13,10 +13,14 @@ from .registry import DETECTORS, TRACKERS
 from ..core.errors import SiteError
 from ..core.records import InitialFront, StereoPair
 from ..geometry.rig import StereoRig
+from ..geometry.steadied import steadied
 from ..road.lanes import LanePath
 from ..site.file import Site
 from ..site.lane_paths import lane_paths
+from ..site.refine.empty_road import spread_pairs
 from ..site.refine.refiner import refine_site, RefinedSite
+from ..steadying.config import SteadyingConfig
+from ..steadying.steadier import Reference, rest_of, Steadier
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +34,8 @@ class MeasuringSite:
     :param refined: how it was refined; None where it was not.
     :param not_refined: why it could not be, though it was asked for: it is measured at as it was
         read; empty otherwise.
+    :param reference: the pair that the rig's sway is measured against, with how the rig rests;
+        None for the first pair that is measured.
     """
 
     site: Site
@@ -37,6 +43,7 @@ class MeasuringSite:
     lanes: Mapping[str, LanePath]
     refined: Optional[RefinedSite] = None
     not_refined: str = ''
+    reference: Optional[Reference] = None
 
     @classmethod
     def of(cls, site: Site, rig: StereoRig,
@@ -54,9 +61,15 @@ class MeasuringSite:
         """
         not_refined = ''
         if refine_by is not None:
+            pairs = spread_pairs(refine_by)
+            reference = _reference(rig, pairs, config.steadying)
+            if reference is not None:
+                steadier = Steadier(rig, config.steadying, reference)
+                pairs = [steadied(steadier.steady(pair), rig) for pair in pairs]
             try:
-                refined = refine_site(site, rig, refine_by, config.site_refinement, config.road)
-                return cls(refined.site, refined.rig, refined.lanes, refined)
+                refined = refine_site(site, rig, pairs, config.site_refinement, config.road)
+                return cls(refined.site, refined.rig, refined.lanes, refined,
+                           reference=reference)
             except SiteError as error:
                 not_refined = str(error)
         corrected = site.corrected_rig(rig)
@@ -72,11 +85,20 @@ class MeasuringSite:
         The arguments are those of :func:`make_pipeline`.
         """
         return make_pipeline(self.rig, self.lanes, config.with_tolerances(self.site.tolerances),
-                             annotations, seed=seed, where=where)
+                             annotations, reference=self.reference, seed=seed, where=where)
+
+
+def _reference(rig: StereoRig, pairs: Sequence[StereoPair], config: SteadyingConfig
+               ) -> Optional[Reference]:
+    """Return what the sway of a rig is measured against, by the pairs a site is refined by."""
+    if not (config.enabled and pairs):
+        return None
+    return rest_of(Steadier(rig, config), pairs)
 
 
 def make_pipeline(rig: StereoRig, lanes: Mapping[str, LanePath], config: PipelineConfig,
-                  annotations: Optional[Sequence[InitialFront]] = None, *, seed: int = 0,
+                  annotations: Optional[Sequence[InitialFront]] = None, *,
+                  reference: Optional[Reference] = None, seed: int = 0,
                   where: str = 'init file') -> SpeedPipeline:
     """
     Return a pipeline with the tracker and the detector that the parameters name.
@@ -85,6 +107,7 @@ def make_pipeline(rig: StereoRig, lanes: Mapping[str, LanePath], config: Pipelin
     :param lanes: lane name to lane path.
     :param config: names and parameters.
     :param annotations: fronts as a person annotated them; None has the vehicles detected.
+    :param reference: what the rig's sway is measured against; None for the first pair.
     :param seed: of all randomness.
     :param where: where the annotations come from, for errors.
     :raises InputError: an annotation outside the images, no lane, what cannot be loaded.
@@ -92,5 +115,7 @@ def make_pipeline(rig: StereoRig, lanes: Mapping[str, LanePath], config: Pipelin
     start = partial(TRACKERS.load(config.tracker).start, settings=config.tracker_settings)
     detector = None if annotations is not None else DETECTORS.load(config.detector)(
         rig, lanes, config.detector_settings)
+    steadying = config.site.steadying
+    steadier = Steadier(rig, steadying, reference) if steadying.enabled else None
     return SpeedPipeline(rig, lanes, config.shared, start, annotations=annotations or (),
-                         detector=detector, seed=seed, where=where)
+                         detector=detector, steadier=steadier, seed=seed, where=where)

@@ -19,14 +19,17 @@ from ..core.config import (
 from ..core.errors import InputError
 from ..road.problem import RoadPrior
 from ..site.refine.config import RefineConfig
+from ..steadying.config import SteadyingConfig
 
 
 @dataclass(frozen=True)
 class SiteConfig:
-    """What decides the paths of the lanes of a site, and how certain they are."""
+    """What decides the paths of the lanes of a site, and how the rig stands there."""
 
     road: RoadPrior = section(RoadPrior, 'what is known of any road and rig beforehand')
     site_refinement: RefineConfig = section(RefineConfig, 'refinement of a site by images')
+    steadying: SteadyingConfig = section(
+        SteadyingConfig, 'rotation of the cameras in each pair, by what stands still')
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,8 @@ from ..core.records import (
 from ..detection.protocol import Detection, Detector, TrackedRegion
 from ..geometry.rig import StereoRig
 from ..road.lanes import LanePath
+from ..steadying.doubt import SpeedDoubt
+from ..steadying.steadier import Steadier
 from ..tracking.initialise import check_annotation
 from ..tracking.lane_assigner import LaneAssigner
 from ..tracking.protocol import Refusal, SharesParticles, Tracker, TrackStart
@@ -85,6 +87,7 @@ class SpeedPipeline:
     :param start: starts a tracker.
     :param annotations: fronts as a person annotated them.
     :param detector: finds further vehicles; None leaves it at the annotated ones.
+    :param steadier: finds how the rig stands in each pair; None takes it to stand still.
     :param seed: seed of all randomness; each track draws from its own stream, so that tracks do
         not disturb one another.
     :param where: where the annotations come from, for errors.
@@ -93,15 +96,16 @@ class SpeedPipeline:
 
     def __init__(self, rig: StereoRig, lanes: Mapping[str, LanePath], config: TrackerConfig,
                  start: StartTracker, *, annotations: Sequence[InitialFront] = (),
-                 detector: Optional[Detector] = None, seed: int = 0,
-                 where: str = 'init file') -> None:
+                 detector: Optional[Detector] = None, steadier: Optional[Steadier] = None,
+                 seed: int = 0, where: str = 'init file') -> None:
         if not lanes:
             raise InputError('site', 'lanes', 'none', 'at least one lane')
         for front in annotations:
             check_annotation(rig, front, where)
         self.rig, self.lanes, self.config = rig, dict(lanes), config
-        self.detector, self.seed = detector, seed
+        self.detector, self.steadier, self.seed = detector, steadier, seed
         self._start_tracker, self._annotations = start, tuple(annotations)
+        self._doubt = SpeedDoubt(rig, lanes, config)
         self._next_track = 0
         self._state = _State()
 
@@ -118,6 +122,8 @@ class SpeedPipeline:
         state.last_ns = pair.stamp_ns
         self._check_size(pair)
         pair = pair.triggered(self.config.trigger_tolerance_s)
+        if self.steadier is not None:
+            pair = self.steadier.steady(pair)
         self._start_annotated(pair)
         for track in state.tracks:
             if isinstance(track.tracker, SharesParticles):
@@ -129,7 +135,10 @@ class SpeedPipeline:
         self._collect(everything=False)
         active = {track.tracker.track for track in state.tracks}
         ended, state.ended = state.ended, []
-        return Step([u for u in updates if u is not None and u.track in active], ended)
+        told = [u for u in updates if u is not None and u.track in active]
+        if self.steadier is not None:
+            told = [self._doubt.update(update, self.steadier) for update in told]
+        return Step(told, ended)
 
     def finish(self) -> list[PassResult]:
         """End all tracks, the stream being over, and return their results."""
@@ -142,6 +151,8 @@ class SpeedPipeline:
         self._state = _State()
         if self.detector is not None:
             self.detector.reset()
+        if self.steadier is not None:
+            self.steadier.reset()
 
     def _start_annotated(self, pair: StereoPair) -> None:
         """
@@ -152,7 +163,7 @@ class SpeedPipeline:
         for number, front in enumerate(self._annotations):
             if front.frame == pair.index and number not in self._state.started:
                 self._state.started.add(number)
-                track = self._start(front, pair, self._lane_of(front), None, pair)
+                track = self._start(front, pair, self._lane_of(front, pair), None, pair)
                 if isinstance(track, Refusal):
                     raise track.error()
 
@@ -287,9 +298,10 @@ class SpeedPipeline:
             else:
                 held.append(track.last)
 
-    def _lane_of(self, front: InitialFront) -> LanePath:
-        """Return the lane whose path a front is nearest to, across the road."""
-        centre = self.rig.triangulate(front.left_px.mean(axis=0), front.right_px.mean(axis=0))
+    def _lane_of(self, front: InitialFront, pair: StereoPair) -> LanePath:
+        """Return the lane whose path a front of a pair is nearest to, across the road."""
+        rig = self.rig.as_taken(pair.motion)
+        centre = rig.triangulate(front.left_px.mean(axis=0), front.right_px.mean(axis=0))
 
         def across(lane: LanePath) -> float:
             s_m = lane.path.arc_length(centre)
@@ -326,7 +338,8 @@ class SpeedPipeline:
         return abs(update.speed_mps - front.speed_mps) < limit
 
     def _result(self, track: _Track) -> PassResult:
-        return track.lanes.conclude(track.tracker.result())
+        result = track.lanes.conclude(track.tracker.result())
+        return result if self.steadier is None else self._doubt.result(result, self.steadier)
 
 
 def _moved_on(update: TrackUpdate, stamp_ns: int) -> TrackUpdate:

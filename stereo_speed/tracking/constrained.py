@@ -126,7 +126,7 @@ class ConstrainedTracker:
         if self.ended:
             return None
         self.cloud = self._predicted(self.life.advance_s(pair))
-        if self._leaves_view():
+        if self._leaves_view(pair):
             return None
         last = self._reported
         measured = self._measured(pair, reacquires=_coasts(last))
@@ -137,7 +137,7 @@ class ConstrainedTracker:
                 return None
             return self._report(pair, TrackState.COASTING)
         self._update_reference(pair)
-        state = self.life.seen(pair, self._quads(self.cloud.mean[None])[0][0])
+        state = self.life.seen(pair, self._quads(self.cloud.mean[None], pair)[0][0])
         # What braked out of sight shows its speed only in the second pair that it is seen in.
         update = self._report(pair, TrackState.TENTATIVE if _coasts(last) else state)
         if last is not None and not may_follow(update, last, self.config):
@@ -188,7 +188,7 @@ class ConstrainedTracker:
 
     def _weighed(self, pair: StereoPair) -> Optional[_Cloud]:
         """Return the cloud weighed by the images (eq. 2, 12) and resampled, where possible."""
-        quads = self._quads(self.cloud.states, pair.right_lag_s)
+        quads = self._quads(self.cloud.states, pair, pair.right_lag_s)
         scores = score(pair.left, pair.right, quads, self.reference, grid=self.grid,
                        config=self.config)
         try:
@@ -200,7 +200,7 @@ class ConstrainedTracker:
 
     def _update_reference(self, pair: StereoPair) -> None:
         """Blend the features at the estimated state into the reference (eq. 14)."""
-        quads = self._quads(self.cloud.mean[None], pair.right_lag_s)
+        quads = self._quads(self.cloud.mean[None], pair, pair.right_lag_s)
         at = score(pair.left, pair.right, quads, None, grid=self.grid, config=self.config)
         if self.reference is None:
             self.reference = Reference(at.left[0], at.right[0])
@@ -218,18 +218,20 @@ class ConstrainedTracker:
         """Return the heading of the vehicle against its path: it drives where it points."""
         return 0.0 if self.posterior is None else float(self.posterior.heading_rad[-1])
 
-    def _quads(self, states: Array, lag_s: float = 0.0) -> tuple[Array, Array]:
-        """Return the corners (N, 4, 2) of the front at states (N, 4), left and right view."""
+    def _quads(self, states: Array, pair: StereoPair, lag_s: float = 0.0
+               ) -> tuple[Array, Array]:
+        """Return the corners (N, 4, 2) of the front at states (N, 4), both views of a pair."""
         later = None
         if lag_s:
             rate = np.full(len(states), self._lateral_mps())
             later = states[:, :3] + lag_s * np.column_stack([states[:, 3], rate, 0 * rate])
-        return self.front.corners(self.rig, states[:, :3], self._heading_rad(), later)
+        return self.front.corners(self.rig.as_taken(pair.motion), states[:, :3],
+                                  self._heading_rad(), later)
 
-    def _leaves_view(self) -> bool:
+    def _leaves_view(self, pair: StereoPair) -> bool:
         """Return whether the pass ends before this pair, out of view or far beyond the path."""
         mean, limits = self.cloud.mean, self.config.visibility
-        left, right = self._quads(mean[None])
+        left, right = self._quads(mean[None], pair)
         narrow = bool(self.life.stamps_ns) and np.ptp(left[0, :, 0]) < limits.least_width_px
         if narrow or mean[0] > self.lane.path.length_m + limits.beyond_path_m:
             self.life.end = TrackEnd.LEFT_VIEW
@@ -238,7 +240,7 @@ class ConstrainedTracker:
     def _report(self, pair: StereoPair, state: TrackState) -> TrackUpdate:
         mean, cov = self.cloud.moments()
         frame = self.lane.path.frame(np.array(mean[0]))
-        left, right = self._quads(mean[None])
+        left, right = self._quads(mean[None], pair)
         ground = self.front.ground_speed(mean[:3], float(mean[3]), self._lateral_mps())
         ratio = ground / mean[3] if mean[3] else 1.0
         share = calibration_share(self.rig, self.lane, self.config, float(mean[0]))

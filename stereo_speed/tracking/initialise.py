@@ -83,6 +83,7 @@ def place_front(start: TrackStart, grid: PartGrid) -> Union[Placement, Refusal]:
     :param start: what the track starts from.
     :param grid: samples of the front.
     """
+    start = replace(start, rig=start.rig.as_taken(start.pair.motion))
     # How far the vehicle goes until the right view is exposed.
     speed_mps = start.expected_mps if start.seen_mps is None else start.seen_mps
     later_m = speed_mps * start.pair.right_lag_s

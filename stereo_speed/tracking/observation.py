@@ -124,8 +124,9 @@ class ObservationSampler:
         points = plane_points(self.front.path, poses, self._plane_m, heading_rad, depth)
         later = points if lag == 0 else plane_points(
             self.front.path, poses + lag * velocity_mps, self._plane_m, heading_rad, depth)
-        left, in_left = self.rig.left.project(points)
-        right, in_right = self.rig.right.project(self.rig.to_right(later))
+        rig = self.rig.as_taken(pair.motion)
+        left, in_left = rig.left.project(points)
+        right, in_right = rig.right.project(rig.to_right(later))
         if not (in_left[0].all() and in_right[0].all()):
             return None
         motion = [(uv[1:] - uv[0]) / _STEP_M for uv in (left, right)]  # (3, M, 2)

@@ -92,7 +92,7 @@ def pair_of(fronts, index=0, late=None, lag_ns=0):
 def pyramids_of(pair):
     """Return the pyramids of whole images."""
     return PairPyramids.of(pair, PairRegions(*(Region(0, 0, c.width_px, c.height_px)
-                                               for c in CAMERAS)))
+                                               for c in CAMERAS)), RIG)
 
 
 def depth_bound_m(geometry, s_m, disparity_px=0.1):

@@ -7,8 +7,9 @@ import cv2
 import numpy as np
 import pytest
 from stereo_speed.core.errors import CalibrationError
+from stereo_speed.core.records import RigMotion
 from stereo_speed.geometry.camera import Camera
-from stereo_speed.geometry.rig import StereoRig
+from stereo_speed.geometry.rig import of_camera, StereoRig
 
 K = np.array([[1500.0, 0.0, 511.5], [0.0, 1500.0, 383.5], [0.0, 0.0, 1.0]])
 
@@ -91,3 +92,34 @@ def test_refuses_what_is_no_rotation():
     rig = make_rig()
     with pytest.raises(CalibrationError, match='rig: R: found'):
         StereoRig(rig.left, rig.right, np.diag([1.0, 1, -1]), rig.t)
+
+
+def test_a_pan_of_the_rig_moves_the_view_to_the_left():
+    """Focal length 1500 px: a point straight ahead moves by 1500 tan(0.1 degrees) = 2.618 px."""
+    rig = make_rig(r=(0, 0, 0), t=(-0.5, 0, 0), d=()).swayed((np.radians(0.1), 0, 0))
+    uv, _ = rig.left.project(np.array([0.0, 0.0, 40.0]))
+    np.testing.assert_allclose(uv, [511.5 - 2.61800, 383.5], atol=1e-4)
+
+
+def test_a_rig_that_sways_sees_the_world_where_it_was():
+    """Points are triangulated where they are, however the rig stands; its cameras stay apart."""
+    motion = RigMotion((0.01, -0.004, 0.02), (0.002, 0.001, -0.003))
+    rig = make_rig().as_taken(motion)
+    points = np.random.default_rng(2).uniform([-5, -3, 15], [5, 3, 80], (4, 25, 3))
+    left, right, _, _ = rig.project(points)
+    np.testing.assert_allclose(rig.triangulate(left, right), points, rtol=1e-7)
+    np.testing.assert_allclose(rig.baseline_m, make_rig().baseline_m, rtol=1e-12)
+
+
+def test_sway_is_a_rotation_of_both_cameras_as_one_body():
+    """In the frame of its left camera a rig that sways is the rig that it was."""
+    still, sway = make_rig(), (0.01, -0.004, 0.02)
+    points = np.random.default_rng(2).uniform([-5, -3, 15], [5, 3, 80], (25, 3))
+    there = still.swayed(sway).project(points)[:2]
+    np.testing.assert_allclose(there, still.project(points @ of_camera(sway).T)[:2], atol=1e-9)
+
+
+def test_a_rig_that_stood_still_is_itself():
+    """No motion, and a motion of nothing, cost nothing and change nothing."""
+    rig = make_rig()
+    assert rig.as_taken(None) is rig and rig.as_taken(RigMotion()) is rig

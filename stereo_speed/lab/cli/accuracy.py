@@ -38,6 +38,8 @@ def add_parser(subparsers: Subparsers) -> None:
                        help='picks refined by the images of the pass')
     add('--pan-deg', type=number_in(float, -1, 1), default=0.0, metavar='DEG',
         help='the right camera has turned this far, to either side, since its calibration')
+    add('--sway-deg', type=number_in(float, 0, 1), default=0.0, metavar='DEG',
+        help='the rig sways: 1-sigma of each of its angles, in each pair by itself')
     add('--tolerances', action='store_true',
         help='calibration and stamps are off within the tolerances the tracker allows for')
     add('--outdoors', nargs='*', metavar='HEADING=KIND',
@@ -52,7 +54,7 @@ def run(args: argparse.Namespace) -> int:
     """Measure the passes that are not measured yet, print the table, write the files."""
     TrackerConfig(particles=args.particles)  # refuse before the work begins
     jobs = accuracy_jobs(args.passes, seed=args.seed, lines=LineKnowledge(args.lines),
-                         pan_deg=args.pan_deg, tolerances=args.tolerances,
+                         pan_deg=args.pan_deg, tolerances=args.tolerances, sway_deg=args.sway_deg,
                          changes={'particles': args.particles}, outdoors=_held(args.outdoors),
                          detect=args.detect)
     results = run_jobs(jobs, measure_job, out_dir=args.out, workers=args.jobs,

@@ -36,6 +36,10 @@ def add_parser(subparsers: Subparsers) -> None:
     add('--outdoors', action='store_true',
         help='motorcycles, buses and small cars drive too, and fronts are no painted planes')
     add('--rig', choices=sorted(RIGS), default='parallel')
+    add('--sway-deg', type=number_in(float, 0, 1), default=0.0, metavar='DEG',
+        help='the rig sways: 1-sigma of each of its angles, in each pair by itself')
+    add('--turn-deg', type=number_in(float, -1, 1), default=0.0, metavar='DEG',
+        help='the right camera pans this far to the right in the middle of the stream')
     add('--seed', type=number_in(int, 0, 2 ** 63), default=0)
     add('--particles', type=int, default=TrackerConfig().particles)
     add('--jobs', type=int, choices=(1, 2), default=2,
@@ -67,7 +71,9 @@ def run(args: argparse.Namespace) -> int:
         raise InputError('traffic', '--receding', args.receding, f'fewer than {args.lanes}')
     config = traffic_config(
         args.light, args.lanes, args.receding, args.fps, args.minutes, args.vehicles,
-        outdoors=args.outdoors, rig=RIGS[args.rig])
+        outdoors=args.outdoors, rig=RIGS[args.rig], sway_deg=args.sway_deg,
+        right_turn_deg=(args.turn_deg, 0.0, 0.0),
+        right_turn_s=30.0 * args.minutes if args.turn_deg else None)
     if args.bag is not None:
         # Only writing bags needs rosbags.
         from ..sim.write import write_traffic_bag
@@ -85,7 +91,7 @@ def run(args: argparse.Namespace) -> int:
         write_traffic(args.out, result, score, {
             **parameters.summary(), 'seed': args.seed, 'traffic': {k: getattr(args, k) for k in (
                 'minutes', 'vehicles', 'fps', 'lanes', 'receding', 'light', 'outdoors', 'rig',
-                'lines')}})
+                'lines', 'sway_deg', 'turn_deg')}})
     receding = f', {args.receding} receding' if args.receding else ''
     name = (f'{args.minutes:g} min, {args.fps:g} fps, {args.lanes} lanes{receding}, '
             f'{args.light}' + (', outdoors' if args.outdoors else ''))

@@ -45,7 +45,7 @@ class PassRun:
 
 def accuracy_jobs(passes: int, *, seed: int, lines: LineKnowledge, pan_deg: float,
                   tolerances: bool, changes: Mapping[str, Any],
-                  tracker: str = 'constrained',
+                  tracker: str = 'constrained', sway_deg: float = 0.0,
                   outdoors: Optional[Mapping[str, str]] = None,
                   detect: bool = False) -> list[Job]:
     """
@@ -58,12 +58,14 @@ def accuracy_jobs(passes: int, *, seed: int, lines: LineKnowledge, pan_deg: floa
     :param tolerances: whether calibration and stamps are off within the tracker's tolerances.
     :param changes: parameters of the tracker that differ from the defaults.
     :param tracker: name of the tracker.
+    :param sway_deg: 1-sigma of each angle of the rig in each pair.
     :param outdoors: as of ``draw_pass``.
     :param detect: vehicles are detected, not annotated.
     """
     return [Job(key=f'pass{number:04d}', parameters={
         'number': number, 'seed': seed, 'lines': lines.value, 'pan_deg': pan_deg,
-        'tolerances': tolerances, 'tracker': tracker, 'changes': dict(changes),
+        'sway_deg': sway_deg, 'tolerances': tolerances, 'tracker': tracker,
+        'changes': dict(changes),
         'outdoors': None if outdoors is None else dict(outdoors), 'detect': detect})
         for number in range(passes)]
 
@@ -83,7 +85,7 @@ def measure_job(parameters: Mapping[str, Any]) -> Mapping[str, Any]:
 def _drawn(parameters: Mapping[str, Any]) -> RandomPass:
     """Return the pass of a job."""
     return draw_pass(parameters['seed'], parameters['number'], pan_deg=parameters['pan_deg'],
-                     outdoors=parameters['outdoors'])
+                     sway_deg=parameters['sway_deg'], outdoors=parameters['outdoors'])
 
 
 def gather(jobs: Sequence[Job], results: Sequence[Result]) -> list[PassRun]:

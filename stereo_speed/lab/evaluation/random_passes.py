@@ -47,7 +47,7 @@ class RandomPass:
     kinds: dict[str, str]
 
 
-def draw_pass(seed: int, number: int, *, pan_deg: float = 0.0,
+def draw_pass(seed: int, number: int, *, pan_deg: float = 0.0, sway_deg: float = 0.0,
               outdoors: Optional[Mapping[str, str]] = None) -> RandomPass:
     """
     Draw a pass.
@@ -62,6 +62,7 @@ def draw_pass(seed: int, number: int, *, pan_deg: float = 0.0,
     :param seed: of the whole set.
     :param number: of the pass in it, from 0; paths and rigs take turns.
     :param pan_deg: by which the right camera has turned to either side since its calibration.
+    :param sway_deg: 1-sigma of each angle of the rig in each pair.
     :param outdoors: draw bodies, lamps, light and faults of cameras beside it, but for what this
         holds: heading to kind. None for fronts with relief in even light, as above.
     """
@@ -73,7 +74,7 @@ def draw_pass(seed: int, number: int, *, pan_deg: float = 0.0,
                 [seed, number, attempt, 1]))
             drawn = replace(drawn, config=config, kinds={**kinds, **drawn.kinds})
         if _is_in_view(drawn.config, seed):
-            return drawn
+            return replace(drawn, config=replace(drawn.config, sway_deg=sway_deg))
     raise InputError('accuracy', 'scene', number, 'a road that comes to lie in view')
 
 

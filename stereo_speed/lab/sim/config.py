@@ -190,6 +190,11 @@ class SimConfig:
         the right camera has rotated about its own centre since the calibration: the images, the
         clicked points and the initial fronts are those of the rotated camera, ``rig`` and
         ``CameraInfo`` those of the calibration.
+    :param sway_deg: standard deviation of each angle of the rig, degrees, in each pair by itself;
+        the clicked points are those of the rig at rest.
+    :param right_turn_deg: pan to the right, tilt upwards and roll clockwise, degrees, by which
+        the right camera turns in the middle of the stream.
+    :param right_turn_s: when it does, s; None for never.
     :param gaps_s: times from and to which no pair arrives, s.
     :param right_delay_s: how much later the right camera exposes, as its stamps show, s.
     :param poles: poles between camera and road.
@@ -227,6 +232,9 @@ class SimConfig:
     name: str = 'simulated'
     origin_ns: int = 1_700_000_000_000_000_000
     rig_moved_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    sway_deg: float = 0.0
+    right_turn_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    right_turn_s: Optional[float] = None
     gaps_s: Knots = ()
     right_delay_s: float = 0.0
     poles: tuple[PoleConfig, ...] = ()
@@ -270,6 +278,10 @@ class SimConfig:
               and 0 <= faults.dirt_depth <= 1, 'faults', faults, 'no negative blur or dirt')
         _want(0 < light.ambient <= 1 and 0 <= light.wet <= 1, 'light.ambient, light.wet',
               (light.ambient, light.wet), 'shares, and some light')
+        _want(0 <= self.sway_deg <= 10, 'sway_deg', self.sway_deg, '0 to 10 degrees')
+        _want(len(self.right_turn_deg) == 3 and all(abs(a) <= 10 for a in self.right_turn_deg),
+              'right_turn_deg', self.right_turn_deg,
+              'pan, tilt and roll of at most 10 degrees')
         _want(len(self.rig_moved_deg) == 3 and all(abs(a) <= 10 for a in self.rig_moved_deg),
               'rig_moved_deg', self.rig_moved_deg, 'pan, tilt and roll of at most 10 degrees')
 

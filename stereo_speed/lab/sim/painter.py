@@ -20,10 +20,11 @@ from .scene import FrontPose, SimScene, Vehicle
 from .scenery import render_background
 from .street import body_box, Looks, looks_of, parked, Person, pole, Tree, vehicle_item
 from .surface import Sky
+from .sway import swayed
 from .texture import Image
 from .view import rig_views
 from .wet import streak
-from ...core.records import Array
+from ...core.records import Array, RigMotion
 
 Picture = NDArray[np.uint8]
 
@@ -88,13 +89,14 @@ class Painter:
         self._vehicle_seed = int(vehicle_rng.integers(2 ** 62))
         self._appearances: dict[int, Looks] = {}
 
-    def paint(self, vehicles: Sequence[Vehicle],
-              t_s: float) -> tuple[tuple[Picture, Picture], dict[int, float]]:
+    def paint(self, vehicles: Sequence[Vehicle], t_s: float, motion: Optional[RigMotion] = None
+              ) -> tuple[tuple[Picture, Picture], dict[int, float]]:
         """
         Paint a pair.
 
         :param vehicles: in any order.
         :param t_s: when the left camera exposes.
+        :param motion: how the rig stands; None for at rest.
         :return: left and right image, and the share seen of each vehicle's tracked front: the
             least of both views.
         """
@@ -102,10 +104,10 @@ class Painter:
         self._appearances = {n: a for n, a in self._appearances.items() if n in here}
         delay_s = self.scene.config.right_delay_s
         moment, step = self._moment(vehicles, t_s), self.optics.exposure()
-        left, in_left = self._view(0, moment, t_s, step)
+        left, in_left = self._view(0, moment, t_s, step, motion)
         if delay_s:
             moment = self._moment(vehicles, t_s + delay_s)
-        right, in_right = self._view(1, moment, t_s + delay_s, step)
+        right, in_right = self._view(1, moment, t_s + delay_s, step, motion)
         return (left, right), {n: min(share, in_right.get(n, 0.0)) for n, share in in_left.items()}
 
     def _appearance(self, vehicle: Vehicle, rear: bool) -> Looks:
@@ -123,12 +125,13 @@ class Painter:
         items += [thing.item(self.scene, t_s) for thing in self.moving]
         return Moment(fronts, in_order(items + self.still))
 
-    def _view(self, side: int, moment: Moment, t_s: float,
-              step: float) -> tuple[Picture, dict[int, float]]:
+    def _view(self, side: int, moment: Moment, t_s: float, step: float,
+              motion: Optional[RigMotion]) -> tuple[Picture, dict[int, float]]:
         """
         Return the image of a view, 0 left or 1 right, and the shares seen of the fronts.
 
         :param step: exposure of the pair against the nominal one.
+        :param motion: how the rig stands; None for at rest.
         """
         image, eye = self.backgrounds[side].copy(), self.eyes[side]
         for body, pose in moment.fronts:
@@ -149,7 +152,7 @@ class Painter:
                 glow(image, eye, item, _lamp_grey(item))
         if self.clouds is not None:
             image *= self.clouds[side].gain(t_s)
-        image = self.optics.spread(image, side)
+        image = self.optics.spread(swayed(image, side, self.scene.seen_rig, motion), side)
         return (self.sensor.expose(image, side, t_s, step),
                 self._seen[side].shares(moment.items))
 

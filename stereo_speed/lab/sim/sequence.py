@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Mapping, TypedDict, Union
+from typing import Mapping, Optional, Sequence, TypedDict, Union
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from .config import SimConfig
 from .painter import Painter
 from .scene import Exposure, SimScene, TruthRow
+from .sway import Sway
 from ...core.errors import InputError
-from ...core.records import Array, StereoPair
+from ...core.records import Array, RigMotion, StereoPair
 from ...geometry.rig import StereoRig
 
 MOST_PAIRS = 2000
@@ -90,20 +91,22 @@ def simulate(config: SimConfig, rng: np.random.Generator) -> SimSequence:
     :raises InputError: when no vehicle is ever whole in both views.
     """
     # A generator for each purpose, so that more pairs or picks change nothing else.
-    vehicle, scenery, clock, pick, init = rng.spawn(5)
+    vehicle, scenery, clock, pick, init, wind = rng.spawn(6)
     scene = SimScene(config)
     exposures = _exposures(scene, clock)
+    sway = Sway(config, wind)
+    motions = [sway.motion(taken.t_s) for taken in exposures]
     painter = Painter(scene, scenery, vehicle)
     pairs: list[StereoPair] = []
     truth: list[TruthRow] = []
-    for index, taken in enumerate(exposures):
-        (left, right), _ = painter.paint(scene.vehicles, taken.t_s)
+    for index, (taken, motion) in enumerate(zip(exposures, motions)):
+        (left, right), _ = painter.paint(scene.vehicles, taken.t_s, motion)
         pairs.append(StereoPair(index, taken.stamp_ns, taken.right_stamp_ns, left, right))
         truth += [scene.truth(v, taken.t_s, taken.stamp_ns) for v in scene.vehicles
                   if scene.visible(v, taken.t_s)]
     return SimSequence(
         config, scene, scene.rig, picked_site(scene, pick), exact_site(scene),
-        initial_fronts(scene, [taken.t_s for taken in exposures], init), tuple(pairs),
+        initial_fronts(scene, [taken.t_s for taken in exposures], init, motions), tuple(pairs),
         tuple(truth))
 
 
@@ -226,14 +229,15 @@ def exact_site(scene: SimScene) -> SiteContent:
         for name, (offset, away) in site_lines(scene)[0].items()})
 
 
-def initial_fronts(scene: SimScene, times_s: list[float],
-                   rng: np.random.Generator) -> InitContent:
+def initial_fronts(scene: SimScene, times_s: list[float], rng: np.random.Generator,
+                   motions: Optional[Sequence[Optional[RigMotion]]] = None) -> InitContent:
     """
     Annotate each vehicle's front in the first pair that shows all of it.
 
     :param scene: the scene.
     :param times_s: exposure times of the pairs.
     :param rng: source of the scatter.
+    :param motions: how the rig stands in each pair; None for at rest in all of them.
     """
     vehicles: list[InitFront] = []
     for vehicle in scene.vehicles:
@@ -241,7 +245,8 @@ def initial_fronts(scene: SimScene, times_s: list[float],
         if frame is None:
             continue
         corners = scene.front(vehicle, times_s[frame]).corners_m
+        rig = scene.seen_rig.as_taken(None if motions is None else motions[frame])
         left, right = (_rounded(uv + rng.standard_normal((4, 2)) * scene.config.init_std_px)
-                       for uv in scene.seen_rig.project(corners)[:2])
+                       for uv in rig.project(corners)[:2])
         vehicles.append({'frame': frame, 'left_image': left, 'right_image': right})
     return {'stereo_speed_init': 1, 'vehicles': vehicles}

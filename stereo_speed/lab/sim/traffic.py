@@ -12,6 +12,7 @@ from .arrivals import Driver, TrafficFlow
 from .painter import Painter
 from .scene import Place, SimScene, TruthRow, Vehicle
 from .sequence import picked_site
+from .sway import Sway
 from .traffic_config import TrafficConfig
 from ...core.records import StereoPair
 
@@ -60,10 +61,10 @@ class TrafficStream:
     """
 
     def __init__(self, config: TrafficConfig, rng: np.random.Generator) -> None:
-        self._scenery, flow, self._clock, pick, self._bodies = rng.spawn(5)
+        self._scenery, flow, self._clock, pick, self._bodies, wind = rng.spawn(6)
         self.config = config
         self.scene = SimScene(config.scene)
-        self.rig = self.scene.rig
+        self.rig, self._sway = self.scene.rig, Sway(config.scene, wind)
         self.site = picked_site(self.scene, pick)
         self._enter = {lane: self._limits(lane) for lane in range(config.scene.road.lanes)}
         self._flow = TrafficFlow(
@@ -77,7 +78,8 @@ class TrafficStream:
         for index, taken in enumerate(self.scene.exposures(count, self._clock)):
             self._flow.advance(taken.t_s)
             vehicles = [self._vehicle(driver) for driver in self._flow.drivers]
-            images, shares = painter.paint(vehicles, taken.t_s)
+            motion = self._sway.motion(taken.t_s)
+            images, shares = painter.paint(vehicles, taken.t_s, motion)
             rows = [self._row(vehicle, taken.t_s, taken.stamp_ns, shares.get(vehicle.number, 0.0))
                     for vehicle in vehicles]
             pair = StereoPair(index, taken.stamp_ns, taken.right_stamp_ns, *images)

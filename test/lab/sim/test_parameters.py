@@ -24,7 +24,8 @@ from stereo_speed.lab.sim.view import rig_views
 
 TINY = RigConfig(width_px=96, height_px=72, f_px=168.0)
 LIGHT = LightConfig(sun_elevation_deg=40.0, cloud_depth=0.5, cloud_m=20.0, drift=0.3)
-PLAIN = SimConfig(rig=TINY, pairs=2, fps=2.0)
+PLAIN = SimConfig(rig=TINY, pairs=2, fps=2.0, right_turn_deg=(0.4, 0.0, 0.0),
+                  right_turn_s=0.3)
 FURNISHED = replace(
     PLAIN, light=LIGHT, poles=(PoleConfig(ahead_m=14.0, right_m=1.8),),
     people=(PersonConfig(turns_m=0.5),), trees=(TreeConfig(),), parked=(ParkedConfig(),),
@@ -57,7 +58,8 @@ SIM = {
     'gaps_s': ((0.4, 0.9),), 'stamp_jitter_s': 0.05, 'poles': FURNISHED.poles,
     'people': (PersonConfig(),), 'trees': (TreeConfig(),), 'parked': (ParkedConfig(),),
     'light': LIGHT, 'street_lamps': FURNISHED.street_lamps, 'lens': FURNISHED.lens,
-    'faults': FURNISHED.faults}
+    'faults': FURNISHED.faults, 'sway_deg': 0.5, 'right_turn_deg': (0.0, 0.5, 0.0),
+    'right_turn_s': None}
 STAMPS = {'origin_ns': 5_000_000, 'right_stamp_jitter_s': 0.01}
 FILES = {'picks': 5, 'pick_std_px': 2.0, 'init_std_px': 3.0, 'speed_limit': '30 mph',
          'name': 'another'}

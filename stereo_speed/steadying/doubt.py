@@ -1,0 +1,78 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""What is left uncertain of the rig goes into every speed, or keeps it from being told."""
+from __future__ import annotations
+
+from dataclasses import replace
+import math
+from typing import Mapping
+
+import numpy as np
+
+from .steadier import Steadier
+from ..core.config import TrackerConfig
+from ..core.records import Array, PassResult, Reason, TrackState, TrackUpdate
+from ..geometry.rig import StereoRig
+from ..road.lanes import LanePath
+from ..road.scale import with_scale
+
+
+class SpeedDoubt:
+    """
+    Adds to speeds what a right camera that has turned leaves uncertain, or withholds them.
+
+    :param rig: the cameras.
+    :param lanes: lane name to lane path.
+    :param config: gives the share of speed that may be uncertain.
+    """
+
+    def __init__(self, rig: StereoRig, lanes: Mapping[str, LanePath], config: TrackerConfig
+                 ) -> None:
+        self.most_share = config.max_scale_std_share
+        self._slopes = {name: _slopes(lane, rig) for name, lane in lanes.items()}
+
+    def share(self, lane: str, steadier: Steadier) -> float:
+        """
+        Return the 1-sigma of all speeds of a lane by the turned camera, as a share.
+
+        It is 0 where the camera stands as it stood, whose tolerance the lane holds already, and
+        infinite where it has turned too far.
+        """
+        drift = steadier.drift
+        if drift.too_far:
+            return math.inf
+        if not drift.turned:
+            return 0.0
+        return float(np.sqrt(self._slopes[lane]**2 @ np.diag(drift.covariance_rad2)))
+
+    def update(self, update: TrackUpdate, steadier: Steadier) -> TrackUpdate:
+        """Return what a track says, with this doubt; tentative where it is too great."""
+        share = self.share(update.lane, steadier)
+        if steadier.lost or share >= self.most_share:
+            return replace(update, state=TrackState.TENTATIVE) \
+                if update.state is TrackState.CONFIRMED else update
+        if not share:
+            return update
+        return replace(update, speed_std_mps=math.hypot(
+            update.speed_std_mps, share * update.speed_mps))
+
+    def result(self, result: PassResult, steadier: Steadier) -> PassResult:
+        """Return the result of a pass, with this doubt; rejected where it is too great."""
+        share, speed, budget = self.share(result.lane, steadier), result.speed_mps, result.budget
+        if speed is None or result.speed_std_mps is None or not share:
+            return result
+        whole = share if budget is None else math.hypot(share, budget.calibration_mps / speed)
+        if whole >= self.most_share:
+            return result.rejected(Reason.RIG_UNCERTAIN)
+        if budget is not None:
+            budget = replace(budget, calibration_mps=whole * speed)
+        return replace(
+            result, budget=budget, speed_std_mps=math.hypot(result.speed_std_mps, share * speed),
+            smoothed_std={ns: math.hypot(std, share * result.smoothed[ns])
+                          for ns, std in result.smoothed_std.items()})
+
+
+def _slopes(lane: LanePath, rig: StereoRig) -> Array:
+    """Return the sizes (3,) of the change of a lane's speeds, as a share, per rad of an angle."""
+    unknown = replace(lane, scale_std=math.inf)  # where no camera sees the path
+    return np.array([with_scale(unknown, rig, np.diag(axis)).scale_std for axis in np.eye(3)])

@@ -1,0 +1,46 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""What is told of a rig that does not stand still."""
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+from .steadier import Steadier, Steadiness
+
+_DIGITS = 5  # of degrees: finer than anything measured here
+
+
+def steadiness_summary(state: Steadiness) -> dict[str, Any]:
+    """Return what has been found, as JSON values."""
+    return {key: [round(v, _DIGITS) + 0.0 for v in value] if isinstance(value, tuple) else value
+            for key, value in asdict(state).items()}
+
+
+def steadiness_lines(state: Steadiness) -> list[str]:
+    """Return what a person should know; nothing of a rig that stood still."""
+    out = []
+    if state.swayed:
+        out.append(f'the rig swayed in {state.swayed} of {state.pairs} pairs, r.m.s. '
+                   f'{_angles(state.sway_rms_deg)}; it rests {_angles(state.rest_deg, "+")} off '
+                   'where the site was learnt')
+    if any(state.drift_deg):
+        out.append(f'the right camera has turned by {_angles(state.drift_deg, "+")} since the '
+                   f'first pair (± {_angles(state.drift_std_deg)})')
+    if state.unknown:
+        out.append(f'nothing showed how the rig stood in {state.unknown} of {state.pairs} pairs')
+    return out
+
+
+def warning(steadier: Steadier) -> str:
+    """Return what is wrong with the rig now; empty where nothing is."""
+    if steadier.drift.too_far:
+        return 'the right camera has turned too far: calibrate again'
+    if steadier.drift.turned:
+        return 'the right camera has turned; measuring with its angles corrected'
+    return 'the rig sways and nothing shows how' if steadier.lost else ''
+
+
+def _angles(degrees: tuple[float, float, float], sign: str = '') -> str:
+    pan, tilt, roll = (f'{v:{sign}.4f}°' for v in degrees)
+    return f'pan {pan}, tilt {tilt}, roll {roll}'

@@ -1,0 +1,231 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+How the rig stands in each pair: sway of the whole of it, drift of the right camera.
+
+Each camera's rotation is measured by itself (``view_rotation``).  What both have in common is
+sway: it comes and goes from pair to pair.  What they have not is drift of the right camera: it
+stays as it is, but for a slow creeping, or jumps when somebody knocks at the camera.
+"""
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+import math
+from typing import Optional, Sequence
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from .config import SteadyingConfig
+from .drift_filter import DriftFilter
+from .view_rotation import Rotated, ViewRotation
+from ..core.records import Array, RigMotion, StereoPair
+from ..geometry.rig import StereoRig
+
+_ORDER = [1, 0, 2]  # of pan, tilt and roll among the components x, y, z of a rotation vector
+_REST_PAIRS = 100  # that the rest of the rig is averaged over
+_NEVER = 0.5  # a less likely sway is none: a rig that stands still is left alone
+_MOST_ODDS = 500.0  # logarithm of odds that are certain
+
+
+@dataclass(frozen=True)
+class Steadiness:
+    """
+    What has been found so far; angles are pan, tilt and roll in degrees.
+
+    :param pairs: taken in.
+    :param unknown: of them, those whose rotation nothing showed.
+    :param swayed: of them, those in which the rig had swayed.
+    :param sway_rms_deg: r.m.s. of the sway about where the rig rests.
+    :param rest_deg: where it rests now, against how it stood when the site was learnt.
+    :param drift_deg: of the right camera against the left one; zeros where it has not turned.
+    :param drift_std_deg: its 1-sigma.
+    :param turns: how often the right camera was found to have turned at once.
+    """
+
+    pairs: int = 0
+    unknown: int = 0
+    swayed: int = 0
+    sway_rms_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    rest_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    drift_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    drift_std_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    turns: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """
+    What pairs are compared with.
+
+    :param pair: a pair.
+    :param rest_rad: (3,) pan, tilt and roll from how the rig stood in it to how it rests, which
+        is how it stands in the site.
+    """
+
+    pair: StereoPair
+    rest_rad: Array
+
+
+class Steadier:
+    """
+    Finds how the rig stands, pair after pair; see the module's docstring.
+
+    :param rig: the cameras as they stand in the reference.
+    :param config: parameters.
+    :param reference: what pairs are compared with; None for the first of them, in which the rig
+        is taken to stand as in the site.
+    """
+
+    def __init__(self, rig: StereoRig, config: SteadyingConfig,
+                 reference: Optional[Reference] = None) -> None:
+        self.rig, self.config, self.reference = rig, config, reference
+        self._right_of_left = rig.R[np.ix_(_ORDER, _ORDER)]
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything but the reference, as after a jump back of time."""
+        self._views: Optional[tuple[ViewRotation, ViewRotation]] = None
+        self.drift = DriftFilter(self.config)
+        self._square: Array = np.zeros(3)
+        self._pairs = self._unknown = self._swayed = self._missed = 0
+        if self.reference is not None:
+            self._learn(self.reference)
+
+    def steady(self, pair: StereoPair) -> StereoPair:
+        """Return a pair with how the rig stood."""
+        self._pairs += 1
+        if self._views is None or self._missed >= self.config.renew_pairs:
+            # What was there is gone for good, by night or by works: where the rig stands now is
+            # the best guess of where it rests.
+            self._learn(Reference(pair, np.zeros(3)))
+        left, right = self._measured(pair)
+        if left is not None and right is not None:
+            self._take_drift(left, right)
+        sway, drift = self._from_rest(self._sway(left, right)), self.drift.corrected_rad
+        if not (np.any(sway) or np.any(drift)):
+            return pair
+        return replace(pair, motion=RigMotion(_angles(sway), _angles(drift)))
+
+    @property
+    def lost(self) -> bool:
+        """Return whether the rig sways and nothing showed how it stood in the newest pair."""
+        return self._missed > 0 and self._swayed > 0
+
+    def _learn(self, reference: Reference) -> None:
+        """Compare images with those of another reference from now on."""
+        self._views = (ViewRotation(self.rig.left, reference.pair.left, self.config),
+                       ViewRotation(self.rig.right, reference.pair.right, self.config))
+        self._rest_rad, self._missed = reference.rest_rad, 0
+        self._last_rad: Array = np.zeros(3)
+        self._rest: Array = np.zeros(3)
+
+    def _from_rest(self, sway_rad: Array) -> Array:
+        """Return by how much the rig is off its rest, for how much it is off the reference."""
+        if not np.any(self._rest_rad):
+            return sway_rad
+        whole, rest = (Rotation.from_rotvec(_vector(a)) for a in (sway_rad, self._rest_rad))
+        return np.asarray((rest.inv() * whole).as_rotvec()[_ORDER])
+
+    def state(self) -> Steadiness:
+        """Return what has been found so far."""
+        known = max(self._pairs - self._unknown, 1)
+        mean_square = self._square / known
+        return Steadiness(
+            pairs=self._pairs, unknown=self._unknown, swayed=self._swayed,
+            sway_rms_deg=_degrees(np.sqrt(mean_square)),
+            rest_deg=_degrees(self._from_rest(self._rest)),
+            drift_deg=_degrees(self.drift.corrected_rad),
+            drift_std_deg=_degrees(np.sqrt(np.diag(self.drift.covariance_rad2))),
+            turns=self.drift.turns)
+
+    def _measured(self, pair: StereoPair) -> tuple[Optional[Rotated], Optional[Rotated]]:
+        """Return how each camera has rotated."""
+        assert self._views is not None
+        left = self._views[0].measure(pair.left, self._last_rad)
+        if left is not None:
+            self._last_rad = left.angles_rad
+            self._views[0].learn(pair.left, left)
+        # The right camera most likely moved with the left one.
+        right = self._views[1].measure(
+            pair.right, self._right_of_left @ self._last_rad + self.drift.mean_rad)
+        if right is not None:
+            self._views[1].learn(pair.right, right)
+        return left, right
+
+    def _take_drift(self, left: Rotated, right: Rotated) -> None:
+        """Take in by how much the right camera has turned against the left one."""
+        turned = _vector(left.angles_rad)
+        rig = self._right_of_left
+        # Exactly: of large rotations the order counts.
+        whole = Rotation.from_rotvec(self.rig.R @ turned)
+        alone = whole.inv() * Rotation.from_rotvec(_vector(right.angles_rad))
+        self.drift.update(alone.as_rotvec()[_ORDER], right.covariance_rad2
+                          + rig @ left.covariance_rad2 @ rig.T)
+
+    def _sway(self, left: Optional[Rotated], right: Optional[Rotated]) -> Array:
+        """Return the sway of the rig: zeros where it stood still, as far as anything shows."""
+        information: Array = np.zeros((3, 3))
+        total: Array = np.zeros(3)
+        if left is not None:
+            information = information + np.linalg.inv(left.covariance_rad2)
+            total = total + np.linalg.solve(left.covariance_rad2, left.angles_rad)
+        if right is not None:
+            back = self._right_of_left.T
+            spread = back @ (right.covariance_rad2 + self.drift.covariance_rad2) @ back.T
+            information = information + np.linalg.inv(spread)
+            total = total + np.linalg.solve(
+                spread, back @ (right.angles_rad - self.drift.mean_rad))
+        if left is None and right is None:
+            self._unknown, self._missed = self._unknown + 1, self._missed + 1
+            return self._rest
+        self._missed = 0
+        covariance: Array = np.asarray(np.linalg.inv(information), np.float64)
+        angles = covariance @ total
+        self._average(angles)
+        share = self._swayed_share(angles, covariance)
+        self._swayed += share > 0.5
+        return share * angles if share > _NEVER else np.zeros(3)
+
+    def _swayed_share(self, angles: Array, covariance: Array) -> float:
+        """Return the probability that the rig has swayed at all."""
+        prior = self.config.sway_probability
+        if prior in (0.0, 1.0):
+            return prior
+        wide = covariance + np.radians(self.config.sway_std_deg) ** 2 * np.eye(3)
+        odds = math.log(prior / (1 - prior)) + 0.5 * float(
+            angles @ (np.linalg.solve(covariance, angles) - np.linalg.solve(wide, angles))
+            + np.linalg.slogdet(covariance)[1] - np.linalg.slogdet(wide)[1])
+        return 1 / (1 + math.exp(-min(max(odds, -_MOST_ODDS), _MOST_ODDS)))
+
+    def _average(self, angles: Array) -> None:
+        """Take in where the rig stood."""
+        known = self._pairs - self._unknown
+        self._rest = self._rest + (angles - self._rest) / min(known, _REST_PAIRS)
+        self._square = self._square + (angles - self._rest) ** 2
+
+
+def _vector(angles_rad: Array) -> Array:
+    """Return the rotation vector (3,) of pan, tilt and roll."""
+    return np.asarray(angles_rad[_ORDER])
+
+
+def _angles(values: Array) -> tuple[float, float, float]:
+    """Return three angles as a record holds them."""
+    pan, tilt, roll = (float(v) for v in values)
+    return pan, tilt, roll
+
+
+def _degrees(values: Array) -> tuple[float, float, float]:
+    return _angles(np.degrees(values))
+
+
+def rest_of(steadier: Steadier, pairs: Sequence[StereoPair]) -> Reference:
+    """
+    Return the first of some pairs, and how far it is from how the rig rests in all of them.
+
+    :param steadier: a fresh one.
+    :param pairs: spread over the time that the rig sways in, the first of them the reference.
+    """
+    sways = [np.array((steadier.steady(pair).motion or RigMotion()).sway_rad) for pair in pairs]
+    return Reference(pairs[0], np.mean(sways, axis=0))

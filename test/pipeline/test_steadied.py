@@ -1,0 +1,70 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""A rig that sways measures as one that stands still, and a camera that turns does not matter."""
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from stereo_speed.core.records import Verdict
+from stereo_speed.lab.evaluation.labeled_sequence import LineKnowledge, simulated_sequence
+from stereo_speed.lab.sim.config import RigConfig, straight_config
+from stereo_speed.pipeline.assembly import MeasuringSite
+from stereo_speed.pipeline.config import PipelineConfig, SiteConfig
+from stereo_speed.pipeline.run import run
+from stereo_speed.steadying.config import SteadyingConfig
+
+MPH = 0.44704
+SMALL = straight_config('50 mph', rig=RigConfig(width_px=512, height_px=384, f_px=900.0),
+                        start_m=48.0, near_m=14.0, fps=10.0, pairs=14)
+OFF = PipelineConfig(site=SiteConfig(steadying=SteadyingConfig(enabled=False)))
+
+
+def measured(config, parameters=PipelineConfig()):
+    """Return the result of the pass, its true speed and the pipeline, on the exact lines."""
+    sequence = simulated_sequence(config, (4,), LineKnowledge.EXACT)
+    pipeline = sequence.site.pipeline(parameters, sequence.annotations)
+    result, = run(pipeline, sequence.pairs).passes
+    return result, 50 * MPH, pipeline
+
+
+@pytest.fixture(scope='module')
+def still():
+    """Measure with a rig that stands still."""
+    return measured(SMALL)
+
+
+def test_a_rig_that_stands_still_measures_as_without_any_steadying(still):
+    result, _, pipeline = still
+    assert pipeline.steadier.state().swayed == 0
+    assert result.speed_mps == measured(SMALL, OFF)[0].speed_mps
+
+
+def test_the_sway_of_a_rig_is_in_no_speed(still):
+    moving = replace(SMALL, sway_deg=0.1)
+    result, true, pipeline = measured(moving)
+    assert result.verdict is Verdict.MEASURED and result.pairs >= still[0].pairs - 1
+    assert abs(result.speed_mps - true) < 3 * result.speed_std_mps
+    assert pipeline.steadier.state().swayed >= 10
+    # Taken to stand still it measures worse, or not at all.
+    blind = measured(moving, OFF)[0]
+    assert blind.speed_mps is None or abs(blind.speed_mps - true) > 2 * abs(
+        result.speed_mps - true)
+
+
+def test_a_right_camera_that_turns_under_way_is_corrected():
+    turned = replace(SMALL, right_turn_deg=(0.03, 0.0, 0.0), right_turn_s=0.45)
+    result, true, pipeline = measured(turned)
+    assert np.degrees(pipeline.steadier.drift.corrected_rad[0]) == pytest.approx(0.03, abs=2e-3)
+    assert result.speed_mps is None or abs(result.speed_mps - true) < 3 * result.speed_std_mps
+    assert result.speed_mps is not None or result.reason == 'rig_uncertain'
+
+
+def test_a_site_is_refined_by_steadied_pairs():
+    sequence = simulated_sequence(replace(SMALL, sway_deg=0.05), (4,), LineKnowledge.PICKED)
+    rough = sequence.site
+    place = MeasuringSite.of(rough.site, rough.rig, sequence.pairs)
+    assert place.reference is not None and np.degrees(
+        np.abs(place.reference.rest_rad)).max() > 0.005
+    assert place.refined.lost == ()

@@ -1,0 +1,77 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""What a right camera that has turned does to what is told."""
+from __future__ import annotations
+
+from dataclasses import replace
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from stereo_speed.core.config import TrackerConfig
+from stereo_speed.core.records import (
+    PassResult, Reason, SpeedBudget, TrackState, TrackUpdate, Verdict)
+from stereo_speed.road.lanes import LanePath
+from stereo_speed.road.path import StraightPath
+from stereo_speed.steadying.doubt import SpeedDoubt
+
+UPDATE = TrackUpdate(
+    stamp_ns=0, track=0, lane='a', state=TrackState.CONFIRMED, speed_mps=20.0, speed_std_mps=0.1,
+    s_m=5.0, lateral_m=0.0, position_m=np.zeros(3), position_cov_m2=np.eye(3), axes=np.eye(3),
+    quad_left_px=np.zeros((4, 2)), quad_right_px=np.zeros((4, 2)))
+RESULT = PassResult(
+    track=0, lane='a', first_ns=0, last_ns=9, pairs=9, speed_mps=20.0, speed_std_mps=0.05,
+    verdict=Verdict.MEASURED, reason='', smoothed={0: 20.0}, smoothed_std={0: 0.06},
+    budget=SpeedBudget(matching_mps=0.04, path_mps=0.0, stamps_mps=0.0, calibration_mps=0.03))
+
+
+@pytest.fixture(scope='module')
+def doubt(rig):
+    """Return the doubt of a straight lane 40 m long, 60 m to 20 m ahead."""
+    path = StraightPath(np.array([0.0, 2.0, 60.0]), np.array([0.0, 0.0, -1.0]), 40.0,
+                        np.array([0.0, -1.0, 0.0]))
+    lane = LanePath('a', path, None, np.zeros(2), 0.0)
+    return SpeedDoubt(rig, {'a': lane}, TrackerConfig())
+
+
+def steadier(*, turned=False, too_far=False, lost=False, std_deg=0.0005):
+    """Stand in for what has watched the rig."""
+    drift = SimpleNamespace(turned=turned, too_far=too_far,
+                            covariance_rad2=np.radians(std_deg) ** 2 * np.eye(3))
+    return SimpleNamespace(drift=drift, lost=lost)
+
+
+def test_a_rig_that_stands_still_changes_nothing(doubt):
+    assert doubt.update(UPDATE, steadier()) is UPDATE
+    assert doubt.result(RESULT, steadier()) is RESULT
+
+
+def test_the_uncertain_angle_of_a_turned_camera_is_in_every_sigma(doubt):
+    watch = steadier(turned=True)
+    share = doubt.share('a', watch)
+    # A pan of one rad changes lengths at range Z by 2 Z / b; near observations weigh most.
+    pan = np.radians(0.0005)
+    assert 2 * 20 / 0.5 * pan < share < 2 * 60 / 0.5 * pan
+    update, result = doubt.update(UPDATE, watch), doubt.result(RESULT, watch)
+    assert update.speed_std_mps == pytest.approx(math.hypot(0.1, 20 * share))
+    assert update.state is TrackState.CONFIRMED and result.verdict is Verdict.MEASURED
+    assert result.speed_std_mps == pytest.approx(math.hypot(0.05, 20 * share))
+    assert result.budget.total_mps == pytest.approx(result.speed_std_mps)
+    assert result.smoothed_std[0] == pytest.approx(math.hypot(0.06, 20 * share))
+
+
+@pytest.mark.parametrize('watch', [steadier(turned=True, too_far=True),
+                                   steadier(turned=True, std_deg=0.005)],
+                         ids=['too far', 'too uncertain'])
+def test_what_cannot_be_corrected_is_withheld(watch, doubt):
+    assert doubt.update(UPDATE, watch).state is TrackState.TENTATIVE
+    result = doubt.result(RESULT, watch)
+    assert result.verdict is Verdict.REJECTED and result.reason == Reason.RIG_UNCERTAIN
+    assert result.speed_mps is None
+
+
+def test_readings_wait_while_nothing_shows_how_a_swaying_rig_stands(doubt):
+    assert doubt.update(UPDATE, steadier(lost=True)).state is TrackState.TENTATIVE
+    coasting = replace(UPDATE, state=TrackState.COASTING)
+    assert doubt.update(coasting, steadier(lost=True)) is coasting

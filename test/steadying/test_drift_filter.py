@@ -1,0 +1,54 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""The right camera's rotation from pair to pair: noise, turns and slow creeping."""
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from stereo_speed.steadying.config import SteadyingConfig
+from stereo_speed.steadying.drift_filter import DriftFilter
+
+STD = np.radians(4e-4)  # of one pair, as images show it
+
+
+def fed(turn_deg, pairs=60, config=SteadyingConfig(), seed=0):
+    """Return a filter that has seen a camera turn before its first pair, and those before."""
+    rng, drift = np.random.default_rng(seed), DriftFilter(config)
+    for turned in [np.zeros(3)] * 10 + [np.radians(turn_deg)] * pairs:
+        drift.update(turned + STD * rng.standard_normal(3), STD ** 2 * np.eye(3))
+    return drift
+
+
+@pytest.mark.parametrize('seed', range(5))
+def test_a_camera_that_stands_is_left_alone(seed):
+    drift = fed([0.0, 0.0, 0.0], 500, seed=seed)
+    assert not drift.turned and drift.turns == 0
+    assert not drift.corrected_rad.any()
+
+
+@pytest.mark.parametrize('turn_deg', [[0.02, 0, 0], [-0.005, 0, 0], [0, 0.02, -0.03]])
+def test_a_turn_is_noticed_at_once_and_known_better_soon(turn_deg):
+    first, later = fed(turn_deg, 1), fed(turn_deg, 60)
+    for drift in (first, later):
+        assert drift.turned and drift.turns == 1 and not drift.too_far
+        off = drift.corrected_rad - np.radians(turn_deg)
+        assert off @ np.linalg.solve(drift.covariance_rad2, off) < 16
+    assert np.trace(later.covariance_rad2) < 0.6 * np.trace(first.covariance_rad2)
+
+
+def test_it_is_never_surer_than_its_systematic_errors():
+    std = np.sqrt(np.diag(fed([0.02, 0, 0], 1000).covariance_rad2))
+    assert np.all(np.degrees(std) >= SteadyingConfig().drift_floor_deg)
+
+
+def test_a_camera_that_creeps_is_followed():
+    config = SteadyingConfig(drift_rate_deg=1e-4)
+    rng, drift = np.random.default_rng(0), DriftFilter(config)
+    for pan in np.linspace(0.0, 0.01, 1000):
+        drift.update(np.radians([pan, 0, 0]) + STD * rng.standard_normal(3), STD ** 2 * np.eye(3))
+    assert drift.turned and drift.turns == 0
+    assert np.degrees(drift.corrected_rad[0]) == pytest.approx(0.01, abs=5e-4)
+
+
+def test_more_than_a_little_is_not_corrected():
+    assert fed([0.5, 0, 0], 5).too_far

@@ -1,0 +1,141 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Both cameras together: sway of the rig, drift of the right one, and what is unknown."""
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from stereo_speed.core.records import RigMotion
+from stereo_speed.steadying.config import SteadyingConfig
+from stereo_speed.steadying.report import steadiness_lines, warning
+from stereo_speed.steadying.steadier import rest_of, Steadier
+
+from .conftest import F_PX
+
+CONFIG = SteadyingConfig()
+TURN = (float(np.radians(0.03)), 0.0, 0.0)
+
+
+def off_px(found, true):
+    """Return by how many pixels two motions differ, sway and drift, without their rolls."""
+    found, true = found or RigMotion(), true or RigMotion()
+    return F_PX * np.abs([np.subtract(found.sway_rad, true.sway_rad)[:2],
+                          np.subtract(found.drift_rad, true.drift_rad)[:2]]).max(axis=1)
+
+
+def swaying(seed, drift=(0.0, 0.0, 0.0)):
+    """Return the motion of a rig that sways by a tenth of a degree."""
+    sway = np.radians(0.1) * np.random.default_rng(seed).standard_normal(3)
+    return RigMotion(tuple(float(a) for a in sway), drift)
+
+
+def test_a_rig_that_stands_still_is_left_as_it_is(rig, take):
+    steadier = Steadier(rig, CONFIG)
+    for k in range(8):
+        pair = take(k)
+        assert steadier.steady(pair) is pair
+    assert steadiness_lines(steadier.state()) == [] and warning(steadier) == ''
+
+
+def test_sway_is_found_in_each_pair_and_told(rig, take):
+    steadier = Steadier(rig, CONFIG)
+    steadier.steady(take(0))
+    for k in range(1, 8):
+        sway, drift = off_px(steadier.steady(take(k, swaying(k))).motion, swaying(k))
+        assert sway < 0.02 and drift == 0
+    state = steadier.state()
+    assert state.swayed == 7 and 0.03 < state.sway_rms_deg[0] < 0.3
+    assert steadiness_lines(state)[0].startswith('the rig swayed in 7 of 8 pairs')
+
+
+def test_a_turn_of_the_right_camera_is_no_sway(rig, take):
+    steadier = Steadier(rig, CONFIG)
+    steadier.steady(take(0))
+    for k in range(1, 6):
+        true = swaying(k, TURN if k >= 3 else (0.0, 0.0, 0.0))
+        sway, drift = off_px(steadier.steady(take(k, true)).motion, true)
+        assert sway < 0.02 and drift < 0.05
+        assert (warning(steadier) != '') == (k >= 3)
+    assert steadier.state().turns == 1
+
+
+def test_a_turn_of_the_left_camera_is_one_of_the_rig_and_back_of_the_right(rig, take):
+    # The right camera stays in the world: its own drift undoes what it would have swayed.
+    pan = float(np.radians(0.03))
+    back = rig.R[np.ix_([1, 0, 2], [1, 0, 2])] @ np.array([-pan, 0.0, 0.0])
+    true = RigMotion((pan, 0.0, 0.0), tuple(float(a) for a in back))
+    steadier = Steadier(rig, CONFIG)
+    pairs = [take(0), *(take(k, true) for k in range(1, 4))]
+    found = [steadier.steady(pair).motion for pair in pairs][-1]
+    assert off_px(found, true).max() < 0.05
+
+
+def test_one_view_alone_shows_the_sway(rig, take):
+    steadier = Steadier(rig, CONFIG)
+    steadier.steady(take(0))
+    dark = replace(take(1, swaying(1)), right=np.zeros_like(take(1).right))
+    assert off_px(steadier.steady(dark).motion, swaying(1))[0] < 0.03
+    assert not steadier.lost
+
+
+def test_a_pair_that_shows_nothing_is_unknown_and_the_next_is_found(rig, take):
+    steadier = Steadier(rig, CONFIG)
+    for k in range(3):
+        steadier.steady(take(k, swaying(k) if k else None))
+    blank = replace(take(3), left=np.zeros_like(take(3).left), right=np.zeros_like(take(3).left))
+    steadier.steady(blank)
+    assert steadier.lost and steadier.state().unknown == 1
+    assert off_px(steadier.steady(take(4, swaying(4))).motion, swaying(4))[0] < 0.03
+    assert not steadier.lost
+
+
+def test_a_place_that_is_gone_for_good_is_learnt_anew(rig, take):
+    steadier = Steadier(rig, replace(CONFIG, renew_pairs=2))
+    steadier.steady(take(0))
+    mirrored = [replace(pair, left=pair.left[:, ::-1].copy(), right=pair.right[:, ::-1].copy())
+                for pair in map(take, range(1, 6))]
+    for pair in mirrored:
+        steadier.steady(pair)
+    assert steadier.state().unknown == 2 and not steadier.lost
+
+
+def test_a_reset_forgets_all_but_the_reference(rig, take):
+    steadier = Steadier(rig, CONFIG)
+    for k in range(3):
+        steadier.steady(take(k, swaying(k, TURN) if k else None))
+    steadier.reset()
+    assert steadier.state().pairs == 0 and not steadier.drift.turned
+    assert steadier.steady(take(5, swaying(5))).motion is None  # the first is the reference again
+
+
+def test_the_rest_is_the_mean_of_the_sway(rig, take):
+    motions = [swaying(k) for k in range(6)]
+    pairs = [take(k, motion) for k, motion in enumerate(motions)]
+    reference = rest_of(Steadier(rig, CONFIG), pairs)
+    steadier = Steadier(rig, CONFIG, reference)
+    rest = np.mean([m.sway_rad for m in motions], axis=0)
+    for pair, motion in zip(pairs, motions):
+        wanted = RigMotion(tuple(np.subtract(motion.sway_rad, rest)))
+        assert off_px(steadier.steady(pair).motion, wanted)[0] < 0.03
+
+
+@pytest.mark.parametrize('name, value, pairs', [
+    ('details', 60, 3), ('least_details', 2000, 3), ('least_ncc', 0.999, 3),
+    ('outlier_sigmas', 0.5, 3), ('detail_floor_px', 0.5, 3), ('independent_details', 3.0, 3),
+    ('sway_std_deg', 0.001, 3), ('sway_probability', 0.99, 3), ('drift_std_deg', 0.002, 3),
+    ('drift_probability', 0.0, 3), ('drift_rate_deg', 0.01, 3), ('drift_floor_deg', 0.02, 3),
+    ('drift_sigmas', 100.0, 3), ('learning_share', 0.9, 6), ('renew_pairs', 2, 6)])
+def test_every_parameter_changes_something(name, value, pairs, rig, take):
+    # Whether so little is sway is open.
+    little = RigMotion((float(np.radians(0.002)), 0.0, 0.0))
+    open_question = name in ('sway_std_deg', 'sway_probability')
+
+    def outcome(config):
+        steadier = Steadier(rig, config)
+        found = [steadier.steady(take(k, little if open_question else swaying(k, TURN))
+                                 if k else take(0)).motion for k in range(pairs)]
+        return found, steadier.state(), steadier.drift.covariance_rad2.tolist()
+    base = replace(CONFIG, renew_pairs=3 if name == 'learning_share' else CONFIG.renew_pairs)
+    assert outcome(replace(base, **{name: value})) != outcome(base)

@@ -1,0 +1,91 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""The rotation of one camera, against images of it that are drawn exactly."""
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from stereo_speed.core.records import RigMotion
+from stereo_speed.steadying.config import SteadyingConfig
+from stereo_speed.steadying.view_rotation import ViewRotation
+
+from .conftest import F_PX, HEIGHT, WIDTH
+
+CONFIG = SteadyingConfig()
+ANGLES = np.radians([[0.1, -0.05, 0.1], [-0.3, 0.2, 0.4], [0.0, 0.01, 0.0], [0.4, 0.3, -0.3]])
+
+
+@pytest.fixture(scope='module')
+def view(rig, take):
+    """Return a left camera that has learnt its first image."""
+    return ViewRotation(rig.left, take(0).left, CONFIG)
+
+
+@pytest.mark.parametrize('angles', ANGLES, ids=['sways', 'more', 'little', 'knock of 7 px'])
+def test_a_rotation_is_found_to_a_few_hundredths_of_a_pixel(angles, view, take):
+    found = view.measure(take(1, RigMotion(tuple(angles))).left, np.zeros(3))
+    off_px = F_PX * (found.angles_rad - angles)
+    assert np.abs(off_px[:2]).max() < 0.03
+    assert abs(off_px[2]) < 0.1  # of a point as far from the middle as the focal length
+
+
+def test_its_covariance_is_that_of_its_errors(view, take):
+    rng, shares = np.random.default_rng(3), []
+    for number in range(10):
+        angles = np.radians(0.05) * rng.standard_normal(3)
+        found = view.measure(take(10 + number, RigMotion(tuple(angles))).left, np.zeros(3))
+        off = found.angles_rad - angles
+        shares.append(float(off @ np.linalg.solve(found.covariance_rad2, off)) / 3)
+    # The mean of 10 chi-square variables with 3 degrees of freedom, over 3, is 1 +- 0.26.
+    assert np.mean(shares) < 1.8
+
+
+def test_what_moves_by_itself_does_not_count(view, take):
+    angles = np.radians([0.05, 0.02, -0.03])
+    image = take(1, RigMotion(tuple(angles))).left.copy()
+    # A third of the view is a vehicle: the same texture, gone elsewhere.
+    part = slice(HEIGHT // 3, HEIGHT), slice(WIDTH // 4, 3 * WIDTH // 4)
+    image[part] = np.roll(image, 5, axis=1)[part]
+    found = view.measure(image, np.zeros(3))
+    assert np.abs(F_PX * (found.angles_rad - angles))[:2].max() < 0.05
+
+
+def test_a_step_of_the_exposure_changes_nothing(view, take):
+    angles = np.radians([0.05, 0.02, -0.03])
+    one, other = (view.measure(take(1, RigMotion(tuple(angles)), gain=gain).left, np.zeros(3))
+                  for gain in (1.0, 0.85))
+    assert np.abs(F_PX * (one.angles_rad - other.angles_rad))[:2].max() < 0.02
+
+
+@pytest.mark.parametrize('image', [
+    np.full((HEIGHT, WIDTH), 7, np.uint8),
+    np.random.default_rng(1).integers(0, 255, (HEIGHT, WIDTH)).astype(np.uint8)],
+    ids=['dark', 'another place'])
+def test_what_shows_nothing_of_the_place_gives_nothing(image, view):
+    assert view.measure(image, np.zeros(3)) is None
+
+
+def test_a_flat_first_image_gives_nothing(rig, take):
+    blind = ViewRotation(rig.left, np.zeros((HEIGHT, WIDTH), np.uint8), CONFIG)
+    assert blind.measure(take(0).left, np.zeros(3)) is None
+
+
+def test_images_of_16_bits_are_as_good(rig, take):
+    def wide(pair):
+        return pair.left.astype(np.uint16) * 16
+    angles = np.radians([0.05, 0.02, -0.03])
+    view = ViewRotation(rig.left, wide(take(0)), CONFIG)
+    found = view.measure(wide(take(1, RigMotion(tuple(angles)))), np.zeros(3))
+    assert np.abs(F_PX * (found.angles_rad - angles))[:2].max() < 0.02
+
+
+def test_slow_changes_of_what_it_sees_are_learnt(rig, take):
+    config = SteadyingConfig(renew_pairs=3)
+    view, first = ViewRotation(rig.left, take(0).left, config), take(0).left
+    # Column after column the place is built over, in the end all of it.
+    other = np.random.default_rng(1).integers(0, 255, first.shape).astype(np.uint8)
+    for built in range(0, WIDTH + 1, 16):
+        image = np.where(np.arange(WIDTH) < built, other, first).astype(np.uint8)
+        found = view.measure(image, np.zeros(3))
+        assert np.abs(F_PX * found.angles_rad[:2]).max() < 0.1
+        view.learn(image, found)
