@@ -91,12 +91,14 @@ def make_rig(distorted=False):
     return StereoRig(*cameras, cv2.Rodrigues(np.array(r, dtype=float))[0], np.array(t))
 
 
-def build_scene(curvature=0.0, grade=0.0, seed=0, std_px=0.3, distorted=False, crest=0.0):
+def build_scene(curvature=0.0, grade=0.0, seed=0, std_px=0.3, distorted=False, crest=0.0,
+                twist=0.0):
     """
     Make a road of constant curvature (1/m), 120 m or 65 m long, seen from ahead.
 
     :param grade: in its middle.
     :param crest: by how much the grade falls, per metre.
+    :param twist: by how much the crossfall grows from its middle to its end.
     """
     rng, rig = np.random.default_rng(seed), make_rig(distorted)
     s = np.linspace(0, 120 if curvature < 0.02 else 65, 2401)
@@ -105,7 +107,7 @@ def build_scene(curvature=0.0, grade=0.0, seed=0, std_px=0.3, distorted=False, c
     tangent /= np.linalg.norm(tangent, axis=-1, keepdims=True)
     way = np.cumsum((tangent[1:] + tangent[:-1]) / 2 * np.diff(s)[:, None], axis=0)
     points = np.concatenate([np.zeros((1, 3)), way])
-    left = np.stack([-np.sin(psi), np.cos(psi), np.zeros(s.shape)], -1)
+    left = np.stack([-np.sin(psi), np.cos(psi), twist * (2 * s / s[-1] - 1)], -1)
     eye = points[-1] + 14 * tangent[-1] - 8 * left[-1] + [0, 0, 6.0]
     z = 0.45 * points[1200] + 0.55 * points[-1] - eye
     z /= np.linalg.norm(z)

@@ -43,7 +43,8 @@ def makers(make_scene) -> Mapping[str, Maker]:
     return {'surveyed': lambda prior: lane_paths(surveyed, rig, prior)['lane'],
             'clicked': fitted(), 'precise': fitted(std_px=0.005),
             'crest': fitted(crest=1 / 150, std_px=0.1),
-            'climbing bend': fitted(curvature=1 / 41, grade=0.02)}
+            'climbing bend': fitted(curvature=1 / 41, grade=0.02),
+            'twisted bend': fitted(curvature=1 / 41, twist=0.08, std_px=0.1)}
 
 
 @pytest.fixture(scope='module')
@@ -62,9 +63,12 @@ def values(name: str) -> list[Any]:
     return [v for v in (min(3 * known.default, high), low, high) if v != known.default]
 
 
-# The calibration decides with the refinement: test/site/refine/test_parameters.py.
+# These decide with the refinement: test/site/refine/test_parameters.py.
+ELSEWHERE = 'calibrated_std_deg', 'taper_std_m'
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize('name', [n for n in FIELDS if n != 'calibrated_std_deg'])
+@pytest.mark.parametrize('name', [n for n in FIELDS if n not in ELSEWHERE])
 def test_every_parameter_changes_something(name, makers, made):
     def moved(scene: str, value: float) -> float:
         usual = made(scene, '', math.nan)

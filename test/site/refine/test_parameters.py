@@ -28,7 +28,7 @@ from stereo_speed.site.write import site_text
 # When clicks win over markings: test_refiner.py.
 ELSEWHERE = 'disagreement_sigmas', 'disagreement_factor'
 FIELDS = {**{n: f for n, f in parameters_of(RefineConfig) if n not in ELSEWHERE},
-          'calibrated_std_deg': dict(parameters_of(RoadPrior))['calibrated_std_deg']}
+          **{n: dict(parameters_of(RoadPrior))[n] for n in ('calibrated_std_deg', 'taper_std_m')}}
 
 
 def configured(name: str, value: Any) -> tuple[RefineConfig, RoadPrior]:
