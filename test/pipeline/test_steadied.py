@@ -18,10 +18,11 @@ from stereo_speed.steadying.config import SteadyingConfig
 MPH = 0.44704
 SMALL = straight_config('50 mph', rig=RigConfig(width_px=512, height_px=384, f_px=900.0),
                         start_m=48.0, near_m=14.0, fps=10.0, pairs=14)
-OFF = PipelineConfig(site=SiteConfig(steadying=SteadyingConfig(enabled=False)))
+OFF = PipelineConfig()
+ON = PipelineConfig(site=SiteConfig(steadying=SteadyingConfig(enabled=True)))
 
 
-def measured(config, parameters=PipelineConfig()):
+def measured(config, parameters=ON):
     """Return the result of the pass, its true speed and the pipeline, on the exact lines."""
     sequence = simulated_sequence(config, (4,), LineKnowledge.EXACT)
     pipeline = sequence.site.pipeline(parameters, sequence.annotations)

@@ -18,7 +18,8 @@ from ...cli.options import number_in, report_failures, Subparsers
 from ...core.config import TrackerConfig
 from ...core.errors import InputError
 from ...io.atomic import prepare_folder
-from ...pipeline.config import PipelineConfig
+from ...pipeline.config import PipelineConfig, SiteConfig
+from ...steadying.config import SteadyingConfig
 
 
 def add_parser(subparsers: Subparsers) -> None:
@@ -64,7 +65,9 @@ def run(args: argparse.Namespace) -> int:
 
     :raises InputError: parameters that do not fit, or a folder that cannot be written.
     """
-    parameters = PipelineConfig(TrackerConfig(particles=args.particles))
+    steadying = SteadyingConfig(enabled=args.sway_deg > 0 or args.turn_deg != 0)
+    parameters = PipelineConfig(TrackerConfig(particles=args.particles),
+                                site=SiteConfig(steadying=steadying))
     if args.lane_changes is not None:
         return _tabulate_changes(args)
     if args.receding >= args.lanes and args.receding:

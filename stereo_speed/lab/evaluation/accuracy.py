@@ -79,7 +79,8 @@ def measure_job(parameters: Mapping[str, Any]) -> Mapping[str, Any]:
                                   tolerances=config if parameters['tolerances'] else None)
     if parameters['detect']:
         sequence = replace(sequence, annotations=None)
-    return run_tracker(sequence, parameters['tracker'], config, number).to_json()
+    return run_tracker(sequence, parameters['tracker'], config, number,
+                       steadying=parameters['sway_deg'] > 0).to_json()
 
 
 def _drawn(parameters: Mapping[str, Any]) -> RandomPass:

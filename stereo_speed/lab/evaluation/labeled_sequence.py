@@ -21,11 +21,12 @@ from ...geometry.rig import StereoRig
 from ...io.bags import StereoBag
 from ...io.truth import read_truth, truth_of_rows, VehicleTruth
 from ...pipeline.assembly import MeasuringSite
-from ...pipeline.config import PipelineConfig
+from ...pipeline.config import PipelineConfig, SiteConfig
 from ...pipeline.run import run as run_pipeline
 from ...road.problem import RoadPrior
 from ...site.file import load_site
 from ...site.init_file import load_init
+from ...steadying.config import SteadyingConfig
 
 Content = TypeVar('Content')
 
@@ -134,16 +135,18 @@ def bag_sequence(bag: Path, site: Path, init: Optional[Path], truth: Path, *,
 
 
 def run_tracker(sequence: LabeledSequence, tracker: str, config: TrackerConfig,
-                seed: int) -> SequenceRun:
+                seed: int, *, steadying: bool = False) -> SequenceRun:
     """
     Run a tracker over a sequence, as ``replay`` would, and set its reports beside the truth.
 
     :param tracker: name of the tracker.
     :param config: its parameters.
     :param seed: of all its randomness.
+    :param steadying: whether how the cameras rotate is estimated in each pair.
     """
-    pipeline = sequence.site.pipeline(PipelineConfig(config, tracker), sequence.annotations,
-                                      seed=seed)
+    site = SiteConfig(steadying=SteadyingConfig(enabled=steadying))
+    pipeline = sequence.site.pipeline(PipelineConfig(config, tracker, site=site),
+                                      sequence.annotations, seed=seed)
     done = run_pipeline(pipeline, sequence.pairs)
     return SequenceRun(vehicles=beside_truth(done.updates, done.passes, sequence.truths),
                        cpu_ms=round(1e3 * done.cpu_s / len(sequence.pairs), 3))
