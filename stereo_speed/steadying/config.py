@@ -13,8 +13,8 @@ class SteadyingConfig:
     """How the rotation of the cameras is estimated in each pair, by details that stand still."""
 
     enabled: bool = parameter(
-        False, doc='estimate how the cameras have rotated, in each pair; without it they are taken '
-        'to stand still')
+        False, doc='estimate how the cameras have rotated, in each pair; without it they are '
+        'taken to stand still')
     details: int = parameter(
         250, 20, 2000, '', 'small patches of each view, at most, whose places tell its rotation')
     least_details: int = parameter(

@@ -23,8 +23,8 @@ AT = Front(30.0, x_m=0.3)
 
 def refiner_of(front=FrontConfig()):
     sampler = FrontSampler(LaneGeometry(RIG, LANE), front.low_m, front.high_m)
-    return FrontRefiner(sampler.geometry, FrontKind(front.low_m, front.high_m, front.least_width_m),
-                        front, MotionConfig())
+    kind = FrontKind(front.low_m, front.high_m, front.least_width_m)
+    return FrontRefiner(sampler.geometry, kind, front, MotionConfig())
 
 
 def interval_of(front, late=None, lag_s=0.0):

@@ -507,7 +507,7 @@ def _by_boxes(case: Case) -> Case:
 
 
 CASES |= {name.replace(SWEEP, BOXES): _by_boxes(case) for name, case in CASES.items()
-          if name.replace(SWEEP, BOXES) in FIELDS}
+          if name.startswith(SWEEP) and name.replace(SWEEP, BOXES) in FIELDS}
 CASES |= {
     BOXES + 'least_score': boxed('boxed', 0.7),
     BOXES + 'history_pairs': boxed('boxed late', 0),

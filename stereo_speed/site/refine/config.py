@@ -42,8 +42,8 @@ class RefineConfig(CheckedRecord):
         4.0, 1.0, 100.0, '', 'sigmas of both by which speeds on the refined lines may differ from '
         'those on the clicked ones; beyond it the clicks are kept')
     disagreement_factor: float = parameter(
-        2.0, 0.0, 100.0, '', 'unless the clicks lie off the refined lines by less than so many times '
-        'their scatter about the road that they make themselves')
+        2.0, 0.0, 100.0, '', 'unless the clicks lie off the refined lines by less than so many '
+        'times their scatter about the road that they make themselves')
     few_pairs: int = parameter(
         5, 1, 1000, '', 'with fewer pairs a median may still show what passed: warn')
     worst_residual_px: float = parameter(

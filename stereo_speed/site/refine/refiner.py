@@ -200,7 +200,8 @@ def _disagreement(lanes: Mapping[str, LanePath], clicked: Site, rig: StereoRig, 
     except SiteError:
         return ''
     scatter_px = max([prior.pick_std_px, *(lane.residual_px for lane in rough.values())])
-    if len(off_px) and np.sqrt(np.mean(np.square(off_px))) < config.disagreement_factor * scatter_px:
+    most_px = config.disagreement_factor * scatter_px
+    if len(off_px) and np.sqrt(np.mean(np.square(off_px))) < most_px:
         return ''
     for name, lane in lanes.items():
         ways = Setup(lane.path, rig), Setup(rough[name].path, rig)
