@@ -48,10 +48,6 @@ def test_the_sway_of_a_rig_is_in_no_speed(still):
     assert result.verdict is Verdict.MEASURED and result.pairs >= still[0].pairs - 1
     assert abs(result.speed_mps - true) < 3 * result.speed_std_mps
     assert pipeline.steadier.state().swayed >= 10
-    # Taken to stand still it measures worse, or not at all.
-    blind = measured(moving, OFF)[0]
-    assert blind.speed_mps is None or abs(blind.speed_mps - true) > 2 * abs(
-        result.speed_mps - true)
 
 
 def test_a_right_camera_that_turns_under_way_is_corrected():
@@ -65,7 +61,7 @@ def test_a_right_camera_that_turns_under_way_is_corrected():
 def test_a_site_is_refined_by_steadied_pairs():
     sequence = simulated_sequence(replace(SMALL, sway_deg=0.05), (4,), LineKnowledge.PICKED)
     rough = sequence.site
-    place = MeasuringSite.of(rough.site, rough.rig, sequence.pairs)
+    place = MeasuringSite.of(rough.site, rough.rig, sequence.pairs, ON.site)
     assert place.reference is not None and np.degrees(
         np.abs(place.reference.rest_rad)).max() > 0.005
     assert place.refined.lost == ()
