@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cached_property
 import math
 from typing import Mapping
 
@@ -29,7 +30,12 @@ class SpeedDoubt:
     def __init__(self, rig: StereoRig, lanes: Mapping[str, LanePath], config: TrackerConfig
                  ) -> None:
         self.most_share = config.max_scale_std_share
-        self._slopes = {name: _slopes(lane, rig) for name, lane in lanes.items()}
+        self.rig, self.lanes = rig, lanes
+
+    @cached_property
+    def _slopes(self) -> Mapping[str, Array]:
+        """Return how speeds change with the angles, by lane; nobody asks unless one has turned."""
+        return {name: _slopes(lane, self.rig) for name, lane in self.lanes.items()}
 
     def share(self, lane: str, steadier: Steadier) -> float:
         """

@@ -184,8 +184,9 @@ class Steadier:
         angles = covariance @ total
         self._average(angles)
         share = self._swayed_share(angles, covariance)
-        self._swayed += share > 0.5
-        return share * angles if share > _NEVER else np.zeros(3)
+        swayed = share > _NEVER
+        self._swayed += swayed
+        return share * angles if swayed else np.zeros(3)
 
     def _swayed_share(self, angles: Array, covariance: Array) -> float:
         """Return the probability that the rig has swayed at all."""

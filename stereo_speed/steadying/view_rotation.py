@@ -56,14 +56,16 @@ class _Level:
     Details of one view in an image of some size, and how the camera's rotation moves them.
 
     :param camera: the camera.
-    :param details: in pixels of that image.
+    :param details: in pixels of that image; those without a ray are left out.
     :param scale: of a pixel of it in those of the camera.
     """
 
     def __init__(self, camera: Camera, details: Details, scale: int) -> None:
-        self.camera, self.details, self.scale = camera, details, scale
+        self.camera, self.scale = camera, scale
         xy = camera.undistort((details.centres_px + 0.5) * scale - 0.5)
-        self.rays = np.concatenate([xy, np.ones_like(xy[:, :1])], axis=-1)
+        rayed = np.isfinite(xy).all(axis=1)
+        self.details = Details(details.centres_px[rayed], details.grey[rayed])
+        self.rays = np.concatenate([xy[rayed], np.ones_like(xy[rayed, :1])], axis=-1)
 
     def places(self, angles_rad: Array) -> Array:
         """Return where the details (n, 2) are after a rotation of the camera."""
@@ -92,8 +94,8 @@ class ViewRotation:
     def __init__(self, camera: Camera, image: Grey, config: SteadyingConfig) -> None:
         self.camera, self.config = camera, config
         fine, coarse = smooth(image), shrunk(image)
-        self._coarse = self._level(Details.of(coarse, config.details), _COARSE)
-        self._fine = self._level(Details.of(fine, config.details), 1)
+        self._coarse = _Level(camera, Details.of(coarse, config.details), _COARSE)
+        self._fine = _Level(camera, Details.of(fine, config.details), 1)
         self._forget()
 
     def measure(self, image: Grey, about_rad: Array) -> Optional[Rotated]:
@@ -132,18 +134,12 @@ class ViewRotation:
         # Where the details that are kept are now, no others are sought.
         there = self._fine.places(found.angles_rad)[kept]
         others = self._back(Details.of(smooth(image), self.config.details, there), found, 1)
-        self._fine = self._level(Details(
+        self._fine = _Level(self.camera, Details(
             np.concatenate([old.centres_px[kept], others.centres_px]),
             np.concatenate([grey[kept], others.grey])), 1)
         coarse = Details.of(shrunk(image), self.config.details)
-        self._coarse = self._level(self._back(coarse, found, _COARSE), _COARSE)
+        self._coarse = _Level(self.camera, self._back(coarse, found, _COARSE), _COARSE)
         self._forget()
-
-    def _level(self, details: Details, scale: int) -> _Level:
-        """Return details that have rays, with what moves them."""
-        xy = self.camera.undistort((details.centres_px + 0.5) * scale - 0.5)
-        rayed = np.isfinite(xy).all(axis=1)
-        return _Level(self.camera, Details(details.centres_px[rayed], details.grey[rayed]), scale)
 
     def _back(self, details: Details, found: Rotated, scale: int) -> Details:
         """Return details of an image where they would be, had the camera not rotated."""
