@@ -10,30 +10,60 @@ CORES := -n auto --dist loadfile
 # what test-fast leaves out: tests of real nodes, of commands, of whole drives, of drawn scenes
 FAST := --ignore=test/integration --ignore=test/cli --ignore=test/lab/cli --ignore=test/nodes \
 	--ignore=test/lab/sim
+# of make fuzz
+CASES := 20000
+# of make soak
+MINUTES := 60
+# of make release-check: --draft leaves out clean tree and versions
+RELEASE :=
 # each core has a program of its own already: libraries with a thread for each would wait in turns
 ONE_THREAD := OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 OPENCV_FOR_THREADS_NUM=1
 
-.PHONY: venv test test-fast demo bench lint build clean
+.PHONY: venv browser test test-fast demo bench fuzz soak test-pythons lint audit release-check build screenshots clean
 
 venv:
 	@bash tools/venv.sh '$(PYTHON)' $(VENV)
 
+# a headless Chromium for the tests of the page, which are skipped without one
+browser: venv
+	@$(PY) tools/browser.py $(VENV)/browser
+
 test: venv
+	@$(PY) tools/browser.py $(VENV)/browser || true
+	$(PY) tools/warm_up.py
 	$(ONE_THREAD) $(PY) -m pytest -q $(CORES) $(PYTEST_ARGS)
 
 test-fast: venv
 	$(ONE_THREAD) $(PY) -m pytest -q -m 'not slow' $(CORES) $(FAST) $(PYTEST_ARGS)
 
 demo: venv
+	$(PY) tools/warm_up.py
 	$(PY) -m stereo_speed demo --out out
 
 bench: venv
 	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(PY) -m stereo_speed bench
 
+fuzz: venv
+	$(ONE_THREAD) $(PY) -m stereo_speed fuzz --cases $(CASES)
+
+soak: venv
+	$(PY) tools/warm_up.py
+	$(ONE_THREAD) $(PY) -m stereo_speed endurance soak --minutes $(MINUTES) --out out/soak
+
 lint: venv
 	$(VENV)/bin/ament_flake8 $(SOURCES)
 	$(VENV)/bin/ament_pep257 $(SOURCES)
 	$(VENV)/bin/mypy
+	$(VENV)/bin/ruff check --quiet $(filter-out test,$(SOURCES))
+
+audit: venv
+	$(PY) tools/audit.py
+
+test-pythons:
+	bash tools/pythons.sh
+
+release-check: venv
+	$(PY) tools/release_check.py $(RELEASE)
 
 build: venv
 	rm -rf build/colcon
@@ -41,6 +71,10 @@ build: venv
 		--build-base build/colcon/build --install-base build/colcon/install
 	$(PY) tools/check_install.py build/colcon/install/stereo_speed
 
+# the pictures of the page in the documentation
+screenshots: browser
+	$(ONE_THREAD) $(PY) tools/screenshots.py docs
+
 clean:
-	rm -rf $(VENV) build install log out .pytest_cache .mypy_cache
+	rm -rf $(VENV) .venv-* build install log out .pytest_cache .mypy_cache
 	find stereo_speed test launch tools -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -8,21 +8,28 @@ from setuptools import find_packages, setup
 
 package_name = 'stereo_speed'
 share = f'share/{package_name}'
+# What it needs from PyPI; on a native ROS system package.xml names the system's packages instead.
+needed = Path('requirements.in').read_text(encoding='utf-8').partition('# the extra')[0]
+pypi = [line.partition('#')[0].strip() for line in needed.splitlines()
+        if line.partition('#')[0].strip()]
 
 setup(
     name=package_name,
-    version='0.1.0',
+    version='1.0.0',
     packages=find_packages(include=[package_name, f'{package_name}.*']),
-    package_data={package_name: ['py.typed']},
+    package_data={package_name: ['py.typed', 'io/*.schema.json', 'enforcement/*.schema.json',
+                                 'report/templates/*.html', 'studio/web/*']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
         (share, ['package.xml', 'LICENSE']),
         (f'{share}/launch', sorted(glob('launch/*'))),
         (f'{share}/config', sorted(glob('config/*'))),
+        (f'{share}/sample/straight55', sorted(glob('sample/straight55/*.*'))),
+        (f'{share}/sample/straight55/bag', sorted(glob('sample/straight55/bag/*'))),
     ],
     python_requires='>=3.10',
     install_requires=['setuptools'],
-    extras_require={'test': ['pytest']},
+    extras_require={'pypi': pypi, 'test': ['pytest'], 'cluster': ['dask', 'distributed']},
     zip_safe=True,
     author='The stereo_speed developers',
     author_email='stereo-speed@example.org',
@@ -37,17 +44,34 @@ setup(
             'stereo_sync_node = stereo_speed.nodes.stereo_sync_node:main',
             'tracker_node = stereo_speed.nodes.tracker_node:main',
             'speed_node = stereo_speed.nodes.speed_node:main',
+            'speed_camera_node = stereo_speed.nodes.speed_camera_node:main',
             'replay_node = stereo_speed.nodes.replay_node:main',
+            'log_node = stereo_speed.nodes.log_node:main',
+            'studio_node = stereo_speed.nodes.studio_node:main',
             'environment_node = stereo_speed.nodes.environment_node:main',
+            'evidence_node = stereo_speed.nodes.evidence_node:main',
             'replay = stereo_speed.cli.main:run_executable',
+            'evidence = stereo_speed.cli.main:run_executable',
+            'replay-many = stereo_speed.cli.main:run_executable',
             'site = stereo_speed.cli.main:run_executable',
+            'studio = stereo_speed.cli.main:run_executable',
             'simulate = stereo_speed.cli.main:run_executable',
             'accuracy = stereo_speed.cli.main:run_executable',
+            'second = stereo_speed.cli.main:run_executable',
+            'violations = stereo_speed.cli.main:run_executable',
             'evaluate = stereo_speed.cli.main:run_executable',
             'traffic = stereo_speed.cli.main:run_executable',
+            'roads = stereo_speed.cli.main:run_executable',
             'track-environment = stereo_speed.cli.main:run_executable',
             'map = stereo_speed.cli.main:run_executable',
+            'tamper = stereo_speed.cli.main:run_executable',
+            'faults = stereo_speed.cli.main:run_executable',
+            'endurance = stereo_speed.cli.main:run_executable',
+            'fuzz = stereo_speed.cli.main:run_executable',
             'bench = stereo_speed.cli.main:run_executable',
+            'self-test = stereo_speed.cli.main:run_executable',
+            'stats = stereo_speed.cli.main:run_executable',
+            'verify-against = stereo_speed.cli.main:run_executable',
             'demo = stereo_speed.cli.main:run_executable',
         ],
         # as pipeline/registry.py has them, so that other programs can list them too

@@ -2,4 +2,4 @@
 # SPDX-License-Identifier: Apache-2.0
 """Ground speed of vehicles, with its uncertainty, from a roadside stereo camera."""
 
-__version__ = '0.1.0'
+__version__ = '1.0.0'

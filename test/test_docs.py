@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from stereo_speed.cli.main import build_parser, COMMANDS
 from stereo_speed.core.config import TrackerConfig
-from stereo_speed.core.records import PassResult, Reason, Verdict
+from stereo_speed.core.passes import PassResult, Reason, Verdict
 from stereo_speed.core.units import MPH_MPS
 from stereo_speed.geometry import distortion
 from stereo_speed.io import results
@@ -35,7 +35,9 @@ PAGES = [*sorted(ROOT.glob('*.md')), *sorted((ROOT / 'docs').glob('*.md'))]
 FENCE = re.compile(r'^ *```([^\n]*)\n(.*?)^ *```', re.MULTILINE | re.DOTALL)
 IDENTIFIER = re.compile(r'[a-z]{2,}(_[a-z0-9]+)+|([A-Z][a-z]+){2,}|[A-Z]+(_[A-Z]+)+')
 MADE = ('out', 'build')  # folders that commands make
-FOREIGN = {'message_filters', 'cv_bridge', 'u_matching', 'u_path', 'u_stamps', 'u_calibration',
+FOREIGN = {'message_filters', 'cv_bridge', 'camera_calibration', 'robot_localization',
+           'image_view', 'image_saver', 'diagnostic_updater', 'u_matching', 'u_path',
+           'u_stamps', 'u_calibration',
            'site_left', 'site_right'}  # names of other packages, of formulas and of pictures
 TRUE_MPH = 55.0  # of the sample
 

@@ -20,10 +20,12 @@ LAYERS = (
     ('road',),
     ('site',),
     ('site.refine',),
-    ('detection', 'monocular', 'steadying', 'tracking'),
+    ('classification', 'detection', 'monocular', 'second', 'steadying', 'survey', 'tracking'),
     ('pipeline',),
     ('io',),
-    ('report',),
+    ('batch', 'report'),
+    ('enforcement',),
+    ('studio',),
     ('lab.reference', 'lab.sim'),
     ('lab.baselines',),
     ('lab.evaluation',),
@@ -40,12 +42,19 @@ ROOMS_OF = {
     'rosbags': {'io', 'lab.sim'},
     'mcap': {'io', 'lab.sim'},
     'matplotlib': {'report'},
-    'tqdm': {'cli', 'lab.cli', 'lab.evaluation'},
+    'cryptography': {'enforcement'},
+    'reportlab': {'enforcement'},
+    'jsonschema': {'enforcement'},
+    'jinja2': {'report'},
+    'aiohttp': {'studio'},
+    'tqdm': {'batch', 'cli', 'lab.cli', 'lab.evaluation'},
+    'distributed': {'batch'},
+    'pyarrow': {'io'},
     'argparse': {'cli', 'lab.cli', 'nodes'},
 }
 ROS_MESSAGES = ('sensor_msgs', 'nav_msgs', 'geometry_msgs', 'visualization_msgs',
                 'diagnostic_msgs', 'rosgraph_msgs', 'std_msgs', 'builtin_interfaces',
-                'rcl_interfaces')
+                'rcl_interfaces', 'tf2_msgs', 'lifecycle_msgs')
 ROOMS_OF.update({name: {'nodes'} for name in ROS_MESSAGES})
 
 

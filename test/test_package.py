@@ -14,6 +14,7 @@ import xml.etree.ElementTree as ElementTree
 
 import pytest
 import stereo_speed
+from stereo_speed.cli.main import COMMANDS
 from stereo_speed.pipeline.registry import DETECTORS, TRACKERS
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -99,6 +100,12 @@ def test_scripts_can_be_called(setup_arguments):
         assert callable(getattr(importlib.import_module(module), function)), name
 
 
+def test_every_command_is_an_executable(setup_arguments):
+    scripts = dict(s.split(' = ') for s in setup_arguments['entry_points']['console_scripts'])
+    assert {name for name in scripts if not name.endswith('_node')} == set(COMMANDS)
+    assert {scripts[name] for name in COMMANDS} == {'stereo_speed.cli.main:run_executable'}
+
+
 @pytest.mark.parametrize('registry', [TRACKERS, DETECTORS], ids=lambda r: r.kind)
 def test_entry_points_are_those_of_the_registry(setup_arguments, registry):
     points = setup_arguments['entry_points'][registry.group]
@@ -134,5 +141,104 @@ def test_lock_pins_all_that_is_asked_for():
 
 
 def test_shell_scripts_parse():
-    for script in ('.ci/run', 'tools/venv.sh'):
+    for script in ('.ci/run', 'tools/venv.sh', 'tools/pythons.sh'):
         subprocess.run(['bash', '-n', str(ROOT / script)], check=True)
+
+
+def test_manifest_names_only_keys_that_rosdep_knows(manifest):
+    """By a list made of the public one, which it names with its commit."""
+    lines = (ROOT / 'tools' / 'rosdep_keys.txt').read_text().splitlines()
+    known = {line for line in lines if line and not line.startswith('#')}
+    named = {element.text for element in manifest if element.tag.endswith('_depend')}
+    assert named <= known
+
+
+def test_policy_has_a_profile_for_every_node(setup_arguments):
+    policy = ElementTree.parse(ROOT / 'config' / 'stereo_speed.policy.xml').getroot()
+    profiles = {p.get('node'): p for p in policy.iter('profile')}
+    nodes = {script.partition(' = ')[0]
+             for script in setup_arguments['entry_points']['console_scripts']}
+    assert {name for name in nodes if name.endswith('_node')} <= set(profiles)
+    for name, profile in profiles.items():
+        services = {service.text for service in profile.iter('service')}
+        assert f'{name}/set_parameters' in services
+
+
+def test_nothing_is_unpickled_and_no_yaml_is_unsafe():
+    """Files of others are read by readers that can make no objects but plain ones."""
+    for path in (ROOT / 'stereo_speed').rglob('*.py'):
+        imported = {alias.name for node in ast.walk(ast.parse(path.read_text()))
+                    if isinstance(node, (ast.Import, ast.ImportFrom)) for alias in node.names}
+        assert not {'pickle', 'marshal', 'shelve', 'dill'} & imported, path
+        assert 'allow_pickle=True' not in path.read_text(), path
+
+
+def tool(name: str):
+    """Give a program of tools/ as a module."""
+    spec = importlib.util.spec_from_file_location(name, ROOT / 'tools' / f'{name}.py')
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope='module')
+def release_check():
+    return tool('release_check')
+
+
+@pytest.mark.parametrize(('version', 'applies'), [
+    ('0.9', False), ('1.0', True), ('1.4.9', True), ('1.5', False), ('2.0', True),
+    ('2.3', True), ('2.3.1', False), ('0.4.dev1', True)])
+def test_an_advisory_applies_to_its_versions_alone(version, applies):
+    """1.0 up to before 1.5, 2.0 up to 2.3, and one by itself."""
+    advisory = {'ranges': [['1.0', '1.5', None], ['2.0', None, '2.3']], 'versions': ['0.4.dev1']}
+    assert tool('audit').affects(advisory, version) == applies
+
+
+def test_audit_reads_the_lock_and_tells_what_applies(tmp_path, capsys):
+    audit, old = tool('audit'), tmp_path / 'old.txt'
+    lines = (ROOT / 'requirements.lock').read_text().splitlines()
+    assert len(audit.pins_of(ROOT / 'requirements.lock')) == sum(
+        bool(line) and not line.startswith('#') for line in lines)
+    assert audit.main([]) == 0
+    assert 'none applies' in capsys.readouterr().out
+    old.write_text('PyYAML==5.3  # of 2020\nnumpy==1.26.4 ; python_version < "3.13"\n')
+    assert audit.main([str(old)]) == 1
+    assert capsys.readouterr().err.splitlines() == [
+        'error: pyyaml 5.3: PYSEC-2020-96 (CVE-2020-1747, GHSA-6757-jp84-gxfx)',
+        'error: pyyaml 5.3: PYSEC-2021-142 (CVE-2020-14343, GHSA-8q59-q68h-6hv4)']
+    old.write_text('unheard-of==1.0\n')
+    assert audit.main([str(old)]) == 0
+    assert 'NOT CHECKED: unheard-of' in capsys.readouterr().out
+    old.write_text('numpy>=1.26\n')
+    assert audit.main([str(old)]) == 2
+    assert 'line 1' in capsys.readouterr().err
+
+
+def test_the_list_of_keys_is_compared_with_the_public_one(tmp_path):
+    keys = tool('rosdep_keys')
+    python = {'python3-yaml': {'ubuntu': ['python3-yaml']}, 'python3-odd': {'gentoo': []},
+              'python3-pip-only': {'ubuntu': {'pip': {'packages': ['x']}}}}
+    packages = {'repositories': {'rclpy': {'release': {}}, 'many': {
+        'release': {'packages': ['std_msgs', 'geometry_msgs']}}, 'source': {'source': {}}}}
+    assert keys.known_keys(python, packages) == {
+        'python3-yaml', 'rclpy', 'std_msgs', 'geometry_msgs'}
+
+
+@pytest.mark.parametrize(('changelog', 'manifest', 'fault'), [
+    ('1.2.3 (2026-11-22)\n------------------\n* x', '1.2.3', ''),
+    ('1.2.2 (2026-11-22)\n------------------\n* x', '1.2.3', 'CHANGELOG.rst 1.2.2'),
+    ('Forthcoming\n-----------\n1.2.3 (2026-11-22)\n---\n', '1.2.3', 'Forthcoming'),
+    ('1.2.3 (2026-11-22)\n---\n', '1.2.4', 'package.xml 1.2.4'),
+])
+def test_a_release_has_one_version(release_check, tmp_path, changelog, manifest, fault):
+    (tmp_path / 'stereo_speed').mkdir()
+    (tmp_path / 'stereo_speed' / '__init__.py').write_text("__version__ = '1.2.3'\n")
+    (tmp_path / 'setup.py').write_text("setup(version='1.2.3')\n")
+    (tmp_path / 'package.xml').write_text(f'<p><version>{manifest}</version></p>')
+    (tmp_path / 'CHANGELOG.rst').write_text(changelog)
+    if not fault:
+        assert release_check.check_versions(tmp_path) == 'version 1.2.3 everywhere'
+        return
+    with pytest.raises(release_check.CheckError, match=fault):
+        release_check.check_versions(tmp_path)

@@ -7,9 +7,12 @@ import os
 from pathlib import Path
 import sys
 
-EXECUTABLES = ('stereo_sync_node', 'tracker_node', 'speed_node', 'replay_node',
-               'environment_node', 'track-environment', 'map', 'replay', 'site', 'simulate',
-               'accuracy', 'evaluate', 'traffic', 'bench', 'demo')
+EXECUTABLES = ('stereo_sync_node', 'tracker_node', 'speed_node', 'speed_camera_node',
+               'replay_node', 'environment_node', 'evidence_node', 'log_node', 'studio_node',
+               'track-environment', 'map', 'replay', 'replay-many', 'evidence', 'site',
+               'studio', 'self-test', 'stats', 'verify-against', 'simulate', 'accuracy',
+               'second', 'violations', 'evaluate', 'traffic', 'roads', 'tamper', 'faults',
+               'endurance', 'fuzz', 'bench', 'demo')
 
 
 def missing(prefix: Path, source: Path) -> list[str]:

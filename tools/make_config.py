@@ -12,6 +12,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from stereo_speed.core.config import TrackerConfig  # noqa: E402
+from stereo_speed.enforcement.config import EnforcementConfig  # noqa: E402
 from stereo_speed.monocular.config import MonocularConfig  # noqa: E402
 from stereo_speed.pipeline.config import SiteConfig  # noqa: E402
 from stereo_speed.pipeline.registry import DETECTORS, TRACKERS  # noqa: E402
@@ -19,20 +20,33 @@ from stereo_speed.pipeline.registry import DETECTORS, TRACKERS  # noqa: E402
 HEAD = '# Parameters for `replay --config`; these are the defaults.\n'
 ENVIRONMENT_HEAD = ('# Parameters of the monocular tracker for `track-environment --config`; these'
                     ' are the\n# defaults.\n')
+SPEED_CAMERA_HEAD = """# Parameters of speed_camera_node, as in stereo_speed.params.yaml.
+/**/speed_camera_node:
+  ros__parameters:"""
 NODE_HEAD = """# Parameters of environment_node; these are the defaults.
 # `map` and `targets` are given at launch.
 /**/environment_node:
   ros__parameters:
     # seed of all randomness
     seed: 0
-    # 'environment' or 'plain'
-    tracker: environment
+    # 'environment' or 'plain'; what stands here wins over the argument of the launch file
+    # tracker: environment
     # use every stride-th frame, counted from that of each mark
     stride: 1
-    # 'raw' or 'compressed' images
-    image_transport: raw
+    # frames that are kept, so that a target can still be marked in them
+    mark_frames: 50
+    # 'raw' or 'compressed' images; what stands here wins over the argument of the launch file
+    # image_transport: raw
     # size of a pixel in the markers [m]
     marker_metres_per_px: 0.01
+"""
+
+EVIDENCE_HEAD = """# Parameters of evidence_node; these are the defaults.
+# `out`, and best `key` and `head`, are given at launch.
+/**/evidence_node:
+  ros__parameters:
+    # 'raw' or 'compressed' images
+    image_transport: raw
 """
 
 
@@ -47,7 +61,8 @@ def parameters(indent: str, kind: type) -> str:
             continue
         unit = f' [{m["unit"]}]' if m['unit'] else ''
         legal = ', '.join(map(str, m['choices'])) or f'{m["low"]:g} to {m["high"]:g}'
-        legal = '' if isinstance(f.default, bool) else f'; {legal}'
+        plain = isinstance(f.default, bool) or isinstance(f.default, str) and not m['choices']
+        legal = '' if plain else f'; {legal}'
         lines += textwrap.wrap(f'{m["doc"]}{unit}{legal}', 97,
                                initial_indent=indent + '# ', subsequent_indent=indent + '# ',
                                break_long_words=False, break_on_hyphens=False)
@@ -81,14 +96,24 @@ def main() -> None:
     (config / 'environment.yaml').write_text(ENVIRONMENT_HEAD + parameters('', MonocularConfig))
     (config / 'environment.params.yaml').write_text(
         NODE_HEAD + parameters('    ', MonocularConfig))
-    (config / 'tracker.yaml').write_text(HEAD + parameters('', TrackerConfig) + components(''))
+    (config / 'evidence.params.yaml').write_text(
+        EVIDENCE_HEAD + parameters('    ', EnforcementConfig))
+    (config / 'tracker.yaml').write_text(
+        HEAD + parameters('', TrackerConfig) + components('')
+        + '# when a pass is a violation, and what is kept of it\nenforcement:\n'
+        + parameters('  ', EnforcementConfig))
     path = config / 'stereo_speed.params.yaml'
     text = path.read_text()
     # Of the tracker node's block, all from the comment above the first parameter on is made anew.
     start = text.index('    # number of particles N')
     end = text.find('\n\n/**/', start)
     rest = text[end + 1:] if end >= 0 else ''
-    path.write_text(text[:start] + parameters('    ', TrackerConfig) + components('    ') + rest)
+    text = text[:start] + parameters('    ', TrackerConfig) + components('    ') + rest
+    path.write_text(text)
+    # One process has the parameters of all: the blocks of the nodes, one after the other.
+    blocks = [block.partition('ros__parameters:\n')[2].rstrip('\n')
+              for block in text.split('/**/')[1:]]
+    (config / 'speed_camera.params.yaml').write_text('\n'.join([SPEED_CAMERA_HEAD, *blocks, '']))
 
 
 if __name__ == '__main__':

@@ -16,12 +16,13 @@ import os
 from pathlib import Path
 import subprocess
 import sys
-from typing import Mapping, Sequence
+from typing import Mapping, Optional, Sequence
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from .demo_evidence import demo_key, records, show
 from .options import Subparsers
 from .replay import measure, print_table
 from .site import refined_from_bag, write_pictures, write_site
@@ -41,13 +42,21 @@ from ..road.lanes import LanePath
 from ..site.file import load_site
 from ..site.refine.report import report, summary_lines
 
-_ROOT = Path(__file__).resolve().parents[2]
+# The checkout; or, of an installed package, the folder that setup.py's data_files go to.
+_SOURCES = Path(__file__).resolve().parents[2]
+_ROOT = _SOURCES if (_SOURCES / 'sample').is_dir() else (
+    _SOURCES.parents[2] / 'share' / 'stereo_speed')
 _START_S, _DELIVERY_S, _STOP_S = 60.0, 30.0, 5.0  # longest waits
 _SETTLE_S = 0.5  # what the listener has discovered, the others have within this time
 # A short bag played once has nothing to spare: what nodes may lose of a camera they may not here.
 RELIABLE_IMAGES, RELIABLE_INFOS = (
     [f'qos_overrides./{side}/{topic}.subscription.reliability:=reliable'
      for side in ('left', 'right')] for topic in ('image_raw', 'camera_info'))
+
+# Nothing is skipped either, however busy the machine is, or live and offline would differ.
+EVERY_PAIR = 'most_wait_s:=60'
+# The whole chain must be connected before the first image.
+WHOLE_CHAIN = 'wait_for_topics:=stereo/image_pair tracks'
 
 Reading = tuple[int, str, float, float]  # stamp ns, vehicle, speed and 1-sigma m/s
 
@@ -75,7 +84,10 @@ def run(args: argparse.Namespace) -> int:
     offline, lanes = _offline(sample, site)
     expected = {u.stamp_ns: u.speed_mps for u in offline.updates
                 if u.state is TrackState.CONFIRMED}
-    readings, frames = live(sample, site, len(expected), args.rate, truth)
+    key, evidence = demo_key(args.out), args.out / 'evidence'
+    older = records(evidence)
+    readings, frames = live(sample, site, len(expected), args.rate, truth,
+                            evidence=(evidence, key))
     write_plots(args.out, offline.updates, offline.passes, lanes, truth={'truth': list(zip(
         truth.stamps_ns.tolist(), truth.speed_mps.tolist()))})
     write_frames(args.out, frames)
@@ -88,6 +100,10 @@ def run(args: argparse.Namespace) -> int:
     apart = max(abs(speed - expected[ns]) for ns, _, speed, _ in readings)
     print(f'live and offline readings differ by at most {apart / MPH_MPS:.6f} mph')
     print(f'frames and plots are in {args.out}/')
+    violation = sorted(records(evidence) - older)
+    if not violation:
+        raise DemoError(f'demo: {evidence}: found no new record, wanted one of the violation')
+    print('\n' + '\n'.join(show(args.out, violation[-1], key)))
     return 0
 
 
@@ -111,7 +127,8 @@ def _offline(sample: Path, site: Path) -> tuple[Run, Mapping[str, LanePath]]:
 
 
 def live(sample: Path, site: Path, wanted: int, rate: float, truth: VehicleTruth, *,
-         parameters: Sequence[str] = ()) -> tuple[list[Reading], dict[int, NDArray[np.uint8]]]:
+         parameters: Sequence[str] = (), evidence: Optional[tuple[Path, Path]] = None
+         ) -> tuple[list[Reading], dict[int, NDArray[np.uint8]]]:
     """
     Play the sample through the nodes.
 
@@ -120,9 +137,10 @@ def live(sample: Path, site: Path, wanted: int, rate: float, truth: VehicleTruth
     :param wanted: readings to wait for.
     :param rate: pace of the replay.
     :param truth: to print beside the readings.
+    :param evidence: folder for records of violations, and the key that signs them.
     :return: the readings, and the overlay frames by stamp.
     """
-    _private_graph()
+    private_graph()
     from ..nodes.demo_listener import Listener
     readings: list[Reading] = []
     frames: dict[int, NDArray[np.uint8]] = {}
@@ -134,8 +152,15 @@ def live(sample: Path, site: Path, wanted: int, rate: float, truth: VehicleTruth
     with ExitStack() as stack:
         nodes = [stack.enter_context(Process(*command)) for command in (
             ('stereo_sync_node', *RELIABLE_IMAGES, *RELIABLE_INFOS),
-            ('tracker_node', f'site:={site}', *RELIABLE_INFOS, *parameters),
+            ('tracker_node', f'site:={site}', EVERY_PAIR, *RELIABLE_INFOS, *parameters),
             ('speed_node',))]
+        older = set() if evidence is None else records(evidence[0])
+        more = ''
+        if evidence is not None:
+            more = ' pass_traces'
+            nodes.append(stack.enter_context(Process(
+                'evidence_node', *RELIABLE_IMAGES, f'out:={evidence[0]}',
+                f'key:={evidence[1]}')))
         listener = Listener(on_reading, frames.__setitem__)
         stack.callback(listener.close)
         if not listener.spin(_START_S, lambda: _check(nodes) and not listener.missing_wires()):
@@ -144,11 +169,13 @@ def live(sample: Path, site: Path, wanted: int, rate: float, truth: VehicleTruth
         listener.spin(_SETTLE_S, lambda: False)
         print('\nnodes connected; readings on /vehicle_speed:')
         replay = stack.enter_context(Process('replay_node', f'bag:={sample / "bag"}',
-                                             f'rate:={rate}'))
+                                             f'rate:={rate}', WHOLE_CHAIN + more))
         # The replay waits for its subscribers, plays for the bag's length, and ends.
         span_s = int(np.ptp(truth.stamps_ns)) * 1e-9 / rate
         listener.spin(_START_S + span_s, lambda: _check(nodes) and replay.ended())
         listener.spin(_DELIVERY_S, lambda: _check(nodes) and len(readings) >= wanted)
+        if evidence is not None:
+            listener.spin(_DELIVERY_S, lambda: _check(nodes) and records(evidence[0]) != older)
         listener.spin(_SETTLE_S, lambda: False)
     return readings, frames
 
@@ -172,7 +199,7 @@ def _check(nodes: Sequence[Process]) -> bool:
     return True
 
 
-def _private_graph() -> None:
+def private_graph() -> None:
     """Keep the demo's graph apart from others: own domain, this machine only, large images."""
     os.environ.setdefault('ROS_DOMAIN_ID', str(20 + os.getpid() % 80))
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
@@ -187,13 +214,14 @@ class Process:
 
     :param name: module of the node.
     :param parameters: its ROS parameters, ``name:=value``.
+    :param namespace: it runs in.
     """
 
-    def __init__(self, name: str, *parameters: str) -> None:
+    def __init__(self, name: str, *parameters: str, namespace: str = '/') -> None:
         self.name = name
         command = [sys.executable, '-m', f'stereo_speed.nodes.{name}']
-        if parameters:
-            command += ['--ros-args'] + [word for p in parameters for word in ('-p', p)]
+        command += ['--ros-args', '-r', f'__ns:={namespace}']
+        command += [word for p in parameters for word in ('-p', p)]
         self.process = subprocess.Popen(command, stdin=subprocess.DEVNULL)
 
     def __enter__(self) -> Process:

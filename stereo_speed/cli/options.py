@@ -9,6 +9,8 @@ from pathlib import Path
 import sys
 from typing import Callable, Sequence, TypeAlias, TypeVar
 
+from ..core.units import SPEED_UNITS
+
 Number = TypeVar('Number', int, float)
 # argparse has no public name for what add_subparsers returns
 Subparsers: TypeAlias = 'argparse._SubParsersAction[argparse.ArgumentParser]'
@@ -31,6 +33,13 @@ def add_job_options(parser: argparse.ArgumentParser) -> None:
                         help='processes (default: one for each core; 0: only this one)')
     parser.add_argument('--out', type=Path, metavar='DIR',
                         help='folder for the results; a run that was interrupted goes on there')
+
+
+def add_units_option(parser: argparse.ArgumentParser) -> None:
+    """Add the option that says in which unit speeds are shown."""
+    parser.add_argument('--units', choices=SPEED_UNITS, default='mph',
+                        help='unit of the speeds shown to people (default: mph); files of '
+                             'numbers have m/s')
 
 
 def report_failures(failed: Sequence[str]) -> int:

@@ -4,11 +4,12 @@
 from __future__ import annotations
 
 import argparse
+from contextlib import nullcontext
 from dataclasses import replace
 import math
 from pathlib import Path
 import sys
-from typing import Any, Callable, Iterable, Mapping, Optional, Sequence
+from typing import Any, Callable, Iterable, Iterator, Mapping, Optional, Sequence
 
 import cv2
 import numpy as np
@@ -16,19 +17,25 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from .options import Subparsers
+from .replay_evidence import add_evidence_options, check_options, ReplayEvidence
+from .replay_parts import identity_of, is_kept, PART_PAIRS, Parts
+from .replay_report import add_report_options, run_warnings, RunPictures
 from ..core.errors import InputError
-from ..core.records import InitialFront, PassResult, StereoPair, Verdict
+from ..core.passes import PassResult, Verdict
+from ..core.records import InitialFront, StereoPair
 from ..core.sampling import EvenSampler
 from ..core.units import KMH_MPS, MPH_MPS
 from ..io.atomic import prepare_folder
 from ..io.bags import StereoBag
 from ..io.boxes import BoxFeed
-from ..io.results import file_sha256, software_versions, staged_run, stream_timings, write_run
+from ..io.results import (
+    file_sha256, software_versions, staged_run, stream_timings, TRACKS, write_run)
+from ..io.track_rows import TrackRows
 from ..pipeline.assembly import MeasuringSite
 from ..pipeline.config import load_pipeline_config, PipelineConfig
 from ..pipeline.pipeline import SpeedPipeline, Step
 from ..pipeline.registry import DETECTORS, Registry, TRACKERS
-from ..pipeline.run import Run, run as run_pipeline
+from ..pipeline.run import gather, Observer, Run, run as run_pipeline
 from ..report.overlay import draw, strip
 from ..road.lanes import LanePath
 from ..site.file import load_site
@@ -49,6 +56,12 @@ def add_parser(subparsers: Subparsers) -> None:
                     'same files, byte for byte.')
     parser.add_argument('bag', metavar='BAG', type=Path,
                         help='rosbag2 folder, .mcap or .db3 file, or ROS 1 .bag')
+    add_options(parser)
+    parser.set_defaults(run=run)
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options that say how to measure, whichever bag."""
     parser.add_argument('--site', required=True, type=Path, help='site file (YAML)')
     parser.add_argument('--out', required=True, type=Path, metavar='DIR', help='folder to write')
     parser.add_argument('--refine-site', action='store_true',
@@ -71,8 +84,9 @@ def add_parser(subparsers: Subparsers) -> None:
     parser.add_argument('--tolerance-ms', type=_tolerance, metavar='MS',
                         help='largest difference between the stamps of a pair (default: equal '
                              'stamps, or the nearest where the bag has too few equal ones)')
+    add_evidence_options(parser)
+    add_report_options(parser)
     parser.add_argument('--no-plots', action='store_true', help='write no PNG files')
-    parser.set_defaults(run=run)
 
 
 def _one_of(registry: Registry[Any]) -> Callable[[str], str]:
@@ -101,9 +115,23 @@ def _tolerance(text: str) -> float:
     return value
 
 
+def check(args: argparse.Namespace) -> None:
+    """Refuse options that no bag can be measured with."""
+    _config(args)
+    load_site(args.site)
+    if args.init is not None:
+        load_init(args.init)
+
+
 def run(args: argparse.Namespace) -> int:
     """Measure, then write everything, then print the table."""
+    with RunPictures(args) as pictures:
+        return _run(args, pictures)
+
+
+def _run(args: argparse.Namespace, pictures: RunPictures) -> int:
     config = _config(args)
+    check_options(args)
     site = load_site(args.site)
     annotations = None if args.init is None else load_init(args.init)
     prepare_folder(args.out)
@@ -111,6 +139,7 @@ def run(args: argparse.Namespace) -> int:
         raise InputError('replay', '--out', args.out, 'a folder where the refined site does not '
                          f'overwrite {args.site}')
     tolerance = None if args.tolerance_ms is None else round(args.tolerance_ms * 1e6)
+    rows = TrackRows(args.out)
     with StereoBag(args.bag, left=args.left, right=args.right, tolerance_ns=tolerance) as bag:
         place = MeasuringSite.of(site, bag.rig, bag.pairs() if args.refine_site else None,
                                  config.site)
@@ -124,9 +153,25 @@ def run(args: argparse.Namespace) -> int:
         feed = BoxFeed(pipeline.detector, args.boxes, args.detector)
         if annotations is not None:
             _check_frames(annotations, bag.pair_count, args.init)
-        result, frames = measure(bag, pipeline, keep_frames=not args.no_plots, feed=feed)
+        evidence = ReplayEvidence.of(args, bag, place, config)
+        draw_pair = pictures.observer(place, bag.rate_hz)
+
+        def observe(pair: StereoPair, step: Step) -> None:
+            evidence.observe(pair, step)
+            if draw_pair is not None:
+                draw_pair(pair, step)
+        parts = None if args.boxes is not None else Parts(
+            args.out if is_kept(args) and bag.pair_count > PART_PAIRS else None,
+            identity_of(args), lambda: place.pipeline(
+                config, annotations, seed=args.seed, where=str(args.init)), PART_PAIRS)
+        with evidence, parts or nullcontext():
+            result, frames = measure(
+                bag, pipeline, keep_frames=args.report or not args.no_plots, feed=feed,
+                observe=observe, rows=rows, parts=parts)
+            evidence.finish(result.passes)
         summary = summarize(args, config.with_tolerances(place.site.tolerances), bag, result,
                             place.lanes)
+        summary.update(evidence.summary())
         pairing = dict(bag.pairing)
     if place.refined is not None and figures is not None:
         summary['refinement'] = report_summary(place.refined, figures)
@@ -134,14 +179,19 @@ def run(args: argparse.Namespace) -> int:
         summary['refinement'] = {'not_refined': place.not_refined}
     if pipeline.steadier is not None:
         summary['steadiness'] = steadiness_summary(pipeline.steadier.state())
-    write_all(args, place, result, frames, summary)
+    write_all(args, place, result, rows, frames, summary, pictures, run_warnings(
+        place, pairing, [] if pipeline.steadier is None
+        else steadiness_lines(pipeline.steadier.state()), result.stamps_ns[-1]))
     print_lanes(place.lanes)
     print_table(result.passes)
+    print(''.join(f'{line}\n' for line in evidence.lines()), end='')
     if pipeline.steadier is not None:
         print(''.join(f'{line}\n' for line in steadiness_lines(pipeline.steadier.state())), end='')
     print(f'{pairing["pairs"]} pairs ({pairing["method"]} stamps; unpaired: '
           f'{pairing["unpaired_left"]} left, {pairing["unpaired_right"]} right), '
           f'{1e3 * result.wall_s / len(result.stamps_ns):.1f} ms per pair; in {args.out}')
+    if result.kept is not None and not args.no_plots:
+        print(f'the plots show the first {len(result.kept)} of {len(result.passes)} passes')
     if feed.boxes:
         print(f'{len(feed.boxes)} stamps of {args.boxes} are of no pair: their boxes were not '
               'used')
@@ -167,7 +217,9 @@ def _check_frames(annotations: Sequence[InitialFront], pairs: int, where: Path) 
 
 
 def measure(bag: StereoBag, pipeline: SpeedPipeline, *, keep_frames: bool,
-            feed: Optional[BoxFeed] = None) -> tuple[Run, list[NDArray[np.uint8]]]:
+            feed: Optional[BoxFeed] = None, observe: Optional[Observer] = None,
+            rows: Optional[TrackRows] = None, parts: Optional[Parts] = None
+            ) -> tuple[Run, list[NDArray[np.uint8]]]:
     """
     Run every pair of a bag through a pipeline, with a progress bar.
 
@@ -175,18 +227,47 @@ def measure(bag: StereoBag, pipeline: SpeedPipeline, *, keep_frames: bool,
     :param pipeline: the pipeline.
     :param keep_frames: whether annotated frames are wanted.
     :param feed: gives the detector boxes; None where it takes none.
+    :param observe: called with each pair and what came of it.
+    :param rows: takes the updates of bags that are too long to hold them all.
+    :param parts: in which it is measured; None measures it as one.
     :return: the run, and annotated frames evenly spread over it.
     """
     frames: EvenSampler[NDArray[np.uint8]] = EvenSampler(_STRIP_FRAMES)
+    done, first = Run(), 0
+    if parts is not None and parts.done is not None:
+        first = parts.done.pairs
+        print(f'going on after {first} of {bag.pair_count} pairs, which an earlier run has done')
+        for step, open_tracks in parts.steps():
+            gather(done, step, open_tracks, rows)
+            if keep_frames and step.updates and frames.wants():
+                frames.add(parts.next_frame())
+        done.stamps_ns, done.wall_s = bag.stamps_ns[:first], parts.done.wall_s
+        pipeline.next_track = parts.done.next_track
 
     def keep(pair: StereoPair, step: Step) -> None:
-        if step.updates and frames.wants():
+        if observe is not None:
+            observe(pair, step)
+        if keep_frames and step.updates and frames.wants():
             frames.add(draw(pair, step.updates, pipeline.lanes, pipeline.rig))
+            if parts is not None:
+                parts.add_frame(frames.kept[-1])
     pairs: Iterable[StereoPair] = tqdm(
-        bag.pairs(), total=bag.pair_count, desc='replay', unit='pair', disable=None)
+        _from(bag.pairs(), first, pipeline), initial=first, total=bag.pair_count, desc='replay',
+        unit='pair', disable=None)
     pairs = pairs if feed is None else feed.through(pairs)
-    result = run_pipeline(pipeline, pairs, keep if keep_frames else None)
+    result = run_pipeline(pipeline, pairs, keep, rows, so_far=done,
+                          relay=None if parts is None else parts.after)
     return result, frames.items()
+
+
+def _from(pairs: Iterable[StereoPair], first: int, pipeline: SpeedPipeline
+          ) -> Iterator[StereoPair]:
+    """Yield the pairs from a number on; what those before tell of the rig is taken in."""
+    for pair in pairs:
+        if pair.index < first:
+            pipeline.look(pair)
+        else:
+            yield pair
 
 
 def summarize(args: argparse.Namespace, config: PipelineConfig, bag: StereoBag,
@@ -217,9 +298,11 @@ def summarize(args: argparse.Namespace, config: PipelineConfig, bag: StereoBag,
     }
 
 
-def path_quality(lane: LanePath) -> dict[str, float]:
-    """Tell how long a lane's path is, how well its picks agree, and how well it is known."""
-    return {'length_m': round(lane.path.length_m, 3),
+def path_quality(lane: LanePath) -> dict[str, Optional[float]]:
+    """Tell how long a lane's path is, how well its picks agree and it is known, and its limit."""
+    limit = lane.speed_limit_mps
+    return {'speed_limit_mps': None if limit is None else round(limit, 5),
+            'length_m': round(lane.path.length_m, 3),
             'residual_px': round(float(lane.residual_px), 3),
             'heading_std_across_deg': round(float(np.degrees(lane.heading_std_rad[0])), 4),
             'heading_std_up_deg': round(float(np.degrees(lane.heading_std_rad[1])), 4),
@@ -235,24 +318,30 @@ def print_lanes(lanes: Mapping[str, LanePath]) -> None:
               f'and ± {q["heading_std_up_deg"]:.4f}° up')
 
 
-def write_all(args: argparse.Namespace, place: MeasuringSite, result: Run,
-              frames: Sequence[NDArray[np.uint8]], summary: Mapping[str, Any]) -> None:
+def write_all(args: argparse.Namespace, place: MeasuringSite, result: Run, rows: TrackRows,
+              frames: Sequence[NDArray[np.uint8]], summary: Mapping[str, Any],
+              pictures: RunPictures, warnings: Sequence[str]) -> None:
     """
     Write everything beside the folder, then move it in, ``summary.json`` last.
 
     :param args: gives the folder, and whether plots are wanted.
     :param place: the site as measured at; kept with the results where it was refined.
     :param result: the run.
+    :param rows: the table of its tracks; let go of when it is written.
     :param frames: annotated frames for the strip.
     :param summary: content of ``summary.json``.
+    :param pictures: report and video.
+    :param warnings: what a reader of the report should know.
     """
-    with staged_run(args.out) as stage:
-        write_run(stage, result.updates, result.passes, dict(summary))
+    with rows, staged_run(args.out) as stage:
+        rows.save(stage / TRACKS)
+        write_run(stage, None, result.passes, dict(summary))
         if not args.no_plots:
             from ..report.plots import write_plots  # matplotlib takes a second to load
-            write_plots(stage, result.updates, result.passes, place.lanes)
+            write_plots(stage, result.updates, result.passes, place.lanes, unit=pictures.unit)
             if frames:
                 cv2.imwrite(str(stage / 'strip.png'), strip(frames, width_px=480))
+        pictures.write(stage, place, result, frames, summary, warnings)
         if place.refined is not None:
             (stage / REFINED_SITE).write_text(site_text(place.site), encoding='utf-8')
 
@@ -269,6 +358,9 @@ def print_table(passes: Sequence[PassResult]) -> None:
         lane = p.lane if p.lane_to == p.lane else f'{p.lane} > {p.lane_to}'
         print(f'{p.track:>5}  {lane:<12} {shown(MPH_MPS):>14} {shown(KMH_MPS):>14}  '
               f'{p.verdict.value}{reason}')
+        if p.second is not None and p.second.speed_mps is not None:
+            print(f'       second estimate: {p.second.speed_mps / MPH_MPS:.2f} ± '
+                  f'{(p.second.speed_std_mps or 0.0) / MPH_MPS:.2f} mph, {p.second.pairs} pairs')
         if p.budget is not None:
             print(f'       1-sigma in mph: {p.budget.matching_mps / MPH_MPS:.3f} matching, '
                   f'{p.budget.path_mps / MPH_MPS:.3f} path, '

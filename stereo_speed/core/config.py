@@ -14,9 +14,9 @@ import math
 from pathlib import Path
 from typing import Any, ClassVar, Iterator, Mapping, Optional, Protocol, TypeVar, Union
 
-import yaml
-
 from .errors import InputError
+from .strict_yaml import read_yaml
+from .units import is_finite
 
 Value = Union[bool, int, float, str]
 _Value = TypeVar('_Value', bool, int, float, str)
@@ -82,6 +82,12 @@ class NoiseConfig(CheckedRecord):
     match_floor_px: float = parameter(
         0.0125, 0.0, 1.0, 'px', 'systematic error of matching one observation between the views, '
         'which no number of samples averages away')
+    match_floor_pairs: float = parameter(
+        1.0, 0.0, 1e6, 'pairs', 'observations that the error above is worth, beside those of the '
+        'pass that show a greater scatter')
+    scatter_levels: int = parameter(
+        5, 1, 10, '', 'scatters of disparities that are weighed against each other in each pass, '
+        'each twice the one before; 1 for the error above alone')
     texture_floor_px: float = parameter(
         0.025, 0.0, 1.0, 'px', 'systematic error of one observation against the texture of the '
         'front, by relief and light')
@@ -99,6 +105,11 @@ class NoiseConfig(CheckedRecord):
     gauge_std_m: float = parameter(
         0.005, 0.0001, 0.5, 'm', '1-sigma of the place of the front across and above the path in '
         'its first observation, which defines its centre')
+    sharpness_sigmas: float = parameter(
+        3.0, 0.0, 1000.0, '', 'where one view is blurrier than the other by so many sigmas, the '
+        'front is blurred in the other as well; 1000 for never')
+    most_blur_px: float = parameter(
+        2.5, 0.5, 10.0, 'px', 'greatest 1-sigma of a blur that one view has more than the other')
     start_std_px: float = parameter(
         0.15, 0.01, 5.0, 'px', '1-sigma of the first particles in depth, as disparity')
 
@@ -235,6 +246,98 @@ class AssociationConfig(CheckedRecord):
 
 
 @dataclass(frozen=True)
+class SecondConfig(CheckedRecord):
+    """A second, independent estimate of each pass, which the first has to agree with."""
+
+    enabled: bool = parameter(
+        True, doc='estimate each pass a second time, by corners triangulated in its pairs, and '
+        'reject it as second_estimate where the two disagree')
+    most_sigmas: float = parameter(
+        4.0, 0.0, 100.0, '', 'the estimates disagree when they differ by more of their combined '
+        '1-sigmas')
+    most_difference_mps: float = parameter(
+        0.5555555555555556, 0.0, 100.0, 'm/s', 'or by more than this, which is 2 km/h')
+    most_std_share: float = parameter(
+        0.009, 0.0, 1.0, '', 'a second estimate whose 1-sigma is a greater share of its speed is '
+        'none')
+    least_pairs: int = parameter(
+        4, 3, 1000, '', 'pairs that it rests on, at least')
+    most_pairs: int = parameter(
+        40, 4, 1000, '', 'and at most, evenly spaced; at least least_pairs')
+    least_points: int = parameter(
+        5, 3, 1000, '', 'corners of a pair that are seen in other pairs too, at least')
+    most_points: int = parameter(
+        40, 3, 1000, '', 'corners of a pair, at most; at least least_points')
+    least_quality: float = parameter(
+        0.001, 0.0001, 1.0, '', 'strength of a corner, as a share of that of the strongest, '
+        'which may be a lamp')
+    most_round_trip_px: float = parameter(
+        0.5, 0.01, 10.0, 'px', 'a corner that is found elsewhere, and from there not back to '
+        'where it was by more, is not matched')
+    match_std_px: float = parameter(
+        0.1, 0.001, 5.0, 'px', 'least 1-sigma of the place of one corner in one view')
+    match_floor_px: float = parameter(
+        0.04, 0.0, 5.0, 'px', '1-sigma of the disparity that all corners of a pair share: '
+        'interpolation errs alike for all of them')
+    tail_dof: float = parameter(
+        3.0, 1.0, 1e6, '', 'degrees of freedom of the t distribution of the residuals: the '
+        'fewer, the less count corners that do not move along')
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.most_pairs < self.least_pairs:
+            raise InputError('configuration', 'most_pairs', self.most_pairs,
+                             f'at least least_pairs, {self.least_pairs}')
+        if self.most_points < self.least_points:
+            raise InputError('configuration', 'most_points', self.most_points,
+                             f'at least least_points, {self.least_points}')
+
+
+@dataclass(frozen=True)
+class ClassConfig(CheckedRecord):
+    """The sizes of the classes of vehicles, and when a vehicle is of one."""
+
+    least_probability: float = parameter(
+        0.9, 0.5, 1.0, '', 'a vehicle whose most probable class is less probable is unknown')
+    width_std_m: float = parameter(
+        0.08, 0.001, 1.0, 'm', '1-sigma of the width of a front that was detected')
+    height_std_m: float = parameter(
+        0.12, 0.001, 1.0, 'm', '1-sigma of the height that is seen to move along')
+    odd_width_share: float = parameter(
+        0.02, 0.0, 0.5, '', 'share of vehicles whose measured width tells nothing')
+    odd_width_m: float = parameter(
+        3.0, 0.5, 10.0, 'm', 'such a width is anything up to this')
+    hidden_top_share: float = parameter(
+        0.1, 0.0, 0.9, '', 'share of vehicles whose top is not seen, as in the dark: the height '
+        'that is measured is anything below their own')
+    least_ncc: float = parameter(
+        0.6, 0.0, 1.0, '', 'what moves along correlates at least so well between the views and '
+        'between the pairs')
+    still_margin: float = parameter(
+        0.15, 0.0, 1.0, '', 'and by so much better than if it stood still')
+    motorcycle_width_m: float = parameter(
+        0.65, 0.1, 4.0, 'm', 'mean width of the fronts of motorcycles')
+    motorcycle_width_std_m: float = parameter(0.2, 0.01, 1.0, 'm', 'its 1-sigma among them')
+    motorcycle_height_m: float = parameter(
+        1.45, 0.1, 5.0, 'm', 'mean height of motorcycles with their riders')
+    motorcycle_height_std_m: float = parameter(0.2, 0.01, 1.0, 'm', 'its 1-sigma among them')
+    car_width_m: float = parameter(1.82, 0.1, 4.0, 'm', 'mean width of cars, without mirrors')
+    car_width_std_m: float = parameter(0.1, 0.01, 1.0, 'm', 'its 1-sigma among them')
+    car_height_m: float = parameter(1.57, 0.1, 5.0, 'm', 'mean height of cars')
+    car_height_std_m: float = parameter(0.15, 0.01, 1.0, 'm', 'its 1-sigma among them')
+    van_width_m: float = parameter(2.0, 0.1, 4.0, 'm', 'mean width of vans')
+    van_width_std_m: float = parameter(0.07, 0.01, 1.0, 'm', 'its 1-sigma among them')
+    van_height_m: float = parameter(2.35, 0.1, 5.0, 'm', 'mean height of vans')
+    van_height_std_m: float = parameter(0.25, 0.01, 1.0, 'm', 'its 1-sigma among them')
+    heavy_width_m: float = parameter(
+        2.5, 0.1, 4.0, 'm', 'mean width of lorries and buses; in Europe 2.55 m are allowed')
+    heavy_width_std_m: float = parameter(0.06, 0.01, 1.0, 'm', 'its 1-sigma among them')
+    heavy_height_m: float = parameter(
+        3.2, 0.1, 5.0, 'm', 'mean height of their fronts: the load may be higher')
+    heavy_height_std_m: float = parameter(0.35, 0.01, 1.0, 'm', 'its 1-sigma among them')
+
+
+@dataclass(frozen=True)
 class TrackerConfig(CheckedRecord):
     """
     Parameters of all trackers; the paper's values (2012, Section V) by default.
@@ -256,6 +359,11 @@ class TrackerConfig(CheckedRecord):
         'its speed')
     jerk_rate_std: float = parameter(
         3.0, 0.0, 50.0, 'm/s^2/sqrt(s)', 'random walk of the acceleration of such a vehicle')
+    onset_per_s: float = parameter(
+        0.3, 0.0, 10.0, '1/s', 'how often a vehicle that keeps its speed begins to brake or to '
+        'accelerate; 0 leaves this out')
+    onset_std_mps2: float = parameter(
+        4.0, 0.0, 20.0, 'm/s^2', '1-sigma of its acceleration from then on')
     manoeuvre_across_std_m: float = parameter(
         1.0, 0.0, 5.0, 'm/sqrt(s)', 'drift across the path, over long times, of a vehicle that '
         'changes lanes')
@@ -270,6 +378,9 @@ class TrackerConfig(CheckedRecord):
     drift_up_std_m: float = parameter(
         0.0671, 0.0, 2.0, 'm/sqrt(s)',
         'drift above the path, sigma_B of eq. 27; 0.03 m a frame at 5 frames/s')
+    crossfall_std: float = parameter(
+        0.02, 0.0, 0.2, 'm/m', '1-sigma of the crossfall beside the path, which carries a '
+        'vehicle up or down as it changes lanes')
     smooth_ride_std_m: float = parameter(
         0.003, 0.0005, 0.5, 'm', 'bouncing of the front on a smooth ride, and its climbing above '
         'the path in a second')
@@ -309,7 +420,7 @@ class TrackerConfig(CheckedRecord):
         0.0025, 0.0, 1.0, '', 'a pass is rejected when focal length, baseline, path and '
         'extrinsic drift leave its scale uncertain by a greater share')
     particle_budget: int = parameter(
-        2000, 100, 100000, '', 'particles of all tracks together; while there are several, they '
+        800, 100, 100000, '', 'particles of all tracks together; while there are several, they '
         'share them')
 
     noise: NoiseConfig = section(NoiseConfig, 'precision of the images')
@@ -318,6 +429,8 @@ class TrackerConfig(CheckedRecord):
     verdict: VerdictConfig = section(VerdictConfig, 'passes that are rejected')
     effort: EffortConfig = section(EffortConfig, 'work spent on a pass')
     association: AssociationConfig = section(AssociationConfig, 'from detections to tracks')
+    second: SecondConfig = section(SecondConfig, 'second, independent estimate of each pass')
+    classes: ClassConfig = section(ClassConfig, 'classes of vehicles, by their sizes')
 
 
 def check_bounds(config: ConfigRecord) -> None:
@@ -349,13 +462,14 @@ def _is_legal(field: dataclasses.Field[Any], value: object) -> bool:
     """Return whether a value is of the type of a parameter, and within its bounds."""
     meta, kind = field.metadata, type(field.default)
     if kind is float and isinstance(value, int) and not isinstance(value, bool):
-        value = float(value)
+        # A whole number may be too large to be a float, and is out of any bounds then.
+        value = float(value) if is_finite(value) else math.inf
     if type(value) is not kind:
         return False
     if meta['choices']:
         return value in meta['choices']
     if isinstance(value, (int, float)) and not isinstance(value, bool):
-        return math.isfinite(value) and bool(meta['low'] <= value <= meta['high'])
+        return is_finite(value) and bool(meta['low'] <= value <= meta['high'])
     return True
 
 
@@ -380,10 +494,7 @@ def read_yaml_mapping(path: Union[str, Path]) -> Mapping[str, object]:
 
     :raises InputError: an unreadable file, or one without a mapping at its top.
     """
-    try:
-        data = yaml.safe_load(Path(path).read_text(encoding='utf-8'))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise InputError(path, 'file', ' '.join(str(error).split()), 'readable YAML') from None
+    data = read_yaml(path, InputError)
     if not isinstance(data, Mapping):
         raise InputError(path, 'top level', type(data).__name__, 'a mapping of parameters')
     return data

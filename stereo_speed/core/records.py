@@ -33,40 +33,6 @@ class TrackState(Word):
     COASTING = 'coasting'
 
 
-class Verdict(Word):
-    """Outcome of a pass; the values are those of ``passes.csv``."""
-
-    MEASURED = 'measured'
-    REJECTED = 'rejected'
-
-
-class TrackEnd(Word):
-    """How a track ended; the values are those of ``passes.csv``."""
-
-    LEFT_VIEW = 'left_view'
-    LOST = 'lost'
-    STREAM_ENDED = 'stream_ended'
-
-
-class Reason(Word):
-    """
-    Why a pass is rejected; the values are those of ``passes.csv``.
-
-    ``docs/method.md`` says what each means.
-    """
-
-    NEVER_SEEN = 'never_seen'
-    TOO_FEW_PAIRS = 'too_few_pairs'
-    TOO_FEW_FEATURES = 'too_few_features'
-    TOO_FAR = 'too_far'
-    VIEWS_DISAGREE = 'views_disagree'
-    OFF_PATH = 'off_path'
-    IMPLAUSIBLE = 'implausible'
-    RIG_UNCERTAIN = 'rig_uncertain'
-    UNCERTAIN = 'uncertain'
-    DUPLICATE = 'duplicate'
-
-
 @dataclass(frozen=True, eq=False)
 class InitialFront:
     """
@@ -112,6 +78,8 @@ class StereoPair:
     :param right: (H, W), same type.
     :param stamp_error_s: difference of the stamps, s, that was found to be an error.
     :param motion: how the rig stood; None where it stood as when the site was learnt.
+    :param right_came_ns: header stamp of the right image as it came, where ``right_stamp_ns`` is
+        another one that the images speak for; None where it is none.
     """
 
     index: int
@@ -121,6 +89,7 @@ class StereoPair:
     right: NDArray[Any]
     stamp_error_s: float = 0.0
     motion: Optional[RigMotion] = None
+    right_came_ns: Optional[int] = None
 
     @property
     def right_lag_s(self) -> float:
@@ -173,81 +142,11 @@ class TrackUpdate:
     quad_left_px: Array
     quad_right_px: Array
 
+    def unconfirmed(self) -> TrackUpdate:
+        """Return it as one that is no reading; one that was none stays what it is."""
+        return replace(self, state=TrackState.TENTATIVE) \
+            if self.state is TrackState.CONFIRMED else self
 
-@dataclass(frozen=True)
-class SpeedBudget:
-    """
-    What the 1-sigma of a pass's speed is made of, each part in m/s.
-
-    :param matching_mps: the images and how the vehicle may have moved between them.
-    :param path_mps: the direction of the lane's path.
-    :param stamps_mps: the header stamps against the true exposures.
-    :param calibration_mps: focal length, baseline and the length of the path.
-    """
-
-    matching_mps: float
-    path_mps: float
-    stamps_mps: float
-    calibration_mps: float
-
-    @property
-    def total_mps(self) -> float:
-        """Root of the sum of squares: the parts are independent."""
-        return math.hypot(self.matching_mps, self.path_mps, self.stamps_mps,
-                          self.calibration_mps)
-
-
-@dataclass(frozen=True, eq=False)
-class PassResult:
-    """
-    One vehicle's whole pass: the final speed and the smoothed profile.
-
-    :param track: track number.
-    :param lane: name of the lane.
-    :param first_ns: stamp of its first pair, ns.
-    :param last_ns: stamp of its last pair, ns.
-    :param pairs: number of pairs it was measured in.
-    :param speed_mps: final ground speed, mean over the pass, m/s; None when rejected for want
-        of a measurement.
-    :param speed_std_mps: its 1-sigma, m/s.
-    :param verdict: see :class:`Verdict`.
-    :param reason: why it was rejected, a :class:`Reason` or, from trackers of other packages,
-        another word in snake_case; empty when measured.
-    :param smoothed: stamp in ns to the smoothed speed in m/s, from all pairs of the pass.
-    :param smoothed_std: stamp in ns to the 1-sigma of the smoothed speed, m/s.
-    :param budget: what the 1-sigma is made of; None where the tracker does not tell.
-    :param end: how the track ended.
-    :param lane_to: name of the lane it ended in; that of ``lane`` unless it changed lanes.
-    """
-
-    track: int
-    lane: str
-    first_ns: int
-    last_ns: int
-    pairs: int
-    speed_mps: Optional[float]
-    speed_std_mps: Optional[float]
-    verdict: Verdict
-    reason: str
-    smoothed: dict[int, float]
-    smoothed_std: dict[int, float]
-    budget: Optional[SpeedBudget] = None
-    end: TrackEnd = TrackEnd.STREAM_ENDED
-    lane_to: str = ''
-
-    def __post_init__(self) -> None:
-        if not self.lane_to:
-            object.__setattr__(self, 'lane_to', self.lane)
-
-    def rejected(self, reason: str) -> PassResult:
-        """Return the same pass without any speed: what is rejected is never guessed."""
-        return replace(self, speed_mps=None, speed_std_mps=None, verdict=Verdict.REJECTED,
-                       reason=reason, smoothed={}, smoothed_std={}, budget=None)
-
-    @property
-    def profile_mps(self) -> tuple[Optional[float], Optional[float], Optional[float]]:
-        """Smoothed speed in the first pair, in the last, and the greatest, m/s."""
-        if not self.smoothed:
-            return None, None, None
-        speeds = [self.smoothed[ns] for ns in sorted(self.smoothed)]
-        return speeds[0], speeds[-1], max(speeds)
+    def doubted(self, share: float) -> TrackUpdate:
+        """Return it with another independent doubt of the speed, a 1-sigma as a share of it."""
+        return replace(self, speed_std_mps=math.hypot(self.speed_std_mps, share * self.speed_mps))

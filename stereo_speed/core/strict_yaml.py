@@ -3,22 +3,30 @@
 """Strict reading of small YAML files: every key known, every number finite, every fault named."""
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Any, Collection, Mapping, Optional, Sequence, Union
 
 import numpy as np
 import yaml
 
-from .errors import SiteError
+from .errors import InputError, SiteError
 from .records import Array
+from .units import is_finite
 
 
 LARGEST = 1e9  # no pixel and no metre of a site is as large; beyond it a number is a slip
 
 
 class _StrictLoader(yaml.SafeLoader):
-    """YAML that refuses a key given twice."""
+    """YAML that refuses a key given twice, and numbers that nothing can hold or print."""
+
+    def construct_yaml_int(self, node: Any) -> int:
+        """Build a whole number."""
+        value: int = super().construct_yaml_int(node)
+        if not is_finite(value):
+            raise yaml.constructor.ConstructorError(
+                None, None, f'whole number of {value.bit_length()} bits', node.start_mark)
+        return value
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
         """Build a mapping; the plain loader would keep the last of two equal keys."""
@@ -34,16 +42,30 @@ class _StrictLoader(yaml.SafeLoader):
         return super().construct_mapping(node, deep)
 
 
+_StrictLoader.add_constructor('tag:yaml.org,2002:int', _StrictLoader.construct_yaml_int)
+
+
+def read_yaml(path: Union[str, Path], kind_of_error: type[InputError] = SiteError) -> Any:
+    """
+    Read a YAML file, whatever is in it.
+
+    :param path: the file.
+    :param kind_of_error: raised when it cannot be read.
+    """
+    try:
+        text = Path(path).read_text(encoding='utf-8')
+        return yaml.load(text, _StrictLoader)  # noqa: S506 (a safe loader, made stricter)
+    except (OSError, UnicodeDecodeError, yaml.YAMLError, ValueError, RecursionError) as error:
+        raise kind_of_error(path, 'file', ' '.join(str(error).split()), 'readable YAML') from None
+
+
 def load_yaml(path: Union[str, Path], version_key: str) -> Mapping[str, Any]:
     """
     Read a YAML mapping that says its kind and version, as ``version_key: 1``.
 
     :raises SiteError: unreadable, no mapping, or another kind or version.
     """
-    try:
-        data = yaml.load(Path(path).read_text(encoding='utf-8'), _StrictLoader)
-    except (OSError, UnicodeDecodeError, yaml.YAMLError, ValueError, RecursionError) as error:
-        raise SiteError(path, 'file', ' '.join(str(error).split()), 'readable YAML') from None
+    data = read_yaml(path)
     if not isinstance(data, Mapping):
         raise SiteError(path, 'top level', kind(data), f'a mapping with {version_key}: 1')
     version = data.get(version_key)
@@ -62,7 +84,7 @@ def kind(value: Any) -> str:
 def _within(value: Any, low: float, high: float) -> bool:
     """Return whether a YAML value is a number, finite and within bounds."""
     return not isinstance(value, bool) and isinstance(value, (int, float)) \
-        and math.isfinite(value) and low <= value <= high
+        and is_finite(value) and low <= value <= high
 
 
 class StrictMapping:

@@ -11,7 +11,8 @@ be learned first.
 from __future__ import annotations
 
 from collections import deque
-from typing import Mapping, Sequence
+import math
+from typing import Mapping, Optional, Sequence
 
 from .config import DetectorConfig
 from .front_search import FoundFront, FrontSearch, Moment, NoiseEstimate
@@ -21,6 +22,8 @@ from .pyramid import PairPyramids, PairRegions, region_of
 from ..core.records import StereoPair
 from ..geometry.rig import StereoRig
 from ..road.lanes import LanePath
+
+_SAME_RATE = 0.01  # of a pair, by which stamps may scatter
 
 
 class PlaneSweepDetector:
@@ -40,45 +43,84 @@ class PlaneSweepDetector:
         self._search = FrontSearch(rig, lanes, config, config.least_symmetry)
         self._sweeps = {name: PlaneSweep(geometry, config)
                         for name, geometry in self._search.geometry.items()}
-        pixels = [sweep.pixels for sweep in self._sweeps.values()]
-        self._regions = PairRegions(*(
+        self._regions = self._looked_at(list(self._sweeps))
+        self._regions_of = {lane: self._looked_at([lane]) for lane in self._sweeps}
+        self._past: deque[PairPyramids] = deque()
+        self._due: deque[str] = deque()  # lanes that are still to be searched in this round
+        self._last_ns: Optional[int] = None
+        self._noise, self._searched = NoiseEstimate(), 0
+
+    def _looked_at(self, lanes: Sequence[str]) -> PairRegions:
+        """Return what of the images the sweeps of lanes look at."""
+        rig, pixels = self._search.rig, [self._sweeps[lane].pixels for lane in lanes]
+        return PairRegions(*(
             region_of([p[k] for p in pixels], (camera.width_px, camera.height_px))
             for k, camera in enumerate((rig.left, rig.right))))
-        self._past: deque[PairPyramids] = deque()
-        self._noise, self._searched = NoiseEstimate(), 0
 
     def reset(self) -> None:
         """Forget the earlier pairs, as after a jump back of time."""
         self._past.clear()
+        self._due.clear()
+        self._last_ns = None
 
     def update(self, pair: StereoPair, tracked: Sequence[TrackedRegion] = ()) -> list[Detection]:
         """
         Take in a pair and return the vehicles that no track holds.
+
+        Each lane is searched once in ``interval_s``.  At high rates the lanes take turns, so that
+        no pair takes much longer than the others.
 
         :param pair: in order of stamps.
         :param tracked: what the tracks hold, predicted for this pair.
         """
         if self._past and self._past[-1].age_s(pair.stamp_ns) > self.config.forget_after_s:
             self.reset()
-        if self._past and self._past[-1].age_s(pair.stamp_ns) < self.config.interval_s:
+        passed_s = math.inf if self._last_ns is None else (pair.stamp_ns - self._last_ns) * 1e-9
+        self._last_ns = pair.stamp_ns
+        begins = not (self._past
+                      and self._past[-1].age_s(pair.stamp_ns) < self.config.interval_s)
+        lanes = self._turn(begins, passed_s)
+        if not (begins or lanes):
             return []
-        now = PairPyramids.of(pair, self._regions, self._search.rig)
-        if self._past:
-            self._noise.learn(now, self._past[-1])
-        self._searched += 1
-        past = self._references(pair.stamp_ns)
+        regions = self._regions if begins or len(lanes) > 1 else self._regions_of[lanes[0]]
+        now = PairPyramids.of(pair, regions, self._search.rig)
+        if begins:
+            if self._past:
+                self._noise.learn(now, self._past[-1])
+            self._searched += 1
+        found = self._found(now, lanes, tracked)
+        detections = [self._search.detection(f, pair, self._since(f.before))
+                      for f in self._search.distinct(found)]
+        if begins:
+            self._remember(now)
+        return [d for d in detections if d is not None]
+
+    def _turn(self, begins: bool, passed_s: float) -> list[str]:
+        """
+        Return the lanes whose turn it is.
+
+        :param begins: whether a round does, in which each lane is searched.
+        :param passed_s: since the last pair; it tells how many pairs share a round.
+        """
+        if begins:  # what a slower stream than expected has left over comes first
+            self._due.extend(lane for lane in self._sweeps if lane not in self._due)
+        pairs = max(math.ceil(self.config.interval_s / passed_s - _SAME_RATE), 1)
+        count = math.ceil(len(self._sweeps) / pairs)
+        return [self._due.popleft() for _ in range(min(count, len(self._due)))]
+
+    def _found(self, now: PairPyramids, lanes: Sequence[str], tracked: Sequence[TrackedRegion]
+               ) -> list[FoundFront]:
+        """Return the fronts on some lanes, on no vehicle that is tracked."""
+        past = self._references(now.pair.stamp_ns)
         found: list[FoundFront] = []
         if past:
             moment = Moment(now, past, self._noise.std)
             taken = self._search.spacing.tracked(tracked)
-            for lane, sweep in self._sweeps.items():
-                proposals = sweep.proposals(now, past[-1], self._noise.std)
+            for lane in lanes:
+                proposals = self._sweeps[lane].proposals(now, past[-1], self._noise.std)
                 found += self._search.search(lane, proposals, moment, taken,
                                              self.config.sweep.most_refined)
-        detections = [self._search.detection(f, pair, self._since(f.before))
-                      for f in self._search.distinct(found)]
-        self._remember(now)
-        return [d for d in detections if d is not None]
+        return found
 
     def _references(self, stamp_ns: int) -> list[PairPyramids]:
         """Return the youngest pair that is old enough; at times, for the slow, an older too."""

@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 from .config import FrontConfig, MotionConfig
 from .front_sampler import FrontHypothesis, FrontSampler, GRID_M, ROWS
 from .lane_geometry import LaneGeometry
-from .patches import correlate, cut, Floats, level_rows, mirrored
+from .patch_kernels import BAND, cut, edges, Floats, mirrored, plain_correlate, shifted, symmetry
+from .patches import level_rows
 from .plane_sweep import Proposal
 from .pyramid import PairPyramids, Patches
 from .temporal_match import find_travel, Interval
@@ -41,8 +42,6 @@ _MOST_M = 8.0  # a step of depth is no longer
 _SAME_S_M = 1.5  # fronts nearer to each other along the lane,
 _SAME_X_M = 0.3  # and nearer across it, are one
 _ALIKE = 0.5  # edges of a front are alike by more than this, mirrored and in the other view
-_OFF_AXIS = 2  # samples by which an edge may be nearer to the axis than its mirror image
-_BAND = 3  # columns an edge takes
 _WEAK_SHARE = 0.5  # weaker edges, as a share of the strongest, do not count
 _LEAST_HALF_M = 0.45  # edges nearer to the axis are not those of a front
 FLANK_HALF_M = 0.3  # half of what must be no part of a vehicle on either side of a narrow front
@@ -206,7 +205,7 @@ class FrontRefiner:
         left = level_rows(self.sampler.left(s, x, half, now))
         right = self.sampler.right(s, x, half + _OFF_SHIFTS, now, ahead, lying=lying)
         width = left.shape[2]
-        return max(float(correlate(left, level_rows(right[:, :, k:k + width]))[0])
+        return max(float(plain_correlate(left, level_rows(right[:, :, k:k + width]))[0])
                    for k in range(2 * _OFF_SHIFTS + 1))
 
     def _ahead(self, batch: FrontBatch, interval: Interval, first: bool) -> Floats:
@@ -259,27 +258,24 @@ class FrontRefiner:
             beside = HALF + _SHIFTS - self.kind.middle
             moved = _middle_axis(both[:, :, beside:-beside], self.kind.middle)
         width, start = 2 * HALF + 1, moved + _SHIFTS
-        left, right = cut(both[:, :ROWS], start, width), both[:, ROWS:]
+        wide, right = (np.ascontiguousarray(view) for view in (both[:, :ROWS], both[:, ROWS:]))
+        left = cut(wide, start, width)
         mask = _mask(batch.half_m)
-        mine = level_rows(left, mask)
-        scores = np.stack([correlate(mine, level_rows(cut(right, start + k, width), mask))
-                           for k in range(-_SHIFTS, _SHIFTS + 1)])
-        place, ncc = parabola_peak(scores)
+        place, ncc = parabola_peak(shifted(wide, right, start, mask, _SHIFTS))
         matched = cut(right, start - _SHIFTS + np.round(place).astype(np.int64), width)
         half_m = batch.half_m
         if symmetric:
             half_m = np.minimum(_half_width(left, matched, noise, self.kind) + _BEYOND_M,
                                 self.kind.half * GRID_M)
         mask = _mask(half_m)
-        a, b = (level_rows(v, mask) for v in (left, matched))
         return replace(batch, x_m=batch.x_m + (moved - aside) * GRID_M, half_m=half_m,
                        shift_m=(place - _SHIFTS) * GRID_M, cross_ncc=ncc,
-                       symmetry=(correlate(a, a[:, :, ::-1]) + correlate(b, b[:, :, ::-1])) / 2)
+                       symmetry=(symmetry(left, mask) + symmetry(matched, mask)) / 2)
 
 
 def _middle_axis(both: Patches, middle: int) -> NDArray[np.int64]:
     """Return the windows (n,) in which the middle of a front is most symmetric."""
-    found, most = mirrored(both, 2 * middle + 1)
+    found, most = mirrored(np.ascontiguousarray(both), 2 * middle + 1)
     return np.asarray(np.argmax(found / most, axis=1))
 
 
@@ -299,33 +295,15 @@ def _half_width(left: Patches, right: Patches, noise: float, kind: FrontKind) ->
     :param kind: of the fronts.
     :return: (n,) m; 0 where there are none, or a narrow one is part of a wider.
     """
-    views = [np.gradient(v, axis=2) for v in (left, right)]
-    plus = [v[:, :, HALF:] for v in views]  # outwards from the axis
-    minus = [-v[:, :, HALF::-1] for v in views]
-    of_plus, of_minus = (_band(a, a) / 2 + _band(b, b) / 2 for a, b in (plus, minus))
-    same = (_band(*plus) + _band(*minus)) / (of_plus + of_minus + 1e-6)
-    alike = np.full(same.shape, -1.0)
-    for k in range(-_OFF_AXIS, _OFF_AXIS + 1):
-        mixed = np.mean([_band(a, np.roll(b, k, axis=2)) for a, b in zip(plus, minus)], axis=0)
-        alike = np.maximum(alike, mixed / np.sqrt(of_plus * np.roll(of_minus, k, axis=1) + 1e-6))
-    weaker = np.sqrt(np.minimum(of_plus, of_minus) / (ROWS * _BAND))
+    alike, same, weaker = edges(left, right)
     weaker[:, :kind.least_half] = 0  # there is more on a front than its edges
     weaker[:, kind.half - 1:] = 0
     alike = np.where((alike > _ALIKE) & (same > _ALIKE) & (weaker > noise), weaker, 0.0)
     good = alike > _WEAK_SHARE * alike.max(axis=1, keepdims=True)
     last = HALF - np.argmax(good[:, ::-1], axis=1)
-    near = last[:, None] - np.arange(_BAND + 1)  # the band begins to see an edge before it
+    near = last[:, None] - np.arange(BAND + 1)  # the band begins to see an edge before it
     edge = last - np.argmax(np.take_along_axis(weaker, np.maximum(near, 0), axis=1), axis=1)
     return np.asarray(np.where(good.any(axis=1), edge, 0) * GRID_M)
-
-
-def _band(a: Patches, b: Patches) -> Floats:
-    """Return sums of products over the rows and a few columns: (n, rows, k) to (n, k)."""
-    products = np.einsum('nrk,nrk->nk', a, b).astype(np.float64)
-    out = products.copy()
-    out[:, 1:] += products[:, :-1]
-    out[:, :-1] += products[:, 1:]
-    return np.asarray(out)
 
 
 def _distinct(batch: FrontBatch, symmetric: bool) -> list[int]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .lane_geometry import LaneGeometry
-from .patches import Floats
+from .patch_kernels import Floats
 from .pyramid import level_of, PairPyramids, Patches, Pyramid
 from ..core.records import Array
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from .config import DetectorConfig
 from .lane_geometry import LaneGeometry
-from .patches import Floats
+from .patch_kernels import Floats
 from .pyramid import level_of, PairPyramids, Patches, Pyramid
 from ..vision.box_sums import window_sums
 from ..vision.subpixel import parabola_peak

@@ -11,7 +11,8 @@ import numpy as np
 
 from .config import MotionConfig
 from .front_sampler import FrontHypothesis, FrontSampler, GRID_M
-from .patches import correlate, slide
+from .patch_kernels import plain_correlate as correlate
+from .patches import slide
 from .pyramid import PairPyramids
 from ..core.records import Array
 

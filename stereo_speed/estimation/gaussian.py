@@ -14,16 +14,31 @@ from ..core.records import Array
 
 
 class NormalEquations:
-    """Normal equations of a least-squares problem, filled row by row."""
+    """
+    Normal equations of a least-squares problem, filled row by row.
+
+    ``log_rows`` is the logarithm of the determinant of the information of all rows.  It is that of
+    ``H`` where the rows are a chain: as many as there are unknowns, and in some order each row
+    adds one unknown to those before, with the factor 1.
+    """
 
     def __init__(self, size: int) -> None:
         self.H, self.g = np.zeros((size, size)), np.zeros(size)
+        self.log_rows = 0.0
 
     def __add__(self, other: NormalEquations) -> NormalEquations:
         """Return what both say together."""
         both = NormalEquations(len(self.g))
         both.H, both.g = self.H + other.H, self.g + other.g
+        both.log_rows = self.log_rows + other.log_rows
         return both
+
+    def leading(self, count: int) -> NormalEquations:
+        """Return what is known of the first unknowns alone, where it does not need the others."""
+        first = NormalEquations(0)
+        first.H, first.g = self.H[:count, :count], self.g[:count]
+        first.log_rows = self.log_rows
+        return first
 
     def row(self, columns: list[int], values: list[float], rest: float, std: float) -> None:
         """Add ``values . x[columns] = rest`` with a 1-sigma."""
@@ -39,12 +54,13 @@ class NormalEquations:
         """
         at = np.asarray(columns)
         scaled = np.broadcast_to(np.asarray(values, float), at.shape) / std[:, None]
+        self.log_rows -= 2 * float(np.log(np.broadcast_to(std, len(at))).sum())
         np.add.at(self.H, (at[:, :, None], at[:, None, :]),
                   scaled[:, :, None] * scaled[:, None, :])
         if rest:
             np.add.at(self.g, at, scaled * (rest / std)[:, None])
 
-    def correlated(self, columns: ArrayLike, values: ArrayLike, covariance: Array) -> None:
+    def correlated(self, columns: ArrayLike, values: Array, covariance: Array) -> None:
         """
         Add several rows whose errors belong together; they rest at 0.
 
@@ -52,10 +68,13 @@ class NormalEquations:
         :param values: (r, c) their factors.
         :param covariance: (r, r) of the rows.
         """
-        at = np.asarray(columns)
-        j = np.zeros((len(at), len(self.g)))
-        np.put_along_axis(j, at, np.asarray(values, float), axis=1)
-        self.H += j.T @ np.linalg.solve(covariance, j)
+        of, at = np.unique(np.asarray(columns), return_inverse=True)
+        j = np.zeros((len(values), len(of)))
+        np.put_along_axis(j, at.reshape(values.shape), values, axis=1)
+        factor = _factor(covariance)
+        half = lapack.dtrtrs(factor, j, lower=1)[0]
+        self.log_rows -= 2 * float(np.log(np.diag(factor)).sum())
+        self.H[np.ix_(of, of)] += half.T @ half
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,28 +100,34 @@ class Conditioned:
         return np.asarray(whole)
 
 
-def condition(prior: NormalEquations, H: Array, g: Array) -> Conditioned:
+def condition(prior: NormalEquations, H: Array, g: Array, *, chain: bool = False) -> Conditioned:
     """
     Return a Gaussian conditioned on linear measurements of its first unknowns.
 
     :param prior: the Gaussian before them.
     :param H: (m, m) information of the measurements about the first m unknowns.
     :param g: (m,) information times measurement.
+    :param chain: whether the prior's rows are a chain, so that its determinant is known.
     """
     m = len(g)
     total, right = prior.H.copy(), prior.g.copy()
     total[:m, :m] += H
     right[:m] += g
-    before, failed = lapack.dpotrf(prior.H, lower=1)
     factor = _factor(total)
     mean = lapack.dpotrs(factor, right, lower=1)[0]
-    if failed:  # rounding hides what a chain almost without noise leaves open; images tell it
-        known = np.linalg.eigvalsh(prior.H)
-        known = np.maximum(known, np.finfo(float).eps * known[-1])
-        log_det = float(np.log(known).sum()) - 2 * float(np.log(np.diag(factor)).sum())
-    else:
-        log_det = 2 * float(np.log(np.diag(before) / np.diag(factor)).sum())
+    log_det = (prior.log_rows if chain else _log_det(prior.H)) - 2 * float(
+        np.log(np.diag(factor)).sum())
     return Conditioned(mean, 0.5 * (log_det + float(right @ mean)), factor)
+
+
+def _log_det(information: Array) -> float:
+    """Return the logarithm of the determinant of a symmetric positive definite matrix."""
+    factor, failed = lapack.dpotrf(information, lower=1)
+    if not failed:
+        return 2 * float(np.log(np.diag(factor)).sum())
+    # rounding hides what a chain almost without noise leaves open; measurements may tell it
+    known = np.linalg.eigvalsh(information)
+    return float(np.log(np.maximum(known, np.finfo(float).eps * known[-1])).sum())
 
 
 def _factor(information: Array) -> Array:

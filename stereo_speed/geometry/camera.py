@@ -12,10 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .distortion import Lens, LENSES
+from .projection import NEAREST_M, project, Projection
 from ..core.errors import CalibrationError
 from ..core.records import Array
 
-_NEAREST_M = 1e-6  # nearer than this to the camera's plane counts as behind it
+
+_LARGEST = 1e6  # no focal length in px and no coefficient of a lens is as large
+_LEAST_FOCAL_PX = 1.0  # a focal length of a pixel sees half a sphere in two of them
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,12 +65,14 @@ class Camera:
             raise CalibrationError(
                 self.name, 'D', f'{self.D.size} coefficients', f'{wanted} for {self.model}')
         for key in ('K', 'D'):
-            if not np.all(np.isfinite(getattr(self, key))):
+            if not np.all(np.abs(getattr(self, key)) <= _LARGEST):
                 raise CalibrationError(
-                    self.name, key, getattr(self, key).ravel().tolist(), 'finite numbers')
-        if not (self.K[0, 0] > 0 and self.K[1, 1] > 0 and self.K[2, 2] == 1):
+                    self.name, key, getattr(self, key).ravel().tolist(),
+                    f'finite numbers up to {_LARGEST:g}')
+        if not (min(self.K[0, 0], self.K[1, 1]) >= _LEAST_FOCAL_PX and self.K[2, 2] == 1):
             raise CalibrationError(
-                self.name, 'K', self.K.ravel().tolist(), 'focal lengths > 0 and K[8] = 1')
+                self.name, 'K', self.K.ravel().tolist(),
+                f'focal lengths > 0, {_LEAST_FOCAL_PX:g} px or more, and K[8] = 1')
         if not (self.width_px > 0 and self.height_px > 0):
             raise CalibrationError(
                 self.name, 'size', f'{self.width_px}x{self.height_px}', 'an image size > 0')
@@ -76,6 +81,10 @@ class Camera:
     def lens(self) -> Lens:
         """Return the distortion in normalised coordinates."""
         return LENSES[self.model](self.D)
+
+    @cached_property
+    def _projection(self) -> Projection:
+        return Projection.of(self.lens, self.K, (self.width_px, self.height_px), self.rotation)
 
     def distort(self, xy: Array) -> Array:
         """
@@ -121,9 +130,13 @@ class Camera:
         :param points_m: (..., 3) in this camera's frame, or in that which ``rotation`` is from.
         """
         points_m = np.asarray(points_m, dtype=np.float64)
+        if self._projection.known:
+            flat = np.ascontiguousarray(points_m.reshape(-1, 3))
+            uv_px, valid = project(flat, *self._projection)
+            return uv_px.reshape(*points_m.shape[:-1], 2), valid.reshape(points_m.shape[:-1])
         if self.rotation is not None:
             points_m = points_m @ self.rotation.T
-        front = points_m[..., 2] > _NEAREST_M
+        front = points_m[..., 2] > NEAREST_M
         z = np.where(front, points_m[..., 2], np.nan)
         xy = points_m[..., :2] / z[..., None]
         uv_px = self.distort(xy)

@@ -8,13 +8,19 @@ and every fault of the recording told, before the first pair is given out. Image
 """
 from __future__ import annotations
 
+from array import array
+from dataclasses import replace
 import logging
 from pathlib import Path
-from typing import Any, Iterator, NamedTuple, Optional, Union
+from typing import Any, Callable, Iterable, Iterator, NamedTuple, Optional, Union
+
+import numpy as np
+from numpy.typing import NDArray
 
 from .camera_info import check_image_size, rig_from_info, same_calibration
 from .images import grey_from_message
 from .recording import hash_files, RawMessage, Recording, WHOLE
+from .source_image import SourceImage
 from .topics import choose_topics, SIDES, StereoTopics
 from ..core.errors import BagError
 from ..core.pair_matcher import choose_tolerance_ns, plan_pairs
@@ -64,12 +70,15 @@ class StereoBag:
     tolerance_ns: int  # decided or given, ns
     unpaired_left: int  # left images without a partner
     unpaired_right: int  # right images without a partner
+    # Told the images of each pair as they came, before the pair is given out.
+    watcher: Optional[Callable[[StereoPair, SourceImage, SourceImage], None]] = None
 
     def __init__(self, path: Union[str, Path], left: Optional[str] = None,
                  right: Optional[str] = None, tolerance_ns: Optional[int] = None) -> None:
         self.path = Path(path)
         self._given = (left, right)
         self._wanted_tolerance_ns = tolerance_ns
+        self._hash: Optional[str] = None
 
     def __enter__(self) -> StereoBag:
         self._recording = Recording(self.path)
@@ -94,6 +103,17 @@ class StereoBag:
         return len(self._plan)
 
     @property
+    def rate_hz(self) -> float:
+        """Return the mean rate of the left images, Hz; 10 for a single one."""
+        stamps = self._stamps[0]
+        return (len(stamps) - 1) * 1e9 / (stamps[-1] - stamps[0]) if len(stamps) > 1 else 10.0
+
+    @property
+    def stamps_ns(self) -> list[int]:
+        """Return the stamps of the pairs: those of their left images."""
+        return [int(self._stamps[0][left]) for left, _ in self._plan]
+
+    @property
     def unpaired(self) -> tuple[int, int]:
         """Left and right images without a partner."""
         return self.unpaired_left, self.unpaired_right
@@ -116,13 +136,26 @@ class StereoBag:
         if tolerance_ns is not None:
             self._wanted_tolerance_ns = tolerance_ns
             self._make_plan()
-        if not self._plan:
+        if not len(self._plan):
             left, right = self._stamps
             raise BagError(self.path, 'pairs',
                            f'none among {len(left)} left and {len(right)} right images',
                            f'header stamps that agree within {self.tolerance_ns} ns')
         self._log_plan()
-        return self._stream(list(self._plan))
+        return self._stream(self._plan)
+
+    def pairs_at(self, indices: Iterable[int]) -> Iterator[StereoPair]:
+        """
+        Stream some of the pairs; images of the others are not decoded.
+
+        :param indices: which, rising, below :attr:`pair_count`.
+        :raises BagError: an image that cannot be decoded.
+        :raises CalibrationError: an image that has not the calibration's size.
+        """
+        wanted = list(indices)
+        stream = self._stream(self._plan[wanted])
+        for index, pair in zip(wanted, stream):
+            yield replace(pair, index=index)
 
     def messages(self) -> Iterator[BagMessage]:
         """Stream the messages of the four topics in the order they were recorded."""
@@ -136,24 +169,26 @@ class StereoBag:
 
     def input_hash(self) -> str:
         """SHA-256, hex, of the bag's files; see :func:`.recording.hash_files`."""
-        return hash_files(self.path)
+        if self._hash is None:
+            self._hash = hash_files(self.path)
+        return self._hash
 
-    def _stream(self, plan: list[tuple[int, int]]) -> Iterator[StereoPair]:
-        paired = [{pair[side] for pair in plan} for side in (0, 1)]
+    def _stream(self, plan: NDArray[np.int64]) -> Iterator[StereoPair]:
         held: tuple[dict[int, RawMessage], ...] = ({}, {})
-        seen, index = [0, 0], 0
+        seen, wanted, index = [0, 0], [0, 0], 0  # wanted: the pair that a side serves next
         for raw in self._recording.messages(self.topics.images):
             side = self.topics.images.index(raw.topic)
             number, seen[side] = seen[side], seen[side] + 1
-            if number in paired[side]:
+            if wanted[side] < len(plan) and number == plan[wanted[side], side]:
                 held[side][number] = raw
-            while index < len(plan) and all(plan[index][s] in held[s] for s in (0, 1)):
-                yield self._pair(index, *(held[s].pop(plan[index][s]) for s in (0, 1)))
+                wanted[side] += 1
+            while index < min(wanted):
+                yield self._pair(index, *(held[s].pop(int(plan[index, s])) for s in (0, 1)))
                 index += 1
 
     def _scan(self) -> None:
         """Read all stamps and the calibrations; find every fault before the first pair."""
-        stamps: tuple[list[int], ...] = ([], [])
+        stamps = (array('q'), array('q'))  # 8 bytes each: there are millions in a day
         infos: dict[str, tuple[bytes, Any]] = {}
         topics = (*self.topics.images, *self.topics.infos)
         count = 0
@@ -171,7 +206,7 @@ class StereoBag:
         self._stamps = stamps
         self._make_plan()
 
-    def _check_rising(self, stamps: list[int], raw: RawMessage) -> None:
+    def _check_rising(self, stamps: array[int], raw: RawMessage) -> None:
         """Add an image's stamp to those of its topic."""
         if stamps and raw.stamp_ns < stamps[-1]:
             raise BagError(f'{self.path}: {raw.topic}', 'header stamps out of order',
@@ -198,8 +233,9 @@ class StereoBag:
                                'the time each image was taken')
         wanted = self._wanted_tolerance_ns
         self.tolerance_ns = choose_tolerance_ns(left, right) if wanted is None else int(wanted)
-        self._plan, self.unpaired_left, self.unpaired_right = plan_pairs(
+        plan, self.unpaired_left, self.unpaired_right = plan_pairs(
             left, right, self.tolerance_ns)
+        self._plan = np.array(plan, dtype=np.int64).reshape(-1, 2)
 
     def _log_plan(self) -> None:
         how = f'nearest within {self.tolerance_ns} ns' if self.tolerance_ns else 'exact'
@@ -211,14 +247,20 @@ class StereoBag:
             _log.info('%s', told)
 
     def _pair(self, index: int, left: RawMessage, right: RawMessage) -> StereoPair:
-        images = []
+        images, sources = [], []
         for raw, camera in ((left, self.rig.left), (right, self.rig.right)):
             where = f'{self.path}: {raw.topic} at {raw.stamp_ns} ns'
-            image = grey_from_message(self._recording.decode(raw), where)
+            message = self._recording.decode(raw)
+            image = grey_from_message(message, where)
             check_image_size(camera, image, where)
             images.append(image)
+            if self.watcher is not None:
+                sources.append(SourceImage.from_message(message))
         if images[0].dtype != images[1].dtype:
             raise BagError(self.path, 'bits per pixel', f'{images[0].dtype} left and '
                            f'{images[1].dtype} right', 'the same on both sides')
-        return StereoPair(index=index, stamp_ns=left.stamp_ns, right_stamp_ns=right.stamp_ns,
+        pair = StereoPair(index=index, stamp_ns=left.stamp_ns, right_stamp_ns=right.stamp_ns,
                           left=images[0], right=images[1])
+        if self.watcher is not None:
+            self.watcher(pair, *sources)
+        return pair

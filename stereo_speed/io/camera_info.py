@@ -17,6 +17,9 @@ from ..geometry.camera import Camera
 from ..geometry.rig import StereoRig
 
 
+_LARGEST = 1e9  # beyond it squares and products leave the range of numbers before long
+
+
 def _numbers(msg: Any, field: str, where: object) -> Array:
     """Read a matrix as a flat (n,) float array, whichever way its field is spelt."""
     values = getattr(msg, field.lower(), None)
@@ -26,8 +29,9 @@ def _numbers(msg: Any, field: str, where: object) -> Array:
         raise CalibrationError(where, f'CameraInfo {field}', 'no such field',
                                'a CameraInfo message')
     flat = np.asarray(values, dtype=float).reshape(-1)
-    if not np.isfinite(flat).all():
-        raise CalibrationError(where, f'CameraInfo {field}', flat.tolist(), 'finite numbers')
+    if not np.all(np.abs(flat) <= _LARGEST):
+        raise CalibrationError(where, f'CameraInfo {field}', flat.tolist(),
+                               f'finite numbers up to {_LARGEST:g}')
     return flat
 
 

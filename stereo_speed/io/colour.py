@@ -9,16 +9,17 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from .decoding import decode_image
 from .images import grey_from_message
 from ..core.errors import BagError
 
 Colour = NDArray[np.uint8]
-_CHANNELS = {'bgr8': 3, 'rgb8': 3, 'bgra8': 4, 'rgba8': 4}
+CHANNELS = {'bgr8': 3, 'rgb8': 3, 'bgra8': 4, 'rgba8': 4}
 # OpenCV names a mosaic by its second row, second column; ROS by its first row.
-_BAYER = {'bayer_rggb8': cv2.COLOR_BayerBG2BGR, 'bayer_bggr8': cv2.COLOR_BayerRG2BGR,
-          'bayer_gbrg8': cv2.COLOR_BayerGR2BGR, 'bayer_grbg8': cv2.COLOR_BayerGB2BGR}
+BAYER = {'bayer_rggb8': cv2.COLOR_BayerBG2BGR, 'bayer_bggr8': cv2.COLOR_BayerRG2BGR,
+         'bayer_gbrg8': cv2.COLOR_BayerGR2BGR, 'bayer_grbg8': cv2.COLOR_BayerGB2BGR}
 _TO_BGR = {'bgr8': None, 'rgb8': cv2.COLOR_RGB2BGR, 'bgra8': cv2.COLOR_BGRA2BGR,
-           'rgba8': cv2.COLOR_RGBA2BGR, **_BAYER}
+           'rgba8': cv2.COLOR_RGBA2BGR, **BAYER}
 
 
 def bgr_from_message(msg: Any, where: object) -> Colour:
@@ -37,14 +38,13 @@ def bgr_from_message(msg: Any, where: object) -> Colour:
             return _raw(msg, encoding)
     else:
         encoding = str(msg.format).partition(';')[0].strip().lower()
-        image = cv2.imdecode(np.frombuffer(msg.data, np.uint8),
-                             cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+        image, why = decode_image(np.frombuffer(msg.data, np.uint8),
+                                  cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
         if image is None:
-            raise BagError(where, 'compressed image', 'data that cannot be decoded in colour',
-                           'a whole JPEG or PNG image')
-        if encoding not in _BAYER:
+            raise BagError(where, 'compressed image', why, 'a whole JPEG or PNG image')
+        if encoding not in BAYER:
             return np.asarray(image, dtype=np.uint8)
-        return np.asarray(cv2.cvtColor(np.ascontiguousarray(image[..., 0]), _BAYER[encoding]),
+        return np.asarray(cv2.cvtColor(np.ascontiguousarray(image[..., 0]), BAYER[encoding]),
                           dtype=np.uint8)
     return bgr_of_grey(grey)
 
@@ -57,7 +57,7 @@ def bgr_of_grey(grey: NDArray[Any]) -> Colour:
 
 def _raw(msg: Any, encoding: str) -> Colour:
     """Take the pixels of a raw message whose size has been checked."""
-    channels, code = _CHANNELS.get(encoding, 1), _TO_BGR[encoding]
+    channels, code = CHANNELS.get(encoding, 1), _TO_BGR[encoding]
     width, height, step = int(msg.width), int(msg.height), int(msg.step)
     data = np.frombuffer(msg.data, dtype=np.uint8)
     rows = np.lib.stride_tricks.as_strided(

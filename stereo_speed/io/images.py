@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from .decoding import decode_image
 from ..core.errors import BagError
 
 # OpenCV names a mosaic by its second row, second column; ROS by its first row.
@@ -97,15 +98,11 @@ def _from_compressed(msg: Any, where: object) -> NDArray[Any]:
     bayer = _BAYER.get(str(msg.format).partition(';')[0].strip().lower())
     # A mosaic may be compressed as it is: then one channel holds three colours.
     flags = cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION if bayer is not None else _GREY
-    try:
-        image = cv2.imdecode(data, flags)
-    except cv2.error:
-        image = None
+    image, why = decode_image(data, flags)
     if image is None:
-        raise BagError(where, 'compressed image', f'{data.size} bytes that cannot be decoded',
-                       'a whole JPEG or PNG image')
+        raise BagError(where, 'compressed image', why, 'a whole JPEG or PNG image')
     if bayer is None:
-        return np.asarray(image)
+        return image
     if image.ndim == 2:
         return _converted(image, bayer, where)
     code = cv2.COLOR_BGR2GRAY if image.shape[2] == 3 else cv2.COLOR_BGRA2GRAY

@@ -69,6 +69,15 @@ def header_stamp_ns(data: Union[bytes, memoryview], big_endian: bool = False) ->
     return int(sec) * 1_000_000_000 + int(nanosec)
 
 
+def _checked(connection: Any) -> Any:
+    """Refuse a topic whose name, type or count is none: a bag's metadata may say anything."""
+    for value, kind in ((connection.topic, str), (connection.msgtype, str),
+                        (connection.msgcount, int)):
+        if not isinstance(value, kind):
+            raise TypeError(f'{value!r} where a topic has its name, type or count')
+    return connection
+
+
 class Recording:
     """
     An open bag of any kind.
@@ -86,13 +95,14 @@ class Recording:
             reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY))
             reader.open()
             self._reader = reader
-            self._connections = list(reader.connections)
+            self._connections = [_checked(connection) for connection in reader.connections]
 
     def close(self) -> None:
         """Close the files; closing twice does no harm."""
         reader, self._reader = self._reader, None
         if reader is not None:
-            reader.close()
+            with _reading(self.path):
+                reader.close()
 
     @property
     def types(self) -> dict[str, str]:

@@ -24,7 +24,9 @@ import numpy as np
 import scipy
 
 from .atomic import csv_text, PathLike, staged, write_whole
-from ..core.records import PassResult, TrackUpdate
+from ..core.compiled import kernels
+from ..core.passes import PassResult, SecondEstimate, VehicleKind
+from ..core.records import TrackUpdate
 from ..core.units import seconds
 
 TRACKS, PASSES, SUMMARY = 'tracks.csv', 'passes.csv', 'summary.json'
@@ -32,26 +34,38 @@ TRACK_COLUMNS = ('stamp_ns', 'track', 'lane', 'state', 'speed_mps', 'speed_std_m
                  'smoothed_mps', 's_m', 'lateral_m', 'x_m', 'y_m', 'z_m')
 PASS_COLUMNS = ('track', 'lane', 'first_ns', 'last_ns', 'pairs', 'speed_mps', 'speed_std_mps',
                 'verdict', 'reason', 'lane_to', 'end', 'first_mps', 'last_mps', 'max_mps',
-                'std_matching_mps', 'std_path_mps', 'std_stamps_mps', 'std_calibration_mps')
+                'std_matching_mps', 'std_path_mps', 'std_stamps_mps', 'std_calibration_mps',
+                'second_mps', 'second_std_mps', 'second_pairs', 'direction', 'class',
+                'class_probability', 'width_m', 'width_std_m', 'height_m', 'height_std_m')
 PLOTS = ('speed.png', 'road.png', 'strip.png')  # written beside them by report
-_OLDER = (SUMMARY, TRACKS, PASSES, *PLOTS)  # without its summary a run is not complete
+REPORTS = ('report.html', 'video.avi', 'run.sqlite')  # and these, where they are asked for
+_OLDER = (SUMMARY, TRACKS, PASSES, *PLOTS, *REPORTS)  # without its summary a run is not complete
 _DIGITS = 5  # 0.01 mm and 0.01 mm/s: finer than anything measured here
 
 
-def write_run(out_dir: PathLike, updates: Sequence[TrackUpdate],
+def kind_of(column: str) -> type:
+    """Return the type of a column: ``int``, ``float`` or ``str``, which its name tells."""
+    if column in ('track', 'pairs') or column.endswith(('_ns', '_pairs')):
+        return int
+    return float if column.endswith(('_mps', '_m', '_s', '_deg', '_probability')) else str
+
+
+def write_run(out_dir: PathLike, updates: Optional[Sequence[TrackUpdate]],
               passes: Sequence[PassResult], summary: Mapping[str, Any]) -> None:
     """
     Write the three files of a run and remove those of an older run in the same folder.
 
     :param out_dir: folder, made when it is not there.
-    :param updates: every update of every track, in any order.
+    :param updates: every update of every track, in any order; None leaves ``tracks.csv`` to
+        :class:`.track_rows.TrackRows`.
     :param passes: every pass, in any order.
     :param summary: versions, parameters, seed, input hash, timings: nothing that changes when
         the run is repeated.
     :raises InputError: a folder that cannot be written.
     """
-    write_whole(out_dir, {TRACKS: tracks_csv(updates, passes), PASSES: passes_csv(passes),
-                          SUMMARY: summary_json(summary)}, _OLDER)
+    tracks = {} if updates is None else {TRACKS: tracks_csv(updates, passes)}
+    write_whole(out_dir, {**tracks, PASSES: passes_csv(passes), SUMMARY: summary_json(summary)},
+                [name for name in _OLDER if updates is not None or name != TRACKS])
 
 
 def staged_run(out_dir: PathLike) -> ContextManager[Path]:
@@ -80,12 +94,21 @@ def tracks_csv(updates: Iterable[TrackUpdate], passes: Iterable[PassResult]) -> 
     :param passes: they hold the smoothed speeds; where there is none the field is empty.
     """
     smoothed = {p.track: p.smoothed for p in passes}
-    rows = []
-    for u in sorted(updates, key=lambda u: (u.stamp_ns, u.track)):
-        numbers = (u.speed_mps, u.speed_std_mps, smoothed.get(u.track, {}).get(u.stamp_ns),
-                   u.s_m, u.lateral_m, *u.position_m)
-        rows.append((u.stamp_ns, u.track, u.lane, u.state.value, *map(_fixed, numbers)))
-    return csv_text(TRACK_COLUMNS, rows)
+    return csv_text(TRACK_COLUMNS, [
+        track_row(u, smoothed.get(u.track, {}).get(u.stamp_ns))
+        for u in sorted(updates, key=lambda u: (u.stamp_ns, u.track))])
+
+
+def track_row(update: TrackUpdate, smoothed_mps: Optional[float]) -> tuple[object, ...]:
+    """
+    Return a row of ``tracks.csv``.
+
+    :param update: a live update.
+    :param smoothed_mps: the smoothed speed of its pair, m/s; None where there is none.
+    """
+    numbers = (update.speed_mps, update.speed_std_mps, smoothed_mps, update.s_m,
+               update.lateral_m, *update.position_m)
+    return (update.stamp_ns, update.track, update.lane, update.state.value, *map(fixed, numbers))
 
 
 def passes_csv(passes: Iterable[PassResult]) -> str:
@@ -95,10 +118,27 @@ def passes_csv(passes: Iterable[PassResult]) -> str:
         parts = (None,) * 4 if p.budget is None else (
             p.budget.matching_mps, p.budget.path_mps, p.budget.stamps_mps,
             p.budget.calibration_mps)
-        rows.append((p.track, p.lane, p.first_ns, p.last_ns, p.pairs, _fixed(p.speed_mps),
-                     _fixed(p.speed_std_mps), p.verdict.value, p.reason, p.lane_to, p.end,
-                     *map(_fixed, (*p.profile_mps, *parts))))
+        rows.append((p.track, p.lane, p.first_ns, p.last_ns, p.pairs, fixed(p.speed_mps),
+                     fixed(p.speed_std_mps), p.verdict.value, p.reason, p.lane_to, p.end,
+                     *map(fixed, (*p.profile_mps, *parts)), *_second(p.second),
+                     '' if p.direction is None else p.direction, *_vehicle(p.vehicle)))
     return csv_text(PASS_COLUMNS, rows)
+
+
+def _second(second: Optional[SecondEstimate]) -> tuple[str, str, str]:
+    """Print the independent estimate; nothing where none was asked for."""
+    if second is None:
+        return '', '', ''
+    return fixed(second.speed_mps), fixed(second.speed_std_mps), str(second.pairs)
+
+
+def _vehicle(vehicle: Optional[VehicleKind]) -> tuple[str, ...]:
+    """Print class and size of a vehicle; nothing where they were not found out."""
+    if vehicle is None:
+        return ('',) * 6
+    return (vehicle.name, *map(fixed, (
+        vehicle.probability, vehicle.width_m, vehicle.width_std_m, vehicle.height_m,
+        vehicle.height_std_m)))
 
 
 def summary_json(summary: Mapping[str, Any]) -> str:
@@ -117,7 +157,7 @@ def software_versions() -> dict[str, str]:
     return {'stereo_speed': __version__,
             'python': '.'.join(platform.python_version_tuple()[:2]),
             'numpy': np.__version__, 'opencv': cv2.__version__, 'scipy': scipy.__version__,
-            'rosbags': rosbags}
+            'rosbags': rosbags, 'kernels': str(kernels())}
 
 
 def stream_timings(stamps_ns: Sequence[int]) -> dict[str, Any]:
@@ -138,7 +178,7 @@ def stream_timings(stamps_ns: Sequence[int]) -> dict[str, Any]:
     return facts
 
 
-def _fixed(value: Optional[float]) -> str:
+def fixed(value: Optional[float]) -> str:
     """Print a number with fixed digits; nothing where it is not known; no negative zero."""
     if value is None or not math.isfinite(value):
         return ''

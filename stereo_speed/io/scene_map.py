@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .atomic import PathLike
+from .decoding import decode_image
 from ..core.errors import InputError
 from ..core.strict_yaml import load_yaml, StrictMapping
 from ..monocular.distance import KINDS, Labels
@@ -25,9 +26,9 @@ def load_map(path: PathLike) -> Labels:
         data = np.fromfile(path, dtype=np.uint8)
     except OSError as error:
         raise InputError(path, 'map', error.strerror, wanted) from None
-    image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if data.size else None
+    image, why = decode_image(data, cv2.IMREAD_UNCHANGED)
     if image is None:
-        raise InputError(path, 'map', f'{data.size} bytes that are no image', wanted)
+        raise InputError(path, 'map', why, wanted)
     if image.dtype != np.uint8 or image.ndim != 2:
         raise InputError(path, 'map', f'{image.dtype} of shape {image.shape}', wanted)
     strange = sorted(set(np.unique(image).tolist()) - set(KINDS))

@@ -10,7 +10,8 @@ import numpy as np
 
 from .atomic import PathLike
 from ..core.errors import SiteError
-from ..core.strict_yaml import load_yaml, StrictMapping
+from ..core.strict_yaml import kind, load_yaml, StrictMapping
+from ..core.units import is_finite
 from ..monocular.boxes import Target
 
 _LARGEST = 1e6  # px or degrees: a larger number is a typing error
@@ -51,8 +52,8 @@ def _target(fields: StrictMapping) -> Target:
 
 def _number(fields: StrictMapping, key: str, value: object) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float)) \
-            or not math.isfinite(value) or abs(value) > _LARGEST:
-        raise fields.error(key, repr(value), 'a finite number')
+            or not is_finite(value) or abs(value) > _LARGEST:
+        raise fields.error(key, kind(value), 'a finite number')
     return float(value)
 
 

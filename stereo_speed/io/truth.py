@@ -17,6 +17,7 @@ from ..core.records import Array
 
 # Truth is written in whole microseconds, to which stamps may have been cut or rounded.
 SAME_NS = 2000
+_LARGEST = 9e9  # s; as ns it still fits 64 bits
 _POSITION = ('x', 'y', 'z')
 
 
@@ -90,7 +91,7 @@ def read_truth(path: Union[str, Path]) -> tuple[VehicleTruth, ...]:
 def _row(row: CsvRow) -> dict[str, Any]:
     """Return the numbers of a line."""
     def parse(name: str) -> Decimal:
-        return row.number(name, 'a finite number')
+        return row.number(name, 'a finite number', -_LARGEST, _LARGEST)
     known = [c for c in _POSITION if row.values.get(c)]
     return {**{c: float(parse(c)) for c in ('speed', *known)},
             'stamp_ns': int(parse('stamp') * 10 ** 9),

@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 
 from .colour import bgr_from_message, Colour
+from .decoding import caught_chatter, decode_image
 from .recording import hash_files, Recording
 from .topics import IMAGE_TYPES
 from ..core.errors import BagError, InputError
@@ -70,7 +71,8 @@ def frames_missing(path: Union[str, Path], frames: int) -> int:
     path = Path(path)
     if not path.is_file() or is_bag(path):
         return 0
-    capture = cv2.VideoCapture(str(path))
+    with caught_chatter(everything=True):
+        capture = cv2.VideoCapture(str(path))
     stated = capture.get(cv2.CAP_PROP_FRAME_COUNT)
     capture.release()
     missing = round(stated) - frames if 0 < stated < _MOST_FRAMES else 0
@@ -115,11 +117,13 @@ def _size_of(shape: tuple[int, ...]) -> str:
 
 
 def _file_frames(path: Path) -> Iterator[Frame]:
-    capture = cv2.VideoCapture(str(path))
+    with caught_chatter(everything=True):  # a file that cannot be read is told by what comes of it
+        capture = cv2.VideoCapture(str(path))
     try:
         number = 0
         while capture.isOpened():
-            there, image = capture.read()
+            with caught_chatter(everything=True):
+                there, image = capture.read()
             if not there:
                 break
             number += 1
@@ -131,12 +135,9 @@ def _file_frames(path: Path) -> Iterator[Frame]:
 def _folder_frames(folder: Path) -> Iterator[Frame]:
     for number, path in enumerate(image_files(folder), 1):
         data = np.fromfile(path, dtype=np.uint8)
-        image = None
-        if data.size:
-            image = cv2.imdecode(data, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+        image, why = decode_image(data, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
         if image is None:
-            raise InputError(path, 'image', f'{data.size} bytes that cannot be decoded',
-                             'a complete image')
+            raise InputError(path, 'image', why, 'a complete image')
         yield Frame(number, None, np.asarray(image, dtype=np.uint8))
 
 

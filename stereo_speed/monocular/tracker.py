@@ -187,16 +187,18 @@ class MonocularTracker:
     :param tracker: ``environment`` or ``plain``.
     :param seed: of all randomness; each target has its own stream.
     :param stride: use every stride-th frame.
+    :param more_later: targets may be marked while frames are processed already.
     :raises InputError: no such tracker.
     """
 
     def __init__(self, field: DistanceField, targets: Sequence[Target],
                  config: MonocularConfig, *, tracker: str = 'environment', seed: int = 0,
-                 stride: int = 1) -> None:
+                 stride: int = 1, more_later: bool = False) -> None:
         if tracker not in TRACKERS:
             raise InputError('tracker', 'name', repr(tracker), ', '.join(TRACKERS))
         self.field, self.targets, self.config = field, list(targets), config
         self.tracker, self.seed, self.stride = tracker, seed, stride
+        self.more_later = more_later
         self.filters: dict[int, TargetFilter] = {}
         self._ended: list[TargetEnd] = []
         self.background = BackgroundModel(field.width, field.height, config.background_contrast,
@@ -218,8 +220,9 @@ class MonocularTracker:
                and (number - t.frame) % self.stride == 0
                and (t.id in self.filters) == (number > t.frame)]
         if not due:
-            if not self.filters and any(t.frame > number and (t.frame - number) % self.stride == 0
-                                        for t in self.targets):
+            if not self.filters and (self.more_later or any(
+                    t.frame > number and (t.frame - number) % self.stride == 0
+                    for t in self.targets)):
                 self._learn(image)
             return []
         frame = BinImage(image, self.background)
@@ -236,6 +239,21 @@ class MonocularTracker:
                     frame.occlude(found.estimate.box_px)
         self._learn(image)
         return estimates
+
+    def mark(self, target: Target, frames: Sequence[tuple[int, NDArray[np.uint8]]]) -> None:
+        """
+        Follow a target that is marked only when later frames have been processed.
+
+        What hides it in those is not known any more, so nothing does.
+
+        :param target: with a number that no other target has.
+        :param frames: number and image of the frame of its mark, and of all since.
+        """
+        self.targets.append(target)
+        for number, image in frames:
+            begun = number == target.frame or target.id in self.filters
+            if begun and (number - target.frame) % self.stride == 0:
+                self._locate(target, number, BinImage(image, self.background))
 
     def _locate(self, target: Target, number: int, frame: BinImage) -> Optional[TargetFilter]:
         """Start a target or follow it into a frame; return its filter, None when it ended."""

@@ -1,25 +1,23 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the nodes share: parameters, stamps, images, diagnostics, and how they start and end."""
+"""What the nodes share: parameters, stamps, images, and how they start and end."""
 from __future__ import annotations
 
 from array import array
 import dataclasses
 import signal
 import sys
-from typing import Any, Callable, Optional, Sequence
+from typing import Any, Callable, ClassVar, Optional, Sequence
 
 from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 import numpy as np
 from numpy.typing import NDArray
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 import rclpy
-from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import Image
@@ -30,6 +28,11 @@ from ..core.errors import InputError, StereoSpeedError
 PAIR_TOPIC = 'stereo/image_pair'
 # Between our own nodes nothing may be lost, or live and offline speeds would differ.
 RELIABLE = QoSProfile(depth=50, reliability=ReliabilityPolicy.RELIABLE)
+# What is told once: who subscribes later gets the last ones too.
+LATCHED = QoSProfile(depth=50, reliability=ReliabilityPolicy.RELIABLE,
+                     durability=DurabilityPolicy.TRANSIENT_LOCAL)
+LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE,
+                    durability=DurabilityPolicy.TRANSIENT_LOCAL)
 BAD_INPUT = 2
 JUMP_NS = 1_000_000_000  # a stamp this far back is time starting anew, not a late image
 
@@ -37,6 +40,12 @@ JUMP_NS = 1_000_000_000  # a stamp this far back is time starting anew, not a la
 def qos_options() -> QoSOverridingOptions:
     """Let a topic's QoS be overridden by parameters."""
     return QoSOverridingOptions.with_default_policies()
+
+
+def latched_options() -> QoSOverridingOptions:
+    """Let the QoS of a latched topic be overridden by parameters, its durability too."""
+    return QoSOverridingOptions((QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH,
+                                 QoSPolicyKind.RELIABILITY, QoSPolicyKind.DURABILITY))
 
 
 def stamp_ns(stamp: Any) -> int:
@@ -80,8 +89,11 @@ class Parameters:
     """
     Declares parameters with description and range and reads them once.
 
-    All are read-only: a measuring instrument does not change under way.
+    All are read-only: a measuring instrument does not change under way.  ``told`` has a line for
+    each that was declared in this process, for ``--help``.
     """
+
+    told: ClassVar[list[str]] = []
 
     def __init__(self, node: Node) -> None:
         self.node = node
@@ -103,6 +115,8 @@ class Parameters:
         elif isinstance(default, int) and not isinstance(default, bool) and low is not None:
             descriptor.integer_range = [IntegerRange(from_value=int(low), to_value=int(high or 0),
                                                      step=1)]
+        bounds = '' if low is None or high is None else f' ({low:g} to {high:g})'
+        self.told.append(f'  {name} [{default!r}]{bounds}: {doc}')
         where = f'{self.node.get_name()}: parameter'
         try:
             value = self.node.declare_parameter(name, default, descriptor).value
@@ -157,39 +171,15 @@ def unknown_parameters(node: Node) -> list[str]:
     """
     Return the names that a node was given values for and never declared.
 
-    A node names in ``unused_parameters`` the prefixes of those that are for another choice.
+    A node names in ``unused_parameters`` the prefixes of those that are for another choice. One
+    that does not start by itself declares those of its subscriptions later.
     """
     unused = getattr(node, 'unused_parameters', ())
+    if not getattr(node, 'autostart', True):
+        unused += ('qos_overrides.',)
     given = node._parameter_overrides  # rclpy shows them nowhere else
     return sorted(name for name in given
                   if not node.has_parameter(name) and not name.startswith(unused))
-
-
-class Diagnostics:
-    """
-    Publishes one status on ``/diagnostics`` each second.
-
-    :param node: the node it speaks for.
-    :param values: gives level, message and key-value pairs.
-    """
-
-    def __init__(self, node: Node,
-                 values: Callable[[], tuple[bytes, str, dict[str, Any]]]) -> None:
-        self.node, self.values = node, values
-        self.publisher = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
-        # Steady time: with simulated time a stopped replay would stop the heartbeat too.
-        node.create_timer(1.0, self.publish, clock=Clock(clock_type=ClockType.STEADY_TIME))
-
-    def publish(self) -> None:
-        """Publish the present state."""
-        level, message, values = self.values()
-        status = DiagnosticStatus(
-            level=level, name=f'{self.node.get_name()}: pipeline', message=message,
-            hardware_id='stereo_speed',
-            values=[KeyValue(key=k, value=str(v)) for k, v in values.items()])
-        msg = DiagnosticArray(status=[status])
-        msg.header.stamp = self.node.get_clock().now().to_msg()
-        self.publisher.publish(msg)
 
 
 def run(make: Callable[[], Node], args: Optional[Sequence[str]] = None,
@@ -202,6 +192,11 @@ def run(make: Callable[[], Node], args: Optional[Sequence[str]] = None,
     :param spin: what the node does; returns when done.
     :return: exit status: 0 stopped or done, 2 bad input, which is said in one line on stderr.
     """
+    given = list(sys.argv[1:] if args is None else args)
+    if {'-h', '--help'} & set(given[:given.index('--ros-args')] if '--ros-args' in given
+                              else given):
+        _print_help(make)
+        return 0
     # Ctrl-C, and SIGTERM as launch and supervisors send it, end the node in the same way, with its
     # context still valid: passes are finished and told.
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
@@ -211,6 +206,7 @@ def run(make: Callable[[], Node], args: Optional[Sequence[str]] = None,
     status = 0
     try:
         node = make()
+        getattr(node, 'begin', lambda: None)()
         unknown = unknown_parameters(node)
         if unknown:
             node.get_logger().warning(f'ignored, for there are no such parameters: '
@@ -227,3 +223,19 @@ def run(make: Callable[[], Node], args: Optional[Sequence[str]] = None,
             node.destroy_node()
         rclpy.try_shutdown()
     return status
+
+
+def _print_help(make: Callable[[], Node]) -> None:
+    """Print what a node is and the parameters that it declares."""
+    Parameters.told.clear()
+    rclpy.init(args=[])
+    try:
+        make().destroy_node()
+    except StereoSpeedError:
+        pass  # it lacks what has no default; that is declared all the same
+    finally:
+        rclpy.try_shutdown()
+    print((sys.modules[make.__module__].__doc__ or '').strip())
+    print('\nusage: NODE [--ros-args -p NAME:=VALUE ... --params-file FILE -r FROM:=TO]')
+    print('\nparameters, with their defaults in brackets; qos_overrides besides:')
+    print('\n'.join(Parameters.told))

@@ -3,18 +3,15 @@
 """A user's node: listens on ``/vehicle_speed`` and on the overlay."""
 from __future__ import annotations
 
-import time
 from typing import Any, Callable
 
 from geometry_msgs.msg import TwistWithCovarianceStamped
 import numpy as np
 from numpy.typing import NDArray
-import rclpy
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 from sensor_msgs.msg import Image
 
 from .common import RELIABLE, stamp_ns
+from .graph_listener import GraphListener
 
 # What must have found one another before the first image may come.
 _WIRES = {'/stereo/image_pair': (1, 1), '/tracks': (1, 1), '/vehicle_speed': (1, 1),
@@ -22,7 +19,7 @@ _WIRES = {'/stereo/image_pair': (1, 1), '/tracks': (1, 1), '/vehicle_speed': (1,
           '/left/camera_info': (0, 2), '/right/camera_info': (0, 2)}
 
 
-class Listener:
+class Listener(GraphListener):
     """
     Subscribe as any other node would.
 
@@ -32,11 +29,7 @@ class Listener:
 
     def __init__(self, on_reading: Callable[[int, str, float, float], None],
                  on_frame: Callable[[int, Any], None]) -> None:
-        self.context = Context()
-        rclpy.init(context=self.context, args=[])
-        self.node = rclpy.create_node('demo_listener', context=self.context)
-        self.executor = SingleThreadedExecutor(context=self.context)
-        self.executor.add_node(self.node)
+        super().__init__('demo_listener')
         self.on_reading, self.on_frame = on_reading, on_frame
         self.node.create_subscription(TwistWithCovarianceStamped, '/vehicle_speed',
                                       self._reading, RELIABLE)
@@ -54,21 +47,6 @@ class Listener:
         return [topic for topic, (publishers, subscribers) in _WIRES.items()
                 if self.node.count_publishers(topic) < publishers
                 or self.node.count_subscribers(topic) < subscribers]
-
-    def spin(self, seconds: float, until: Callable[[], bool]) -> bool:
-        """Listen until something holds, for so long at most; whether it does."""
-        end = time.monotonic() + seconds
-        while not until():
-            if time.monotonic() > end:
-                return False
-            self.executor.spin_once(timeout_sec=0.05)
-        return True
-
-    def close(self) -> None:
-        """Leave the graph."""
-        self.executor.shutdown(timeout_sec=1.0)
-        self.node.destroy_node()
-        rclpy.shutdown(context=self.context)
 
 
 def _bgr(msg: Image) -> NDArray[np.uint8]:

@@ -26,7 +26,7 @@ _LIFETIME = Duration(nanoseconds=500_000_000)  # of markers, a few frames of any
 
 
 def tracks_message(estimates: Sequence[TargetEstimate], header: Header) -> PointCloud2:
-    """Return the targets of one frame; an infinite distance stays infinite."""
+    """Return the targets of one frame; an infinite distance stays so, and is not ``is_dense``."""
     rows = np.zeros(len(estimates), RECORD)
     for row, e in zip(rows, estimates):
         x, y, w, h = e.box_px
@@ -34,12 +34,14 @@ def tracks_message(estimates: Sequence[TargetEstimate], header: Header) -> Point
                   e.distance_rate_px, e.similarity, e.state is TargetState.OCCLUDED)
         for name, value in zip(FIELDS, values):
             row[name] = value
+    dense = all(math.isfinite(e.distance_px) and math.isfinite(e.distance_rate_px)
+                for e in estimates)
     fields = [PointField(name=name, offset=offset, count=1,
                          datatype=PointField.INT32 if name in _INTEGERS else PointField.FLOAT32)
               for name, offset in zip(FIELDS, _OFFSETS)]
     return PointCloud2(header=header, height=1, width=len(rows), fields=fields,
                        is_bigendian=False, point_step=RECORD.itemsize,
-                       row_step=RECORD.itemsize * len(rows), is_dense=True, data=rows.tobytes())
+                       row_step=RECORD.itemsize * len(rows), is_dense=dense, data=rows.tobytes())
 
 
 def target_markers(estimate: TargetEstimate, header: Header,

@@ -5,21 +5,29 @@
 
 It runs the same tracker as ``track-environment``. Frames are numbered from 1 since the start or
 the last jump of time, as ``frame`` of the targets file means them; their stamps show how many
-were dropped on the way.
+were dropped on the way. Targets may also be marked while it runs, by the stamp of a frame: see
+``marks``.
 """
 from __future__ import annotations
 
+from collections import deque, OrderedDict
 from typing import Any, Optional, Sequence
 
+from geometry_msgs.msg import PolygonStamped
+import numpy as np
+from numpy.typing import NDArray
 import rclpy
 from rclpy.node import Node
-from rclpy.qos import qos_profile_sensor_data
-from sensor_msgs.msg import CompressedImage, Image, PointCloud2
+from sensor_msgs.msg import Image, PointCloud2
 from visualization_msgs.msg import MarkerArray
 
 from .common import (
-    Diagnostics, image_message, JUMP_NS, Parameters, qos_options, RELIABLE, run, stamp_ns)
+    image_message, JUMP_NS, Parameters, qos_options, RELIABLE, run, stamp_ns)
+from .diagnostics import Diagnostics
 from .environment_messages import target_deletions, target_markers, tracks_message
+from .health import Arrivals, Refusals, State, WARN
+from .marks import MARK_TOPIC, target_from_message
+from .subscriptions import image_kind, OfferedSubscription
 from ..core.errors import InputError
 from ..core.frame_counter import FrameCounter
 from ..io.colour import bgr_from_message
@@ -32,6 +40,7 @@ from ..monocular.tracker import MonocularTracker, TRACKERS
 from ..report.targets import draw_targets
 
 _TOPIC = 'image_raw'
+_MOST_MARKS = 50  # that wait for their frames
 
 
 class EnvironmentNode(Node):
@@ -41,57 +50,72 @@ class EnvironmentNode(Node):
         super().__init__('environment_node')
         p = Parameters(self)
         where = f'{self.get_name()}: parameter'
-        paths = {name: p.get(name, '', f'path of the {name} file') for name in ('map', 'targets')}
+        self.map_path = p.get('map', '', 'path of the map')
+        targets = p.get('targets', '', 'path of the targets file; empty: all are marked live')
+        kept = p.get('mark_frames', 50, 'frames that are kept, so that a target can still be '
+                     'marked in them', 1, 1000)
         self.seed = p.get('seed', 0, 'seed of all randomness', 0, 2 ** 31 - 1)
         self.tracker_name = p.get('tracker', 'environment', 'tracker: ' + ', '.join(TRACKERS))
         self.stride = p.get('stride', 1, 'use every stride-th frame, counted from that of each '
                             'mark', 1, 1_000_000)
-        transport = p.get('image_transport', 'raw', "'raw' or 'compressed' images")
+        kind, suffix = image_kind(p)
         self.metres_per_px = p.get('marker_metres_per_px', 0.01, 'size of a pixel in the markers '
                                    '[m]', 1e-6, 1e3)
         self.config = p.config(MonocularConfig)
-        for name, value in paths.items():
-            if not value:
-                raise InputError(where, name, 'nothing', f'the path of the {name} file')
+        if not self.map_path:
+            raise InputError(where, 'map', 'nothing', 'the path of the map')
         if self.tracker_name not in TRACKERS:
             raise InputError(where, 'tracker', self.tracker_name, ', '.join(TRACKERS))
-        if transport not in ('raw', 'compressed'):
-            raise InputError(where, 'image_transport', transport, 'raw or compressed')
-        self.labels, self.targets = load_map(paths['map']), load_targets(paths['targets'])
-        check_targets(self.targets, self.labels.shape[1], self.labels.shape[0], paths['targets'])
-        self.map_path = paths['map']
+        self.labels = load_map(self.map_path)
+        self.targets = load_targets(targets) if targets else []
+        check_targets(self.targets, self.labels.shape[1], self.labels.shape[0], targets)
+        self.frames: deque[tuple[int, int, NDArray[np.uint8]]] = deque(maxlen=kept)
+        self.marks: OrderedDict[int, PolygonStamped] = OrderedDict()  # by stamps yet to come
+        self._next_id, self.marked = max((t.id for t in self.targets), default=0) + 1, 0
         self.field = DistanceField(self.labels)
         self.counter, self.resets, self.marks_missed = FrameCounter(JUMP_NS), 0, 0
         self.ends = dict.fromkeys(TargetState, 0)
         self.tracker = self._new_tracker()
-        self._publish_and_subscribe(transport)
-        self.diagnostics = Diagnostics(self, self.state)
+        self._publish_and_subscribe(kind, suffix)
+        self.arrivals, self.refusals = Arrivals(), Refusals(self.get_logger().warning)
+        self.diagnostics = Diagnostics(self, {'pipeline': self.state})
 
     def _new_tracker(self) -> MonocularTracker:
         return MonocularTracker(self.field, self.targets, self.config, tracker=self.tracker_name,
-                                seed=self.seed, stride=self.stride)
+                                seed=self.seed, stride=self.stride, more_later=True)
 
-    def _publish_and_subscribe(self, transport: str) -> None:
+    def _publish_and_subscribe(self, kind: type, suffix: str) -> None:
         options = {'qos_overriding_options': qos_options()}
         self.tracks = self.create_publisher(PointCloud2, 'tracks', RELIABLE, **options)
         self.markers = self.create_publisher(MarkerArray, 'markers', RELIABLE, **options)
         self.overlay = self.create_publisher(Image, 'overlay/image_raw', RELIABLE, **options)
-        kind, topic = (Image, _TOPIC) if transport == 'raw' \
-            else (CompressedImage, f'{_TOPIC}/compressed')
-        self.create_subscription(kind, topic, self.on_image, qos_profile_sensor_data, **options)
+        self.subscription = OfferedSubscription(self, kind, _TOPIC + suffix, self.on_image)
+        self.create_subscription(PolygonStamped, MARK_TOPIC, self.on_mark, RELIABLE, **options)
 
     def on_image(self, msg: Any) -> None:
         """Run the tracker on a frame and publish its estimates."""
         ns = stamp_ns(msg.header.stamp)
+        try:
+            image = bgr_from_message(msg, _TOPIC)
+            check_map_size(self.labels, image, self.map_path)
+        except InputError as error:
+            self.refusals.add(_TOPIC, error)
+            return
+        self.arrivals.add()
         if self.counter.jumps_back(ns):
             self.restart(ns)
-        image = bgr_from_message(msg, _TOPIC)
-        check_map_size(self.labels, image, self.map_path)
         frames = self.counter.step(ns)
         if frames == 0:
             return
         if frames > 1:
             self.on_gap(frames - 1)
+        while self.marks and next(iter(self.marks)) <= ns:
+            due_ns, mark = self.marks.popitem(last=False)
+            if due_ns == ns:
+                self.follow(mark, self.counter.number, ())
+            else:
+                self.miss(due_ns)
+        self.frames.append((ns, self.counter.number, image))
         estimates = self.tracker.process(self.counter.number, image)
         self.tracks.publish(tracks_message(estimates, msg.header))
         drawn = [m for e in estimates for m in target_markers(e, msg.header, self.metres_per_px)]
@@ -102,6 +126,48 @@ class EnvironmentNode(Node):
         if self.overlay.get_subscription_count():  # drawing costs more than tracking
             self.overlay.publish(image_message(draw_targets(image, estimates, self.labels), ns=ns,
                                                frame_id=msg.header.frame_id))
+
+    def on_mark(self, msg: PolygonStamped) -> None:
+        """Follow a target that is marked in a frame that was kept, or that is to come."""
+        ns = stamp_ns(msg.header.stamp)
+        if ns > self.counter.last_ns:
+            self.marks[ns] = msg
+            self.marks = OrderedDict(sorted(self.marks.items()))
+            if len(self.marks) > _MOST_MARKS:
+                self.miss(self.marks.popitem()[0])
+            return
+        since = [(number, image) for kept_ns, number, image in self.frames if kept_ns >= ns]
+        if ns in (kept_ns for kept_ns, _, _ in self.frames):
+            self.follow(msg, since[0][0], since)
+        else:
+            self.miss(ns)
+
+    def follow(self, msg: PolygonStamped, number: int,
+               since: Sequence[tuple[int, NDArray[np.uint8]]]) -> None:
+        """
+        Follow a target from the frame on that it is marked in.
+
+        :param number: of that frame.
+        :param since: number and image of that frame and all later ones, where they were processed.
+        """
+        try:
+            target = target_from_message(msg, self._next_id, number)
+            check_targets([target], self.labels.shape[1], self.labels.shape[0], MARK_TOPIC)
+        except InputError as error:
+            self.refusals.add(MARK_TOPIC, error)
+            return
+        self._next_id, self.marked = self._next_id + 1, self.marked + 1
+        self.get_logger().info(f'target {target.id}: marked in frame {target.frame}')
+        self.tracker.mark(target, since)
+
+    def miss(self, ns: int) -> None:
+        """Refuse a mark whose frame is not there."""
+        self.marks_missed += 1
+        newest = self.frames[-1][0] if self.frames else 'no frame yet'
+        oldest = self.frames[0][0] if self.frames else ''
+        self.refusals.add(MARK_TOPIC, InputError(
+            MARK_TOPIC, 'stamp', ns, f'that of a frame: one of {len(self.frames)} kept, {oldest} '
+            f'to {newest} ns, or one soon to come'))
 
     def on_gap(self, dropped: int) -> None:
         """
@@ -126,6 +192,8 @@ class EnvironmentNode(Node):
             f'stamps jumped back from {self.counter.last_ns} to {ns} ns: starting again')
         self.close()
         self.counter.restart()
+        self.frames.clear()
+        self.marks.clear()
         self.tracker = self._new_tracker()
         self.resets += 1
 
@@ -141,20 +209,20 @@ class EnvironmentNode(Node):
             for end in self.tracker.finish():
                 self.report(end)
 
-    def state(self) -> tuple[bytes, str, dict[str, Any]]:
-        """Return level, message and counts for ``/diagnostics``."""
-        c, ends = self.counter, self.ends
-        level, message = b'\x00', 'tracking'
-        if c.number == 0:
-            level, message = b'\x01', 'waiting for images'
-        elif self.marks_missed:
-            level, message = b'\x01', 'frames with a mark in them never came'
-        return level, message, {
+    def state(self) -> State:
+        """Return the state for ``/diagnostics``."""
+        c, ends, state = self.counter, self.ends, State('tracking')
+        self.arrivals.tell(state, 'image', 'image')
+        if self.marks_missed:
+            state.find(WARN, 'frames with a mark in them never came')
+        state.values.update({
             'frames': c.number, 'followed': len(self.tracker.filters),
             'ended': sum(ends.values()), 'lost': ends[TargetState.LOST],
             'left_view': ends[TargetState.LEFT_VIEW], 'resets': self.resets, 'gaps': c.gaps,
-            'dropped': c.dropped, 'marks_missed': self.marks_missed, 'repeated': c.repeated,
-            'late': c.late}
+            'dropped': c.dropped, 'marked': self.marked, 'marks_missed': self.marks_missed,
+            'repeated': c.repeated, 'late': c.late})
+        self.refusals.tell(state)
+        return state
 
 
 def main(args: Optional[Sequence[str]] = None) -> int:

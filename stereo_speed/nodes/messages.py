@@ -3,9 +3,9 @@
 """Track updates as ROS messages."""
 from __future__ import annotations
 
-from typing import Mapping
+from typing import Mapping, Optional
 
-from geometry_msgs.msg import Point
+from geometry_msgs.msg import Point, TwistWithCovarianceStamped
 from nav_msgs.msg import Odometry
 import numpy as np
 from rclpy.duration import Duration
@@ -18,16 +18,18 @@ from ..core.records import Array, TrackState, TrackUpdate
 from ..core.units import KMH_MPS, MPH_MPS
 from ..road.lanes import LanePath
 
-NOT_MEASURED = -1.0  # covariance[0] of what is no measurement, as sensor_msgs/Imu has it
-_LIFETIME = Duration(nanoseconds=500_000_000)
-_UNKNOWN_RAD2 = 0.01  # variance of the orientation: the path's heading, not measured
+# Variance of what is not measured, in the units of its quantity: so great that a filter which
+# takes it at its word is not misled, and nobody takes it for a measurement.
+UNKNOWN = 1e6
 
 
 def odometry(update: TrackUpdate, frame_id: str) -> Odometry:
     """
     Tell a track's pose in the left optical frame and its speed in its own.
 
-    ``twist.covariance[0]`` is the variance of the speed, or -1 while the track is not confirmed.
+    ``twist.covariance[0]`` is the variance of the speed. It is ``UNKNOWN`` while the track is not
+    confirmed, as are those of all that is never measured: the orientation, which is the path's,
+    and all other components of the twist.
     """
     msg = Odometry(child_frame_id=f'vehicle_{update.track}')
     msg.header = Header(stamp=to_stamp(update.stamp_ns), frame_id=frame_id)
@@ -37,20 +39,31 @@ def odometry(update: TrackUpdate, frame_id: str) -> Odometry:
     q.x, q.y, q.z, q.w = map(float, Rotation.from_matrix(update.axes).as_quat())
     covariance = np.zeros((6, 6))
     covariance[:3, :3] = update.position_cov_m2
-    covariance[3:, 3:] = _UNKNOWN_RAD2 * np.eye(3)
+    covariance[3:, 3:] = UNKNOWN * np.eye(3)
     pose.covariance = covariance.ravel()
     twist.twist.linear.x = float(update.speed_mps)
-    confirmed = update.state is TrackState.CONFIRMED
-    twist.covariance[0] = update.speed_std_mps ** 2 if confirmed else NOT_MEASURED
+    variances = np.full(6, UNKNOWN)
+    if update.state is TrackState.CONFIRMED:
+        variances[0] = update.speed_std_mps ** 2
+    twist.covariance = np.diag(variances).ravel()
     return msg
 
 
-def markers(update: TrackUpdate, frame_id: str) -> list[Marker]:
-    """Draw a vehicle's front and its speed."""
-    front = _marker(update, frame_id, 'vehicles', Marker.CUBE)
+def speed_of(track: Odometry) -> Optional[TwistWithCovarianceStamped]:
+    """Return the speed of a track as ``vehicle_speed`` has it; None without a measurement."""
+    if not 0 <= track.twist.covariance[0] < UNKNOWN:
+        return None
+    msg = TwistWithCovarianceStamped(twist=track.twist)
+    msg.header.stamp, msg.header.frame_id = track.header.stamp, track.child_frame_id
+    return msg
+
+
+def markers(update: TrackUpdate, frame_id: str, lifetime_s: float) -> list[Marker]:
+    """Draw a vehicle's front and its speed, for some seconds."""
+    front = _marker(update, frame_id, 'vehicles', Marker.CUBE, lifetime_s)
     front.pose = odometry(update, frame_id).pose.pose
     front.scale.x, front.scale.y, front.scale.z = 0.1, 1.8, 0.8
-    text = _marker(update, frame_id, 'speed_text', Marker.TEXT_VIEW_FACING)
+    text = _marker(update, frame_id, 'speed_text', Marker.TEXT_VIEW_FACING, lifetime_s)
     text.pose.position = _point(update.position_m + 1.5 * update.axes[:, 2])
     text.scale.z = 1.0
     text.text = (f'{update.track}: {update.speed_mps / MPH_MPS:.1f} mph '
@@ -68,12 +81,14 @@ def deletions(track: int, frame_id: str) -> list[Marker]:
     return out
 
 
-def path_markers(lanes: Mapping[str, LanePath], stamp_ns: int, frame_id: str) -> list[Marker]:
-    """Draw the paths of the lanes."""
-    out = []
+def path_markers(lanes: Mapping[str, LanePath], frame_id: str) -> list[Marker]:
+    """Draw the paths of the lanes, in place of all that were drawn before."""
+    out = [Marker(ns='path', action=Marker.DELETEALL)]
+    out[0].header.frame_id = frame_id
     for number, lane in enumerate(lanes.values()):
         marker = Marker(ns='path', id=number, type=Marker.LINE_STRIP, action=Marker.ADD)
-        marker.header = Header(stamp=to_stamp(stamp_ns), frame_id=frame_id)
+        marker.header.frame_id = frame_id
+        marker.frame_locked = True
         marker.pose.orientation.w, marker.scale.x = 1.0, 0.1
         marker.color.b = marker.color.a = 1.0
         s_m = np.linspace(0, lane.path.length_m, 50)
@@ -82,10 +97,10 @@ def path_markers(lanes: Mapping[str, LanePath], stamp_ns: int, frame_id: str) ->
     return out
 
 
-def _marker(update: TrackUpdate, frame_id: str, ns: str, kind: int) -> Marker:
+def _marker(update: TrackUpdate, frame_id: str, ns: str, kind: int, lifetime_s: float) -> Marker:
     marker = Marker(ns=ns, id=update.track, type=kind, action=Marker.ADD)
     marker.header = Header(stamp=to_stamp(update.stamp_ns), frame_id=frame_id)
-    marker.lifetime = _LIFETIME.to_msg()
+    marker.lifetime = Duration(nanoseconds=round(lifetime_s * 1e9)).to_msg()
     marker.pose.orientation.w = 1.0
     confirmed = update.state is TrackState.CONFIRMED
     marker.color.g, marker.color.r = (1.0, 0.0) if confirmed else (0.6, 1.0)

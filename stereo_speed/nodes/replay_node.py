@@ -9,7 +9,7 @@ times ``rate``, each after a ``/clock`` of its time.
 from __future__ import annotations
 
 import time
-from typing import Any, Optional, Sequence
+from typing import Any, Iterator, Optional, Sequence
 
 import numpy as np
 from rclpy.duration import Duration
@@ -31,8 +31,8 @@ _SETTLE_S = 0.5  # without another subscriber: all have been discovered
 class ReplayNode(Node):
     """See the module's docstring."""
 
-    def __init__(self) -> None:
-        super().__init__('replay_node')
+    def __init__(self, name: str = 'replay_node') -> None:
+        super().__init__(name)
         p = Parameters(self)
         bag = p.get('bag', '', 'rosbag2 folder, .mcap or .db3 file, or ROS 1 .bag')
         if not bag:
@@ -46,6 +46,9 @@ class ReplayNode(Node):
                             'publishes them as recorded, on image_raw/compressed')
         self.wait = p.get('wait_for_subscribers', True,
                           'begin when images and camera_info have subscribers')
+        self.wait_for = p.get('wait_for_topics', '', 'topics between other nodes, with blanks '
+                              'between them, that must have a publisher and a subscriber before '
+                              'it begins, as stereo/image_pair and tracks').split()
         self.wait_s = p.get('wait_timeout', 60.0, 'give up waiting after [s]', 0.0, 3600.0)
         self.bag = StereoBag(bag, left or None, right or None)
         self.bag.__enter__()
@@ -85,7 +88,7 @@ class ReplayNode(Node):
         """Publish each message when it is due; how many were published."""
         first_ns, count, clock_ns = None, 0, 0
         begun = time.monotonic()
-        for message in self.bag.messages():
+        for message in self.messages():
             first_ns = message.stamp_ns if first_ns is None else first_ns
             due_s = (message.stamp_ns - first_ns) * 1e-9 - self.start_s
             if due_s < 0:
@@ -93,10 +96,24 @@ class ReplayNode(Node):
             self._sleep_until(begun + due_s / self.rate)
             clock_ns = max(clock_ns, message.stamp_ns)
             self.clock.publish(Clock(clock=to_stamp(clock_ns)))
-            output = self.outputs[message.side, message.kind]
-            output.publish(self._message(message))
+            self.send(message.side, message.kind, self._message(message), due_s)
             count += 1
         return count
+
+    def messages(self) -> Iterator[BagMessage]:
+        """Yield what is played, in the order it was recorded."""
+        return self.bag.messages()
+
+    def send(self, side: str, kind: str, msg: Any, due_s: float) -> None:
+        """
+        Publish a message.
+
+        :param side: left or right.
+        :param kind: image or camera_info.
+        :param msg: ready to be published.
+        :param due_s: when, since ``start``, in the time of the bag.
+        """
+        self.outputs[side, kind].publish(msg)
 
     def _message(self, message: BagMessage) -> Any:
         """Turn a message of the bag into one of rclpy."""
@@ -118,23 +135,38 @@ class ReplayNode(Node):
 
     def _wait_for_subscribers(self) -> None:
         """
-        Wait until every topic has subscribers and no more of them turn up for a while.
+        Wait until all subscribers hear, other topics are connected, and this stays for a while.
 
         Nodes are discovered one by one: the first on a topic need not be the last.
+
+        :raises InputError: somebody is missing for too long.
         """
         now = since = time.monotonic()
-        end, known = now + self.wait_s, [0]
-        while not all(known) or min(since + _SETTLE_S, end) > now:
+        end, known = now + self.wait_s, self._connections()
+        while self._lonely() or min(since + _SETTLE_S, end) > now:
             if now > end:
-                lonely = [o.topic_name for o in self.outputs.values()
-                          if not o.get_subscription_count()]
-                raise InputError(self.get_name(), 'subscribers', f'none on {", ".join(lonely)} '
-                                 f'after {self.wait_s} s', 'one on each topic')
+                raise InputError(self.get_name(), 'subscribers', f'none on '
+                                 f'{", ".join(self._lonely())} after {self.wait_s} s',
+                                 'one on each topic')
             time.sleep(_POLL_S)
-            now = time.monotonic()
-            counts = [o.get_subscription_count() for o in self.outputs.values()]
-            if counts != known:
-                known, since = counts, now
+            now, connections = time.monotonic(), self._connections()
+            if connections != known:
+                known, since = connections, now
+
+    def _lonely(self) -> list[str]:
+        """Return the topics that lack a subscriber that hears, or their publisher."""
+        out = [o.topic_name for o in self.outputs.values()
+               if not o.get_subscription_count()
+               or o.get_subscription_count() < self.count_subscribers(o.topic_name)]
+        return out + [topic for topic in self.wait_for
+                      if not self.count_publishers(topic) or not self.count_subscribers(topic)]
+
+    def _connections(self) -> list[int]:
+        """Return the numbers of all who are connected, to see when they change."""
+        return [n for o in self.outputs.values()
+                for n in (o.get_subscription_count(), self.count_subscribers(o.topic_name))] + [
+            n for topic in self.wait_for
+            for n in (self.count_publishers(topic), self.count_subscribers(topic))]
 
     @staticmethod
     def _sleep_until(due: float) -> None:

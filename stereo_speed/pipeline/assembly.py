@@ -3,10 +3,11 @@
 """From a site, cameras, parameters and annotations to a pipeline, in one place."""
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Iterable, Mapping, Optional, Sequence
 
+from .conclusions import Conclusions
 from .config import PipelineConfig, SiteConfig
 from .pipeline import SpeedPipeline
 from .registry import DETECTORS, TRACKERS
@@ -64,7 +65,7 @@ class MeasuringSite:
             pairs = spread_pairs(refine_by)
             reference = _reference(rig, pairs, config.steadying)
             if reference is not None:
-                steadier = Steadier(rig, config.steadying, reference)
+                steadier = Steadier(rig, _each_pair(config.steadying), reference)
                 pairs = [steadied(steadier.steady(pair), rig) for pair in pairs]
             try:
                 refined = refine_site(site, rig, pairs, config.site_refinement, config.road)
@@ -77,7 +78,8 @@ class MeasuringSite:
                    not_refined=not_refined)
 
     def pipeline(self, config: PipelineConfig,
-                 annotations: Optional[Sequence[InitialFront]] = None, *, seed: int = 0,
+                 annotations: Optional[Sequence[InitialFront]] = None, *,
+                 conclusions: Optional[Conclusions] = None, seed: int = 0,
                  where: str = 'init file') -> SpeedPipeline:
         """
         Return a pipeline that measures here, with the tolerances that the site gives.
@@ -85,7 +87,8 @@ class MeasuringSite:
         The arguments are those of :func:`make_pipeline`.
         """
         return make_pipeline(self.rig, self.lanes, config.with_tolerances(self.site.tolerances),
-                             annotations, reference=self.reference, seed=seed, where=where)
+                             annotations, reference=self.reference, conclusions=conclusions,
+                             seed=seed, where=where)
 
 
 def _reference(rig: StereoRig, pairs: Sequence[StereoPair], config: SteadyingConfig
@@ -93,12 +96,18 @@ def _reference(rig: StereoRig, pairs: Sequence[StereoPair], config: SteadyingCon
     """Return what the sway of a rig is measured against, by the pairs a site is refined by."""
     if not (config.enabled and pairs):
         return None
-    return rest_of(Steadier(rig, config), pairs)
+    return rest_of(Steadier(rig, _each_pair(config)), pairs)
+
+
+def _each_pair(config: SteadyingConfig) -> SteadyingConfig:
+    """Return parameters that look at each of a few pairs, far apart in time."""
+    return replace(config, look_interval_s=0.0)
 
 
 def make_pipeline(rig: StereoRig, lanes: Mapping[str, LanePath], config: PipelineConfig,
                   annotations: Optional[Sequence[InitialFront]] = None, *,
-                  reference: Optional[Reference] = None, seed: int = 0,
+                  reference: Optional[Reference] = None,
+                  conclusions: Optional[Conclusions] = None, seed: int = 0,
                   where: str = 'init file') -> SpeedPipeline:
     """
     Return a pipeline with the tracker and the detector that the parameters name.
@@ -108,6 +117,7 @@ def make_pipeline(rig: StereoRig, lanes: Mapping[str, LanePath], config: Pipelin
     :param config: names and parameters.
     :param annotations: fronts as a person annotated them; None has the vehicles detected.
     :param reference: what the rig's sway is measured against; None for the first pair.
+    :param conclusions: measures passes that are over; None measures them at once.
     :param seed: of all randomness.
     :param where: where the annotations come from, for errors.
     :raises InputError: an annotation outside the images, no lane, what cannot be loaded.
@@ -118,4 +128,5 @@ def make_pipeline(rig: StereoRig, lanes: Mapping[str, LanePath], config: Pipelin
     steadying = config.site.steadying
     steadier = Steadier(rig, steadying, reference) if steadying.enabled else None
     return SpeedPipeline(rig, lanes, config.shared, start, annotations=annotations or (),
-                         detector=detector, steadier=steadier, seed=seed, where=where)
+                         detector=detector, steadier=steadier, conclusions=conclusions,
+                         seed=seed, where=where)

@@ -5,7 +5,8 @@ Which tracker and detector measure, and all their parameters.
 
 In a parameters file those that all trackers share stand at the top; those of one tracker or
 detector alone stand under its name, in ``trackers`` or ``detectors``; those of the road and of the
-refinement of a site stand in ``road`` and ``site_refinement``.
+refinement of a site stand in ``road`` and ``site_refinement``; those of enforcement, which decide
+on passes and measure nothing, in ``enforcement``.
 """
 from __future__ import annotations
 
@@ -20,6 +21,9 @@ from ..core.errors import InputError
 from ..road.problem import RoadPrior
 from ..site.refine.config import RefineConfig
 from ..steadying.config import SteadyingConfig
+
+
+ENFORCEMENT = 'enforcement'  # section of a parameters file that is none of a pipeline's
 
 
 @dataclass(frozen=True)
@@ -93,6 +97,7 @@ def load_pipeline_config(path: Optional[Union[str, Path]], *, tracker: str = 'co
     :raises InputError: an unreadable file, an unknown key or name, a value out of bounds.
     """
     data = {} if path is None else dict(read_yaml_mapping(path))
+    data.pop(ENFORCEMENT, None)  # of whoever decides on passes; read there
     trackers, detectors = (_sections(registry, data.pop(f'{registry.kind}s', {}), path)
                            for registry in (TRACKERS, DETECTORS))
     of_site = {f.name: data.pop(f.name) for f in fields(SiteConfig) if f.name in data}

@@ -9,20 +9,27 @@ same speeds everywhere.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import partial
 import math
 from typing import Callable, Mapping, Optional, Sequence, Union
 
 import numpy as np
 
+from .conclusions import AtOnce, Conclusions, Measure
+from ..classification.size import VehicleSize
 from ..core.config import TrackerConfig
 from ..core.errors import InputError
-from ..core.records import (
-    Array, InitialFront, PassResult, Reason, StereoPair, TrackState, TrackUpdate)
+from ..core.passes import Direction, PassResult, Reason
+from ..core.records import Array, InitialFront, StereoPair, TrackState, TrackUpdate
+from ..core.stamp_watch import StampWatch
+from ..core.trace import PassTrace, TraceBuilder
 from ..detection.protocol import Detection, Detector, TrackedRegion
 from ..geometry.rig import StereoRig
 from ..road.lanes import LanePath
+from ..second.estimate import SecondOpinion, with_second
 from ..steadying.doubt import SpeedDoubt
 from ..steadying.steadier import Steadier
+from ..steadying.view_lag import ViewLag
 from ..tracking.initialise import check_annotation
 from ..tracking.lane_assigner import LaneAssigner
 from ..tracking.protocol import Refusal, SharesParticles, Tracker, TrackStart
@@ -36,7 +43,7 @@ class Step:
     What came of one pair.
 
     :param updates: of the tracks that followed their vehicles in it.
-    :param passes: that are over since the last pair.
+    :param passes: that are over and measured since the last pair.
     """
 
     updates: list[TrackUpdate]
@@ -52,16 +59,26 @@ class _Track:
     :param lanes: assigns it to lanes.
     :param detection: what it was started by; None where a person annotated it.
     :param found_ns: stamp of the pair that it was detected in.
+    :param trace: gathers how its pass comes about.
+    :param size: measures the vehicle.
+    :param second: estimates its speed by other evidence; None where that is not asked for.
     :param last: its newest update.
     :param confirmed: whether it ever was.
+    :param lag_changes_s: of the time between the views, before it began.
+    :param clock_stepped: whether the clock of the stamps has stepped since.
     """
 
     tracker: Tracker
     lanes: LaneAssigner
     detection: Optional[Detection]
     found_ns: int
+    trace: TraceBuilder
+    size: VehicleSize
+    second: Optional[SecondOpinion] = None
     last: Optional[TrackUpdate] = None
     confirmed: bool = False
+    lag_changes_s: float = 0.0
+    clock_stepped: bool = False
 
 
 @dataclass
@@ -69,7 +86,6 @@ class _State:
     """What a jump of time makes the pipeline forget."""
 
     tracks: list[_Track] = field(default_factory=list)
-    ended: list[PassResult] = field(default_factory=list)
     gone: list[TrackUpdate] = field(default_factory=list)  # last updates of what left lately
     last_ns: Optional[int] = None
     started: set[int] = field(default_factory=set)  # numbers of the annotations used
@@ -88,6 +104,7 @@ class SpeedPipeline:
     :param annotations: fronts as a person annotated them.
     :param detector: finds further vehicles; None leaves it at the annotated ones.
     :param steadier: finds how the rig stands in each pair; None takes it to stand still.
+    :param conclusions: measures what is over; None measures it at once.
     :param seed: seed of all randomness; each track draws from its own stream, so that tracks do
         not disturb one another.
     :param where: where the annotations come from, for errors.
@@ -97,7 +114,8 @@ class SpeedPipeline:
     def __init__(self, rig: StereoRig, lanes: Mapping[str, LanePath], config: TrackerConfig,
                  start: StartTracker, *, annotations: Sequence[InitialFront] = (),
                  detector: Optional[Detector] = None, steadier: Optional[Steadier] = None,
-                 seed: int = 0, where: str = 'init file') -> None:
+                 conclusions: Optional[Conclusions] = None, seed: int = 0,
+                 where: str = 'init file') -> None:
         if not lanes:
             raise InputError('site', 'lanes', 'none', 'at least one lane')
         for front in annotations:
@@ -106,7 +124,10 @@ class SpeedPipeline:
         self.detector, self.steadier, self.seed = detector, steadier, seed
         self._start_tracker, self._annotations = start, tuple(annotations)
         self._doubt = SpeedDoubt(rig, lanes, config)
-        self._next_track = 0
+        self._conclusions = AtOnce() if conclusions is None else conclusions
+        self._concluding: set[int] = set()  # numbers of the tracks that it has
+        self.view_lag, self.stamp_watch = ViewLag(rig), StampWatch()
+        self.next_track = 0  # its number; who goes on from another pipeline sets its
         self._state = _State()
 
     def process(self, pair: StereoPair) -> Step:
@@ -121,34 +142,74 @@ class SpeedPipeline:
                              f'later than {state.last_ns}')
         state.last_ns = pair.stamp_ns
         self._check_size(pair)
-        pair = pair.triggered(self.config.trigger_tolerance_s)
+        if self.stamp_watch.add(pair.stamp_ns):
+            for track in state.tracks:
+                track.clock_stepped = True
+        pair = self.view_lag.corrected(pair.triggered(self.config.trigger_tolerance_s))
         if self.steadier is not None:
             pair = self.steadier.steady(pair)
         self._start_annotated(pair)
+        share = self._share(max(len(state.tracks), 1))
         for track in state.tracks:
             if isinstance(track.tracker, SharesParticles):
-                track.tracker.share(self._share(len(state.tracks)))
-        updates = [self._update(track, pair) for track in state.tracks]
+                track.tracker.share(share)
+        updates = [self._update(track, pair, share) for track in state.tracks]
         self._drop_missing()
         self._drop_doubles()
         updates += self._detect(pair)
+        seen = [u for u in updates if u is not None]
+        self.view_lag.observe(pair, seen)
+        for track in state.tracks:
+            track.trace.add_others(pair.stamp_ns, seen)
         self._collect(everything=False)
-        active = {track.tracker.track for track in state.tracks}
-        ended, state.ended = state.ended, []
-        told = [u for u in updates if u is not None and u.track in active]
+        tracks = {track.tracker.track: track for track in state.tracks}
+        told = [self._timed(u, tracks[u.track]) for u in seen if u.track in tracks]
         if self.steadier is not None:
             told = [self._doubt.update(update, self.steadier) for update in told]
-        return Step(told, ended)
+        return Step(told, self.concluded())
+
+    def concluded(self, *, everything: bool = False) -> list[PassResult]:
+        """
+        Return passes that were measured since the last pair, where this is done beside the pairs.
+
+        :param everything: wait for all that are over.
+        """
+        passes = self._conclusions.done(everything=everything)
+        self._concluding.difference_update(result.track for result in passes)
+        return passes
+
+    @property
+    def open_tracks(self) -> set[int]:
+        """Return the numbers of the tracks whose passes may still come."""
+        return {t.tracker.track for t in self._state.tracks} | self._concluding
+
+    @property
+    def idle(self) -> bool:
+        """
+        Return whether another pipeline with the same steadier would go on as this one does.
+
+        No vehicle is in view or has just left it, and the views have one stamp.  What a detector
+        remembers of the pairs so far does not count: another one begins without it, and may
+        detect the next vehicle some pairs later or earlier.
+        """
+        state, gone_s = self._state, self.config.association.gone_s
+        left_lately = any(((state.last_ns or 0) - u.stamp_ns) * 1e-9 < gone_s for u in state.gone)
+        return not (self.open_tracks or left_lately or self.view_lag.concerned)
+
+    def look(self, pair: StereoPair) -> None:
+        """Take in how the rig stood in a pair that is measured already."""
+        if self.steadier is not None:
+            self.steadier.steady(pair.triggered(self.config.trigger_tolerance_s))
 
     def finish(self) -> list[PassResult]:
         """End all tracks, the stream being over, and return their results."""
         self._collect(everything=True)
-        ended, self._state.ended = self._state.ended, []
-        return ended
+        return self.concluded(everything=True)
 
     def reset(self) -> None:
         """Forget all tracks and the time, as after a jump back; numbers are not reused."""
         self._state = _State()
+        self.stamp_watch.restart()
         if self.detector is not None:
             self.detector.reset()
         if self.steadier is not None:
@@ -176,17 +237,20 @@ class SpeedPipeline:
         :param detection: what found it; None where a person annotated it.
         :param newest: the pair in hand.
         """
-        number, tracks = self._next_track, self._state.tracks
-        tracker = self._start_tracker(TrackStart(
-            rig=self.rig, lane=lane, front=front, pair=pair, track=number,
-            config=replace(self.config, particles=self._share(len(tracks) + 1)),
-            rng=np.random.default_rng([self.seed, number]),
-            seen_mps=detection.speed_mps if detection is not None else None))
+        number, tracks = self.next_track, self._state.tracks
+        trace = PassTrace(
+            number, self.seed, lane.name, front, self._share(len(tracks) + 1),
+            seen_mps=detection.speed_mps if detection is not None else None, pairs=())
+        tracker = self._start_tracker(start_of(trace, self.rig, lane, self.config, pair))
         if isinstance(tracker, Refusal):
             return tracker
-        self._next_track += 1
+        self.next_track += 1
+        second = SecondOpinion(self.rig, lane, self.config) if self.config.second.enabled else None
+        size = VehicleSize(self.rig, lane, self.config.classes,
+                           front.std_px if detection is None else None)
         tracks.append(_Track(tracker, LaneAssigner(self.lanes, self.config.verdict), detection,
-                             newest.stamp_ns))
+                             newest.stamp_ns, TraceBuilder(trace), size, second,
+                             lag_changes_s=self.view_lag.changes_s))
         return tracks[-1]
 
     def _share(self, tracks: int) -> int:
@@ -197,17 +261,28 @@ class SpeedPipeline:
         fewest = self.config.effort.fewest_particles
         return min(wanted, max(self.config.particle_budget // tracks, fewest))
 
-    def _update(self, track: _Track, pair: StereoPair) -> Optional[TrackUpdate]:
-        """Feed a track, and place its vehicle in a lane."""
+    def _update(self, track: _Track, pair: StereoPair,
+                particles: Optional[int] = None) -> Optional[TrackUpdate]:
+        """
+        Feed a track, and place its vehicle in a lane.
+
+        :param particles: number of particles that its tracker was told; None where it was not.
+        """
         update = track.tracker.update(pair)
         if update is None:
+            track.trace.add(pair, particles, None)
             return None
+        if _holds(update):
+            track.size.take(pair, update)
+            if track.second is not None:
+                track.second.take(pair, update.quad_left_px, update.quad_right_px)
         if not track.confirmed and self._is_doubtful(track, update):
-            update = replace(update, state=TrackState.TENTATIVE)
+            update = update.unconfirmed()
         track.confirmed |= update.state is TrackState.CONFIRMED
-        if update.state is TrackState.CONFIRMED and not self._is_sure(update):
-            update = replace(update, state=TrackState.TENTATIVE)
+        if not self._is_sure(update):
+            update = update.unconfirmed()
         track.last = track.lanes.place(update)
+        track.trace.add(pair, particles, track.last)
         return track.last
 
     def _is_sure(self, update: TrackUpdate) -> bool:
@@ -215,6 +290,40 @@ class SpeedPipeline:
         limits = self.config.visibility
         return update.speed_std_mps <= max(
             limits.reading_std_mps, limits.reading_std_share * abs(update.speed_mps))
+
+    def _timed(self, update: TrackUpdate, track: _Track) -> TrackUpdate:
+        """
+        Return what a track says with the doubt of its times in its 1-sigma.
+
+        After a step of the clock there is no telling.
+        """
+        if track.clock_stepped:
+            return update.unconfirmed()
+        if not self.view_lag.concerned:
+            return update
+        update = update.doubted(self._lag_share(track, update))
+        return update if self._is_sure(update) else update.unconfirmed()
+
+    def _lag_share(self, track: _Track, update: TrackUpdate) -> float:
+        """Return the 1-sigma of a track's speed by the time between the views, as a share."""
+        return self.view_lag.share(update, self.view_lag.changes_s - track.lag_changes_s)
+
+    def _timed_result(self, result: PassResult, track: _Track, share: float) -> PassResult:
+        """
+        Return the result of a pass with this doubt; rejected where that is too great.
+
+        :param share: of its speed, as for :meth:`_lag_share`.
+        """
+        if track.clock_stepped and result.speed_mps is not None:
+            return result.rejected(Reason.STAMPS_UNCERTAIN)
+        if not share:
+            return result
+        result, limits = result.doubted(share, 'stamps_mps'), self.config
+        if result.speed_mps is None or result.speed_std_mps is None:
+            return result
+        most_mps = max(limits.max_speed_std_share * result.speed_mps, limits.max_speed_std_mps)
+        return result if result.speed_std_mps < most_mps else result.rejected(
+            Reason.STAMPS_UNCERTAIN)
 
     def _is_doubtful(self, track: _Track, update: TrackUpdate) -> bool:
         """
@@ -294,7 +403,7 @@ class SpeedPipeline:
                     np.linalg.norm(at - other.position_m) < near_m for other in held):
                 tracks.remove(track)
                 if track.confirmed:
-                    self._state.ended.append(self._result(track).rejected(Reason.DUPLICATE))
+                    self._conclude(track, Reason.DUPLICATE)
             else:
                 held.append(track.last)
 
@@ -323,7 +432,7 @@ class SpeedPipeline:
         for track in [t for t in state.tracks if everything or t.tracker.ended]:
             state.tracks.remove(track)
             if track.confirmed or track.detection is None:
-                state.ended.append(self._result(track))
+                self._conclude(track)
 
     def _same_speed(self, update: TrackUpdate, front: Detection, change_mps: float = 0.0) -> bool:
         """
@@ -337,9 +446,68 @@ class SpeedPipeline:
         limit = self.config.association.same_speed_sigmas * std + change_mps
         return abs(update.speed_mps - front.speed_mps) < limit
 
-    def _result(self, track: _Track) -> PassResult:
-        result = track.lanes.conclude(track.tracker.result())
-        return result if self.steadier is None else self._doubt.result(result, self.steadier)
+    def _conclude(self, track: _Track, reason: Optional[Reason] = None) -> None:
+        """
+        Have the whole pass of a track measured, which is over.
+
+        :param reason: why it is rejected whatever comes out; None where it is not.
+        """
+        lag_share = 0.0 if track.last is None else self._lag_share(track, track.last)
+        rig_shares = {} if self.steadier is None else self._doubt.shares(self.steadier)
+        self._concluding.add(track.tracker.track)
+        self._conclusions.add(partial(self._attempted, track, partial(
+            self._measured, track, lag_share, rig_shares, reason)))
+
+    def _attempted(self, track: _Track, measure: Measure) -> PassResult:
+        """Measure a pass, perhaps in another thread; where that fails none is awaited any more."""
+        try:
+            return measure()
+        except Exception:
+            self._concluding.discard(track.tracker.track)
+            raise
+
+    def _measured(self, track: _Track, lag_share: float, rig_shares: Mapping[str, float],
+                  reason: Optional[Reason]) -> PassResult:
+        """
+        Measure a pass; perhaps in another thread, so nothing of the state is used.
+
+        :param lag_share: as for :meth:`_timed_result`.
+        :param rig_shares: of its speed by lane, which a turned camera leaves uncertain.
+        """
+        result = replace(track.lanes.conclude(track.tracker.result()), trace=track.trace.built(),
+                         vehicle=track.size.measured())
+        if result.lane in self.lanes:
+            result = replace(result, direction=_direction(self.lanes[result.lane]))
+        result = self._timed_result(result, track, lag_share)
+        if track.second is not None:
+            result = with_second(result, track.second, self.config.second)
+        if reason is not None:
+            result = result.rejected(reason)
+        return self._doubt.result(result, rig_shares.get(result.lane, 0.0))
+
+
+def _direction(lane: LanePath) -> Direction:
+    """Return whether a lane leads towards the left camera or away from it."""
+    ends = lane.path.position(np.array([0.0, lane.path.length_m]))
+    start_m, end_m = np.linalg.norm(ends, axis=-1)
+    return Direction.APPROACHING if end_m < start_m else Direction.RECEDING
+
+
+def start_of(trace: PassTrace, rig: StereoRig, lane: LanePath, config: TrackerConfig,
+             pair: StereoPair) -> TrackStart:
+    """
+    Return what a tracker starts from, or started from when the pass was measured first.
+
+    :param trace: how the pass began.
+    :param rig: the cameras.
+    :param lane: the lane of its first front.
+    :param config: parameters that all trackers share.
+    :param pair: the pair of its first front.
+    """
+    return TrackStart(
+        rig=rig, lane=lane, front=trace.front, pair=pair, track=trace.track,
+        config=replace(config, particles=trace.particles),
+        rng=np.random.default_rng([trace.seed, trace.track]), seen_mps=trace.seen_mps)
 
 
 def _moved_on(update: TrackUpdate, stamp_ns: int) -> TrackUpdate:

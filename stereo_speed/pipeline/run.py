@@ -3,14 +3,32 @@
 """From a stream of pairs to the results of a run: the one loop that does it."""
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 import time
-from typing import Callable, Iterable, Optional
+from typing import Callable, Collection, Iterable, Optional, Protocol, Sequence
 
 from .pipeline import SpeedPipeline, Step
-from ..core.records import PassResult, StereoPair, TrackUpdate
+from ..core.passes import PassResult
+from ..core.records import StereoPair, TrackUpdate
 
 Observer = Callable[[StereoPair, Step], None]
+Relay = Callable[[StereoPair, Step, SpeedPipeline, 'Run'], SpeedPipeline]
+# A run that has a sink holds so many updates, for pictures: 60 MB.
+KEPT_UPDATES = 40_000
+
+
+class Sink(Protocol):
+    """Takes the updates of a run as they come, so that they need not all be held."""
+
+    def add(self, updates: Sequence[TrackUpdate], passes: Sequence[PassResult],
+            open_tracks: Collection[int]) -> None:
+        """
+        Take in what came of one pair.
+
+        :param updates: of the pair.
+        :param passes: that are over since the last pair.
+        :param open_tracks: numbers of the tracks whose passes are still to come.
+        """
 
 
 @dataclass
@@ -23,6 +41,8 @@ class Run:
     :param stamps_ns: stamp of each pair.
     :param wall_s: time spent in the pipeline, s.
     :param cpu_s: processor time spent on pairs, s, without that for passes still open at the end.
+    :param kept: numbers of the tracks whose updates are here; of the other passes only the
+        first, the last and the greatest smoothed speed. None where all are here.
     """
 
     updates: list[TrackUpdate] = field(default_factory=list)
@@ -30,34 +50,101 @@ class Run:
     stamps_ns: list[int] = field(default_factory=list)
     wall_s: float = 0.0
     cpu_s: float = 0.0
+    kept: Optional[frozenset[int]] = None
+
+    def add(self, step: Step, open_tracks: Collection[int], most_updates: Optional[int]) -> None:
+        """
+        Take in what came of a pair.
+
+        :param step: updates and passes.
+        :param open_tracks: numbers of the tracks whose passes are still to come.
+        :param most_updates: how many to hold; None for all.
+        """
+        self.passes += step.passes if self.kept is None else map(_shortened, step.passes)
+        if self.kept is not None:
+            return
+        self.updates += step.updates
+        if most_updates is not None and len(self.updates) > most_updates:
+            self.forget_others({p.track for p in self.passes} | set(open_tracks))
+            if len(self.updates) > most_updates // 2:
+                self.kept = frozenset(p.track for p in self.passes)
+                self.forget_others(self.kept)
+
+    def forget_others(self, tracks: Collection[int]) -> None:
+        """Forget the updates of all tracks but some."""
+        self.updates = [u for u in self.updates if u.track in tracks]
 
 
 def run(pipeline: SpeedPipeline, pairs: Iterable[StereoPair],
-        observe: Optional[Observer] = None) -> Run:
+        observe: Optional[Observer] = None, sink: Optional[Sink] = None,
+        most_updates: int = KEPT_UPDATES, so_far: Optional[Run] = None,
+        relay: Optional[Relay] = None) -> Run:
     """
     Measure every pair of a stream.
 
     :param pipeline: a fresh one.
     :param pairs: in order of stamps.
     :param observe: called with each pair and what came of it.
+    :param sink: takes all updates and passes as they come; without one all are held.
+    :param most_updates: how many updates to hold where there is a sink; passes are held without
+        their traces then, but those that end with the stream.
+    :param so_far: what came of earlier pairs, to be added to.
+    :param relay: called with each pair, what came of it, the pipeline and the run; returns the
+        pipeline for the next pair.
     :raises InputError: a pair that cannot be used.
     """
-    out = Run()
+    out = Run() if so_far is None else so_far
     for pair in pairs:
         wall_s, cpu_s = time.perf_counter(), time.process_time()
         step = pipeline.process(pair)
         out.wall_s += time.perf_counter() - wall_s
         out.cpu_s += time.process_time() - cpu_s
-        out.updates += step.updates
-        out.passes += step.passes
         out.stamps_ns.append(pair.stamp_ns)
+        if sink is None:
+            gather(out, step, (), None)
+        else:
+            gather(out, _untraced(step), pipeline.open_tracks, sink, most_updates)
         if observe is not None:
             observe(pair, step)
+        if relay is not None:
+            pipeline = relay(pair, step, pipeline, out)
     wall_s = time.perf_counter()
-    out.passes += pipeline.finish()
+    last = Step([], pipeline.finish())
     out.wall_s += time.perf_counter() - wall_s
+    gather(out, last, () if sink is None else pipeline.open_tracks, sink, most_updates)
     out.passes.sort(key=lambda p: p.track)
     # Of what the detector found, only what became a vehicle is reported.
-    vehicles = {p.track for p in out.passes}
-    out.updates = [u for u in out.updates if u.track in vehicles]
+    out.forget_others({p.track for p in out.passes})
     return out
+
+
+def gather(out: Run, step: Step, open_tracks: Collection[int], sink: Optional[Sink],
+           most_updates: int = KEPT_UPDATES) -> None:
+    """
+    Take in what came of a pair.
+
+    :param out: the run it is added to.
+    :param step: updates and passes.
+    :param open_tracks: numbers of the tracks whose passes are still to come.
+    :param sink: takes them too; without one all are held.
+    :param most_updates: how many updates to hold where there is a sink.
+    """
+    if sink is None:
+        out.add(step, (), None)
+    else:
+        out.add(step, open_tracks, most_updates)
+        sink.add(step.updates, step.passes, open_tracks)
+
+
+def _untraced(step: Step) -> Step:
+    """Return what came of a pair without how its passes came about, which holds much."""
+    return Step(step.updates, [replace(p, trace=None) for p in step.passes])
+
+
+def _shortened(result: PassResult) -> PassResult:
+    """Return a pass with no more of its profile than its row in a table needs."""
+    speeds = result.smoothed
+    if not speeds:
+        return result
+    some = {min(speeds), max(speeds), max(speeds, key=lambda ns: speeds[ns])}
+    return replace(result, smoothed={ns: speeds[ns] for ns in sorted(some)}, smoothed_std={})

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Annotated frames: the lanes' paths, each vehicle's front and its speed over the left image."""
+"""Annotated frames: the lanes' paths, each vehicle's front and its speed over an image."""
 from __future__ import annotations
 
 from typing import Mapping, Sequence
@@ -22,8 +22,8 @@ COLOURS = ((0, 159, 230), (233, 180, 86), (115, 158, 0), (66, 228, 240), (167, 1
            (0, 94, 213))
 PATH_COLOUR = (178, 114, 0)
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
-_STEP_M = 0.5  # between the drawn points of a path
-_SHIFT = 4  # fractional bits of the coordinates given to OpenCV
+STEP_M = 0.5  # between the drawn points of a path
+SHIFT = 4  # fractional bits of the coordinates given to OpenCV
 
 
 def colour_of(track: int) -> tuple[int, int, int]:
@@ -32,22 +32,24 @@ def colour_of(track: int) -> tuple[int, int, int]:
 
 
 def draw(pair: StereoPair, updates: Sequence[TrackUpdate], lanes: Mapping[str, LanePath],
-         rig: StereoRig) -> Image:
+         rig: StereoRig, *, right: bool = False) -> Image:
     """
-    Draw paths, fronts and speeds over the left image.
+    Draw paths, fronts and speeds over one image of a pair.
 
     :param pair: the pair.
     :param updates: what the pipeline said of it.
     :param lanes: the lanes' paths.
     :param rig: the cameras.
+    :param right: over the right image, instead of the left one.
     :return: (H, W, 3) uint8, BGR.
     """
-    image: Image = np.repeat(to_eight_bits(pair.left)[..., None], 3, axis=2)
+    grey = to_eight_bits(pair.right if right else pair.left)
+    image: Image = np.repeat(grey[..., None], 3, axis=2)
     unit = max(image.shape[1] / 1024, 0.4)  # text and lines grow with the image
     for lane in lanes.values():
-        _draw_path(image, lane, rig, unit)
+        _draw_path(image, lane, rig, unit, right)
     for update in updates:
-        _draw_vehicle(image, update, unit)
+        _draw_vehicle(image, update, update.quad_right_px if right else update.quad_left_px, unit)
     return image
 
 
@@ -82,40 +84,40 @@ def label(update: TrackUpdate) -> tuple[str, str]:
             f'{speed / KMH_MPS:.1f} +/- {std / KMH_MPS:.1f} km/h')
 
 
-def _draw_path(image: Image, lane: LanePath, rig: StereoRig, unit: float) -> None:
+def _draw_path(image: Image, lane: LanePath, rig: StereoRig, unit: float, right: bool) -> None:
     """Draw the visible runs of a lane's path, half transparent."""
-    count = max(int(np.ceil(lane.path.length_m / _STEP_M)) + 1, 2)
+    count = max(int(np.ceil(lane.path.length_m / STEP_M)) + 1, 2)
     s_m = np.linspace(0.0, lane.path.length_m, count)
-    uv, valid = rig.left.project(lane.path.position(s_m))
+    views = rig.project(lane.path.position(s_m))
+    uv, valid = (views[1], views[3]) if right else (views[0], views[2])
     over = image.copy()
-    for run in _runs(uv, valid):
-        cv2.polylines(over, [_fixed_point(run)], False, PATH_COLOUR, max(round(3 * unit), 1),
-                      cv2.LINE_AA, _SHIFT)
+    for run in visible_runs(uv, valid):
+        cv2.polylines(over, [fixed_point(run)], False, PATH_COLOUR, max(round(3 * unit), 1),
+                      cv2.LINE_AA, SHIFT)
     cv2.addWeighted(over, 0.6, image, 0.4, 0.0, dst=image)
 
 
-def _runs(uv: Array, valid: NDArray[np.bool_]) -> list[Array]:
+def visible_runs(uv: Array, valid: NDArray[np.bool_]) -> list[Array]:
     """Split points (n, 2) into the runs of at least two valid ones."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], valid, [False]]).astype(int)))
     return [uv[a:b] for a, b in edges.reshape(-1, 2) if b - a > 1]
 
 
-def _fixed_point(uv: Array) -> NDArray[np.int32]:
+def fixed_point(uv: Array) -> NDArray[np.int32]:
     """Turn pixels (n, 2) into OpenCV's fixed point, kept within what it can hold."""
     fixed: NDArray[np.int32] = np.clip(
-        np.round(uv * 2.0 ** _SHIFT), -2.0 ** 24, 2.0 ** 24).astype(np.int32)
+        np.round(uv * 2.0 ** SHIFT), -2.0 ** 24, 2.0 ** 24).astype(np.int32)
     return fixed
 
 
-def _draw_vehicle(image: Image, update: TrackUpdate, unit: float) -> None:
-    """Draw a vehicle's front and its label."""
-    if not np.all(np.isfinite(update.quad_left_px)):
+def _draw_vehicle(image: Image, update: TrackUpdate, quad_px: Array, unit: float) -> None:
+    """Draw a vehicle's front (4, 2) and its label."""
+    if not np.all(np.isfinite(quad_px)):
         return
     colour = colour_of(update.track)
     thick = max(round(2 * unit), 1)
-    cv2.polylines(image, [_fixed_point(update.quad_left_px)], True, colour, thick, cv2.LINE_AA,
-                  _SHIFT)
-    _draw_label(image, label(update), update.quad_left_px, colour, unit)
+    cv2.polylines(image, [fixed_point(quad_px)], True, colour, thick, cv2.LINE_AA, SHIFT)
+    _draw_label(image, label(update), quad_px, colour, unit)
 
 
 def _draw_label(image: Image, lines: Sequence[str], quad_px: Array,

@@ -16,8 +16,9 @@ from matplotlib.figure import Figure
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..core.records import Array, PassResult, TrackState, TrackUpdate, Verdict
-from ..core.units import KMH_MPS, MPH_MPS, NS_S
+from ..core.passes import PassResult, Verdict
+from ..core.records import Array, TrackState, TrackUpdate
+from ..core.units import NS_S, SpeedUnit
 from ..road.lanes import LanePath
 
 # Vehicle name to rows of (stamp in ns, speed in m/s).
@@ -26,12 +27,13 @@ Truth = Mapping[str, Sequence[tuple[int, float]]]
 # Told apart also by the colour-blind (Okabe and Ito); the same tracks as on the overlay
 COLOURS = ('#e69f00', '#56b4e9', '#009e73', '#f0e442', '#cc79a7', '#d55e00')
 _DPI = 110
+_LEGEND = 40  # entries; more would leave no room for the axes
 _GREY = '#5b6470'
 
 
 def write_plots(out_dir: Union[str, Path], updates: Sequence[TrackUpdate],
                 passes: Sequence[PassResult], lanes: Mapping[str, LanePath],
-                truth: Optional[Truth] = None) -> list[Path]:
+                truth: Optional[Truth] = None, unit: SpeedUnit = SpeedUnit()) -> list[Path]:
     """
     Write ``speed.png`` and ``road.png``.
 
@@ -40,9 +42,10 @@ def write_plots(out_dir: Union[str, Path], updates: Sequence[TrackUpdate],
     :param passes: the passes, for the smoothed speeds and the final ones.
     :param lanes: the lanes, for paths and limits.
     :param truth: true speeds, where they are known.
+    :param unit: of the speeds shown.
     :return: the files written.
     """
-    figures = {'speed.png': speed_figure(updates, passes, lanes, truth),
+    figures = {'speed.png': speed_figure(updates, passes, lanes, truth, unit),
                'road.png': road_figure(updates, lanes)}
     for name, figure in figures.items():
         FigureCanvasAgg(figure)
@@ -56,33 +59,37 @@ def colour_of(track: int) -> str:
 
 
 def speed_figure(updates: Sequence[TrackUpdate], passes: Sequence[PassResult],
-                 lanes: Mapping[str, LanePath], truth: Optional[Truth] = None) -> Figure:
+                 lanes: Mapping[str, LanePath], truth: Optional[Truth] = None,
+                 unit: SpeedUnit = SpeedUnit()) -> Figure:
     """Draw speed over time: live, smoothed, limits, and the truth where it is given."""
     figure, axes = new_figure(10.0, 5.4)
     stamps = [u.stamp_ns for u in updates]
     stamps += [stamp for rows in (truth or {}).values() for stamp, _ in rows]
     origin_ns = min(stamps, default=0)
     for track, rows in sorted(_by_track(updates).items()):
-        _draw_live(axes, track, rows, origin_ns)
+        _draw_live(axes, track, rows, origin_ns, unit)
     for result in sorted(passes, key=lambda p: p.track):
-        _draw_smoothed(axes, result, origin_ns)
+        _draw_smoothed(axes, result, origin_ns, unit)
+        _draw_second(axes, result, origin_ns, unit)
     for number, (name, points) in enumerate(sorted((truth or {}).items())):
         t_s, speed = _series(points, origin_ns)
-        axes.plot(t_s, speed / MPH_MPS, color='black', lw=1.2, ls=(0, (1, 1.5)), zorder=5,
+        axes.plot(t_s, speed / unit.mps, color='black', lw=1.2, ls=(0, (1, 1.5)), zorder=5,
                   label='truth' if len(truth or {}) == 1 else f'truth of {name}')
-    _fit_speeds(axes, updates, passes, truth)
-    _draw_limits(axes, lanes, {u.lane for u in updates})
-    axes.set(title='Ground speed', xlabel='time since the first pair, s', ylabel='speed, mph')
-    ratio = MPH_MPS / KMH_MPS
+    _fit_speeds(axes, updates, passes, truth, unit)
+    _draw_limits(axes, lanes, {u.lane for u in updates}, unit)
+    axes.set(title='Ground speed', xlabel='time since the first pair, s',
+             ylabel=f'speed, {unit.name}')
+    other = SpeedUnit('mph' if unit.name == 'km/h' else 'km/h')
+    ratio = unit.mps / other.mps
 
-    def to_kmh(mph: ArrayLike) -> Array:
-        return np.asarray(mph, float) * ratio
+    def to_other(speed: ArrayLike) -> Array:
+        return np.asarray(speed, float) * ratio
 
-    def to_mph(kmh: ArrayLike) -> Array:
-        return np.asarray(kmh, float) / ratio
-    right = axes.secondary_yaxis('right', functions=(to_kmh, to_mph))
-    right.set_ylabel('speed, km/h')
-    show_legend(figure, axes)
+    def from_other(speed: ArrayLike) -> Array:
+        return np.asarray(speed, float) / ratio
+    right = axes.secondary_yaxis('right', functions=(to_other, from_other))
+    right.set_ylabel(f'speed, {other.name}')
+    show_legend(figure, axes, columns=3)
     return figure
 
 
@@ -125,6 +132,9 @@ def show_legend(figure: Figure, axes: Axes, columns: int = 4) -> None:
     """Put the legend below the axes."""
     handles, labels = axes.get_legend_handles_labels()
     if labels:
+        if len(labels) > _LEGEND:
+            handles, labels = handles[:_LEGEND], labels[:_LEGEND]
+            labels[-1] += ', and so on'
         # Below the axes, where it hides nothing; the layout leaves room for legends of axes.
         axes.legend(handles, labels, loc='upper center', bbox_to_anchor=(0.5, -0.14),
                     ncols=columns, frameon=False, fontsize=9)
@@ -144,10 +154,11 @@ def _series(rows: Sequence[tuple[int, float]], origin_ns: int) -> tuple[Array, A
             np.array([value for _, value in rows], dtype=np.float64))
 
 
-def _draw_live(axes: Axes, track: int, rows: Sequence[TrackUpdate], origin_ns: int) -> None:
+def _draw_live(axes: Axes, track: int, rows: Sequence[TrackUpdate], origin_ns: int,
+               unit: SpeedUnit) -> None:
     """Draw a track's live readings as points with bars, hollow until confirmed."""
-    t_s, speed = _series([(u.stamp_ns, u.speed_mps / MPH_MPS) for u in rows], origin_ns)
-    std = np.array([u.speed_std_mps for u in rows]) / MPH_MPS
+    t_s, speed = _series([(u.stamp_ns, u.speed_mps / unit.mps) for u in rows], origin_ns)
+    std = np.array([u.speed_std_mps for u in rows]) / unit.mps
     sure = np.array([u.state is TrackState.CONFIRMED for u in rows])
     colour = colour_of(track)
     axes.errorbar(t_s, speed, std, fmt='none', ecolor=colour, elinewidth=1.1, alpha=0.55)
@@ -157,49 +168,65 @@ def _draw_live(axes: Axes, track: int, rows: Sequence[TrackUpdate], origin_ns: i
               label=None if sure.all() else f'vehicle {track}, not confirmed')
 
 
-def _draw_smoothed(axes: Axes, result: PassResult, origin_ns: int) -> None:
+def _draw_smoothed(axes: Axes, result: PassResult, origin_ns: int, unit: SpeedUnit) -> None:
     """Draw a pass's smoothed speed with its band; its label has the final speed."""
     t_s, speed = _series(list(result.smoothed.items()), origin_ns)
     std = _series(list(result.smoothed_std.items()), origin_ns)[1]
     label = f'vehicle {result.track}, smoothed'
     if result.verdict is Verdict.MEASURED and result.speed_mps is not None:
-        label += f': {result.speed_mps / MPH_MPS:.2f} ± ' \
-                 f'{(result.speed_std_mps or 0.0) / MPH_MPS:.2f} mph'
+        label += f': {result.speed_mps / unit.mps:.2f} ± ' \
+                 f'{(result.speed_std_mps or 0.0) / unit.mps:.2f} {unit.name}'
     else:
         label += f': rejected ({result.reason})'
     colour = colour_of(result.track)
-    axes.plot(t_s, speed / MPH_MPS, color=colour, lw=2.0, label=label)
+    axes.plot(t_s, speed / unit.mps, color=colour, lw=2.0, label=label)
     if len(std) == len(speed):
-        axes.fill_between(t_s, (speed - std) / MPH_MPS, (speed + std) / MPH_MPS, color=colour,
+        axes.fill_between(t_s, (speed - std) / unit.mps, (speed + std) / unit.mps, color=colour,
                           alpha=0.22, lw=0)
 
 
+def _draw_second(axes: Axes, result: PassResult, origin_ns: int, unit: SpeedUnit) -> None:
+    """Draw the independent estimate over the pass as a line with a bar in its middle."""
+    second = result.second
+    if second is None or second.speed_mps is None:
+        return
+    begin, end = ((ns - origin_ns) * NS_S for ns in (result.first_ns, result.last_ns))
+    speed, std = second.speed_mps / unit.mps, (second.speed_std_mps or 0.0) / unit.mps
+    colour = colour_of(result.track)
+    axes.plot([begin, end], [speed, speed], color=colour, lw=1.3, ls=(0, (4, 2)),
+              label=f'vehicle {result.track}, second estimate: {speed:.2f} ± {std:.2f} '
+                    f'{unit.name}')
+    axes.errorbar([(begin + end) / 2], [speed], [std], fmt='none', ecolor=colour, elinewidth=1.3,
+                  capsize=4)
+
+
 def _fit_speeds(axes: Axes, updates: Sequence[TrackUpdate], passes: Sequence[PassResult],
-                truth: Optional[Truth]) -> None:
+                truth: Optional[Truth], unit: SpeedUnit) -> None:
     """Fit the axis to what is measured; wide first bars must not press the rest flat."""
     sure = [u for u in updates if u.state is TrackState.CONFIRMED] or list(updates)
     values = [v for u in sure for v in (u.speed_mps - u.speed_std_mps,
                                         u.speed_mps + u.speed_std_mps)]
     values += [v for p in passes for v in p.smoothed.values()]
     values += [v for rows in (truth or {}).values() for _, v in rows]
-    finite = [v / MPH_MPS for v in values if np.isfinite(v)]
+    finite = [v / unit.mps for v in values if np.isfinite(v)]
     if finite:
         pad = max(0.08 * (max(finite) - min(finite)), 1.0)
         axes.set_ylim(max(min(finite) - pad, 0.0), max(finite) + pad)
 
 
-def _draw_limits(axes: Axes, lanes: Mapping[str, LanePath], used: set[str]) -> None:
+def _draw_limits(axes: Axes, lanes: Mapping[str, LanePath], used: set[str],
+                 unit: SpeedUnit) -> None:
     """Draw the limits of the lanes that were driven on; the axis stretches to a near one."""
     for name in sorted(used & set(lanes)):
         limit = lanes[name].speed_limit_mps
         if limit is None:
             continue
-        mph = limit / MPH_MPS
+        shown = limit / unit.mps
         low, high = axes.get_ylim()
-        if abs(mph - np.clip(mph, low, high)) < 15.0:
-            axes.set_ylim(min(low, mph - 1.0), max(high, mph + 1.0))
-        axes.axhline(mph, color=_GREY, lw=1.2, ls=(0, (6, 4)),
-                     label=f'limit of {name}, {mph:.0f} mph')
+        if abs(shown - np.clip(shown, low, high)) < 15.0:
+            axes.set_ylim(min(low, shown - 1.0), max(high, shown + 1.0))
+        axes.axhline(shown, color=_GREY, lw=1.2, ls=(0, (6, 4)),
+                     label=f'limit of {name}, {shown:.0f} {unit.name}')
 
 
 def _draw_lane(axes: Axes, name: str, lane: LanePath) -> None:

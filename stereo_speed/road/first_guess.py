@@ -10,7 +10,8 @@ from numpy.polynomial import Legendre, legendre
 
 from .curve_matching import image_spline, match_curves
 from .model import RoadModel, RoadShape
-from .path import CAMERA_UP, frame_of, unit
+from .path import CAMERA_UP, frame_of
+from .spline_kernels import unit
 from ..core.records import Array
 from ..geometry.ray_plane import back_project, Plane
 from ..geometry.rig import StereoRig

@@ -266,12 +266,15 @@ def fit_road(rig: StereoRig, lines: Mapping[str, tuple[Array, Array]],
     :raises NoRoadError: when the picks give no road to start from.
     """
     picks = Picks.of(lines, std_px, prior.pick_std_px)
-    if near is not None:
-        return _search([same_family(
-            near, RoadProblem(rig, picks, near.problem.model, drift, prior))], MOST.curvature)
-    rotated = np.zeros(0) if drift is None else drift.mean_rad
     # a few picks, 2 a line, are only enough for a straight road
     most = min(MOST.curvature, len(picks.line) // 2 - 4 - len(lines))
+    if near is None and picks.median_std_px < prior.pick_std_px:
+        # Among precise picks there are many roads that no small step makes better.
+        near = fit_road(rig, lines, None, drift, prior)
+    if near is not None:
+        fit = same_family(near, RoadProblem(rig, picks, near.problem.model, drift, prior))
+        return fit if most < 1 else _search([fit], most)
+    rotated = np.zeros(0) if drift is None else drift.mean_rad
     fits = []
     for terms in range(max(min(most, 2), 0) + 1):  # each from its own guess
         model, start = guess_road(rig, list(lines.values()), terms)
@@ -279,8 +282,11 @@ def fit_road(rig: StereoRig, lines: Mapping[str, tuple[Array, Array]],
                            np.append(start, rotated)))
     if most < 1:
         return fits[0]
-    # real bends climb and are banked
-    fits += [_reshaped(fit, fit.problem.model.shape._replace(tilt=2)) for fit in fits[1:]]
+    # straight roads go over crests and through sags, real bends climb and are banked
+    for fit in tuple(fits):
+        shape = fit.problem.model.shape
+        fits.append(_reshaped(fit, shape._replace(tilt=2) if shape.curvature
+                              else shape._replace(vertical=2)))
     return _search(fits, most)
 
 

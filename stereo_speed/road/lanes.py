@@ -10,8 +10,9 @@ import numpy as np
 
 from .fit import RoadFit
 from .model import NODES, Weights
-from .path import chord_lengths, Path, SplinePath, StraightPath, unit
+from .path import chord_lengths, Path, SplinePath, StraightPath
 from .path_effect import path_effect, PLACES, seen_stretch
+from .spline_kernels import unit
 from ..core.records import Array
 from ..geometry.rig import StereoRig
 

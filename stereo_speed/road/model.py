@@ -47,10 +47,6 @@ class RoadShape(NamedTuple):
         """Return whether the surface is a plane."""
         return not (self.tilt or self.vertical or self.twist)
 
-    def joined(self, other: RoadShape) -> RoadShape:
-        """Return the least shape that both are cases of."""
-        return RoadShape(*map(max, self, other))
-
 
 @dataclass(frozen=True, eq=False)
 class RoadModel:

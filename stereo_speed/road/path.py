@@ -10,11 +10,12 @@ after the last.
 """
 from __future__ import annotations
 
-from typing import Callable, Literal, Protocol, runtime_checkable
+from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
+from .spline_kernels import arc_lengths, frames, positions, unit
 from ..core.records import Array
 
 # Up in the left optical frame, where nothing better is known.
@@ -40,16 +41,6 @@ class Path(Protocol):
 
     def arc_length(self, points_m: Array) -> Array:
         """Return the arc lengths (...,) of the nearest points of the path to points (..., 3)."""
-
-
-def unit(vectors: Array) -> Array:
-    """
-    Return vectors scaled to length 1.
-
-    :param vectors: (..., 3).
-    """
-    vectors = np.asarray(vectors, dtype=np.float64)
-    return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
 
 
 def frame_of(tangent: Array, up: Array) -> Array:
@@ -153,63 +144,49 @@ class SplinePath:
         # The map from arc length to chord parameter, with its exact slope at every node.
         slope = 1 / np.linalg.norm(raw(fine, 1), axis=-1)
         chords = CubicHermiteSpline(s, fine, slope)(self._knots_m)
-        self._curve = CubicSpline(self._knots_m, raw(chords))
-        self._slope, self._bend = self._curve.derivative(), self._curve.derivative(2)
-        self._ends = self._curve([0.0, self._length_m]), unit(self._slope([0.0, self._length_m]))
-        self._up: Callable[[Array], Array] = self._ups(up, chord, chords)
+        curve = CubicSpline(self._knots_m, raw(chords))
+        self._step_m = self._length_m / (count - 1)
+        self._coefficients = np.ascontiguousarray(curve.c)
+        self._ends = unit(curve([0.0, self._length_m], 1))
+        self._ups = self._up_coefficients(up, chord, chords)
 
-    def _ups(self, up: Array, chord: Array, chords: Array) -> Callable[[Array], Array]:
-        """Return the rough ups by arc length."""
+    def _up_coefficients(self, up: Array, chord: Array, chords: Array) -> Array:
+        """Return the coefficients (4, pieces, 3) of the rough ups by arc length."""
         up = np.asarray(up, dtype=np.float64)
         if up.ndim == 1:
-            one = unit(up)
-            return lambda s_m: one
-        return CubicSpline(self._knots_m, unit(spline_through(chord, up)(chords)))
+            same = np.zeros_like(self._coefficients)
+            same[3] = unit(up)
+            return same
+        spline = CubicSpline(self._knots_m, unit(spline_through(chord, up)(chords)))
+        return np.ascontiguousarray(spline.c)
 
     @property
     def length_m(self) -> float:
         """Arc length between the two ends."""
         return self._length_m
 
-    def _beyond(self, s_m: Array) -> tuple[Array, Array]:
-        """Split arc lengths into the part on the curve and the part beyond its ends."""
-        s_m = np.asarray(s_m, dtype=np.float64)
-        on = np.clip(s_m, 0.0, self._length_m)
-        return on, s_m - on
-
     def position(self, s_m: Array) -> Array:
         """Return the points (..., 3) at arc lengths (...,)."""
-        on, beyond = self._beyond(s_m)
-        ends = np.where((beyond < 0)[..., None], self._ends[1][0], self._ends[1][1])
-        return np.asarray(self._curve(on) + beyond[..., None] * ends)
+        s_m = np.asarray(s_m, dtype=np.float64)
+        flat = positions(self._coefficients, self._step_m, self._ends, s_m.ravel())
+        return np.asarray(flat.reshape(*s_m.shape, 3))
 
     def tangent(self, s_m: Array) -> Array:
         """Return the unit directions of travel (..., 3) at arc lengths (...,)."""
-        return unit(self._slope(self._beyond(s_m)[0]))
+        return np.asarray(self.frame(s_m)[..., 0])
 
     def frame(self, s_m: Array) -> Array:
         """Return the frames (..., 3, 3) at arc lengths (...,): columns T, P left, B up."""
-        on = self._beyond(s_m)[0]
-        return frame_of(self.tangent(on), self._up(on))
+        s_m = np.asarray(s_m, dtype=np.float64)
+        flat = frames(self._coefficients, self._ups, self._step_m, s_m.ravel())
+        return np.asarray(flat.reshape(*s_m.shape, 3, 3))
 
     def arc_length(self, points_m: Array) -> Array:
         """Return the arc lengths (...,) of the nearest points of the path to points (..., 3)."""
         points_m = np.asarray(points_m, dtype=np.float64)
-        knots = self._curve(self._knots_m)
-        # |p - k|^2 without the |p|^2, which is the same for every knot
-        nearest = np.argmin(
-            np.sum(knots * knots, axis=-1) - 2 * points_m @ knots.T, axis=-1)
-        s: Array = self._knots_m[nearest]
-        for _ in range(8):
-            offset = points_m - self.position(s)
-            on, beyond = self._beyond(s)
-            bend = np.where((beyond == 0)[..., None], self._bend(on), 0.0)
-            step = np.sum(offset * self.tangent(s), axis=-1) / np.maximum(
-                1 - np.sum(offset * bend, axis=-1), 0.2)
-            s = s + step
-            if not np.any(np.abs(step) > 1e-10):
-                break
-        return s
+        flat = arc_lengths(self._coefficients, self._step_m, self._ends,
+                           np.ascontiguousarray(points_m.reshape(-1, 3)))
+        return np.asarray(flat.reshape(points_m.shape[:-1]))
 
 
 def _lengths(curve: CubicSpline, nodes: Array) -> Array:

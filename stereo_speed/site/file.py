@@ -4,9 +4,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from datetime import date
 from itertools import combinations
 from pathlib import Path as FilePath
-from typing import Mapping, Optional, Union
+from typing import Any, Mapping, Optional, Union
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from .checks import crossing, out_of_order
 from .extras import KnownLength, read_correction, read_length, RigCorrection
 from ..core.config import check_tolerance, TOLERANCES
 from ..core.errors import SiteError
+from ..core.passes import VehicleClass
 from ..core.records import Array
 from ..core.strict_yaml import load_yaml, StrictMapping
 from ..core.units import parse_speed
@@ -23,6 +25,7 @@ LEAST_ROAD_M = 5.0  # of a line; the direction of a shorter one is too uncertain
 LEAST_STD_PX, MOST_STD_PX = 1e-6, 100.0  # beyond them a 1-sigma is a slip of whoever wrote it
 LEAST_STD_M, MOST_STD_M = 1e-6, 10.0
 VIEWS = ('left_image', 'right_image')
+CLASSES = tuple(str(name) for name in VehicleClass if name is not VehicleClass.UNKNOWN)
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +93,7 @@ class LaneSpec:
     :param left: line on the driver's left, or None.
     :param path: line that is the path itself, or None.
     :param speed_limit_mps: m/s.
+    :param class_limits_mps: other limits, of some classes of vehicles, m/s.
     """
 
     name: str
@@ -97,6 +101,13 @@ class LaneSpec:
     left: Optional[str]
     path: Optional[str]
     speed_limit_mps: float
+    class_limits_mps: Mapping[VehicleClass, float] = field(default_factory=dict)
+
+    def limit_mps(self, name: VehicleClass) -> float:
+        """Return the limit of a class; of an unknown one the greatest that there is."""
+        if name is VehicleClass.UNKNOWN:
+            return max(self.speed_limit_mps, *self.class_limits_mps.values(), 0.0)
+        return self.class_limits_mps.get(name, self.speed_limit_mps)
 
     @property
     def lines(self) -> tuple[str, ...]:
@@ -117,6 +128,7 @@ class Site:
     :param known_lengths: to be checked.
     :param tolerances: parameters of the tracker that are the rig's: 1-sigmas of focal length,
         baseline and stamps, where the file gives them.
+    :param calibrated: day of the rig's calibration, where the file gives it.
     """
 
     where: str
@@ -126,6 +138,7 @@ class Site:
     correction: Optional[RigCorrection] = None
     known_lengths: tuple[KnownLength, ...] = ()
     tolerances: Mapping[str, float] = field(default_factory=dict)
+    calibrated: Optional[date] = None
 
     @property
     def picked(self) -> dict[str, PickedLine]:
@@ -155,18 +168,22 @@ def load_site(path: Union[str, FilePath]) -> Site:
 
     :raises SiteError: names the first fault.
     """
-    data = load_yaml(path, 'stereo_speed_site')
+    return site_of(path, load_yaml(path, 'stereo_speed_site'))
+
+
+def site_of(path: Union[str, FilePath], data: Mapping[str, Any]) -> Site:
+    """
+    Read the content of a site file.
+
+    :param path: where it comes from, for messages; its stem names a site without a name.
+    :param data: the top level.
+    :raises SiteError: names the first fault.
+    """
     top = StrictMapping(path, '', data, ('stereo_speed_site', 'name', 'lines', 'lanes',
-                                         'rig_correction', 'known_lengths', 'tolerances'))
+                                         'rig_correction', 'known_lengths', 'tolerances',
+                                         'calibrated'))
     name = top.text('name') if 'name' in top else FilePath(path).stem
-    raw = data.get('lines')
-    if not isinstance(raw, Mapping) or not raw:
-        raise top.error('lines', 'none' if not raw else repr(raw), 'a mapping of named lines')
-    for key in raw:
-        if not isinstance(key, str):
-            raise top.error('lines', f'name {key!r}', 'names that are texts')
-    lines = {key: _line(path, key, value) for key, value in raw.items()}
-    _refuse_crossings(path, lines)
+    lines = lines_of(path, data.get('lines'))
     lanes = tuple(_lane(path, i, value, lines) for i, value in enumerate(top.listed('lanes')))
     for a, b in combinations(lanes, 2):
         if a.name == b.name:
@@ -177,7 +194,38 @@ def load_site(path: Union[str, FilePath]) -> Site:
         top.listed('known_lengths'))) if 'known_lengths' in top else ()
     given = StrictMapping(path, 'tolerances', data.get('tolerances', {}), TOLERANCES).data
     tolerances = {key: check_tolerance(key, value, path) for key, value in given.items()}
-    return Site(str(path), name, lines, lanes, correction, lengths, tolerances)
+    return Site(str(path), name, lines, lanes, correction, lengths, tolerances,
+                _day(top, 'calibrated') if 'calibrated' in top else None)
+
+
+def _day(fields: StrictMapping, key: str) -> date:
+    """Return a day, which YAML reads as a date where it is not quoted."""
+    value = fields.data[key]
+    try:
+        if type(value) is date:  # no datetime, which is one too
+            return value
+        return date.fromisoformat(value)
+    except (TypeError, ValueError):
+        raise fields.error(key, repr(value), 'a day such as 2026-05-31') from None
+
+
+def lines_of(where: object, data: object) -> dict[str, SiteLine]:
+    """
+    Read the lines of a site file.
+
+    :param where: the file, for messages.
+    :param data: what stands under ``lines``.
+    :raises SiteError: names the first fault.
+    """
+    if not isinstance(data, Mapping) or not data:
+        raise SiteError(where, 'lines', 'none' if not data else repr(data),
+                        'a mapping of named lines')
+    for key in data:
+        if not isinstance(key, str):
+            raise SiteError(where, 'lines', f'name {key!r}', 'names that are texts')
+    lines = {key: _line(where, key, value) for key, value in data.items()}
+    _refuse_crossings(where, lines)
+    return lines
 
 
 def _line(where: object, name: str, data: object) -> SiteLine:
@@ -244,17 +292,24 @@ def _refuse_crossings(where: object, lines: Mapping[str, SiteLine]) -> None:
 def _lane(where: object, index: int, data: object, lines: Mapping[str, SiteLine]) -> LaneSpec:
     """Read one lane."""
     fields = StrictMapping(where, f'lanes[{index}]', data,
-                           ('name', 'right', 'left', 'path', 'speed_limit'))
+                           ('name', 'right', 'left', 'path', 'speed_limit', 'class_limits'))
     keys = ('path',) if 'path' in fields else ('right', 'left')
     if 'path' in fields and ('right' in fields or 'left' in fields):
         raise fields.error('path', 'right or left as well', 'path, or right and left')
     names = {key: fields.choice(key, lines) for key in keys}
     if len(set(names.values())) < len(names):
         raise fields.error('left', f'the same line {names["left"]} as right', 'another line')
+    classes = StrictMapping(where, f'lanes[{index}].class_limits',
+                            fields.data.get('class_limits', {}), CLASSES)
+    return LaneSpec(fields.text('name'), names.get('right'), names.get('left'), names.get('path'),
+                    _speed(fields, 'speed_limit'),
+                    {VehicleClass(key): _speed(classes, key) for key in classes.data})
+
+
+def _speed(fields: StrictMapping, key: str) -> float:
+    """Return a speed, m/s."""
     try:
-        limit = parse_speed(fields.text('speed_limit'))
+        return parse_speed(fields.text(key))
     except ValueError:
-        raise fields.error('speed_limit', repr(fields.data['speed_limit']),
+        raise fields.error(key, repr(fields.data[key]),
                            "a speed like '55 mph', '80 km/h' or '22.2 m/s'") from None
-    return LaneSpec(fields.text('name'), names.get('right'), names.get('left'),
-                    names.get('path'), limit)

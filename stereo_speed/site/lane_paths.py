@@ -18,7 +18,7 @@ from ..road.first_guess import NoRoadError
 from ..road.fit import fit_road, RoadFit
 from ..road.lanes import lane_of_paths, lane_of_road, LanePath
 from ..road.path import SplinePath
-from ..road.problem import DriftPrior, Picks, RoadPrior
+from ..road.problem import DriftPrior, RoadPrior
 from ..road.scale import with_scale
 
 MARGIN_PX = 5.0  # by which a pick may lie outside the image: scatter at the edge
@@ -125,17 +125,6 @@ def fit_lines(site: Site, rig: StereoRig, names: Iterable[str],
                         prior, near=near)
     except (NoRoadError, np.linalg.LinAlgError) as error:
         raise SiteError(site.where, 'lines', error, 'picks of one line in both views') from None
-
-
-def picks_of(lines: Iterable[PickedLine], prior: RoadPrior = RoadPrior()) -> Picks:
-    """
-    Return the picks of lines.
-
-    :param prior: how well a careful person clicks.
-    """
-    lines = list(lines)
-    return Picks.of({line.name: line.views_px for line in lines}, _stds(lines),
-                    prior.pick_std_px)
 
 
 def _stds(lines: Iterable[PickedLine]) -> dict[str, tuple[Array, Array]]:

@@ -13,6 +13,8 @@ from .file import LaneSpec, Site, SiteLine, SurveyedLine
 from ..core.records import Array
 from ..core.units import KMH_MPS, MPH_MPS, parse_speed
 
+_LEAST_STD_PX = 1e-4  # that four digits can tell from none
+
 
 def site_text(site: Site) -> str:
     """
@@ -29,6 +31,8 @@ def site_text(site: Site) -> str:
         data['known_lengths'] = [_length(known) for known in site.known_lengths]
     if site.tolerances:
         data['tolerances'] = dict(site.tolerances)
+    if site.calibrated is not None:
+        data['calibrated'] = site.calibrated
     return str(yaml.safe_dump(data, sort_keys=False, default_flow_style=None, width=99))
 
 
@@ -45,7 +49,7 @@ def _line(line: SiteLine) -> dict[str, Any]:
     out = {'left_image': _rounded(line.left_px, 4), 'right_image': _rounded(line.right_px, 4)}
     for key, std in (('left_std_px', line.left_std_px), ('right_std_px', line.right_std_px)):
         if std is not None:
-            out[key] = _rounded(std, 4)
+            out[key] = _rounded(np.maximum(std, _LEAST_STD_PX), 4)
     return out
 
 
@@ -55,6 +59,9 @@ def _lane(lane: LaneSpec) -> dict[str, Any]:
     out.update({key: getattr(lane, key) for key in ('right', 'left', 'path')
                 if getattr(lane, key) is not None})
     out['speed_limit'] = speed_text(lane.speed_limit_mps)
+    if lane.class_limits_mps:
+        out['class_limits'] = {str(name): speed_text(limit)
+                               for name, limit in lane.class_limits_mps.items()}
     return out
 
 

@@ -13,8 +13,15 @@ class SteadyingConfig:
     """How the rotation of the cameras is estimated in each pair, by details that stand still."""
 
     enabled: bool = parameter(
-        False, doc='estimate how the cameras have rotated, in each pair; without it they are '
-        'taken to stand still')
+        True, doc='estimate how the cameras have rotated; without it they are taken to stand '
+        'still')
+    look_interval_s: float = parameter(
+        0.5, 0.0, 60.0, 's', 'while the cameras stand still, only one pair in this time is looked '
+        'at; 0 looks at each')
+    still_looks: int = parameter(
+        5, 1, 1000, '', 'pairs looked at in a row that show no motion, after which the cameras '
+        'are taken to stand still; until then, and once one has moved, each pair is looked at; '
+        'a pair in which nothing is to be seen shows none, unless the rig has swayed before')
     details: int = parameter(
         250, 20, 2000, '', 'small patches of each view, at most, whose places tell its rotation')
     least_details: int = parameter(
@@ -24,6 +31,9 @@ class SteadyingConfig:
     outlier_sigmas: float = parameter(
         3.0, 0.5, 20.0, '', 'details further off the common rotation, in their sigmas, do not '
         'count: they move by themselves')
+    most_spread_px: float = parameter(
+        0.4, 0.01, 10.0, 'px', 'details that lie further off the common rotation, by their robust '
+        'r.m.s., show a camera that drives, not one that rotates: its rotation is unknown')
     detail_floor_px: float = parameter(
         0.03, 0.0, 1.0, 'px', 'systematic error of the place of one detail, by its interpolation '
         'and by light')
@@ -55,8 +65,8 @@ class SteadyingConfig:
         0.3, 0.0, 1.0, '', 'share of what the details look like that is learnt anew every '
         'renew_pairs, so that slow changes of the light are followed')
     renew_pairs: int = parameter(
-        100, 2, 100000, '', 'pairs after which details are learnt anew, and those that were '
-        'hidden in most of them replaced by others')
+        100, 2, 100000, '', 'pairs looked at after which details are learnt anew, and those that '
+        'were hidden in most of them replaced by others')
 
     def __post_init__(self) -> None:
         check_bounds(self)

@@ -12,7 +12,8 @@ import numpy as np
 
 from .steadier import Steadier
 from ..core.config import TrackerConfig
-from ..core.records import Array, PassResult, Reason, TrackState, TrackUpdate
+from ..core.passes import PassResult, Reason
+from ..core.records import Array, TrackUpdate
 from ..geometry.rig import StereoRig
 from ..road.lanes import LanePath
 from ..road.scale import with_scale
@@ -55,27 +56,26 @@ class SpeedDoubt:
         """Return what a track says, with this doubt; tentative where it is too great."""
         share = self.share(update.lane, steadier)
         if steadier.lost or share >= self.most_share:
-            return replace(update, state=TrackState.TENTATIVE) \
-                if update.state is TrackState.CONFIRMED else update
-        if not share:
-            return update
-        return replace(update, speed_std_mps=math.hypot(
-            update.speed_std_mps, share * update.speed_mps))
+            return update.unconfirmed()
+        return update.doubted(share) if share else update
 
-    def result(self, result: PassResult, steadier: Steadier) -> PassResult:
-        """Return the result of a pass, with this doubt; rejected where it is too great."""
-        share, speed, budget = self.share(result.lane, steadier), result.speed_mps, result.budget
-        if speed is None or result.speed_std_mps is None or not share:
+    def shares(self, steadier: Steadier) -> dict[str, float]:
+        """Return :meth:`share` of every lane, as it is now."""
+        return {lane: self.share(lane, steadier) for lane in self.lanes}
+
+    def result(self, result: PassResult, share: float) -> PassResult:
+        """
+        Return the result of a pass, with this doubt; rejected where it is too great.
+
+        :param share: of its lane, when it was over.
+        """
+        speed, budget = result.speed_mps, result.budget
+        if speed is None or not share:
             return result
         whole = share if budget is None else math.hypot(share, budget.calibration_mps / speed)
         if whole >= self.most_share:
             return result.rejected(Reason.RIG_UNCERTAIN)
-        if budget is not None:
-            budget = replace(budget, calibration_mps=whole * speed)
-        return replace(
-            result, budget=budget, speed_std_mps=math.hypot(result.speed_std_mps, share * speed),
-            smoothed_std={ns: math.hypot(std, share * result.smoothed[ns])
-                          for ns, std in result.smoothed_std.items()})
+        return result.doubted(share, 'calibration_mps')
 
 
 def _slopes(lane: LanePath, rig: StereoRig) -> Array:

@@ -52,19 +52,20 @@ class DriftFilter:
         """Return whether it has turned by more than can be corrected."""
         return bool(np.degrees(np.abs(self.mean_rad)).max() > self.config.most_drift_deg)
 
-    def update(self, seen_rad: Array, covariance_rad2: Array) -> None:
+    def update(self, seen_rad: Array, covariance_rad2: Array, pairs: int = 1) -> None:
         """
         Take in what one pair shows.
 
         :param seen_rad: (3,) pan, tilt and roll.
         :param covariance_rad2: (3, 3) of them.
+        :param pairs: number of pairs since the one taken in before.
         """
         c, eye = self.config, np.eye(3)
-        stays = self._covariance + np.radians(c.drift_rate_deg) ** 2 * eye
+        stays = self._covariance + pairs * np.radians(c.drift_rate_deg) ** 2 * eye
+        unturned = (1 - c.drift_probability) ** pairs
         scores, answers = [], []
-        for share, before in ((1 - c.drift_probability, stays),
-                              (c.drift_probability,
-                               stays + np.radians(c.drift_std_deg) ** 2 * eye)):
+        for share, before in ((unturned, stays),
+                              (1 - unturned, stays + np.radians(c.drift_std_deg) ** 2 * eye)):
             total, off = before + covariance_rad2, seen_rad - self.mean_rad
             gain = np.linalg.solve(total, before).T
             scores.append((math.log(share) if share else -math.inf) - 0.5 * float(

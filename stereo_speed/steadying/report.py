@@ -21,14 +21,15 @@ def steadiness_lines(state: Steadiness) -> list[str]:
     """Return what a person should know; nothing of a rig that stood still."""
     out = []
     if state.swayed:
-        out.append(f'the rig swayed in {state.swayed} of {state.pairs} pairs, r.m.s. '
+        out.append(f'the rig swayed in {state.swayed} of {state.looks} pairs looked at, r.m.s. '
                    f'{_angles(state.sway_rms_deg)}; it rests {_angles(state.rest_deg, "+")} off '
                    'where the site was learnt')
     if any(state.drift_deg):
         out.append(f'the right camera has turned by {_angles(state.drift_deg, "+")} since the '
                    f'first pair (± {_angles(state.drift_std_deg)})')
     if state.unknown:
-        out.append(f'nothing showed how the rig stood in {state.unknown} of {state.pairs} pairs')
+        out.append(f'nothing showed how the rig stood in {state.unknown} of {state.looks} pairs '
+                   'looked at')
     return out
 
 

@@ -6,6 +6,7 @@ How the rig stands in each pair: sway of the whole of it, drift of the right cam
 Each camera's rotation is measured by itself (``view_rotation``).  What both have in common is
 sway: it comes and goes from pair to pair.  What they have not is drift of the right camera: it
 stays as it is, but for a slow creeping, or jumps when somebody knocks at the camera.
+While nothing moves, only some pairs are looked at.
 """
 from __future__ import annotations
 
@@ -34,8 +35,9 @@ class Steadiness:
     What has been found so far; angles are pan, tilt and roll in degrees.
 
     :param pairs: taken in.
-    :param unknown: of them, those whose rotation nothing showed.
-    :param swayed: of them, those in which the rig had swayed.
+    :param looks: of them, those whose rotation was sought.
+    :param unknown: of these, those in which nothing showed it.
+    :param swayed: of these, those in which the rig had swayed.
     :param sway_rms_deg: r.m.s. of the sway about where the rig rests.
     :param rest_deg: where it rests now, against how it stood when the site was learnt.
     :param drift_deg: of the right camera against the left one; zeros where it has not turned.
@@ -44,6 +46,7 @@ class Steadiness:
     """
 
     pairs: int = 0
+    looks: int = 0
     unknown: int = 0
     swayed: int = 0
     sway_rms_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -88,24 +91,45 @@ class Steadier:
         self._views: Optional[tuple[ViewRotation, ViewRotation]] = None
         self.drift = DriftFilter(self.config)
         self._square: Array = np.zeros(3)
-        self._pairs = self._unknown = self._swayed = self._missed = 0
+        self._pairs = self._looks = self._unknown = self._swayed = self._missed = 0
+        self._still = self._looked_ns = 0
+        self._drift_at = 0  # number of the pair whose drift was taken in last
+        self._rest_rad: Array = np.zeros(3)
+        self._rest: Array = np.zeros(3)
         if self.reference is not None:
             self._learn(self.reference)
 
     def steady(self, pair: StereoPair) -> StereoPair:
         """Return a pair with how the rig stood."""
         self._pairs += 1
+        sway = self._look(pair) if self._is_due(pair) else np.zeros(3)
+        sway, drift = self._from_rest(sway), self.drift.corrected_rad
+        if not (np.any(sway) or np.any(drift)):
+            return pair
+        return replace(pair, motion=RigMotion(_angles(sway), _angles(drift)))
+
+    def _is_due(self, pair: StereoPair) -> bool:
+        """Return whether a pair is to be looked at: each, unless none has shown motion lately."""
+        return (self._still < self.config.still_looks
+                or pair.stamp_ns - self._looked_ns >= self.config.look_interval_s * 1e9)
+
+    def _look(self, pair: StereoPair) -> Array:
+        """Return the sway (3,) that a pair shows, rad, and take in what else it shows."""
+        before = self._swayed, self.drift.turns
+        self._looks += 1
         if self._views is None or self._missed >= self.config.renew_pairs:
             # What was there is gone for good, by night or by works: where the rig stands now is
             # the best guess of where it rests.
             self._learn(Reference(pair, np.zeros(3)))
         left, right = self._measured(pair)
         if left is not None and right is not None:
-            self._take_drift(left, right)
-        sway, drift = self._from_rest(self._sway(left, right)), self.drift.corrected_rad
-        if not (np.any(sway) or np.any(drift)):
-            return pair
-        return replace(pair, motion=RigMotion(_angles(sway), _angles(drift)))
+            self._take_drift(left, right, self._pairs - self._drift_at)
+            self._drift_at = self._pairs
+        sway = self._sway(left, right)
+        self._looked_ns = pair.stamp_ns
+        moved = self.lost or before != (self._swayed, self.drift.turns)
+        self._still = 0 if moved else self._still + 1
+        return sway
 
     @property
     def lost(self) -> bool:
@@ -117,8 +141,15 @@ class Steadier:
         self._views = (ViewRotation(self.rig.left, reference.pair.left, self.config),
                        ViewRotation(self.rig.right, reference.pair.right, self.config))
         self._rest_rad, self._missed = reference.rest_rad, 0
+        # A right camera that had turned before stands turned in this reference.
+        self._drift_base = self.drift.mean_rad
         self._last_rad: Array = np.zeros(3)
-        self._rest: Array = np.zeros(3)
+        self._rest = np.zeros(3)
+
+    @property
+    def _drift_seen_rad(self) -> Array:
+        """Return the drift (3,) of the right camera since the reference, rad."""
+        return self.drift.mean_rad - self._drift_base
 
     def _from_rest(self, sway_rad: Array) -> Array:
         """Return by how much the rig is off its rest, for how much it is off the reference."""
@@ -129,10 +160,10 @@ class Steadier:
 
     def state(self) -> Steadiness:
         """Return what has been found so far."""
-        known = max(self._pairs - self._unknown, 1)
+        known = max(self._looks - self._unknown, 1)
         mean_square = self._square / known
         return Steadiness(
-            pairs=self._pairs, unknown=self._unknown, swayed=self._swayed,
+            pairs=self._pairs, looks=self._looks, unknown=self._unknown, swayed=self._swayed,
             sway_rms_deg=_degrees(np.sqrt(mean_square)),
             rest_deg=_degrees(self._from_rest(self._rest)),
             drift_deg=_degrees(self.drift.corrected_rad),
@@ -141,27 +172,30 @@ class Steadier:
 
     def _measured(self, pair: StereoPair) -> tuple[Optional[Rotated], Optional[Rotated]]:
         """Return how each camera has rotated."""
-        assert self._views is not None
+        if self._views is None:
+            raise RuntimeError('no pair to measure against')
         left = self._views[0].measure(pair.left, self._last_rad)
         if left is not None:
             self._last_rad = left.angles_rad
             self._views[0].learn(pair.left, left)
         # The right camera most likely moved with the left one.
         right = self._views[1].measure(
-            pair.right, self._right_of_left @ self._last_rad + self.drift.mean_rad)
+            pair.right, self._right_of_left @ self._last_rad + self._drift_seen_rad)
         if right is not None:
             self._views[1].learn(pair.right, right)
         return left, right
 
-    def _take_drift(self, left: Rotated, right: Rotated) -> None:
-        """Take in by how much the right camera has turned against the left one."""
+    def _take_drift(self, left: Rotated, right: Rotated, pairs: int) -> None:
+        """Take in how the right camera has turned against the left one in so many pairs."""
         turned = _vector(left.angles_rad)
         rig = self._right_of_left
         # Exactly: of large rotations the order counts.
         whole = Rotation.from_rotvec(self.rig.R @ turned)
-        alone = whole.inv() * Rotation.from_rotvec(_vector(right.angles_rad))
+        base, since = (Rotation.from_rotvec(_vector(a))
+                       for a in (self._drift_base, right.angles_rad))
+        alone = whole.inv() * base * since
         self.drift.update(alone.as_rotvec()[_ORDER], right.covariance_rad2
-                          + rig @ left.covariance_rad2 @ rig.T)
+                          + rig @ left.covariance_rad2 @ rig.T, pairs)
 
     def _sway(self, left: Optional[Rotated], right: Optional[Rotated]) -> Array:
         """Return the sway of the rig: zeros where it stood still, as far as anything shows."""
@@ -175,10 +209,10 @@ class Steadier:
             spread = back @ (right.covariance_rad2 + self.drift.covariance_rad2) @ back.T
             information = information + np.linalg.inv(spread)
             total = total + np.linalg.solve(
-                spread, back @ (right.angles_rad - self.drift.mean_rad))
+                spread, back @ (right.angles_rad - self._drift_seen_rad))
         if left is None and right is None:
             self._unknown, self._missed = self._unknown + 1, self._missed + 1
-            return self._rest
+            return self._rest if self._swayed else np.zeros(3)
         self._missed = 0
         covariance: Array = np.asarray(np.linalg.inv(information), np.float64)
         angles = covariance @ total
@@ -201,7 +235,7 @@ class Steadier:
 
     def _average(self, angles: Array) -> None:
         """Take in where the rig stood."""
-        known = self._pairs - self._unknown
+        known = self._looks - self._unknown
         self._rest = self._rest + (angles - self._rest) / min(known, _REST_PAIRS)
         self._square = self._square + (angles - self._rest) ** 2
 

@@ -102,9 +102,17 @@ class ViewRotation:
         """
         Return the rotation of the camera in another image; None where too little shows it.
 
+        It is unknown, too, where no rotation explains how the details have moved, as in the
+        images of a camera that drives.
+
         :param image: (H, W).
         :param about_rad: (3,) the rotation that it may have.
         """
+        found = self._sought(image, about_rad)
+        return found if found and found.spread_px <= self.config.most_spread_px else None
+
+    def _sought(self, image: Grey, about_rad: Array) -> Optional[Rotated]:
+        """Return the rotation that most details agree on, where there are enough."""
         fine = smooth(image)
         found = self._settled(self._fine, fine, about_rad)
         if found is not None and found.details >= _SURE_SHARE * len(self._fine.details):

@@ -28,7 +28,8 @@ from .pass_result import calibration_share, conclude, live_std, Pass
 from .protocol import Refusal, TrackStart
 from .window import PhotometricWindow, Posterior
 from ..core.config import NoParameters, TrackerConfig
-from ..core.records import Array, PassResult, StereoPair, TrackEnd, TrackState, TrackUpdate
+from ..core.passes import PassResult, TrackEnd
+from ..core.records import Array, StereoPair, TrackState, TrackUpdate
 from ..estimation.particle_filter import weigh
 from ..estimation.resampling import systematic
 from ..estimation.weights import (
@@ -141,7 +142,7 @@ class ConstrainedTracker:
         # What braked out of sight shows its speed only in the second pair that it is seen in.
         update = self._report(pair, TrackState.TENTATIVE if _coasts(last) else state)
         if last is not None and not may_follow(update, last, self.config):
-            return replace(update, state=TrackState.TENTATIVE)
+            return update.unconfirmed()
         return update
 
     def result(self) -> PassResult:

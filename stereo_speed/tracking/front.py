@@ -19,6 +19,7 @@ import math
 
 import numpy as np
 
+from .observation_kernels import points
 from ..core.records import Array
 from ..geometry.camera import Camera
 from ..geometry.rig import StereoRig
@@ -41,10 +42,11 @@ def plane_points(path: Path, poses: Array, plane_xy_m: Array, heading_rad: float
     frame = path.frame(s_m)
     x, y = plane_xy_m.T
     cos, sin = math.cos(heading_rad), math.sin(heading_rad)
-    on_vehicle = np.stack([cos * relief_m - sin * x, sin * relief_m + cos * x, y], axis=-1)
-    beside = np.concatenate([np.zeros((len(poses), 1)), poses[:, 1:]], axis=1)
-    offset = on_vehicle[None] + beside[:, None]
-    return np.asarray(path.position(s_m)[:, None] + offset @ np.swapaxes(frame, 1, 2))
+    on_vehicle = np.empty((len(x), 3))
+    on_vehicle[:, 0], on_vehicle[:, 1] = cos * relief_m - sin * x, sin * relief_m + cos * x
+    on_vehicle[:, 2] = y
+    beside = np.ascontiguousarray(poses[:, 1:])
+    return np.asarray(points(path.position(s_m), frame, beside, on_vehicle))
 
 
 def rotated(frame: Array, heading_rad: float) -> Array:

@@ -9,7 +9,8 @@ from typing import Mapping
 import numpy as np
 
 from ..core.config import VerdictConfig
-from ..core.records import PassResult, Reason, TrackUpdate, Verdict
+from ..core.passes import PassResult, Reason, Verdict
+from ..core.records import TrackUpdate
 from ..road.lanes import LanePath
 
 

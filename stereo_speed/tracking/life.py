@@ -8,7 +8,8 @@ from typing import Optional
 import numpy as np
 
 from .protocol import TrackStart
-from ..core.records import Array, StereoPair, TrackEnd, TrackState
+from ..core.passes import TrackEnd
+from ..core.records import Array, StereoPair, TrackState
 
 
 class TrackLife:

@@ -3,9 +3,9 @@
 """
 What is known of a pass without its images: where it begins, and how vehicles move.
 
-The unknowns of a pass of n observations are its poses (s, a, b of each), then the relief of the
-front at its m nodes, the n speeds along the path, the n accelerations and the two errors of the
-heading of the path: 5 n + m + 2 numbers.
+The unknowns of a pass of n observations are its poses (s, a, b of each), then the n speeds along
+the path, the two errors of its heading, that of the road's crossfall beside it and the n
+accelerations: 5 n + 3 numbers.
 
 Every model of motion is a Gaussian prior over them.  *Cruising* and *steady*: the speed is a
 Wiener process, of a small rate and of the paper's (2012, eq. 24).  *Changing speed*: the
@@ -17,21 +17,21 @@ images then say which it was, by their evidence.
 from __future__ import annotations
 
 from dataclasses import dataclass
-import math
-from typing import Optional, Sequence
+from typing import Any, NamedTuple, Optional, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.compiled import kernel
 from ..core.config import TrackerConfig
 from ..core.records import Array
 from ..estimation.gaussian import NormalEquations
 
 Indices = NDArray[np.intp]
 
-_LEAST_RATE = 1e-3  # no process is noiseless
-_LEAST_STAMP_ERROR_M = 1e-6  # nor is a way known better, or the equations cannot be solved
-_UNUSED_STD = 1.0  # of accelerations in a model that has none; its value has no effect
+LEAST_RATE = 1e-3  # no process is noiseless
+_LEAST_CROSSFALL = 1e-6
+LEAST_STAMP_ERROR_M = 1e-6  # nor is a way known better, or the equations cannot be solved
 _RATE_WINDOW_S = 0.35  # lateral rates are slopes over this time either way
 _RATE_OBSERVATIONS = 3  # a lateral rate comes from this many observations at least
 _MOVING_MPS = 2.0  # what is slower has no heading of its own
@@ -99,11 +99,9 @@ class StateIndex:
     Where the unknowns of a pass are.
 
     :param observations: their number n.
-    :param nodes: number m of the relief's nodes.
     """
 
     observations: int
-    nodes: int
 
     @property
     def poses(self) -> Indices:
@@ -111,29 +109,59 @@ class StateIndex:
         return np.arange(3 * self.observations).reshape(-1, 3)
 
     @property
-    def relief(self) -> Indices:
-        """Return the indices (m,) of the relief."""
-        return 3 * self.observations + np.arange(self.nodes)
-
-    @property
     def speeds(self) -> Indices:
         """Return the indices (n,) of the speeds."""
-        return 3 * self.observations + self.nodes + np.arange(self.observations)
+        return 3 * self.observations + np.arange(self.observations)
 
     @property
     def accelerations(self) -> Indices:
         """Return the indices (n,) of the accelerations."""
-        return self.speeds + self.observations
+        return self.steady + np.arange(self.observations)
 
     @property
     def heading_error(self) -> Indices:
         """Return the indices (2,) of the errors of the path's heading, across and up."""
-        return 5 * self.observations + self.nodes + np.arange(2)
+        return 4 * self.observations + np.arange(2)
+
+    @property
+    def steady(self) -> int:
+        """Return the number of unknowns where there are no accelerations, which come last."""
+        return 4 * self.observations + 3
+
+    @property
+    def crossfall_error(self) -> int:
+        """Return the index of the error of the road's crossfall beside the path."""
+        return 4 * self.observations + 2
 
     @property
     def size(self) -> int:
         """Return the number of unknowns."""
-        return 5 * self.observations + self.nodes + 2
+        return 5 * self.observations + 3
+
+
+class Processes(NamedTuple):
+    """
+    What scatters in a pass: standard deviations of its processes, but for those of its models.
+
+    :param stamp_std_s: of each stamp, s.
+    :param jerk_rate: of the acceleration's random walk, m/s^2/sqrt(s).
+    :param acceleration_mps2: of the first acceleration.
+    :param drift_across_m: of the drift across the path, m/sqrt(s).
+    :param manoeuvre_across_m: of the drift that a persistent rate makes, m/sqrt(s), and
+    :param manoeuvre_s: the time for which that persists.
+    :param least_rate: below which no rate is, nor the first acceleration, and
+    :param least_stamp_error_m: below which no way is known by its stamps, m: compiled loops take
+        these from here, for they would not notice that a constant of this module has changed.
+    """
+
+    stamp_std_s: float
+    jerk_rate: float
+    acceleration_mps2: float
+    drift_across_m: float
+    manoeuvre_across_m: float
+    manoeuvre_s: float
+    least_rate: float = LEAST_RATE
+    least_stamp_error_m: float = LEAST_STAMP_ERROR_M
 
 
 class PassMotion:
@@ -143,13 +171,13 @@ class PassMotion:
     :param prior: how it begins.
     :param config: rates of the random walks.
     :param stamp_std_s: 1-sigma of each stamp, s.
-    :param nodes: number of nodes of the front's relief.
     """
 
-    def __init__(self, prior: PassPrior, config: TrackerConfig, stamp_std_s: float,
-                 nodes: int) -> None:
-        self.prior, self.config, self.stamp_std_s = prior, config, stamp_std_s
-        self.nodes = nodes
+    def __init__(self, prior: PassPrior, config: TrackerConfig, stamp_std_s: float) -> None:
+        self.prior, self.config = prior, config
+        self.processes = Processes(
+            stamp_std_s, config.jerk_rate_std, config.acceleration_std_mps2,
+            config.drift_across_std_m, config.manoeuvre_across_std_m, config.manoeuvre_across_s)
         self._begun = NormalEquations(0)  # the same for each number of observations
 
     def equations(self, times_s: Array, state: Array,
@@ -157,93 +185,113 @@ class PassMotion:
         """
         Return all that is known without the images, for each way to drive.
 
+        Those of a model without accelerations end before these.
+
         :param times_s: (n,) stamps, s.
         :param state: (n, 4) s, a, b and speed as known so far; for what is not linear.
         :param models: ways to drive; what they share is made once.
         """
-        if len(self._begun.g) != StateIndex(len(times_s), self.nodes).size:
-            self._begun = self._beginning(len(times_s))
-        common = self._begun
-        if len(times_s) < 2:
-            return [common + self._along(times_s, state, m.speed_rate_std) for m in models]
-        up = {ride: common + self._above(times_s, state, ride)
-              for ride in {m.ride_std_m for m in models}}
-        across = {changes: self._across(times_s, state, changes)
-                  for changes in {m.changes_lanes for m in models}}
-        along = {rate: self._along(times_s, state, rate)
-                 for rate in {m.speed_rate_std for m in models}}
-        return [up[m.ride_std_m] + across[m.changes_lanes] + along[m.speed_rate_std]
-                for m in models]
+        return normal_equations(
+            self.beginning(len(times_s)), self.processes, times_s, state, models)
 
-    def _beginning(self, observations: int) -> NormalEquations:
+    def beginning(self, observations: int) -> NormalEquations:
         """Return how the pass begins, and what is static in it."""
-        p, at, noise = self.prior, StateIndex(observations, self.nodes), self.config.noise
-        normal = NormalEquations(at.size)
+        p, at, noise = self.prior, StateIndex(observations), self.config.noise
+        if len(self._begun.g) == at.size:
+            return self._begun
+        normal = self._begun = NormalEquations(at.size)
         normal.row([0], [1.0], p.s_m, p.s_std_m)
         for axis in (0, 1):
             slope = float(p.offset_slope[axis])
             rest = float(p.offset_m[axis]) - slope * p.s_m
             normal.row([1 + axis, 0], [1.0, -slope], rest, noise.gauge_std_m)
             normal.row([at.heading_error[axis]], [1.0], 0.0, float(p.heading_std_rad[axis]))
-        normal.rows(at.relief[:, None], [1.0], np.full(self.nodes, noise.relief_std_m))
+        normal.row([at.crossfall_error], [1.0], 0.0,
+                   max(self.config.crossfall_std, _LEAST_CROSSFALL))
         normal.row([at.speeds[0]], [1.0], p.speed_mps, p.speed_std_mps)
         return normal
 
-    def _along(self, times_s: Array, state: Array, rate: Optional[float]) -> NormalEquations:
-        """Return the motion along the path; a rate of None is a changing speed."""
-        at = StateIndex(len(times_s), self.nodes)
-        normal = NormalEquations(at.size)
+
+def normal_equations(begun: NormalEquations, processes: Processes, times_s: Array, state: Array,
+                     models: Sequence[MotionModel]) -> list[NormalEquations]:
+    """Return what :meth:`PassMotion.equations` does, of a pass that has begun so."""
+    along = {rate: _along(processes, times_s, state, rate)
+             for rate in {m.speed_rate_std for m in models}}
+    if len(times_s) < 2:
+        beside = {(m.ride_std_m, m.changes_lanes): begun for m in models}
+    else:
+        up = {ride: _above(processes, times_s, state, ride)
+              for ride in {m.ride_std_m for m in models}}
+        across = {changes: _across(processes, times_s, state, changes)
+                  for changes in {m.changes_lanes for m in models}}
+        beside = {(m.ride_std_m, m.changes_lanes):
+                  begun + up[m.ride_std_m] + across[m.changes_lanes] for m in models}
+    steady = StateIndex(len(times_s)).steady
+    whole = [beside[m.ride_std_m, m.changes_lanes] + along[m.speed_rate_std] for m in models]
+    return [prior if m.speed_rate_std is None else prior.leading(steady)
+            for m, prior in zip(models, whole)]
+
+
+def _along(processes: Processes, times_s: Array, state: Array, rate: Optional[float]
+           ) -> NormalEquations:
+    """Return the motion along the path; a rate of None is a changing speed."""
+    at = StateIndex(len(times_s))
+    normal = NormalEquations(at.size)
+    if rate is None:
+        normal.row([at.accelerations[0]], [1.0], 0.0,
+                   max(processes.acceleration_mps2, processes.least_rate))
+    if at.observations > 1:
+        dt, speed = np.diff(times_s), np.abs(state[:, 3])
         if rate is None:
-            normal.row([at.accelerations[0]], [1.0], 0.0,
-                       max(self.config.acceleration_std_mps2, _LEAST_RATE))
+            _changing_speed(normal, processes, dt, speed)
         else:
-            normal.rows(at.accelerations[:, None], [1.0], np.full(at.observations, _UNUSED_STD))
-        if at.observations > 1:
-            dt, speed = np.diff(times_s), np.abs(state[:, 3])
-            if rate is None:
-                _changing_speed(self, normal, dt, speed)
-            else:
-                _steady(self, normal, dt, speed, rate)
-        return normal
+            _steady(normal, processes, dt, speed, rate)
+    return normal
 
-    def stamp_covariance(self, speed_mps: Array) -> Array:
-        """Return the covariance (n - 1, n - 1) of ways between stamps that are wrong."""
-        step = np.diff(np.eye(len(speed_mps)), axis=0)
-        error_m = np.maximum(self.stamp_std_s * speed_mps, _LEAST_STAMP_ERROR_M)
-        return np.asarray(step @ np.diag(np.square(error_m)) @ step.T)
 
-    def _across(self, times_s: Array, state: Array, changes_lanes: bool) -> NormalEquations:
-        """Return the drift across the path (eq. 27), and the rate of a change of lanes."""
-        c, dt = self.config, np.diff(times_s)
-        moves = np.diag(max(c.drift_across_std_m, _LEAST_RATE) ** 2 * dt)
-        if changes_lanes:
-            moves += persistent_moves(times_s, c.manoeuvre_across_std_m, c.manoeuvre_across_s)
-        return self._beside(state, 0, moves)
+def _stamp_covariance(processes: Processes, speed_mps: Array) -> Array:
+    """Return the covariance (n - 1, n - 1) of ways between stamps that are wrong."""
+    step = np.diff(np.eye(len(speed_mps)), axis=0)
+    error_m = np.maximum(processes.stamp_std_s * speed_mps, processes.least_stamp_error_m)
+    return np.asarray(step @ np.diag(np.square(error_m)) @ step.T)
 
-    def _above(self, times_s: Array, state: Array, ride_m: float) -> NormalEquations:
-        """
-        Return the drift above the path (eq. 27).
 
-        The road carries the vehicle: it drifts little, and bounces on its springs.
-        """
-        step = np.diff(np.eye(len(times_s)), axis=0)
-        drift = np.diag(max(ride_m, _LEAST_RATE) ** 2 * np.diff(times_s))
-        return self._beside(state, 1, drift + ride_m ** 2 * step @ step.T)
+def _across(processes: Processes, times_s: Array, state: Array, changes_lanes: bool
+            ) -> NormalEquations:
+    """Return the drift across the path (eq. 27), and the rate of a change of lanes."""
+    moves = np.diag(max(processes.drift_across_m, processes.least_rate) ** 2 * np.diff(times_s))
+    if changes_lanes:
+        moves += persistent_moves(times_s, processes.manoeuvre_across_m, processes.manoeuvre_s)
+    return _beside(state, 0, moves)
 
-    def _beside(self, state: Array, axis: int, moves: Array) -> NormalEquations:
-        """
-        Return moves across (axis 0) or above (1) the path, whose own heading has an error.
 
-        :param moves: (n - 1, n - 1) their covariance, m^2.
-        """
-        n = len(state)
-        at = StateIndex(n, self.nodes)
-        normal, offsets = NormalEquations(at.size), at.poses[:, 1 + axis]
-        ones, ds = np.ones(n - 1), np.diff(state[:, 0])
-        heading_error = np.full(n - 1, at.heading_error[axis])
-        columns = np.column_stack([offsets[1:], offsets[:-1], heading_error])
-        normal.correlated(columns, np.column_stack([ones, -ones, -ds]), moves)
-        return normal
+def _above(processes: Processes, times_s: Array, state: Array, ride_m: float
+           ) -> NormalEquations:
+    """
+    Return the drift above the path (eq. 27).
+
+    The road carries the vehicle: it drifts little, and bounces on its springs.
+    """
+    step = np.diff(np.eye(len(times_s)), axis=0)
+    drift = np.diag(max(ride_m, processes.least_rate) ** 2 * np.diff(times_s))
+    return _beside(state, 1, drift + ride_m ** 2 * step @ step.T)
+
+
+def _beside(state: Array, axis: int, moves: Array) -> NormalEquations:
+    """
+    Return moves across (axis 0) or above (1) the path, whose own heading has an error.
+
+    :param moves: (n - 1, n - 1) their covariance, m^2.
+    """
+    n = len(state)
+    at = StateIndex(n)
+    normal, offsets = NormalEquations(at.size), at.poses[:, 1 + axis]
+    ones, ds, da = np.ones(n - 1), np.diff(state[:, 0]), np.diff(state[:, 1])
+    columns = np.column_stack([
+        offsets[1:], offsets[:-1], np.full(n - 1, at.heading_error[axis]),
+        np.full(n - 1, at.crossfall_error)])
+    normal.correlated(columns, np.column_stack([ones, -ones, -ds, -da * axis]), moves)
+    return normal
 
 
 def persistent_moves(times_s: Array, across_std_m: float, persists_s: float) -> Array:
@@ -267,7 +315,7 @@ def persistent_moves(times_s: Array, across_std_m: float, persists_s: float) -> 
     return np.asarray(0.5 * across_std_m ** 2 * persists_s * covariance)
 
 
-def _steady(motion: PassMotion, normal: NormalEquations, dt: Array, speed_mps: Array,
+def _steady(normal: NormalEquations, processes: Processes, dt: Array, speed_mps: Array,
             rate: float) -> None:
     """
     Add speed as a Wiener process.
@@ -275,21 +323,27 @@ def _steady(motion: PassMotion, normal: NormalEquations, dt: Array, speed_mps: A
     Given both ends, the way between them scatters by q dt^3 / 12 about their mean.
     """
     n = len(dt) + 1
-    at = StateIndex(n, motion.nodes)
+    at = StateIndex(n)
     s, v = at.poses[:, 0], at.speeds
-    rate = max(rate, _LEAST_RATE)
+    rate = max(rate, processes.least_rate)
     ways = np.column_stack([np.ones(n - 1), -np.ones(n - 1), -dt / 2, -dt / 2])
     normal.correlated(np.column_stack([s[1:], s[:-1], v[:-1], v[1:]]), ways,
-                      np.diag(rate ** 2 * dt ** 3 / 12) + motion.stamp_covariance(speed_mps))
+                      np.diag(rate ** 2 * dt ** 3 / 12)
+                      + _stamp_covariance(processes, speed_mps))
     normal.rows(np.column_stack([v[1:], v[:-1]]), [1.0, -1.0], rate * np.sqrt(dt))
 
 
-def _changing_speed(motion: PassMotion, normal: NormalEquations, dt: Array,
+def walk_rate(rate: float) -> float:
+    """Return the rate of a random walk, m/s/sqrt(s), as it is counted with: none is 0."""
+    return max(rate, LEAST_RATE)
+
+
+def _changing_speed(normal: NormalEquations, processes: Processes, dt: Array,
                     speed_mps: Array) -> None:
     """Add acceleration as a Wiener process; way, speed and acceleration scatter together."""
     n = len(dt) + 1
-    k, rate = np.arange(n - 1), max(motion.config.jerk_rate_std, _LEAST_RATE)
-    at = StateIndex(n, motion.nodes)
+    k, rate = np.arange(n - 1), max(processes.jerk_rate, processes.least_rate)
+    at = StateIndex(n)
     s, v, a = at.poses[:, 0], at.speeds, at.accelerations
     zero, one = np.zeros(n - 1), np.ones(n - 1)
     columns = np.column_stack([s[1:], s[:-1], v[1:], v[:-1], a[1:], a[:-1]])
@@ -300,7 +354,7 @@ def _changing_speed(motion: PassMotion, normal: NormalEquations, dt: Array,
                (dt ** 4 / 8, dt ** 3 / 3, dt ** 2 / 2),
                (dt ** 3 / 6, dt ** 2 / 2, dt))
     covariance = rate ** 2 * np.block([[np.diag(m) for m in row] for row in moments])
-    covariance[np.ix_(k, k)] += motion.stamp_covariance(speed_mps)
+    covariance[np.ix_(k, k)] += _stamp_covariance(processes, speed_mps)
     normal.correlated(np.tile(columns, (3, 1)), np.vstack([ways, speeds, accelerations]),
                       covariance)
 
@@ -319,6 +373,11 @@ def lateral_rates(times_s: Array, offset_m: Array) -> Array:
     n = len(times_s)
     if n < 3:
         return np.full(n, 0.0 if n < 2 else np.diff(offset_m)[0] / np.diff(times_s)[0])
+    return slopes(times_s, np.ascontiguousarray(offset_m))
+
+
+def plain_slopes(times_s: Array, offset_m: Array) -> Array:
+    """Return the slopes (n,) of parabolas through three observations or more (n,)."""
     apart = times_s - times_s[:, None]  # row k: as seen from observation k
     nearest = np.sort(np.abs(apart), axis=1)
     reach = np.maximum(nearest[:, _RATE_OBSERVATIONS - 1], _RATE_WINDOW_S) + 1e-9
@@ -327,6 +386,33 @@ def lateral_rates(times_s: Array, offset_m: Array) -> Array:
     basis = np.stack([inside, t, t * t], axis=-1)  # (n, n, 3)
     normal = np.einsum('kji,kjl->kil', basis, basis)
     return np.asarray(np.linalg.solve(normal, (offset_m @ basis)[..., None])[:, 1, 0] / reach)
+
+
+@kernel(plain_slopes, '(f8[::1], f8[::1])')
+def slopes(times: Any, offsets: Any) -> Any:
+    """Return slopes; arguments as :func:`plain_slopes`."""
+    n = len(times)
+    out = np.empty(n)
+    for k in range(n):
+        nearest = np.sort(np.abs(times - times[k]))
+        reach = max(nearest[_RATE_OBSERVATIONS - 1], _RATE_WINDOW_S) + 1e-9
+        s0 = s1 = s2 = s3 = s4 = y0 = y1 = y2 = 0.0
+        for j in range(n):
+            if abs(times[j] - times[k]) <= reach:
+                t = (times[j] - times[k]) / reach
+                s0 += 1.0
+                s1 += t
+                s2 += t * t
+                s3 += t * t * t
+                s4 += t * t * t * t
+                y0 += offsets[j]
+                y1 += t * offsets[j]
+                y2 += t * t * offsets[j]
+        determinant = s0 * (s2 * s4 - s3 * s3) - s1 * (s1 * s4 - s3 * s2) + s2 * (
+            s1 * s3 - s2 * s2)
+        out[k] = (s0 * (y1 * s4 - y2 * s3) - y0 * (s1 * s4 - s3 * s2)
+                  + s2 * (s1 * y2 - s2 * y1)) / determinant / reach
+    return out
 
 
 def headings(state: Array, rates_mps: Array, path_scale: Array) -> Array:
@@ -339,5 +425,4 @@ def headings(state: Array, rates_mps: Array, path_scale: Array) -> Array:
     :return: (n,) rad against the path; 0 for what hardly moves.
     """
     along = np.abs(state[:, 3]) * path_scale
-    return np.array([math.atan2(rate, speed) if speed > _MOVING_MPS else 0.0
-                     for rate, speed in zip(rates_mps, along)])
+    return np.where(along > _MOVING_MPS, np.arctan2(rates_mps, along), 0.0)

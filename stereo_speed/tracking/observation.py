@@ -10,14 +10,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 import math
-from typing import Any, NamedTuple, Optional, Sequence
+from typing import Any, Optional, Sequence
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from .front import Front, plane_points
+from .observation_kernels import spread, View, view
 from .relief import relief_basis
 from ..core.config import NoiseConfig
 from ..core.records import Array, StereoPair
@@ -28,8 +28,10 @@ from ..vision.sampling import low_pass_crop, Patches
 # inner share of the quad is sampled.
 _INNER = 0.94
 _STEP_M = 1e-4  # of the differences of the geometry: a curved way bends by far less over it
+_STEPS: Array = _STEP_M * np.eye(4, 3, -1)  # none, and one along each axis of a pose
 _BLUR_STEPS = 0.6  # low-pass of every observation, in grid steps, so that near and far compare
 _BORDER_PX = 3  # image around the samples that the low-pass and the splines need
+_NOTHING: Patches = np.zeros((0, 0), np.float32)  # of an image is clipped
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +47,11 @@ class Observation:
     :param relief_jacobian: (2, G) derivatives of each sample by its own relief, 1/m.
     :param outlines: (2, G) how each patch changes when the outlines of what is clipped in it move
         outwards, of unit length; 0 where nothing is.  The derivatives have no part along it.
+    :param apart_jacobian: (3, G) derivatives of the left patch less the right one by the pose,
+        1/m,
+        by the mean slope of both: the noise of each slope, times all that a view moves, would
+        pass for what moves the views apart.
+    :param apart_relief: (G,) the same by the relief of each sample, 1/m.
     :param pixels: pixels the patch covers in the image, at most one a grid sample.
     :param shift_px: (2, 3) speed of the front's centre in each view by the pose, px/m.
     :param disparity_px: (3,) change of its disparity by the pose, px/m.
@@ -60,33 +67,13 @@ class Observation:
     jacobian: Array
     relief_jacobian: Array
     outlines: Array
+    apart_jacobian: Array
+    apart_relief: Array
     pixels: float
     shift_px: Array
     disparity_px: Array
     right_m: float
     skew_px: float
-
-
-class _View(NamedTuple):
-    """What one view adds to an observation, as documented there."""
-
-    patch: Array
-    jacobian: Array
-    relief_jacobian: Array
-    outline: Array
-
-
-def normalised_change(jacobian: Array, patches: Array) -> Array:
-    """
-    Return the derivatives of patches that are kept at zero mean and unit variance.
-
-    :param jacobian: (..., 3, G) derivatives of the grey values before, per their deviation.
-    :param patches: (..., G).
-    :return: (..., 3, G), without any part along a constant or the patch itself.
-    """
-    jacobian = jacobian - jacobian.mean(axis=-1, keepdims=True)
-    along = jacobian @ patches[..., None] / patches.shape[-1]
-    return np.asarray(jacobian - along * patches[..., None, :])
 
 
 class ObservationSampler:
@@ -98,6 +85,9 @@ class ObservationSampler:
     :param unit_xy: (G, 2) grid samples in the unit square.
     :param grid_shape: rows and columns of the grid.
     :param noise: what is clipped, and how far that reaches.
+
+    ``blur_px`` is the 1-sigma of a blur of the left and of the right view, px, that makes the
+    sharper one as sharp as the other: see :mod:`.sharpness`.
     """
 
     def __init__(self, rig: StereoRig, front: Front, unit_xy: Array,
@@ -106,6 +96,7 @@ class ObservationSampler:
         inner = 0.5 + _INNER * (unit_xy - 0.5)
         self._plane_m = np.concatenate([front.grid_m(inner), front.corners_m])
         self._count = len(unit_xy)
+        self.blur_px: tuple[float, float] = (0.0, 0.0)
         self.relief_basis = relief_basis(unit_xy)
 
     def observe(self, pair: StereoPair, pose: Array, velocity_mps: Array, heading_rad: float,
@@ -119,8 +110,9 @@ class ObservationSampler:
         :param relief: (M,) relief of the front at its nodes, m.
         """
         n, lag = self._count, pair.right_lag_s
-        poses = np.concatenate([pose[None], pose + _STEP_M * np.eye(3)])
-        depth = np.concatenate([self.relief_basis @ relief, np.zeros(4)])
+        poses = pose + _STEPS
+        depth = np.zeros(n + 4)
+        depth[:n] = self.relief_basis @ relief
         points = plane_points(self.front.path, poses, self._plane_m, heading_rad, depth)
         later = points if lag == 0 else plane_points(
             self.front.path, poses + lag * velocity_mps, self._plane_m, heading_rad, depth)
@@ -129,52 +121,74 @@ class ObservationSampler:
         right, in_right = rig.right.project(rig.to_right(later))
         if not (in_left[0].all() and in_right[0].all()):
             return None
-        motion = [(uv[1:] - uv[0]) / _STEP_M for uv in (left, right)]  # (3, M, 2)
-        views = [self._patch(image, uv[0, :n], m[:, :n]) for image, uv, m in
-                 zip((pair.left, pair.right), (left, right), motion)]
-        centre = [m[:, :n].mean(axis=1) for m in motion]  # (3, 2)
-        area = 0.5 * (_area(left[0, n:]) + _area(right[0, n:]))
-        patches, jacobian, alone, outlines = (np.stack(part) for part in zip(*views))
+        spreads = [spread(uv, *self.grid_shape, _STEP_M) for uv in (left, right)]
+        parting = spreads[0][0] - spreads[1][0]
+        views = [self._patch(image, uv[0, :n], np.concatenate([motion, parting]), bounds,
+                             np.hypot(_BLUR_STEPS * apart, blur_px))
+                 for image, uv, (motion, _, bounds, apart, _), blur_px in
+                 zip((pair.left, pair.right), (left, right), spreads, self.blur_px)]
+        patches, jacobian, alone, outlines = (np.array(part) for part in zip(*views))
+        centre = np.array([s[1] for s in spreads])  # (2, 3, 2)
         return Observation(
             pose=pose, heading_rad=heading_rad, relief=relief, patches=patches,
-            jacobian=jacobian, relief_jacobian=alone, outlines=outlines,
-            pixels=min(area, float(n)),
-            shift_px=np.stack([np.linalg.norm(c, axis=1) for c in centre]),
-            disparity_px=centre[0][:, 0] - centre[1][:, 0],
+            jacobian=np.ascontiguousarray(jacobian[:, :3]),
+            relief_jacobian=np.ascontiguousarray(alone[:, 0]), outlines=outlines,
+            apart_jacobian=jacobian[:, 3:].mean(axis=0),
+            apart_relief=alone[:, 1].mean(axis=0),
+            pixels=min(0.5 * (spreads[0][4] + spreads[1][4]), float(n)),
+            shift_px=np.hypot(centre[..., 0], centre[..., 1]),
+            disparity_px=centre[0, :, 0] - centre[1, :, 0],
             right_m=lag * float(velocity_mps[0]),
             skew_px=float(np.linalg.norm(velocity_mps @ centre[1]) * abs(pair.stamp_error_s)))
 
-    def _patch(self, image: NDArray[Any], uv: Array, motion: Array) -> _View:
+    def blurred_patches(self, pair: StereoPair, pose: Array, velocity_mps: Array,
+                        blurs_px: Sequence[tuple[float, float]]
+                        ) -> Optional[tuple[Array, float]]:
+        """
+        Return the patches (n, 2, G) of both views with each of n blurs of the two, 1-sigmas, px.
+
+        The second number is that of the pixels that they cover in a view.
+
+        :param pose: (3,) as for :meth:`observe`.
+        :param velocity_mps: (3,) as for :meth:`observe`.
+        :return: None where the front is not in both images.
+        """
+        rig, where = self.rig.as_taken(pair.motion), self._plane_m[:self._count]
+        poses = np.stack([pose, pose + pair.right_lag_s * velocity_mps])
+        on_left, on_right = plane_points(self.front.path, poses, where)
+        views = (*rig.left.project(on_left), *rig.right.project(rig.to_right(on_right)))
+        if not (views[1].all() and views[3].all()):
+            return None
+        out, pixels = np.empty((len(blurs_px), 2, self._count)), 0.0
+        for side, (image, uv) in enumerate(((pair.left, views[0]), (pair.right, views[2]))):
+            grid = uv.reshape(*self.grid_shape, 2)
+            apart = [float(np.linalg.norm(np.diff(grid, axis=k), axis=-1).mean()) for k in (0, 1)]
+            pixels += 0.5 * self._count * apart[0] * apart[1]
+            crop, origin = low_pass_crop(
+                image, uv.min(axis=0) - _BORDER_PX, uv.max(axis=0) + _BORDER_PX, 1.0)
+            at = (uv - origin).astype(np.float32)
+            for k, blurs in enumerate(blurs_px):
+                smooth = _blurred(crop, [math.hypot(_BLUR_STEPS * a, blurs[side]) for a in apart])
+                out[k, side] = cv2.remap(smooth, at[:, :1], at[:, 1:], cv2.INTER_CUBIC)[:, 0]
+        return out, pixels
+
+    def _patch(self, image: NDArray[Any], uv: Array, motion: Array, bounds: Array, blur_px: Array
+               ) -> View:
         """
         Return the samples of one view, low-passed to the grid's spacing.
 
         :param uv: (G, 2) px.
         :param motion: (3, G, 2) their derivatives by the pose, px/m.
+        :param bounds: (2, 2) the least and the greatest of them, px.
+        :param blur_px: (2,) 1-sigma of the low-pass down and across, px.
         """
-        grid = uv.reshape(*self.grid_shape, 2)
-        sigma = [_BLUR_STEPS * float(np.linalg.norm(np.diff(grid, axis=k), axis=-1).mean())
-                 for k in (0, 1)]
-        crop, origin = low_pass_crop(
-            image, uv.min(axis=0) - _BORDER_PX, uv.max(axis=0) + _BORDER_PX, 1.0)
+        sigma = blur_px.tolist()
+        crop, origin = low_pass_crop(image, bounds[0] - _BORDER_PX, bounds[1] + _BORDER_PX, 1.0)
         smooth = _blurred(crop, sigma)
-        at = (uv - origin).T[::-1]
-        spline = ndimage.spline_filter(smooth, 3, np.float64)
-        values = ndimage.map_coordinates(spline, at, order=3, mode='nearest', prefilter=False)
-        u, v = np.ascontiguousarray(at[::-1], dtype=np.float32)[:, None]
-        scale = max(float(values.std()), 1e-6)
-        patch = (values - values.mean()) / scale
-        slopes = [np.asarray(slope) for slope in np.gradient(smooth)]
-        by_v, by_u = (cv2.remap(slope, u, v, cv2.INTER_LINEAR)[0] / scale for slope in slopes)
-        jacobian = motion[..., 0] * by_u + motion[..., 1] * by_v  # (3, G)
-        change = normalised_change(jacobian, patch)
+        u, v = np.ascontiguousarray((uv - origin).T)
         near = _clipped(crop, image.dtype, self.noise)
-        if near is None:
-            return _View(patch, change, jacobian[0], np.zeros_like(patch))
-        moved = np.asarray(np.hypot(*slopes) * _blurred(near, sigma))
-        outline = normalised_change(
-            cv2.remap(moved, u, v, cv2.INTER_LINEAR).astype(np.float64), patch)[0]
-        outline = outline / max(float(np.linalg.norm(outline)), 1e-9)
-        return _View(patch, change - np.outer(change @ outline, outline), jacobian[0], outline)
+        near = _NOTHING if near is None else _blurred(near, sigma)
+        return View(*view(smooth, near, u, v, motion))
 
 
 def _blurred(image: Patches, sigma: Sequence[float]) -> Patches:
@@ -196,8 +210,3 @@ def _clipped(crop: Patches, dtype: np.dtype[Any], noise: NoiseConfig) -> Optiona
         return None
     size = 2 * round(noise.clipped_reach_px) + 1
     return cv2.dilate(clipped, np.ones((size, size), np.uint8)).astype(np.float32)
-
-
-def _area(quad: Array) -> float:
-    x, y = quad[:, 0], quad[:, 1]
-    return float(abs(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))) / 2)

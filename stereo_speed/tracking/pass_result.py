@@ -16,7 +16,8 @@ import numpy as np
 
 from .window import Posterior, SolvedPass
 from ..core.config import TrackerConfig
-from ..core.records import Array, PassResult, Reason, SpeedBudget, TrackEnd, Verdict
+from ..core.passes import PassResult, Reason, SpeedBudget, TrackEnd, Verdict
+from ..core.records import Array
 from ..geometry.rig import StereoRig
 from ..road.lanes import LanePath
 

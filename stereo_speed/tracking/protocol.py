@@ -15,7 +15,8 @@ import numpy as np
 
 from ..core.config import TrackerConfig
 from ..core.errors import InputError
-from ..core.records import InitialFront, PassResult, StereoPair, TrackUpdate
+from ..core.passes import PassResult
+from ..core.records import InitialFront, StereoPair, TrackUpdate
 from ..geometry.rig import StereoRig
 from ..road.lanes import LanePath
 

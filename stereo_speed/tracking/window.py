@@ -15,22 +15,27 @@ a window of keyframes; older ones become inactive until the pass is solved as a 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 import math
-from typing import Iterable, Optional, Sequence
+from typing import Iterable, Mapping, Optional, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
 
+from .motion_answers import answers
 from .motion_prior import (
-    headings, lateral_rates, motion_models, MotionModel, PassMotion, PassPrior, StateIndex)
+    headings, lateral_rates, motion_models, MotionModel, PassMotion, PassPrior, StateIndex,
+    walk_rate)
 from .observation import Observation, ObservationSampler
-from .photometry import PassPhotometry, Photometry
+from .onset import Moments, with_onsets
+from .photometry import Equations, PassPhotometry, Photometry, scatters_px
+from .sharpness import equal_blurs_px, trial_blurs_px
 from ..core.config import TrackerConfig
 from ..core.records import Array, StereoPair
-from ..estimation.gaussian import condition
 from ..estimation.weights import normalise_log_weights
 
-_FAR_PX = 0.5  # observations that have moved this far are made again, however many
+_FAR_PX = 0.5  # while observations move this far there are more iterations
 _MOST_JUDGEMENTS = 3  # rounds, at most, until it is settled which observations are occluded
 _MAX_MOVE_PX = 3.0  # a step beyond the patch's linear range is cut
 _HALF_WIDTH_M = 0.8  # lever by which a change of heading moves the edges of a front
@@ -44,19 +49,20 @@ class _Effort:
 
     :param iterations: usual number of them, and
     :param most: number while poses still move far, as when a change of lanes is noticed.
+    :param near_px: fewer do where observations have moved by less than this, which are linear.
     :param moved_px: an observation is made again when its pose has moved further than this.
-    :param remade: observations made again in one iteration, the most moved first.
     """
 
     iterations: int
     most: int
+    near_px: float
     moved_px: float
-    remade: int
 
 
-_LIVE = _Effort(iterations=2, most=4, moved_px=0.10, remade=2)
-_REACQUIRED = _Effort(iterations=5, most=8, moved_px=0.05, remade=2)  # from a poor guess
-_WHOLE_PASS = _Effort(iterations=8, most=8, moved_px=0.01, remade=1000)
+_LIVE = _Effort(iterations=2, most=4, near_px=0.20, moved_px=0.10)
+# from a poor guess
+_REACQUIRED = _Effort(iterations=5, most=8, near_px=0.0, moved_px=0.05)
+_WHOLE_PASS = _Effort(iterations=8, most=8, near_px=0.0, moved_px=0.01)
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,6 +146,7 @@ class _Window:
     :param inactive: pairs that wait for the end of the pass, in order of stamps.
     :param occluded_ns: stamps of the pairs, active or not, that do not count.
     :param changing_lanes: probability that the vehicle does.
+    :param more_px: scatter of the disparities beyond what is usual, px.
     """
 
     keyframes: tuple[_Keyframe, ...]
@@ -148,6 +155,7 @@ class _Window:
     inactive: tuple[StereoPair, ...] = ()
     occluded_ns: frozenset[int] = frozenset()
     changing_lanes: float = 0.0
+    more_px: float = 0.0
 
     @property
     def pairs(self) -> list[StereoPair]:
@@ -167,8 +175,8 @@ class _Window:
 
     @property
     def index(self) -> StateIndex:
-        """Return where the unknowns are."""
-        return StateIndex(len(self.keyframes), len(self.relief))
+        """Return where the unknowns are, but for the relief."""
+        return StateIndex(len(self.keyframes))
 
     def counts(self) -> NDArray[np.bool_]:
         """Return which observations (n,) count."""
@@ -198,14 +206,51 @@ class _Window:
             pair.stamp_ns for pair, counts in zip(self.pairs, unoccluded) if not counts))
 
 
+@dataclass(frozen=True)
+class _Hypothesis:
+    """
+    What may have happened in a pass.
+
+    :param motion: how the vehicle drives.
+    :param more_px: scatter of the disparities beyond what is usual, px.
+    :param share: prior probability.
+    """
+
+    motion: MotionModel
+    more_px: float
+    share: float
+
+
+def _hypotheses(config: TrackerConfig) -> list[_Hypothesis]:
+    """Return all that may have happened."""
+    scatters = scatters_px(config.noise)
+    return [_Hypothesis(motion, more_px, motion.share * share)
+            for more_px, share in scatters for motion in motion_models(config)]
+
+
 @dataclass(frozen=True, eq=False)
 class _Solution:
-    """Moments of the mixture of the motion models, their weights, and what the images say."""
+    """
+    Moments of the mixture of the hypotheses, and what the images say.
+
+    :param mean: of the unknowns but for accelerations, in the order of ``StateIndex``.
+    :param relief: (m,) mean of the relief.
+    :param weights: of all hypotheses.
+    :param likely: weight and answer of each that counts.
+    :param photometry: what the images say.
+    """
 
     mean: Array
-    covariance: Array
+    relief: Array
     weights: Array
+    likely: Sequence[tuple[float, Moments]]
     photometry: Photometry
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Return the covariance of what ``mean`` is of."""
+        return _total(w * (a.covariance + np.outer(a.mean - self.mean, a.mean - self.mean))
+                      for w, a in self.likely)
 
 
 class PhotometricWindow:
@@ -222,9 +267,9 @@ class PhotometricWindow:
         self.sampler, self.config = sampler, config
         self.photometry = PassPhotometry(sampler.relief_basis, config.noise, config.visibility)
         nodes = sampler.relief_basis.shape[1]
-        self.motion = PassMotion(prior, config, config.stamp_std_s, nodes)
-        self.exact_motion = PassMotion(prior, config, 0.0, nodes)
-        self.models = motion_models(config)
+        self.motion = PassMotion(prior, config, config.stamp_std_s)
+        self.exact_motion = PassMotion(prior, config, 0.0)
+        self.hypotheses = _hypotheses(config)
         self._window = _Window((), np.zeros((0, 4)), np.zeros(nodes))
 
     def add(self, pair: StereoPair, guess: Array, *, reacquires: bool = False
@@ -238,6 +283,8 @@ class PhotometricWindow:
         :param reacquires: whether the front was not wholly seen in the pair before.
         :return: None when the front is not wholly in both images at the guess.
         """
+        if not self._window.keyframes:
+            self._judge_sharpness(pair, guess)
         rate, heading = self._newest_drift()
         observation = self.sampler.observe(
             pair, guess[:3], np.array([guess[3], rate, 0.0]), heading, self._window.relief)
@@ -254,6 +301,13 @@ class PhotometricWindow:
             self._window = window
         return posterior
 
+    def _judge_sharpness(self, pair: StereoPair, guess: Array) -> None:
+        """Ask the first pair which view is the sharper one; arguments as for :meth:`add`."""
+        seen = self.sampler.blurred_patches(pair, guess[:3], np.array([guess[3], 0.0, 0.0]),
+                                            trial_blurs_px(self.config.noise))
+        if seen is not None:
+            self.sampler.blur_px = equal_blurs_px(*seen, self.config.noise)
+
     def solve_pass(self) -> SolvedPass:
         """Return the pass solved from all keyframes, the inactive ones among them."""
         window = self._recalled(self._window)
@@ -264,7 +318,7 @@ class PhotometricWindow:
                 break
         # The observations that this answer rests on, should the judgement not have settled.
         window, at = replace(window, occluded_ns=occluded_ns), window.index
-        covariance = self._solve(window, self.models, self.exact_motion).covariance
+        covariance = self._solve(window, self.hypotheses, self.exact_motion).covariance
         return SolvedPass(posterior, occluded_ns, covariance[np.ix_(at.speeds, at.speeds)],
                           _given_heading(covariance, at))
 
@@ -283,14 +337,17 @@ class PhotometricWindow:
 
     def _refined(self, window: _Window, effort: _Effort) -> tuple[_Window, Posterior]:
         """Iterate Gauss-Newton; observations are made again only where their pose has moved."""
-        models: Sequence[MotionModel] = self.models
+        all_: Sequence[_Hypothesis] = self.hypotheses
         for done in range(1, effort.most + 1):
-            solution = self._solve(window, models, self.motion)
-            window = replace(window, changing_lanes=float(sum(
-                w for m, w in zip(models, solution.weights) if m.changes_lanes)))
-            models = [m for m, w in zip(models, solution.weights) if w > _NEGLIGIBLE]
-            window, moved_px = self._moved(window, solution.mean, effort)
-            if not moved_px or (done >= effort.iterations and moved_px < _FAR_PX):
+            solution = self._solve(window, all_, self.motion)
+            weights = solution.weights
+            window = replace(
+                window, changing_lanes=float(sum(
+                    w for h, w in zip(all_, weights) if h.motion.changes_lanes)),
+                more_px=math.sqrt(sum(w * h.more_px ** 2 for h, w in zip(all_, weights))))
+            all_ = [h for h, w in zip(all_, weights) if w > _NEGLIGIBLE]
+            window, moved_px = self._moved(window, solution, effort)
+            if moved_px <= (effort.near_px if done < effort.iterations else _FAR_PX):
                 break
         window = window.judged(solution.photometry.unoccluded)
         return window, self._posterior(window, solution)
@@ -305,27 +362,64 @@ class PhotometricWindow:
             solution.covariance[np.ix_(order, order)], rates, heading, path_scale,
             seen.cross_ncc, seen.unoccluded, seen.seen)
 
-    def _solve(self, window: _Window, models: Sequence[MotionModel], motion: PassMotion
+    def _solve(self, window: _Window, hypotheses: Sequence[_Hypothesis], motion: PassMotion
                ) -> _Solution:
         """
         Solve for poses, speeds, accelerations and heading error at the present observations.
 
-        The evidence of the images for each model of motion is Gaussian and closed; the answer is
-        the moments of the mixture, so that a steady pass is not made noisy for the sake of a
-        braking one, nor a braking one biased.
+        The evidence of the images for each hypothesis is Gaussian and closed; the answer is the
+        moments of the mixture, so that a steady pass is not made noisy for the sake of a braking
+        one, nor a braking one biased.
         """
-        seen = self.photometry(window.observations, window.counts())
-        answers = [condition(prior, seen.H, seen.right)
-                   for prior in motion.equations(window.times_s, window.state, models)]
-        weights = normalise_log_weights(np.array(
-            [math.log(model.share) + answer.log_evidence
-             for model, answer in zip(models, answers)]))
-        likely = [(w / weights[weights > _NEGLIGIBLE].sum(), a)
-                  for w, a in zip(weights, answers) if w > _NEGLIGIBLE]
-        mean = _total(w * a.mean for w, a in likely)
-        covariance = _total(w * (a.covariance + np.outer(a.mean - mean, a.mean - mean))
-                            for w, a in likely)
-        return _Solution(mean, covariance, weights, seen)
+        seen = self.photometry(window.observations, window.counts(), window.more_px)
+        # The relief is the same whatever the motion: it is eliminated once.
+        said = {more_px: _without_relief(seen.scattered(more_px), len(window.keyframes),
+                                         self.config.noise.relief_std_m)
+                for more_px in {h.more_px: None for h in hypotheses}}
+        before = np.array([math.log(h.share) + said[h.more_px].log_density for h in hypotheses])
+        evidence = np.array([a.log_evidence for a in self._answers(
+            window, hypotheses, motion, said, covariances=False)])
+        counts = np.flatnonzero(normalise_log_weights(before + evidence) > _NEGLIGIBLE)
+        some = [hypotheses[int(k)] for k in counts]
+        found = [self._with_onsets(answer, h.motion, window) for h, answer in zip(
+            some, self._answers(window, some, motion, said, covariances=True))]
+        evidence[counts] = [answer.log_evidence for answer in found]
+        weights = normalise_log_weights(before + evidence)
+        shares = np.where(weights[counts] > _NEGLIGIBLE, weights[counts], 0.0)
+        shares /= shares.sum()
+        likely = [(float(w), answer) for w, answer in zip(shares, found) if w > 0]
+        mean = _total(w * answer.mean for w, answer in likely)
+        relief = _total(w * said[h.more_px].relief(answer.mean[window.index.poses.ravel()])
+                        for w, h, answer in zip(shares, some, found) if w > 0)
+        return _Solution(mean, relief, weights, likely, seen)
+
+    def _answers(self, window: _Window, hypotheses: Sequence[_Hypothesis], motion: PassMotion,
+                 said: Mapping[float, _PoseEquations], *, covariances: bool) -> list[Moments]:
+        """
+        Return the answers of hypotheses, in the order of their scatters, as they are listed.
+
+        :param said: what the images say, by the scatter.
+        :param covariances: whether these are asked for; else they are empty.
+        """
+        out: list[Moments] = []
+        for more_px, one in said.items():
+            models = [h.motion for h in hypotheses if h.more_px == more_px]
+            if models:
+                found = answers(motion, window.times_s, window.state, models, one.H, one.right,
+                                covariances=covariances)
+                around = found.covariances if covariances else np.zeros((len(models), 0, 0))
+                out += [Moments(mean, covariance, float(evidence)) for mean, covariance, evidence
+                        in zip(found.means, around, found.log_evidence)]
+        return out
+
+    def _with_onsets(self, answer: Moments, motion: MotionModel, window: _Window) -> Moments:
+        """Return an answer where a vehicle that keeps its speed may begin to change it."""
+        config, times_s = self.config, window.times_s
+        if not (config.onset_per_s and len(times_s) > 1 and config.onset_std_mps2) \
+                or motion.speed_rate_std is None:
+            return answer
+        return with_onsets(answer, times_s, window.index.speeds, walk_rate(motion.speed_rate_std),
+                           config.onset_per_s, config.onset_std_mps2)
 
     def _directions(self, window: _Window) -> tuple[Array, Array, Array]:
         """
@@ -346,32 +440,32 @@ class PhotometricWindow:
         rates, _, heading = self._directions(self._window)
         return float(rates[-1]), float(heading[-1])
 
-    def _moved(self, window: _Window, solution: Array, effort: _Effort) -> tuple[_Window, float]:
+    def _moved(self, window: _Window, solution: _Solution, effort: _Effort
+               ) -> tuple[_Window, float]:
         """Return the window at a solution, and how far the observations made again moved, px."""
         at = window.index
-        state = np.column_stack([solution[at.poses], solution[at.speeds]])
-        window = replace(window, state=state, relief=solution[at.relief])
+        state = np.column_stack([solution.mean[at.poses], solution.mean[at.speeds]])
+        window = replace(window, state=state, relief=solution.relief)
         rates, _, heading = self._directions(window)
-        changes = state[:, :3] - np.stack([o.pose for o in window.observations])
-        right_m = state[:, 3] * [pair.right_lag_s for pair in window.pairs]
-        px = np.array([
-            max(np.abs(o.shift_px * change).max(),
-                o.shift_px[:, 0].max() * (_HALF_WIDTH_M * abs(psi - o.heading_rad)
-                                          + np.abs(window.relief - o.relief).max()
-                                          + abs(later - o.right_m)))
-            for o, change, psi, later in zip(window.observations, changes, heading, right_m)])
+        seen = window.observations
+        changes = state[:, :3] - np.array([o.pose for o in seen])
+        turned = np.abs(heading - [o.heading_rad for o in seen])
+        reshaped = np.abs(window.relief - np.array([o.relief for o in seen])).max(axis=1)
+        gone_m = np.abs(state[:, 3] * [pair.right_lag_s for pair in window.pairs]
+                        - [o.right_m for o in seen])
+        per_m = np.array([o.shift_px for o in seen])  # (n, 2, 3)
+        px = np.maximum(np.abs(per_m * changes[:, None]).max(axis=(1, 2)),
+                        per_m[..., 0].max(axis=1) * (_HALF_WIDTH_M * turned + reshaped + gone_m))
         keyframes, moved_px = list(window.keyframes), 0.0
-        count = max(effort.remade, int(np.sum(px > _FAR_PX)))
-        for k in np.argsort(-px, kind='stable')[:count]:
-            if px[k] > effort.moved_px:
-                old = keyframes[k]
-                change = changes[k] * min(1.0, _MAX_MOVE_PX / px[k])
-                remade = self.sampler.observe(
-                    old.pair, old.observation.pose + change,
-                    np.array([state[k, 3], rates[k], 0.0]), float(heading[k]), window.relief)
-                if remade is not None:
-                    keyframes[k] = _Keyframe(old.pair, remade)
-                    moved_px = max(moved_px, float(px[k]))
+        for k in np.flatnonzero(px > effort.moved_px):
+            old = keyframes[k]
+            change = changes[k] * min(1.0, _MAX_MOVE_PX / px[k])
+            remade = self.sampler.observe(
+                old.pair, old.observation.pose + change,
+                np.array([state[k, 3], rates[k], 0.0]), float(heading[k]), window.relief)
+            if remade is not None:
+                keyframes[k] = _Keyframe(old.pair, remade)
+                moved_px = max(moved_px, float(px[k]))
         return replace(window, keyframes=tuple(keyframes)), moved_px
 
 
@@ -379,6 +473,42 @@ def _least_gap(pairs: Sequence[StereoPair]) -> int:
     """Return the index of the pair, not the first or last of many, that leaves the least gap."""
     times = np.array([pair.stamp_ns for pair in pairs])
     return 1 + int(np.argmin(times[2:] - times[:-2])) if len(times) > 2 else len(times) - 1
+
+
+@dataclass(frozen=True, eq=False)
+class _PoseEquations(Equations):
+    """
+    What images say of the poses alone.
+
+    :param alone: (m,) relief where the poses are 0.
+    :param gain: (m, 3 n) its change by them, but for its sign.
+    """
+
+    alone: Array
+    gain: Array
+
+    def relief(self, poses: Array) -> Array:
+        """Return the relief that poses (3 n,) lead to."""
+        return np.asarray(self.alone - self.gain @ poses)
+
+
+def _without_relief(said: Equations, observations: int, std_m: float) -> _PoseEquations:
+    """
+    Return what images say of the poses alone.
+
+    :param said: what they say of poses and relief.
+    :param std_m: 1-sigma of the relief at each node before them.
+    """
+    n = 3 * observations
+    own = said.H[n:, n:] + np.eye(len(said.H) - n) / std_m ** 2
+    factor = cho_factor(own, lower=True, check_finite=False)
+    gain = cho_solve(factor, said.H[n:, :n], check_finite=False)
+    alone = cho_solve(factor, said.right[n:], check_finite=False)
+    log_density = said.log_density + 0.5 * float(said.right[n:] @ alone) - float(
+        np.log(np.diag(factor[0])).sum())
+    return _PoseEquations(
+        said.H[:n, :n] - said.H[:n, n:] @ gain, said.right[:n] - said.H[:n, n:] @ alone,
+        log_density, alone, gain)
 
 
 def _given_heading(covariance: Array, at: StateIndex) -> Array:

@@ -3,6 +3,7 @@
 """Parts of an image, and grey values on grids that are mapped onto quadrilaterals in it."""
 from __future__ import annotations
 
+import math
 from typing import Any, TypeVar
 
 import cv2
@@ -29,10 +30,15 @@ def crop(image: NDArray[Any], low: Array, high: Array, margin_px: int
     :param margin_px: width of the border around them.
     :return: the part and (2,) its origin in the image, px.
     """
-    size = np.array(image.shape[1::-1])
-    first = np.clip(np.floor(low).astype(int) - margin_px, 0, size - 2)
-    last = np.clip(np.ceil(high).astype(int) + margin_px + 1, first + 2, size)
-    return image[first[1]:last[1], first[0]:last[0]], first
+    (left, right), (top, bottom) = (
+        _reach(float(low[k]), float(high[k]), margin_px, image.shape[1 - k]) for k in (0, 1))
+    return image[top:bottom, left:right], np.array([left, top])
+
+
+def _reach(low: float, high: float, margin_px: int, size: int) -> tuple[int, int]:
+    """Return the first pixel around some places along one axis of an image, and that after."""
+    first = min(max(math.floor(low) - margin_px, 0), size - 2)
+    return first, max(min(math.ceil(high) + margin_px + 1, size), first + 2)
 
 
 def low_pass_crop(image: NDArray[Any], low: Array, high: Array, step_px: float

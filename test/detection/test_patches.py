@@ -5,7 +5,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from stereo_speed.detection.patches import correlate, cut, level_rows, mirrored, slide
+from stereo_speed.detection.patch_kernels import (
+    cut, mirrored, plain_correlate as correlate, plain_level)
+from stereo_speed.detection.patches import level_rows, slide
 
 
 @pytest.fixture
@@ -54,7 +56,7 @@ def test_a_symmetric_window_reaches_the_most():
 def test_masked_columns_do_not_count(patches):
     mask = np.zeros((3, 15), bool)
     mask[:, 4:11] = True
-    levelled = level_rows(patches, mask)
+    levelled = plain_level(patches, mask)
     assert not levelled[..., ~mask[0]].any()
     assert levelled[..., 4:11] == pytest.approx(level_rows(patches[..., 4:11]), abs=1e-3)
 

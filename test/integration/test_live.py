@@ -15,7 +15,7 @@ pytest.importorskip('rclpy')
 from sensor_msgs.msg import CameraInfo, Image  # noqa: E402
 
 from stereo_speed.cli.demo import (  # noqa: E402
-    live, Process, RELIABLE_IMAGES, RELIABLE_INFOS)
+    EVERY_PAIR, live, Process, RELIABLE_IMAGES, RELIABLE_INFOS, WHOLE_CHAIN)
 from stereo_speed.cli.main import main  # noqa: E402
 from stereo_speed.core.units import MPH_MPS  # noqa: E402
 from stereo_speed.io.truth import read_truth  # noqa: E402
@@ -71,11 +71,13 @@ def test_a_replay_that_starts_over_gives_a_new_vehicle_and_the_same_speeds(sampl
     try:
         with Process('stereo_sync_node', *RELIABLE_IMAGES, *RELIABLE_INFOS), \
                 Process('speed_node'), \
-                Process('tracker_node', *RELIABLE_INFOS, f'site:={sample / "site.yaml"}',
+                Process('tracker_node', EVERY_PAIR, *RELIABLE_INFOS,
+                        f'site:={sample / "site.yaml"}',
                         f'init:={sample / "init.yaml"}', 'use_sim_time:=true'):
             assert listener.spin(STARTUP_S, lambda: not listener.missing_wires())
             listener.spin(0.5, lambda: False)
-            with Process('replay_node', f'bag:={sample / "bag"}', 'rate:=1', 'loop:=true'):
+            with Process('replay_node', f'bag:={sample / "bag"}', WHOLE_CHAIN, 'rate:=1',
+                         'loop:=true'):
                 assert listener.spin(STARTUP_S, lambda: len(readings) >= 20)
     finally:
         listener.close()
@@ -100,11 +102,12 @@ def test_vehicles_found_on_a_site_refined_at_start_read_as_replay_does(sample, t
     try:
         with Process('stereo_sync_node', *RELIABLE_IMAGES, *RELIABLE_INFOS), \
                 Process('speed_node'), \
-                Process('tracker_node', *RELIABLE_INFOS, f'site:={sample / "site.yaml"}',
+                Process('tracker_node', EVERY_PAIR, *RELIABLE_INFOS,
+                        f'site:={sample / "site.yaml"}',
                         'refine_site_pairs:=12'):
             assert listener.spin(STARTUP_S, lambda: not listener.missing_wires())
             listener.spin(0.5, lambda: False)
-            with Process('replay_node', f'bag:={sample / "bag"}', 'rate:=5'):
+            with Process('replay_node', f'bag:={sample / "bag"}', WHOLE_CHAIN, 'rate:=5'):
                 assert listener.spin(STARTUP_S, lambda: len(readings) >= len(wanted))
     finally:
         listener.close()
@@ -129,7 +132,8 @@ def test_boxes_of_another_node_become_vehicles(sample, sample_boxes, stand_in):
     try:
         with Process('stereo_sync_node', *RELIABLE_IMAGES, *RELIABLE_INFOS), \
                 Process('speed_node'), \
-                Process('tracker_node', *RELIABLE_INFOS, f'site:={sample / "site.yaml"}',
+                Process('tracker_node', EVERY_PAIR, *RELIABLE_INFOS,
+                        f'site:={sample / "site.yaml"}',
                         'detector:=boxes'):
             assert listener.spin(STARTUP_S, lambda: not listener.missing_wires())
             stand_in.wait(lambda: publisher.get_subscription_count() == 1, STARTUP_S)
@@ -137,7 +141,7 @@ def test_boxes_of_another_node_become_vehicles(sample, sample_boxes, stand_in):
                 publisher.publish(boxes_message(
                     [ImageBox(left_px=left, top_px=top, width_px=width, height_px=height)],
                     Header(stamp=to_stamp(ns))))
-            with Process('replay_node', f'bag:={sample / "bag"}', 'rate:=2'):
+            with Process('replay_node', f'bag:={sample / "bag"}', WHOLE_CHAIN, 'rate:=2'):
                 assert listener.spin(STARTUP_S, lambda: len(readings) >= 5)
     finally:
         listener.close()
@@ -151,14 +155,15 @@ def test_ctrl_c_ends_a_node_after_the_open_passes_are_told(sample):
     listener = Listener(lambda *reading: readings.append(reading), lambda *frame: None)
     command = [sys.executable, '-m', 'stereo_speed.nodes.tracker_node', '--ros-args']
     for parameter in (f'site:={sample / "site.yaml"}', f'init:={sample / "init.yaml"}',
-                      *RELIABLE_INFOS):
+                      EVERY_PAIR, *RELIABLE_INFOS):
         command += ['-p', parameter]
     tracker = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     try:
         with Process('stereo_sync_node', *RELIABLE_IMAGES, *RELIABLE_INFOS), \
                 Process('speed_node'):
             assert listener.spin(STARTUP_S, lambda: not listener.missing_wires())
-            with Process('replay_node', f'bag:={sample / "bag"}', 'rate:=2', 'loop:=true'):
+            with Process('replay_node', f'bag:={sample / "bag"}', WHOLE_CHAIN, 'rate:=2',
+                         'loop:=true'):
                 assert listener.spin(STARTUP_S, lambda: len(readings) >= 4)
                 tracker.send_signal(signal.SIGINT)
                 out, log = tracker.communicate(timeout=EVENT_S)
@@ -198,7 +203,7 @@ def test_sync_pairs_equal_stamps_counts_the_rest_and_survives_a_jump(rig_node):
     counts = {}
 
     def on_diagnostics(msg):
-        counts.update({v.key: int(v.value) for s in msg.status for v in s.values})
+        counts.update({v.key: v.value for s in msg.status for v in s.values})
     rig_node.create_subscription(DiagnosticArray, '/diagnostics', on_diagnostics, 10)
     second = 1_000_000_000
     with Process('stereo_sync_node', *RELIABLE_IMAGES, *RELIABLE_INFOS):
@@ -212,35 +217,58 @@ def test_sync_pairs_equal_stamps_counts_the_rest_and_survives_a_jump(rig_node):
         rig_node.send['left'].publish(image(5 * second, 30))  # time jumps back
         rig_node.send['right'].publish(image(5 * second, 40))
         rig_node.wait(lambda: len(rig_node.pairs) == 3, EVENT_S)
-        rig_node.wait(lambda: counts.get('pairs') == 3, EVENT_S)
+        rig_node.wait(lambda: counts.get('pairs') == '3', EVENT_S)
     assert [stamp_ns(p.header.stamp) // second for p in rig_node.pairs] == [100, 102, 5]
     pair = rig_node.pairs[-1]
     assert (pair.height, pair.width, pair.encoding) == (8, 6, 'mono8')
     pixels = np.frombuffer(pair.data, np.uint8).reshape(8, pair.step)[:, :6]
     assert pixels.tolist() == [[30] * 6] * 4 + [[40] * 6] * 4
     assert pair.header.frame_id == 'left_optical'
-    assert counts['unpaired_left'] == 1 and counts['unpaired_right'] == 0
+    assert counts['unpaired_left'] == '1' and counts['unpaired_right'] == '0'
 
 
-def test_an_image_of_another_size_than_calibrated_ends_the_node(rig_node):
-    command = [sys.executable, '-m', 'stereo_speed.nodes.stereo_sync_node']
+def test_what_cannot_be_used_is_refused_and_the_next_good_pair_is_taken(rig_node):
+    from diagnostic_msgs.msg import DiagnosticArray
+    from diagnostic_msgs.msg import DiagnosticStatus
+    import numpy as np
+    from stereo_speed.nodes.common import image_message, stamp_ns
+    states = []
+    rig_node.create_subscription(
+        DiagnosticArray, '/diagnostics',
+        lambda msg: states.extend(s for s in msg.status if s.name == 'stereo_sync_node: pairs'),
+        10)
+    command = [sys.executable, '-m', 'stereo_speed.nodes.stereo_sync_node', '--ros-args']
+    for given in (*RELIABLE_IMAGES, *RELIABLE_INFOS):
+        command += ['-p', given]
     node = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    period = 50_000_000
+    short = image(101 * period, 1)
+    short.data = short.data[:10]
+    odd = image(103 * period, 1)
+    odd.encoding = 'yuv422'
+    bad = {101: short, 102: image_message(np.ones((5, 6), np.uint8), ns=102 * period,
+                                          frame_id='left_optical'),
+           103: odd, 104: Image(encoding='mono8')}
     try:
         rig_node.wait(lambda: all(p.get_subscription_count() for p in
-                                  [*rig_node.send.values(), *rig_node.infos.values()]),
-                      STARTUP_S)
-        stamp = [1_000_000_000]
-
-        def publish_until_ended():
-            stamp[0] += 50_000_000
-            rig_node.infos['left'].publish(CameraInfo(width=1024, height=768))
-            rig_node.send['left'].publish(image(stamp[0], 1))
-            return node.poll() is not None
-        rig_node.wait(publish_until_ended, EVENT_S)
-        error = node.stderr.read()
+                                  [*rig_node.send.values(), *rig_node.infos.values()])
+                      and rig_node.count_publishers('/stereo/image_pair'), STARTUP_S)
+        rig_node.infos['left'].publish(CameraInfo(width=6, height=4))
+        rig_node.wait(lambda: states, EVENT_S)
+        for k in range(100, 106):
+            rig_node.send['left'].publish(bad.get(k, image(k * period, k)))
+            rig_node.send['right'].publish(image(k * period, k))
+        rig_node.wait(lambda: len(rig_node.pairs) == 2, EVENT_S)
+        rig_node.wait(lambda: 'refused' in states[-1].message and any(
+            v.key == 'unpaired_right' and v.value == '4' for v in states[-1].values), EVENT_S)
+        assert states[-1].level == DiagnosticStatus.WARN
+        assert node.poll() is None
     finally:
-        node.kill()
-        node.wait(5)
-    assert node.returncode == 2
-    assert error.splitlines()[-1] == ('error: left/image_raw: image size: found 6x4, '
-                                      'wanted 1024x768 as in left/camera_info')
+        node.send_signal(signal.SIGINT)
+        log = node.communicate(timeout=EVENT_S)[1]
+    assert node.returncode == 0
+    assert [stamp_ns(p.header.stamp) // period for p in rig_node.pairs] == [100, 105]
+    values = {v.key: v.value for v in states[-1].values}
+    assert values['refused'] == '4'
+    assert log.count('refused: left/image_raw') == 1, log  # at most one line a second
+    assert 'image data: found 10 bytes, wanted 24 bytes' in log

@@ -10,7 +10,9 @@ import pytest
 
 from stereo_speed.core.config import TrackerConfig
 from stereo_speed.core.errors import InputError
-from stereo_speed.core.records import PassResult, SpeedBudget, TrackState, TrackUpdate, Verdict
+from stereo_speed.core.passes import (
+    Direction, PassResult, SecondEstimate, SpeedBudget, VehicleClass, VehicleKind, Verdict)
+from stereo_speed.core.records import TrackState, TrackUpdate
 from stereo_speed.io.atomic import prepare_folder
 from stereo_speed.io.results import (
     passes_csv, software_versions, stream_timings, summary_json, tracks_csv, write_run)
@@ -42,15 +44,22 @@ def test_tracks_to_the_letter():
 
 def test_passes_to_the_letter():
     budget = SpeedBudget(matching_mps=0.03, path_mps=0.04, stamps_mps=0.0, calibration_mps=0.12)
-    measured = replace(result(2), budget=budget, end='lost', lane_to='fast')
-    text = passes_csv([result(7, Verdict.REJECTED, None, 'too_few_pairs'), measured])
+    measured = replace(result(2), budget=budget, end='lost', lane_to='fast',
+                       second=SecondEstimate(24.6, 0.05, 9), direction=Direction.RECEDING,
+                       vehicle=VehicleKind(VehicleClass.VAN, 0.97, 2.02, 0.08, None, None))
+    without = replace(result(8, Verdict.REJECTED, None, 'lost'),
+                      second=SecondEstimate(None, None, 2))
+    text = passes_csv([result(7, Verdict.REJECTED, None, 'too_few_pairs'), measured, without])
     assert text == (
         'track,lane,first_ns,last_ns,pairs,speed_mps,speed_std_mps,verdict,reason,lane_to,end,'
         'first_mps,last_mps,max_mps,std_matching_mps,std_path_mps,std_stamps_mps,'
-        'std_calibration_mps\n'
+        'std_calibration_mps,second_mps,second_std_mps,second_pairs,direction,class,'
+        'class_probability,width_m,width_std_m,height_m,height_std_m\n'
         '2,slow,10,20,2,24.58000,0.03000,measured,,fast,lost,24.50000,24.50000,24.50000,'
-        '0.03000,0.04000,0.00000,0.12000\n'
-        '7,slow,10,20,2,,,rejected,too_few_pairs,slow,stream_ended,,,,,,,\n')
+        '0.03000,0.04000,0.00000,0.12000,24.60000,0.05000,9,receding,van,0.97000,'
+        '2.02000,0.08000,,\n'
+        '7,slow,10,20,2,,,rejected,too_few_pairs,slow,stream_ended,,,,,,,,,,,,,,,,,\n'
+        '8,slow,10,20,2,,,rejected,lost,slow,stream_ended,,,,,,,,,,2,,,,,,,\n')
     assert budget.total_mps == pytest.approx(0.13)
 
 
@@ -109,6 +118,7 @@ def test_timings_are_those_of_the_stream():
 
 def test_versions_are_text():
     found = software_versions()
-    assert set(found) == {'stereo_speed', 'python', 'numpy', 'opencv', 'scipy', 'rosbags'}
+    assert set(found) == {'stereo_speed', 'python', 'numpy', 'opencv', 'scipy', 'rosbags',
+                          'kernels'}
     assert found['python'].count('.') == 1
     assert all(isinstance(v, str) and v for v in found.values())

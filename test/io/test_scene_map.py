@@ -32,7 +32,7 @@ def test_maps_that_are_wrong(tmp_path):
             load_map(path)
     for junk in (b'', b'junk', b'\x89PNG\r\n'):
         path.write_bytes(junk)
-        with pytest.raises(InputError, match=f'found {len(junk)} bytes that are no image'):
+        with pytest.raises(InputError, match=f'found {len(junk)} bytes that cannot be decoded'):
             load_map(path)
 
 

@@ -33,6 +33,7 @@ def test_points_by_hand():
                                 0)
     assert rows[1]['id'] == 9 and rows[1]['hidden'] == 1 and math.isinf(rows[1]['d_px'])
     assert (message.header.frame_id, message.width, message.height) == ('camera', 2, 1)
+    assert not message.is_dense and tracks_message([estimate()], header).is_dense
     assert message.point_step * 2 == message.row_step == len(message.data)
 
 

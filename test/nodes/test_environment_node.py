@@ -17,12 +17,17 @@ import pytest
 pytest.importorskip('rclpy')
 
 from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402, I100
+from geometry_msgs.msg import Point32, PolygonStamped  # noqa: E402
 from sensor_msgs.msg import Image, PointCloud2  # noqa: E402
 from stereo_speed.cli.demo import Process  # noqa: E402
 from stereo_speed.cli.main import main  # noqa: E402
-from stereo_speed.nodes.common import image_message, RELIABLE, stamp_ns  # noqa: E402
+from stereo_speed.core.errors import InputError  # noqa: E402
+from stereo_speed.monocular.boxes import corners  # noqa: E402
+from stereo_speed.nodes.common import (  # noqa: E402
+    image_message, RELIABLE, stamp_ns, to_stamp)
 from stereo_speed.nodes.environment_messages import RECORD  # noqa: E402
 from stereo_speed.nodes.environment_node import EnvironmentNode  # noqa: E402
+from stereo_speed.nodes.marks import target_from_message  # noqa: E402
 from visualization_msgs.msg import MarkerArray  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures('private_graph')
@@ -143,6 +148,78 @@ def test_live_tracks_equal_those_of_the_command_and_a_jump_starts_anew(scene, ca
     assert (camera.overlays[0].height, camera.overlays[0].width) == (120, 160)
 
 
+def values_of(told):
+    """Give the newest values of the node on /diagnostics."""
+    found = [s for m in told for s in m.status if s.name.startswith('environment_node')]
+    return {v.key: v.value for v in found[-1].values} if found else {}
+
+
+def test_a_target_marked_late_is_followed_as_if_it_had_been_marked_in_time(
+        scene, camera, tmp_path):
+    """Marked after frame 4, by the stamp of frame 2; a mark of no frame is refused."""
+    (tmp_path / 'one.yaml').write_text(
+        (scene / 'targets.yaml').read_text().replace('id: 3', 'id: 1'))
+    (tmp_path / 'config.yaml').write_text('background_contrast: 0.0\n')
+    assert main(['track-environment', str(scene / 'video'), '--map', str(scene / 'map.png'),
+                 '--init', str(tmp_path / 'one.yaml'), '--out', str(tmp_path), '--seed', '4',
+                 '--config', str(tmp_path / 'config.yaml')]) == 0
+    wanted = {int(r['frame']): r for r in csv.DictReader((tmp_path / 'targets.csv').open())}
+    told = []
+    camera.create_subscription(DiagnosticArray, '/diagnostics', told.append, 10)
+    marks = camera.create_publisher(PolygonStamped, '/mark', RELIABLE)
+    x, y, w, h = BOX
+    mark = PolygonStamped()
+    mark.polygon.points = [Point32(x=float(x + 3), y=float(y)),
+                           Point32(x=float(x + 3 + w), y=float(y + h))]
+    with Process('environment_node', *parameters(
+            scene, targets='""', background_contrast='0.0',
+            **{'diagnostic_updater.period': '0.1'})):
+        camera.wait(lambda: camera.ready() and marks.get_subscription_count(), STARTUP_S)
+        settle(camera)
+        for number, image in enumerate(frames(), 1):
+            camera.images.publish(image_message(image, ns=number * PERIOD_NS,
+                                                frame_id='camera_optical'))
+            camera.wait(lambda: len(of_video(camera.tracks)) == number, EVENT_S)
+            if number == 4:
+                for ns in (3 * PERIOD_NS // 2, 2 * PERIOD_NS):
+                    mark.header.stamp = to_stamp(ns)
+                    marks.publish(mark)
+                camera.wait(lambda: values_of(told).get('marked') == '1', EVENT_S)
+    assert values_of(told)['marks_missed'] == '1' and values_of(told)['refused'] == '1'
+    for number, message in enumerate(of_video(camera.tracks), 1):
+        rows = np.frombuffer(bytes(message.data), RECORD)
+        assert list(rows['id']) == ([1] if number > 4 else [])
+        for row in rows:
+            for name, column in (('left', 'x'), ('top', 'y'), ('width', 'w'), ('height', 'h')):
+                assert row[name] == pytest.approx(float(wanted[number][column]), abs=2e-3)
+
+
+def marked(*points):
+    """Give the message that marks some points."""
+    msg = PolygonStamped()
+    msg.polygon.points = [Point32(x=float(x), y=float(y)) for x, y in points]
+    return msg
+
+
+def test_marks_are_boxes_upright_or_rotated():
+    upright = target_from_message(marked((42, 10), (30, 40)), 5, 7)
+    assert (upright.id, upright.frame, upright.angle_rad) == (5, 7, 0.0)
+    np.testing.assert_array_equal(upright.box_px, [30, 10, 12, 30])
+    box, angle = np.array([30.0, 40.0, 20.0, 10.0]), 0.4
+    rotated = target_from_message(marked(*corners(box, angle)), 1, 1)
+    np.testing.assert_allclose(rotated.box_px, box, atol=1e-4)
+    assert rotated.angle_rad == pytest.approx(angle, abs=1e-5)
+
+
+@pytest.mark.parametrize('points', [
+    [], [(1, 2)], [(1, 2), (1, 9)], [(1, 2), (float('nan'), 9)],
+    [(0, 0), (20, 0), (25, 10), (5, 10)], [(0, 10), (20, 10), (20, 0), (0, 0)]],
+    ids=['none', 'one', 'no width', 'nan', 'slanted', 'the wrong way round'])
+def test_what_is_no_box_is_refused(points):
+    with pytest.raises(InputError, match='mark: polygon: found'):
+        target_from_message(marked(*points), 1, 1)
+
+
 @pytest.mark.parametrize('dropped, stopped', [(7, []), (8, [3, 9])])
 def test_no_target_is_followed_over_a_gap_longer_than_it_may_be_occluded(dropped, stopped):
     found = []
@@ -160,9 +237,6 @@ def test_dropped_repeated_and_missed_frames_are_reported_and_the_end_is_quiet(sc
     told = []
     camera.create_subscription(DiagnosticArray, '/diagnostics', told.append, 10)
 
-    def values():
-        found = [s for m in told for s in m.status if s.name.startswith('environment_node')]
-        return {v.key: v.value for v in found[-1].values} if found else {}
     images = dict(enumerate(frames(), 1))
     command = [sys.executable, '-m', 'stereo_speed.nodes.environment_node', '--ros-args']
     command += [w for p in parameters(scene, targets=scene / 'two.yaml') for w in ('-p', p)]
@@ -175,12 +249,13 @@ def test_dropped_repeated_and_missed_frames_are_reported_and_the_end_is_quiet(sc
                 camera.images.publish(image_message(images[number], ns=number * PERIOD_NS,
                                                     frame_id='camera_optical'))
             camera.wait(lambda: len(of_video(camera.tracks)) == heard, EVENT_S)
-        camera.wait(lambda: values().get('frames') == '8' and values()['resets'] == '1', EVENT_S)
+        camera.wait(lambda: values_of(told).get('frames') == '8'
+                    and values_of(told)['resets'] == '1', EVENT_S)
         node.send_signal(signal.SIGINT)
         error = node.communicate(timeout=EVENT_S)[1]
     finally:
         node.kill()
-    found = values()
+    found = values_of(told)
     wanted = {'gaps': 1, 'dropped': 1, 'marks_missed': 1, 'repeated': 1, 'late': 0, 'resets': 1,
               'lost': 0, 'left_view': 0, 'followed': 1}
     assert {k: int(found[k]) for k in wanted} == wanted

@@ -8,11 +8,13 @@ from functools import lru_cache
 import math
 from typing import Any, Callable, Mapping, Optional, Sequence
 
+import cv2
 import numpy as np
 import pytest
 from stereo_speed.core.config import parameters_of, record_of, TrackerConfig
 from stereo_speed.core.errors import InputError
-from stereo_speed.core.records import InitialFront, StereoPair, TrackUpdate, Verdict
+from stereo_speed.core.passes import Verdict
+from stereo_speed.core.records import InitialFront, StereoPair, TrackUpdate
 from stereo_speed.detection.box_detector import BoxConfig, BoxDetector
 from stereo_speed.detection.config import DetectorConfig
 from stereo_speed.detection.detector import PlaneSweepDetector
@@ -226,6 +228,13 @@ def _late(passing: Scenario) -> Scenario:
         replace(pair, right_stamp_ns=pair.stamp_ns + 600_000) for pair in passing.pairs[:4]))
 
 
+def _blurred(passing: Scenario) -> Scenario:
+    """Put the right camera out of focus."""
+    return replace(passing, pairs=tuple(
+        replace(pair, right=cv2.GaussianBlur(pair.right, (0, 0), 1.5))
+        for pair in passing.pairs[:4]))
+
+
 def _twice(passing: Scenario) -> Scenario:
     return replace(passing, pairs=passing.pairs[:3], fronts=passing.fronts * 2)
 
@@ -375,7 +384,7 @@ def _near(ahead_m: float, left_m: float, make: Callable[[Scenario], Scenario] = 
 
 MAKERS: dict[str, Callable[[Scenario], Scenario]] = {
     'start': _first(1), 'short': _first(4), 'passing': _first(5), 'longer': _first(6),
-    'occluded': _occluded, 'lost': _lost, 'late': _late, 'twice': _twice,
+    'occluded': _occluded, 'lost': _lost, 'late': _late, 'blurred': _blurred, 'twice': _twice,
     'short path': _short_path, 'crossing': _crossing,
     'detected at 20': _scripted(20.0), 'detected late': _scripted(24.6, (3,), 3),
     'detected again': _scripted(24.6, (0, 1), again=True),
@@ -419,6 +428,7 @@ TWO = {'particles': 60, 'particle_budget': 100}
 LORRY = {'front__least_width_m': 2.0, 'front__tall_width_m': 1.5}
 UNCERTAIN = {'max_speed_std_mps': 0.0, 'max_speed_std_share': 0.0}
 AT_ONCE = {'visibility.confirm_pairs': 1}
+ANY_STD = {'max_speed_std_share': 1.0}
 # Of those that show in other scenarios than the usual one, or at other values.
 CASES: dict[str, Case] = {
     'particles': Case('passing', 60),
@@ -448,18 +458,30 @@ CASES: dict[str, Case] = {
     'verdict.most_speed_mps': Case('passing', 20.0),
     'verdict.most_acceleration_mps2': Case(
         'passing', 0.1, AT_ONCE | {'visibility.speed_change_sigmas': 0.0}),
-    'verdict.off_road_m': Case('crossing', 0.1),
-    'verdict.off_road_share': Case('crossing', 1.0, {'verdict.off_road_m': 0.1}),
+    'verdict.off_road_m': Case('crossing', 0.1, ANY_STD),
+    'verdict.off_road_share': Case('crossing', 1.0, ANY_STD | {'verdict.off_road_m': 0.1}),
+    'noise.sharpness_sigmas': Case('blurred', 1000.0),
+    'noise.most_blur_px': Case('blurred', 0.5),
     'verdict.lane_hysteresis_m': Case('crossing', 0.0),
     'effort.live_observations': Case('passing', 4),
     'effort.pass_observations': Case('passing', 4, {'effort.live_observations': 4}),
     'effort.fewest_particles': Case('twice', 20, TWO),
     'association.catch_up_pairs': Case('detected late', 1),
     'association.same_speed_sigmas': Case('detected at 20', 100.0),
+    'classes.width_std_m': Case('detected at 20'),
+    'classes.heavy_width_m': Case('short', 2.0), 'classes.still_margin': Case('passing', 1.0),
     'association.doubt_s': Case('detected at 20', 0.3),
     'association.braking_mps2': Case('detected at 20', 0.0, {'association.doubt_s': 0.3}),
     'association.gone_s': Case('found again', 0.0, AT_ONCE | {'visibility.least_width_px': 48.0}),
     'association.same_vehicle_m': Case('detected again', 0.1),
+    **{f'second.{name}': Case('longer', value, {'second.most_std_share': 0.1} if name !=
+                              'most_std_share' else {}) for name, value in {
+        'enabled': False, 'most_sigmas': 0.0, 'most_difference_mps': 0.0, 'most_std_share': 0.1,
+        'least_pairs': 7, 'most_pairs': 4, 'most_points': 6, 'least_quality': 0.2,
+        'most_round_trip_px': 0.05, 'match_std_px': 0.5, 'match_floor_px': 0.01,
+        'tail_dof': 30.0}.items()},
+    'second.least_points': Case('longer', 190, {
+        'second.most_points': 200, 'second.most_std_share': 0.1}),
     SWEEP + 'interval_s': swept('swept', 0.3),
     SWEEP + 'long_every': swept('swept', 2, motion__least_px=13.0),
     SWEEP + 'forget_after_s': swept('swept', 0.15),
@@ -489,7 +511,7 @@ CASES: dict[str, Case] = {
     SWEEP + 'motion.still_margin': swept('swept', 1.0),
     SWEEP + 'motion.least_px': swept('swept', 100.0),
     SWEEP + 'motion.change_factor': swept('swept', 0.1),
-    SWEEP + 'motion.occluded_share': swept('swept behind a post', 1.0),
+    SWEEP + 'motion.occluded_share': swept('swept', 1.0, motion__change_factor=0.1),
     SWEEP + 'motion.speed_std_share': Case('swept', 0.0,
                                            {'association.same_speed_sigmas': 0.5}),
     SWEEP + 'spacing.along_m': swept('behind another', 1.0),
@@ -558,7 +580,16 @@ def outcome(scenario: Scenario, values: Values) -> Any:
         return str(error)
     return ([(u.stamp_ns, u.track, u.lane, u.state, u.speed_mps, u.speed_std_mps, u.s_m,
               u.lateral_m, u.position_cov_m2.tolist(), u.quad_left_px.tolist())
-             for u in updates], [astuple(one) for one in done.passes])
+             for u in updates], [comparable(astuple(one)) for one in done.passes])
+
+
+def comparable(value: Any) -> Any:
+    """Return a value with lists in place of the arrays in it, which have no truth value."""
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return {key: comparable(one) for key, one in value.items()}
+    return [comparable(one) for one in value] if isinstance(value, (tuple, list)) else value
 
 
 @pytest.fixture(scope='session')

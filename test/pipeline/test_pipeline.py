@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from stereo_speed.core.config import EffortConfig, NoParameters, TrackerConfig, VerdictConfig
-from stereo_speed.core.records import PassResult, TrackState, TrackUpdate, Verdict
+from stereo_speed.core.passes import PassResult, Verdict
+from stereo_speed.core.records import TrackState, TrackUpdate
 from stereo_speed.detection.protocol import Detection, EarlierFront
 from stereo_speed.lab.sim import simulate, straight_config, VehicleConfig
 from stereo_speed.pipeline.pipeline import SpeedPipeline

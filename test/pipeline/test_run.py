@@ -7,7 +7,8 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
-from stereo_speed.core.records import PassResult, StereoPair, TrackState, TrackUpdate, Verdict
+from stereo_speed.core.passes import PassResult, Verdict
+from stereo_speed.core.records import StereoPair, TrackState, TrackUpdate
 from stereo_speed.pipeline.pipeline import Step
 from stereo_speed.pipeline.run import run
 
@@ -63,3 +64,41 @@ def test_time_in_the_pipeline_is_counted():
 def test_no_pairs_give_nothing():
     done = run(scripted([], []), [])
     assert (done.updates, done.passes, done.stamps_ns) == ([], [], [])
+
+
+class Sink:
+    """Counts what it is given."""
+
+    def __init__(self):
+        self.updates, self.passes = 0, []
+
+    def add(self, updates, passes, open_tracks):
+        self.updates += len(updates)
+        self.passes += passes
+
+
+def test_with_a_sink_only_the_first_vehicles_are_held_whole():
+    """Each of 30 vehicles is seen in 4 pairs; every other track was none."""
+    steps, speeds = [], {}
+    for k in range(30):
+        seen = [10 * (4 * k + n) for n in range(4)]
+        speeds[2 * k] = {ns: 20.0 + (ns == seen[1]) for ns in seen}
+        ended = [replace(PASS, track=2 * k - 2, smoothed=speeds[2 * k - 2])] if k else []
+        steps += [Step([replace(UPDATE, track=2 * k + odd, stamp_ns=ns) for odd in (0, 1)],
+                       ended if ns == seen[0] else []) for ns in seen]
+    last = replace(PASS, track=58, smoothed=speeds[58])
+    pipeline, sink, waiting = scripted(steps, [last]), Sink(), iter(steps)
+
+    def process(pair):
+        pipeline.open_tracks = {2 * (pair.index // 4)}
+        return next(waiting)
+    pipeline.process = process
+    done = run(pipeline, pairs(len(steps)), sink=sink, most_updates=40)
+    assert sink.updates == 2 * len(steps)
+    assert [p.track for p in done.passes] == [p.track for p in sink.passes] == [*range(0, 60, 2)]
+    assert 0 < len(done.updates) <= 40
+    assert {u.track for u in done.updates} == set(done.kept)
+    assert all(len([u for u in done.updates if u.track == t]) == 4 for t in done.kept)
+    for one in done.passes:
+        assert one.profile_mps == (20.0, 20.0, 21.0)
+        assert len(one.smoothed) == (4 if one.track in done.kept else 3)

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from stereo_speed.core.records import Verdict
+from stereo_speed.core.passes import Verdict
 from stereo_speed.lab.evaluation.labeled_sequence import LineKnowledge, simulated_sequence
 from stereo_speed.lab.sim.config import RigConfig, straight_config
 from stereo_speed.pipeline.assembly import MeasuringSite
@@ -18,8 +18,8 @@ from stereo_speed.steadying.config import SteadyingConfig
 MPH = 0.44704
 SMALL = straight_config('50 mph', rig=RigConfig(width_px=512, height_px=384, f_px=900.0),
                         start_m=48.0, near_m=14.0, fps=10.0, pairs=14)
-OFF = PipelineConfig()
-ON = PipelineConfig(site=SiteConfig(steadying=SteadyingConfig(enabled=True)))
+OFF = PipelineConfig(site=SiteConfig(steadying=SteadyingConfig(enabled=False)))
+ON = PipelineConfig()
 
 
 def measured(config, parameters=ON):

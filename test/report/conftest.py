@@ -7,7 +7,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from stereo_speed.core.records import PassResult, StereoPair, TrackState, TrackUpdate, Verdict
+from stereo_speed.core.passes import PassResult, Verdict
+from stereo_speed.core.records import StereoPair, TrackState, TrackUpdate
 from stereo_speed.geometry.camera import Camera
 from stereo_speed.geometry.rig import StereoRig
 from stereo_speed.road.path import StraightPath

@@ -30,6 +30,16 @@ def test_front_is_drawn_where_it_is(pair, updates, lanes, rig):
         assert image[middle, u].astype(int).tolist() == pytest.approx(colour_of(3), abs=60)
 
 
+def test_the_right_view_has_its_own_path_and_front(pair, updates, lanes, rig):
+    image = draw(pair, updates[4:5], lanes, rig, right=True)
+    left, right, _, _ = rig.project(np.array([[0.0, 2.0, 25.0]]))
+    u, v = np.round(right[0]).astype(int)
+    assert u != round(float(left[0, 0])) and image[v, u, 0] > image[v, u, 2] + 40
+    top_left, _, bottom_right, _ = np.round(updates[4].quad_right_px).astype(int)
+    middle = (top_left[1] + bottom_right[1]) // 2
+    assert image[middle, top_left[0]].astype(int).tolist() == pytest.approx(colour_of(3), abs=60)
+
+
 def test_input_is_left_alone(pair, updates, lanes, rig):
     draw(pair, updates[4:5], lanes, rig)
     assert np.all(pair.left == 90)

@@ -8,7 +8,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from stereo_speed.core.records import Verdict
+from stereo_speed.core.passes import Verdict
 from stereo_speed.core.units import MPH_MPS
 from stereo_speed.report import overlay, plots
 

@@ -3,9 +3,14 @@
 """The joint fit against made-up roads of known shape."""
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from stereo_speed.lab.evaluation.roads import draw_road
 from stereo_speed.lab.reference.straight_path import straight_path
+from stereo_speed.lab.sim.scene import SimScene
+from stereo_speed.lab.sim.sequence import picked_site
 from stereo_speed.road.first_guess import guess_road
 from stereo_speed.road.fit import fit_road
 from stereo_speed.road.lanes import lane_of_road
@@ -133,3 +138,17 @@ def test_views_with_nothing_in_common(make_scene):
     flat = np.stack([np.linspace(100, 900, 10), np.full(10, 400.0)], axis=-1)
     with pytest.raises(ValueError, match='fewer than 3 points in common'):
         fit_road(make_scene().rig, {'a': (flat, flat - [10, 0])})
+
+
+@pytest.mark.parametrize('number', [43, 47])
+def test_a_straight_road_through_a_sag_is_no_bend(number):
+    """From a low camera precise points of a sag look much like those of a bend."""
+    config, std_px = replace(draw_road(0, number).config, pick_std_px=0.02), 0.02
+    scene = SimScene(config)
+    site = picked_site(scene, np.random.default_rng(1))
+    lines = {name: (np.array(line['left_image']), np.array(line['right_image']))
+             for name, line in site['lines'].items()}
+    fit = fit_road(scene.rig, lines, {name: tuple(np.full(len(view), std_px) for view in views)
+                                      for name, views in lines.items()})
+    assert fit.problem.model.shape.curvature == 0
+    assert fit.residual_px.max() < 0.2

@@ -75,6 +75,9 @@ NAN, INF = float('nan'), float('inf')
     (['lanes', 1, 'name'], 'l0', 'lanes: found two lanes named l0'),
     (['lanes', 0, 'speed_limit'], '55 knots', r"lanes\[0\].speed_limit: found '55 knots'"),
     (['lanes', 0, 'speed_limit'], None, r'lanes\[0\].speed_limit: found nothing'),
+    (['lanes', 0, 'class_limits'], {'lorry': '80 km/h'},
+     r'lanes\[0\].class_limits.lorry: found unknown key lorry, wanted one of motor'),
+    (['lanes', 0, 'class_limits'], {'car': 80}, r'lanes\[0\].class_limits.car: found 80'),
     (['lanes', 0, 'speed_limit'], 55, r'lanes\[0\].speed_limit: found 55'),
 ])
 def test_site_faults(write, place, value, match, put):

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from stereo_speed.core.passes import VehicleClass
 from stereo_speed.core.units import parse_speed
 from stereo_speed.site.extras import KnownLength, PointsApart, RigCorrection
 from stereo_speed.site.file import LaneSpec, load_site, PickedLine, Site, SurveyedLine
@@ -19,6 +20,15 @@ def test_speeds_come_back_in_their_unit(text):
 
 def test_speeds_of_no_unit_keep_every_digit():
     assert parse_speed(speed_text(23.456789012345)) == 23.456789012345
+
+
+def test_limits_of_classes_come_back(tmp_path):
+    limits = {VehicleClass.HEAVY_VEHICLE: 80 / 3.6, VehicleClass.VAN: 100 / 3.6}
+    points = np.array([[0, 2, 50], [0, 2, 10.0]])
+    site = Site('s', 'here', {'p': SurveyedLine('p', points)},
+                (LaneSpec('l', None, None, 'p', 120 / 3.6, limits),))
+    (tmp_path / 'site.yaml').write_text(site_text(site))
+    assert load_site(tmp_path / 'site.yaml').lanes[0] == site.lanes[0]
 
 
 def test_numbers_are_rounded_to_what_they_are_worth(tmp_path):

@@ -10,8 +10,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from stereo_speed.core.config import TrackerConfig
-from stereo_speed.core.records import (
-    PassResult, Reason, SpeedBudget, TrackState, TrackUpdate, Verdict)
+from stereo_speed.core.passes import PassResult, Reason, SpeedBudget, Verdict
+from stereo_speed.core.records import TrackState, TrackUpdate
 from stereo_speed.road.lanes import LanePath
 from stereo_speed.road.path import StraightPath
 from stereo_speed.steadying.doubt import SpeedDoubt
@@ -44,7 +44,7 @@ def steadier(*, turned=False, too_far=False, lost=False, std_deg=0.0005):
 
 def test_a_rig_that_stands_still_changes_nothing(doubt):
     assert doubt.update(UPDATE, steadier()) is UPDATE
-    assert doubt.result(RESULT, steadier()) is RESULT
+    assert doubt.result(RESULT, doubt.share('a', steadier())) is RESULT
 
 
 def test_the_uncertain_angle_of_a_turned_camera_is_in_every_sigma(doubt):
@@ -53,7 +53,8 @@ def test_the_uncertain_angle_of_a_turned_camera_is_in_every_sigma(doubt):
     # A pan of one rad changes lengths at range Z by 2 Z / b; near observations weigh most.
     pan = np.radians(0.0005)
     assert 2 * 20 / 0.5 * pan < share < 2 * 60 / 0.5 * pan
-    update, result = doubt.update(UPDATE, watch), doubt.result(RESULT, watch)
+    update, result = doubt.update(UPDATE, watch), doubt.result(RESULT, share)
+    assert doubt.shares(watch) == {'a': share}
     assert update.speed_std_mps == pytest.approx(math.hypot(0.1, 20 * share))
     assert update.state is TrackState.CONFIRMED and result.verdict is Verdict.MEASURED
     assert result.speed_std_mps == pytest.approx(math.hypot(0.05, 20 * share))
@@ -66,7 +67,7 @@ def test_the_uncertain_angle_of_a_turned_camera_is_in_every_sigma(doubt):
                          ids=['too far', 'too uncertain'])
 def test_what_cannot_be_corrected_is_withheld(watch, doubt):
     assert doubt.update(UPDATE, watch).state is TrackState.TENTATIVE
-    result = doubt.result(RESULT, watch)
+    result = doubt.result(RESULT, doubt.share('a', watch))
     assert result.verdict is Verdict.REJECTED and result.reason == Reason.RIG_UNCERTAIN
     assert result.speed_mps is None
 

@@ -52,3 +52,14 @@ def test_a_camera_that_creeps_is_followed():
 
 def test_more_than_a_little_is_not_corrected():
     assert fed([0.5, 0, 0], 5).too_far
+
+
+def test_pairs_that_were_not_looked_at_count():
+    rate = np.radians(SteadyingConfig().drift_rate_deg)
+    one, many = (DriftFilter(SteadyingConfig(drift_probability=0.0)) for _ in range(2))
+    one.update(np.zeros(3), 1e-8 * np.eye(3))
+    many.update(np.zeros(3), 1e-8 * np.eye(3), pairs=100)
+    floor = np.radians(SteadyingConfig().drift_floor_deg) ** 2
+    for drift, before in ((one, rate ** 2), (many, 100 * rate ** 2)):
+        wanted = floor + before * 1e-8 / (before + 1e-8)
+        assert np.allclose(drift.covariance_rad2, wanted * np.eye(3))

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from stereo_speed.core.records import RigMotion
@@ -39,6 +40,14 @@ def test_a_rig_that_stands_still_is_left_as_it_is(rig, take):
     assert steadiness_lines(steadier.state()) == [] and warning(steadier) == ''
 
 
+def test_its_state_can_be_told_before_the_first_pair_and_after_a_jump_of_time(rig, take):
+    steadier = Steadier(rig, CONFIG)
+    assert steadier.state().pairs == 0 and not any(steadier.state().rest_deg)
+    steadier.steady(take(0))
+    steadier.reset()
+    assert steadier.state().pairs == 0 and warning(steadier) == ''
+
+
 def test_sway_is_found_in_each_pair_and_told(rig, take):
     steadier = Steadier(rig, CONFIG)
     steadier.steady(take(0))
@@ -47,7 +56,7 @@ def test_sway_is_found_in_each_pair_and_told(rig, take):
         assert sway < 0.02 and drift == 0
     state = steadier.state()
     assert state.swayed == 7 and 0.03 < state.sway_rms_deg[0] < 0.3
-    assert steadiness_lines(state)[0].startswith('the rig swayed in 7 of 8 pairs')
+    assert steadiness_lines(state)[0].startswith('the rig swayed in 7 of 8 pairs looked at')
 
 
 def test_a_turn_of_the_right_camera_is_no_sway(rig, take):
@@ -80,6 +89,46 @@ def test_one_view_alone_shows_the_sway(rig, take):
     assert not steadier.lost
 
 
+def test_cameras_at_rest_are_looked_at_now_and_then(rig, take):
+    steadier = Steadier(rig, CONFIG)
+    for k in range(12):  # at 10 a second: the first five, and one half a second later
+        pair = take(k)
+        assert steadier.steady(pair) is pair
+    assert (steadier.state().pairs, steadier.state().looks) == (12, 5 + 1)
+
+
+def test_a_rig_that_begins_to_sway_is_seen_within_the_interval_and_followed(rig, take):
+    steadier = Steadier(rig, CONFIG)
+    for k in range(6):
+        steadier.steady(take(k))
+    found = [steadier.steady(take(k, swaying(k))).motion for k in range(6, 14)]
+    seen = next(n for n, motion in enumerate(found) if motion is not None)
+    assert seen <= 4  # half a second after the last look
+    for k, motion in enumerate(found[seen:], 6 + seen):
+        assert off_px(motion, swaying(k))[0] < 0.03
+
+
+def test_a_camera_turned_between_looks_is_found_by_the_next(rig, take):
+    steadier = Steadier(rig, CONFIG)
+    for k in range(6):
+        steadier.steady(take(k))
+    still = RigMotion((0.0, 0.0, 0.0), TURN)
+    for k in range(6, 12):
+        pair = steadier.steady(take(k, still))
+    assert off_px(pair.motion, still).max() < 0.05 and steadier.state().turns == 1
+
+
+def test_a_rig_that_drives_is_none_that_sways(rig, take):
+    steadier = Steadier(rig, CONFIG)
+    for k in range(6):
+        nearer = np.array([[1 + 0.02 * k, 0.0, -5.0 * k], [0.0, 1 + 0.02 * k, -4.0 * k]])
+        pair = take(k)
+        pair = replace(pair, left=cv2.warpAffine(pair.left, nearer, pair.left.shape[::-1]),
+                       right=cv2.warpAffine(pair.right, nearer, pair.right.shape[::-1]))
+        assert steadier.steady(pair) is pair and not steadier.lost
+    assert steadier.state().unknown == steadier.state().looks - 1 >= 4
+
+
 def test_a_pair_that_shows_nothing_is_unknown_and_the_next_is_found(rig, take):
     steadier = Steadier(rig, CONFIG)
     for k in range(3):
@@ -99,6 +148,37 @@ def test_a_place_that_is_gone_for_good_is_learnt_anew(rig, take):
     for pair in mirrored:
         steadier.steady(pair)
     assert steadier.state().unknown == 2 and not steadier.lost
+
+
+def test_a_turn_found_before_is_kept_where_the_place_is_learnt_anew(rig, take):
+    steadier = Steadier(rig, replace(CONFIG, renew_pairs=2))
+    steadier.steady(take(0))
+    for k in range(1, 4):
+        steadier.steady(take(k, swaying(k, TURN)))
+    found = steadier.drift.corrected_rad
+    still = RigMotion((0.0, 0.0, 0.0), TURN)
+    for k in range(4, 8):  # from the third of them on, against the third of them
+        pair = take(k, still)
+        steadier.steady(replace(pair, left=pair.left[:, ::-1].copy(),
+                                right=pair.right[:, ::-1].copy()))
+    assert steadier.state().unknown == 2 and not steadier.lost
+    assert F_PX * np.abs(steadier.drift.corrected_rad - found)[:2].max() < 0.05
+    assert steadier.state().turns == 1 and warning(steadier) != ''
+
+
+def test_drift_may_have_gone_on_in_all_pairs_since_it_was_seen_last(rig, take):
+    def pairs_counted(unseen):
+        steadier = Steadier(rig, replace(CONFIG, still_looks=10))
+        black = np.zeros_like(take(0).right)
+        steadier.steady(take(0))
+        for k in range(1, 5):
+            steadier.steady(replace(take(k), right=black) if unseen else take(k))
+        counted: list[int] = []
+        update = steadier.drift.update
+        steadier.drift.update = lambda *args: (counted.append(args[-1]), update(*args))
+        steadier.steady(take(5))
+        return counted
+    assert pairs_counted(False) == [1] and pairs_counted(True) == [5]
 
 
 def test_a_reset_forgets_all_but_the_reference(rig, take):
@@ -124,18 +204,20 @@ def test_the_rest_is_the_mean_of_the_sway(rig, take):
 @pytest.mark.parametrize('name, value, pairs', [
     ('details', 60, 3), ('least_details', 2000, 3), ('least_ncc', 0.999, 3),
     ('outlier_sigmas', 0.5, 3), ('detail_floor_px', 0.5, 3), ('independent_details', 3.0, 3),
+    ('most_spread_px', 0.01, 3), ('look_interval_s', 0.0, 9), ('still_looks', 100, 9),
     ('sway_std_deg', 0.001, 3), ('sway_probability', 0.99, 3), ('drift_std_deg', 0.002, 3),
     ('drift_probability', 0.0, 3), ('drift_rate_deg', 0.01, 3), ('drift_floor_deg', 0.02, 3),
     ('drift_sigmas', 100.0, 3), ('learning_share', 0.9, 6), ('renew_pairs', 2, 6)])
 def test_every_parameter_changes_something(name, value, pairs, rig, take):
     # Whether so little is sway is open.
     little = RigMotion((float(np.radians(0.002)), 0.0, 0.0))
-    open_question = name in ('sway_std_deg', 'sway_probability')
+    motion = ((lambda k: little) if name in ('sway_std_deg', 'sway_probability') else
+              (lambda k: None) if name in ('look_interval_s', 'still_looks') else
+              (lambda k: swaying(k, TURN)))
 
     def outcome(config):
         steadier = Steadier(rig, config)
-        found = [steadier.steady(take(k, little if open_question else swaying(k, TURN))
-                                 if k else take(0)).motion for k in range(pairs)]
+        found = [steadier.steady(take(k, motion(k) if k else None)).motion for k in range(pairs)]
         return found, steadier.state(), steadier.drift.covariance_rad2.tolist()
     base = replace(CONFIG, renew_pairs=3 if name == 'learning_share' else CONFIG.renew_pairs)
     assert outcome(replace(base, **{name: value})) != outcome(base)

@@ -57,7 +57,7 @@ class TexturedFront:
     path = StraightPath(np.array([0.0, 2.0, FAR_M]), np.array([0.0, 0.0, -1.0]), 50.0)
     lane = LanePath('lane', path, 20.0, np.full(2, 1e-4), 0.1)
     corners_m = HALF_M * [[-1, 1], [1, 1], [1, -1], [-1, -1]]
-    focal_px, baseline_m = FOCAL_PX, BASELINE_M
+    focal_px, baseline_m, far_m = FOCAL_PX, BASELINE_M, FAR_M
 
     def texture(self, x, y):
         """Return the grey levels at places on the front, m from its centre."""

@@ -11,7 +11,8 @@ from scipy import stats
 from stereo_speed.core.config import (
     EffortConfig, NoParameters, parameters_of, TrackerConfig, VisibilityConfig)
 from stereo_speed.core.errors import InputError
-from stereo_speed.core.records import TrackEnd, TrackState, Verdict
+from stereo_speed.core.passes import TrackEnd, Verdict
+from stereo_speed.core.records import TrackState
 from stereo_speed.pipeline.assembly import make_pipeline
 from stereo_speed.pipeline.config import PipelineConfig
 from stereo_speed.tracking.constrained import ConstrainedTracker, may_follow, transport

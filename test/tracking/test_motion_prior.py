@@ -43,7 +43,7 @@ def kalman_smoother(measured):
 def pass_motion(stamp_std_s=0.0, **changes):
     prior = PassPrior(s_m=1.0, s_std_m=S_STD, offset_m=np.zeros(2), offset_slope=np.zeros(2),
                       speed_mps=20.0, speed_std_mps=V_STD, heading_std_rad=np.full(2, 1e-3))
-    return PassMotion(prior, TrackerConfig(**changes), stamp_std_s, nodes=0)
+    return PassMotion(prior, TrackerConfig(**changes), stamp_std_s)
 
 
 def measurements(n):
@@ -79,7 +79,8 @@ def test_changing_speed_is_the_integrated_wiener_process_of_its_acceleration():
                                   [t ** 4 / 8, t ** 3 / 3, t ** 2 / 2],
                                   [t ** 3 / 6, t ** 2 / 2, t]])
         want = F @ np.diag([S_STD ** 2, V_STD ** 2, a_std ** 2]) @ F.T + Q
-        at = [3 * k, 3 * n + k, 4 * n + k]
+        index = StateIndex(n)
+        at = [index.poses[k, 0], index.speeds[k], index.accelerations[k]]
         np.testing.assert_allclose(covariance[np.ix_(at, at)], want, rtol=1e-4, atol=1e-6)
 
 
@@ -182,6 +183,7 @@ def test_models_share_the_probability_and_one_is_always_left(changes, number):
 
 
 def test_unknowns_are_apart_and_complete():
-    at = StateIndex(4, 3)
-    parts = (at.poses, at.relief, at.speeds, at.accelerations, at.heading_error)
+    at = StateIndex(4)
+    parts = (at.poses, at.speeds, at.accelerations, at.heading_error,
+             np.array(at.crossfall_error))
     assert sorted(np.concatenate([part.ravel() for part in parts])) == list(range(at.size))

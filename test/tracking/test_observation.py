@@ -9,7 +9,8 @@ import cv2
 import numpy as np
 import pytest
 from stereo_speed.tracking.front import Front
-from stereo_speed.tracking.observation import normalised_change, ObservationSampler
+from stereo_speed.tracking.observation import ObservationSampler
+from stereo_speed.tracking.observation_kernels import normalised_change
 from stereo_speed.vision.haar import PartGrid
 
 GRID = PartGrid(10, 8)

@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from stereo_speed.core.config import NoiseConfig, VisibilityConfig
-from stereo_speed.tracking.observation import normalised_change, Observation
-from stereo_speed.tracking.photometry import PassPhotometry, Photometry
+from stereo_speed.tracking.observation import Observation
+from stereo_speed.tracking.observation_kernels import normalised_change
+from stereo_speed.tracking.photometry import PassPhotometry, Photometry, scatters_px
 from stereo_speed.tracking.relief import relief_basis
 from stereo_speed.vision.haar import PartGrid
 
@@ -40,7 +41,9 @@ def linear_observations(rng, count, relief, texture_noise=0.0):
         values = values + texture_noise * rng.normal(size=values.shape)
         observations.append(Observation(
             pose=np.zeros(3), heading_rad=0.0, relief=FLAT, patches=values, jacobian=change,
-            relief_jacobian=raw[:, 0], outlines=np.zeros((2, samples)), pixels=float(samples),
+            relief_jacobian=raw[:, 0], outlines=np.zeros((2, samples)),
+            apart_jacobian=change[0] - change[1], apart_relief=raw[0, 0] - raw[1, 0],
+            pixels=float(samples),
             shift_px=np.ones((2, 3)), disparity_px=np.ones(3), right_m=0.0, skew_px=0.0))
     return observations, poses
 
@@ -59,6 +62,57 @@ def test_equations_find_poses_and_relief_of_a_linear_world():
     np.testing.assert_allclose(depth - depth.mean(), relief - relief.mean(), atol=few)
     np.testing.assert_allclose(
         found[:, 0] + depth.mean(), poses[:, 0] + relief.mean(), atol=few)
+
+
+def test_scatter_is_an_unknown_of_each_observation_that_is_eliminated():
+    """Beside the same equations with these unknowns in them, for poses and relief of any value."""
+    observations, _ = linear_observations(np.random.default_rng(4), 5, FLAT, 0.1)
+    per_px, std_px = np.linspace(0.5, 3.0, 5), 0.07
+    placed = [replace(o, pose=np.array([0.1 * k, 0.2, 0.0]), disparity_px=np.full(3, px))
+              for k, (o, px) in enumerate(zip(observations, per_px))]
+    seen = photometry()(placed)
+    size = len(seen.H)
+    whole = np.zeros((size + 5, size + 5))
+    whole[:size, :size], whole[size:, :size] = seen.H, seen.along
+    whole[:size, size:] = seen.along.T
+    # An observation whose disparity is off by so much tells a place that is off by so much.
+    whole[size:, size:] = np.diag(seen.own_m + per_px ** 2 / std_px ** 2)
+    right = np.concatenate([seen.right, seen.along_right])
+    said = seen.scattered(std_px)
+    np.testing.assert_allclose(np.linalg.inv(said.H + np.eye(size)), np.linalg.inv(
+        whole + np.diag(np.r_[np.ones(size), np.zeros(5)]))[:size, :size], rtol=1e-6, atol=1e-12)
+    for x in np.random.default_rng(5).normal(0, 0.1, (3, size)):
+        rest = right[size:] - whole[size:, :size] @ x
+        free = 0.5 * rest @ np.linalg.solve(whole[size:, size:], rest) - 0.5 * np.linalg.slogdet(
+            whole[size:, size:])[1] + 0.5 * np.log(per_px ** 2 / std_px ** 2).sum()
+        plain = right[:size] @ x - 0.5 * x @ seen.H @ x
+        density = said.log_density + said.right @ x - 0.5 * x @ said.H @ x
+        assert density == pytest.approx(plain + free, rel=1e-9, abs=1e-6)
+
+
+def test_no_more_scatter_changes_nothing():
+    observations, _ = linear_observations(np.random.default_rng(4), 3, FLAT, 0.1)
+    seen = photometry()(observations)
+    assert seen.scattered(0.0).H is seen.H and seen.scattered(0.0).log_density == 0
+
+
+def test_scatters_double_and_the_usual_one_counts_like_pairs():
+    """By hand: sigma^-p exp(-p / 2 sigma^2) at 1, 2 and 4 times the usual sigma, for p = 2."""
+    known = scatters_px(NoiseConfig(match_floor_px=0.1, match_floor_pairs=2.0, scatter_levels=3))
+    wanted = np.exp([-1, -0.25, -1 / 16]) / [1, 4, 16]
+    np.testing.assert_allclose([more for more, _ in known], 0.1 * np.sqrt([0, 3, 15]))
+    np.testing.assert_allclose([share for _, share in known], wanted / wanted.sum())
+    assert scatters_px(NoiseConfig(match_floor_px=0.0)) == [(0.0, 1.0)]
+
+
+def test_what_is_not_yet_in_place_is_no_outlier():
+    """Were what differs most forgiven, a wrong place would stay as it is."""
+    observations, _ = linear_observations(np.random.default_rng(4), 4, FLAT, 0.02)
+    moved = [*observations[:3], replace(observations[3], patches=observations[3].patches
+                                        + 0.05 * observations[3].jacobian[:, 0])]
+    information = [photometry(match_floor_px=1.0, texture_floor_px=0.0)(some).H[9, 9]
+                   for some in (observations, moved)]
+    assert information[1] > 0.3 * information[0]
 
 
 def test_equations_do_not_depend_on_the_relief_they_were_linearised_at():
@@ -152,7 +206,8 @@ def test_no_observation_is_believed_beyond_its_floor(floor, other, row, share):
 
 
 def seen_with(cross, texture, **limits):
-    return Photometry(np.zeros(0), np.zeros(0), np.array(cross), np.array(texture),
+    none = np.zeros(0)
+    return Photometry(none, none, none, none, none, none, np.array(cross), np.array(texture),
                       VisibilityConfig(**limits))
 
 

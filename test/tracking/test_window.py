@@ -91,6 +91,35 @@ def test_solving_the_pass_changes_nothing(textured, textured_drive, steady):
         np.testing.assert_array_equal(first.exact_path, again.exact_path)
 
 
+@pytest.mark.parametrize('off_px', [
+    [0.15] + [0.0] * 11,  # the first pair alone
+    [0.15, -0.1, 0.1, 0.05, -0.15, 0.1, -0.05, 0.0, 0.1, -0.1, 0.05, -0.1]])
+def test_disparities_that_are_off_are_no_braking_and_no_climbing(textured, textured_drive, off_px):
+    """A twentieth of a pixel is a metre on the way at 60 m; the rows of the images tell better."""
+    _, poses = textured_drive
+    ranges_m = textured.far_m - poses[:, 0]
+    pairs = [textured.pair(k, round(k * SECOND / 10), pose, right_pose=pose + [
+        0.0, off * range_m / textured.focal_px, 0.0])
+        for k, (pose, off, range_m) in enumerate(zip(poses, off_px, ranges_m))]
+    for k, posterior in enumerate(feed(window_of(textured, poses[0]), pairs, poses)):
+        mean, covariance = posterior.at(-1)
+        assert abs(mean[3] - MPS) < 3.5 * np.sqrt(covariance[3, 3]), k
+
+
+def test_hard_braking_is_followed_within_its_sigma(textured):
+    """6 m/s^2 from the seventh pair on."""
+    times_s = np.arange(14) / 10
+    braked_s = np.maximum(times_s - 0.6, 0.0)
+    poses = np.array([6.0, 0.1, 1.9]) + np.outer(MPS * times_s - 3 * braked_s ** 2, [1, 0, 0])
+    pairs = [textured.pair(k, round(t * SECOND), pose)
+             for k, (t, pose) in enumerate(zip(times_s, poses))]
+    posteriors = feed(window_of(textured, poses[0]), pairs, poses)
+    stds = [np.sqrt(posterior.at(-1)[1][3, 3]) for posterior in posteriors]
+    for posterior, std, late_s in list(zip(posteriors, stds, braked_s))[3:]:
+        assert abs(posterior.at(-1)[0][3] - (MPS - 6 * late_s)) < 4 * std, late_s
+    assert stds[-1] < 0.3
+
+
 def behind_a_post(pair, share=0.35):
     """Return a pair with a striped post before a share of the front's image, from the left."""
     images = []
@@ -191,7 +220,8 @@ def test_the_evidence_follows_braking_that_a_cruising_vehicle_alone_would_smooth
     poses = np.column_stack([6 + MPS * times - 3 * late ** 2, np.full(14, 0.1), np.full(14, 1.9)])
     pairs = [textured.pair(k, round(t * SECOND), p) for k, (t, p) in enumerate(zip(times, poses))]
     z = []
-    for config in (TrackerConfig(), TrackerConfig(manoeuvre_probability=0.0, cruise_share=1.0)):
+    for config in (TrackerConfig(), TrackerConfig(
+            manoeuvre_probability=0.0, onset_per_s=0.0, cruise_share=1.0)):
         window = window_of(textured, poses[0], config)
         rng = np.random.default_rng(1)
         for pair, pose, speed in zip(pairs, poses, speeds):

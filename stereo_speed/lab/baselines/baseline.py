@@ -17,8 +17,8 @@ import numpy as np
 
 from .settings import MotionSettings
 from .speed_profile import Profile
-from ...core.records import (
-    Array, PassResult, Reason, StereoPair, TrackEnd, TrackState, TrackUpdate, Verdict)
+from ...core.passes import PassResult, Reason, TrackEnd, Verdict
+from ...core.records import Array, StereoPair, TrackState, TrackUpdate
 from ...tracking.initialise import place_front, Placement
 from ...tracking.life import TrackLife
 from ...tracking.pass_result import calibration_share, live_std

@@ -25,7 +25,8 @@ from .hartley_sturm import triangulate
 from .points import ExpectedFront, near_quad, Points, PointSource
 from .settings import PointSettings
 from .speed_profile import Profile, smoothed_profile
-from ...core.records import Array, Reason, StereoPair
+from ...core.passes import Reason
+from ...core.records import Array, StereoPair
 from ...road.path import frame_of
 from ...tracking.initialise import Placement
 from ...tracking.protocol import TrackStart

@@ -9,11 +9,12 @@ from typing import Optional, Sequence
 import numpy as np
 
 from ..evaluation.accuracy import (
-    accuracy_jobs, accuracy_table, gather, measure_job, passes_table, rejections,
+    accuracy_jobs, accuracy_table, classes_told, gather, measure_job, passes_table, rejections,
     silently_wrong)
 from ..evaluation.labeled_sequence import LineKnowledge
 from ..evaluation.outdoors import check_held
-from ..evaluation.runner import failures, run_jobs
+from ...batch.job import failures
+from ...batch.runner import run_jobs
 from ...cli.options import add_job_options, number_in, report_failures, Subparsers
 from ...core.config import TrackerConfig
 from ...core.errors import InputError
@@ -55,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
     TrackerConfig(particles=args.particles)  # refuse before the work begins
     jobs = accuracy_jobs(args.passes, seed=args.seed, lines=LineKnowledge(args.lines),
                          pan_deg=args.pan_deg, tolerances=args.tolerances, sway_deg=args.sway_deg,
-                         changes={'particles': args.particles}, outdoors=_held(args.outdoors),
+                         changes={'particles': args.particles}, outdoors=held_kinds(args.outdoors),
                          detect=args.detect)
     results = run_jobs(jobs, measure_job, out_dir=args.out, workers=args.jobs,
                        description='accuracy')
@@ -69,10 +70,13 @@ def run(args: argparse.Namespace) -> int:
     print(f'lines {args.lines}, {args.particles} particles; not measured: {reasons or "none"}; '
           f'measured, more than 0.1 mph and 2 σ off: {silently_wrong(passes)}; '
           f'{np.nanmedian([p.cpu_ms for p in passes]):.1f} ms of one core per pair')
+    if args.outdoors is not None:
+        told = ', '.join(f'{n} {word}' for word, n in classes_told(passes).items())
+        print(f'classes of vehicles: {told}')
     return report_failures(failures(results))
 
 
-def _held(words: Optional[Sequence[str]]) -> Optional[dict[str, str]]:
+def held_kinds(words: Optional[Sequence[str]]) -> Optional[dict[str, str]]:
     """
     Return what ``--outdoors`` holds, heading to kind; None without the option.
 

@@ -1,22 +1,28 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Time the tracker per pair beside ``cv2.StereoSGBM`` on the same pairs, on one core."""
+"""``bench``: what measuring costs on one core, beside peers, and how that grows."""
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
 import statistics
 import time
-from typing import Callable
+from typing import Callable, Optional
 
 import cv2
 
 from .bench_monocular import HEIGHT, rows, WIDTH
+from ..evaluation.benchmarks import (
+    decode_table, filter_table, kernel_table, likelihood_table, SCALES, Scene, size_table,
+    vehicle_table)
+from ..evaluation.tables import Table
 from ...cli.options import Subparsers
+from ...core.compiled import kernels, warm_up
 from ...core.config import TrackerConfig
 from ...io.bags import StereoBag
 from ...pipeline.assembly import MeasuringSite
 from ...pipeline.config import PipelineConfig
+from ...report.bench import growth_plot
 from ...site.file import load_site
 from ...site.init_file import load_init
 
@@ -30,12 +36,14 @@ def add_parser(subparsers: Subparsers) -> None:
                         help='folder with bag/, site.yaml and init.yaml (default: the sample)')
     parser.add_argument('--particles', type=int, nargs='+', default=[200, 400])
     parser.add_argument('--rounds', type=int, default=5, help='times each is run, interleaved')
+    parser.add_argument('--plot', type=Path, metavar='PNG', help='plot how the cost grows')
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
     """Interleave the candidates, so that a busy machine disturbs all alike; print medians."""
     cv2.setNumThreads(1)
+    warm_up()
     with StereoBag(args.sample / 'bag') as bag:
         rig, pairs = bag.rig, list(bag.pairs())
     place = MeasuringSite.of(load_site(args.sample / 'site.yaml'), rig)
@@ -64,7 +72,31 @@ def run(args: argparse.Namespace) -> int:
     _print(times)
     print(f'ms of CPU per target and frame of {WIDTH}x{HEIGHT}, the same way')
     _print(rows(args.rounds))
+    _tabulate(Scene(rig, place, pairs, annotations), args.rounds, args.plot)
     return 0
+
+
+def _tabulate(scene: Scene, rounds: int, plot: Optional[Path]) -> None:
+    """Print the tables, and plot how the cost grows where that is asked for."""
+    print(f'ms of CPU on one core, medians of {rounds} rounds; kernels: {warm_up()}')
+    particles, vehicles = likelihood_table(rounds), vehicle_table(scene, rounds)
+    sizes = size_table(scene, rounds)
+    tables = [particles, filter_table(rounds), vehicles, sizes, decode_table(scene, rounds)]
+    if kernels().compiled:
+        tables.insert(0, kernel_table(rounds))
+    for table in tables:
+        print()
+        print(table.markdown(), end='')
+    if plot is not None:
+        growth_plot(plot, {
+            'particles (likelihood)': _curve(particles), 'tracks (a pair)': _curve(vehicles),
+            'share of the width (a pair)': list(zip(
+                SCALES, (float(str(row[1])) for row in sizes.rows)))},
+            'particles, tracks, share of 1024 px')
+
+
+def _curve(table: Table) -> list[tuple[float, float]]:
+    return [(float(str(row[0])), float(str(row[1]))) for row in table.rows]
 
 
 def _print(times: dict[str, list[float]]) -> None:

@@ -16,8 +16,9 @@ from ..evaluation.labeled_sequence import LineKnowledge
 from ..evaluation.paper_sequences import find_sequence, SEQUENCES
 from ..evaluation.paper_tables import (
     checks, checks_text, contest_table, paper_table, PaperPlan)
-from ..evaluation.runner import failures, run_jobs
 from ..evaluation.tables import Table
+from ...batch.job import failures
+from ...batch.runner import run_jobs
 from ...cli.options import add_job_options, number_in, report_failures, Subparsers
 from ...core.config import TrackerConfig
 from ...core.errors import InputError

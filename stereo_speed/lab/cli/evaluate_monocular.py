@@ -11,7 +11,8 @@ from typing import Sequence
 from ..evaluation.monocular import (
     plan_jobs, run_scene, scores_of, Setting, summary_table, survival_rate, target_table,
     VideoScene)
-from ..evaluation.runner import failures, Result, run_jobs
+from ...batch.job import failures, Result
+from ...batch.runner import run_jobs
 from ...cli.options import number_in
 from ...core.errors import InputError
 from ...io.atomic import prepare_folder, write_whole

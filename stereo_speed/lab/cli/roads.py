@@ -5,8 +5,10 @@ from __future__ import annotations
 
 import argparse
 
-from ..evaluation.roads import KINDS, measure_road, road_figures, road_jobs, road_table
-from ..evaluation.runner import failures, run_jobs
+from ..evaluation.roads import (
+    KINDS, kinds_table, measure_road, road_figures, road_jobs, road_table)
+from ...batch.job import failures
+from ...batch.runner import run_jobs
 from ...cli.options import add_job_options, number_in, report_failures, Subparsers
 from ...io.atomic import write_whole
 
@@ -35,5 +37,6 @@ def run(args: argparse.Namespace) -> int:
     if args.out is not None:
         write_whole(args.out, {'roads.md': table.markdown(), 'roads.csv': table.csv()})
     print(table.markdown())
+    print(kinds_table(results).markdown())
     print(road_figures(results))
     return report_failures(failures(results))

@@ -9,11 +9,12 @@ from pathlib import Path
 from ..evaluation.labeled_sequence import LineKnowledge
 from ..evaluation.lane_changes import change_job, change_jobs, changes_table
 from ..evaluation.producer import produced
-from ..evaluation.runner import failures, run_jobs
 from ..evaluation.traffic import traffic_table
 from ..evaluation.traffic_run import measure_traffic, stream_of, traffic_site, write_traffic
 from ..sim.config import RIGS
 from ..sim.traffic_config import LIGHTS, traffic_config
+from ...batch.job import failures
+from ...batch.runner import run_jobs
 from ...cli.options import number_in, report_failures, Subparsers
 from ...core.config import TrackerConfig
 from ...core.errors import InputError

@@ -11,11 +11,13 @@ import numpy as np
 
 from .labeled_sequence import LineKnowledge, run_tracker, simulated_sequence
 from .metrics import pass_error, pass_figures, readings, sigma_share
+from .outdoors import CLASS_OF
 from .random_passes import draw_pass, RandomPass
-from .runner import Job, Result
 from .scorer import SequenceRun, VehicleRun
-from .tables import Cell, mph, shown, signed, Table
+from .tables import Cell, mph, shown, signed, Table, table_by_kind
+from ...batch.job import Job, Result
 from ...core.config import TrackerConfig
+from ...core.passes import VehicleClass
 from ...core.units import MPH_MPS
 
 COLUMNS = ('', 'passes', 'measured', 'mean error, mph', 'sd, mph', 'max, mph',
@@ -73,7 +75,7 @@ def accuracy_jobs(passes: int, *, seed: int, lines: LineKnowledge, pan_deg: floa
 def measure_job(parameters: Mapping[str, Any]) -> Mapping[str, Any]:
     """Simulate one pass and measure it; runs in a worker process."""
     number, seed = parameters['number'], parameters['seed']
-    drawn = _drawn(parameters)
+    drawn = drawn_of(parameters)
     config = TrackerConfig(**parameters['changes'])
     sequence = simulated_sequence(drawn.config, (seed, number), LineKnowledge(parameters['lines']),
                                   tolerances=config if parameters['tolerances'] else None)
@@ -83,7 +85,7 @@ def measure_job(parameters: Mapping[str, Any]) -> Mapping[str, Any]:
                        steadying=parameters['sway_deg'] > 0).to_json()
 
 
-def _drawn(parameters: Mapping[str, Any]) -> RandomPass:
+def drawn_of(parameters: Mapping[str, Any]) -> RandomPass:
     """Return the pass of a job."""
     return draw_pass(parameters['seed'], parameters['number'], pan_deg=parameters['pan_deg'],
                      sway_deg=parameters['sway_deg'], outdoors=parameters['outdoors'])
@@ -94,7 +96,7 @@ def gather(jobs: Sequence[Job], results: Sequence[Result]) -> list[PassRun]:
     out = []
     for job, result in zip(jobs, results):
         p = job.parameters
-        found = PassRun(number=p['number'], kinds=_drawn(p).kinds, error=result.error)
+        found = PassRun(number=p['number'], kinds=drawn_of(p).kinds, error=result.error)
         if result.value is not None:
             done = SequenceRun.from_json(result.value)
             found = replace(found, run=done.vehicles[0], cpu_ms=done.cpu_ms)
@@ -104,12 +106,7 @@ def gather(jobs: Sequence[Job], results: Sequence[Result]) -> list[PassRun]:
 
 def accuracy_table(passes: Sequence[PassRun]) -> Table:
     """Return a row for all passes, then one for each kind of them."""
-    rows = [_row('all', passes)]
-    for heading in passes[0].kinds if passes else ():
-        for kind in sorted({p.kinds[heading] for p in passes}):
-            rows.append(_row(f'{heading}: {kind}',
-                             [p for p in passes if p.kinds[heading] == kind]))
-    return Table(title='', columns=COLUMNS, rows=rows)
+    return table_by_kind(passes, COLUMNS, _row)
 
 
 def _row(name: str, passes: Sequence[PassRun]) -> list[Cell]:
@@ -134,6 +131,15 @@ def rejections(passes: Sequence[PassRun]) -> dict[str, int]:
     return dict(sorted(reasons.items()))
 
 
+def classes_told(passes: Sequence[PassRun]) -> dict[str, int]:
+    """Return how many vehicles with a pass had their class told right, not at all, and wrong."""
+    found = Counter(
+        'unknown' if p.run.told_class == VehicleClass.UNKNOWN else
+        'right' if p.run.told_class == CLASS_OF[p.kinds['vehicle']] else 'wrong'
+        for p in passes if p.run.told_class and 'vehicle' in p.kinds)
+    return {word: found[word] for word in ('right', 'unknown', 'wrong')}
+
+
 def silently_wrong(passes: Sequence[PassRun]) -> int:
     """Return how many measured passes are more than 0.1 mph and 2 of their 1-sigmas off."""
     return sum(abs(pass_error(p.run)) > _WRONG_MPS and abs(sigma_share(p.run)) > 2
@@ -148,7 +154,7 @@ def passes_table(passes: Sequence[PassRun]) -> Table:
         rows.append([p.number, *(p.kinds[k] for k in kinds), p.run.verdict or 'none',
                      p.error or p.run.reason, p.run.pairs, mph(p.run.pass_truth_mps),
                      mph(p.run.pass_mps), mph(p.run.pass_std_mps), mph(pass_error(p.run)),
-                     sigma_share(p.run), p.cpu_ms])
+                     sigma_share(p.run), p.cpu_ms, p.run.told_class])
     return Table(title='', rows=rows, columns=(
         'pass', *kinds, 'verdict', 'reason', 'pairs', 'truth_mph', 'speed_mph', 'std_mph',
-        'error_mph', 'error_over_sigma', 'cpu_ms_per_pair'))
+        'error_mph', 'error_over_sigma', 'cpu_ms_per_pair', 'class'))

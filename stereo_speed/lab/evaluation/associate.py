@@ -9,7 +9,7 @@ of dense traffic, neighbours in the next lane included.
 """
 from __future__ import annotations
 
-from typing import Mapping, Sequence
+from typing import Mapping, Protocol, Sequence
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -33,7 +33,19 @@ GATE_DEPTH_M, GATE_DEPTH_SHARE = 2.0, 0.06
 LEAST_SUPPORT = 0.25
 
 
-def common_positions(track: Sequence[TrackUpdate], truth: VehicleTruth) -> tuple[Array, Array]:
+class Placed(Protocol):
+    """A track's front in a pair."""
+
+    @property
+    def stamp_ns(self) -> int:
+        """Return the stamp of the pair."""
+
+    @property
+    def position_m(self) -> Array:
+        """Return the centre of the front, (3,), left optical frame."""
+
+
+def common_positions(track: Sequence[Placed], truth: VehicleTruth) -> tuple[Array, Array]:
     """Return a track's positions, (n, 3), and the true ones beside them, where both are known."""
     rows = truth.at([u.stamp_ns for u in track])
     true = truth.position_m[rows]
@@ -41,7 +53,7 @@ def common_positions(track: Sequence[TrackUpdate], truth: VehicleTruth) -> tuple
     return np.array([u.position_m for u in track]).reshape(-1, 3)[known], true[known]
 
 
-def distance(track: Sequence[TrackUpdate], truth: VehicleTruth) -> float:
+def distance(track: Sequence[Placed], truth: VehicleTruth) -> float:
     """
     Return how far a track is from a vehicle, in gates: 1 is the farthest that can be matched.
 

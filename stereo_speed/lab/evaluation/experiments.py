@@ -18,8 +18,8 @@ from typing import Any, Iterable, Mapping, Optional, Sequence, Union
 from .labeled_sequence import (
     bag_sequence, LabeledSequence, LineKnowledge, run_tracker, simulated_sequence)
 from .paper_sequences import find_sequence, rate_std
-from .runner import Job, Result
 from .scorer import SequenceRun, VehicleRun
+from ...batch.job import Job, Result
 from ...core.config import TrackerConfig, VisibilityConfig
 from ...pipeline.registry import TRACKERS
 

@@ -15,12 +15,13 @@ import numpy as np
 
 from .labeled_sequence import LabeledSequence, LineKnowledge, simulated_sequence
 from .metrics import finite, greatest, mean, mean_and_std, pass_error, rms, std
-from .runner import Job, Result
 from .scorer import vehicle_run
 from .tables import Cell, mph, Table
 from ..sim.config import SimConfig, straight_config, VehicleConfig
+from ...batch.job import Job, Result
 from ...core.config import TrackerConfig
-from ...core.records import TrackEnd, TrackState
+from ...core.passes import TrackEnd
+from ...core.records import TrackState
 from ...core.units import MPH_MPS
 from ...pipeline.config import PipelineConfig
 from ...pipeline.run import run

@@ -17,8 +17,8 @@ from typing import Any, Mapping, Optional, Sequence
 
 import numpy as np
 
-from .runner import Job, Result
 from .tables import Cell, Table
+from ...batch.job import Job, Result
 from ...core.errors import InputError
 from ...core.records import Array
 from ...io.mot import load_truth

@@ -19,12 +19,17 @@ from ..sim.config import SimConfig
 from ..sim.optics import FaultConfig, LensConfig
 from ..sim.props import DUSK, LightConfig, OVERCAST, StreetLampConfig, WET_NIGHT
 from ...core.errors import InputError
+from ...core.passes import VehicleClass
 
 OUTDOORS = {
     'vehicle': ('car', 'small', 'suv', 'van', 'truck', 'bus', 'motorcycle'),
     'lamps': ('off', 'dim', 'clipping'),
     'light': ('overcast', 'sun', 'dusk', 'wet_night'),
     'fault': ('none', 'exposure', 'gain', 'defocus', 'dirt')}
+# Which class each vehicle is of.
+CLASS_OF = {'car': VehicleClass.CAR, 'small': VehicleClass.CAR, 'suv': VehicleClass.CAR,
+            'van': VehicleClass.VAN, 'truck': VehicleClass.HEAVY_VEHICLE,
+            'bus': VehicleClass.HEAVY_VEHICLE, 'motorcycle': VehicleClass.MOTORCYCLE}
 # Half of the passes have sound cameras.
 FAULT_SHARES = (0.5, 0.125, 0.125, 0.125, 0.125)
 # Grey levels of lamps, of which 255 are full scale.

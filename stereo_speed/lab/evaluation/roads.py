@@ -15,14 +15,14 @@ from typing import Any, Callable, Mapping, Sequence
 import numpy as np
 
 from .labeled_sequence import read_back
-from .runner import Job, Result
-from .tables import Table
+from .tables import Cell, Table
 from ..sim.config import RigConfig, RIGS, RoadConfig, SimConfig
 from ..sim.painter import Painter
 from ..sim.scene import SimScene
 from ..sim.sequence import exact_site, picked_site
+from ...batch.job import Job, Result
 from ...core.errors import SiteError
-from ...core.records import StereoPair
+from ...core.records import Array, StereoPair
 from ...geometry.rig import StereoRig
 from ...road.lanes import LanePath
 from ...road.path import Path, SplinePath
@@ -33,6 +33,7 @@ from ...site.refine.speed_effect import heading_effect, Setup, speed_error
 
 PAIRS = 5  # of the empty road
 SAME = 5e-4  # of the speed: errors that differ by less are equal
+_FAR_SIGMAS = 4.0
 SMALLER = 0.7  # than the usual rigs' images: roads are many
 _CREST_M = 10.0  # of a road before it hides itself: seen at a grazing angle
 _SPACING_M = 1.0  # of the points of a true path
@@ -259,12 +260,46 @@ def road_table(results: Sequence[Result]) -> Table:
         'pan corrected, °', 'not refined because'))
 
 
+def kinds_table(results: Sequence[Result]) -> Table:
+    """Return a row for all roads and one for each kind of them, in percent of the speed."""
+    values = [r.value for r in results if r.value is not None]
+    rows: list[list[Cell]] = []
+    for kind in ('all', *KINDS):
+        mine = [v for v in values if kind in ('all', v['kind'])]
+        if mine:
+            rows.append([kind, len(mine), *_figures(mine)])
+    return Table(title='', rows=rows, columns=(
+        '', 'roads', 'clicks, r.m.s. error, %', 'refined, r.m.s. error, %', 'worst, %',
+        'r.m.s. of error/σ', 'beyond 4 σ', 'worse than the clicks', 'found turned',
+        'not refined'), digits=(0, 0, 3, 3, 3, 2, 0, 0, 0, 0))
+
+
+def _figures(values: Sequence[Mapping[str, Any]]) -> list[Cell]:
+    """Return what a row of :func:`kinds_table` tells of some roads."""
+    clicks = [100 * v['clicks_error'] for v in values if v.get('clicks_error') is not None]
+    refined = [v for v in values if v.get('refined_error') is not None]
+    errors = np.array([100 * v['refined_error'] for v in refined])
+    scores = np.array([v['refined_error'] / v['refined_std'] for v in refined])
+    return [_rms(clicks), _rms(errors), np.abs(errors).max(initial=0.0), _rms(scores),
+            int(np.sum(np.abs(scores) > _FAR_SIGMAS)), sum(map(_is_worse, refined)),
+            sum(bool(v.get('turned')) for v in refined), len(values) - len(refined)]
+
+
+def _rms(values: Sequence[float] | Array) -> float:
+    return float(np.sqrt(np.mean(np.square(values)))) if len(values) else math.nan
+
+
+def _is_worse(value: Mapping[str, Any]) -> bool:
+    """Return whether a road is worse refined than clicked."""
+    return bool(abs(value['refined_error'])
+                > abs(value.get('clicks_error', math.inf)) + SAME)
+
+
 def road_figures(results: Sequence[Result]) -> str:
     """Return the roads in one sentence."""
     values = [r.value for r in results if r.value is not None]
     refined = [v for v in values if 'refined_error' in v]
-    worse = sum(abs(v['refined_error']) > abs(v.get('clicks_error', math.inf)) + SAME
-                for v in refined)
+    worse = sum(map(_is_worse, refined))
     scores = [v['refined_error'] / v['refined_std'] for v in refined]
     return (f'{len(values)} roads: {len(refined)} refined, {len(values) - len(refined)} refused, '
             f'{sum(bool(v.get("kept_clicks")) for v in refined)} kept as clicked, '

@@ -9,7 +9,8 @@ from typing import Any, Iterable, Mapping, Optional, Sequence
 import numpy as np
 
 from .associate import match
-from ...core.records import PassResult, TrackState, TrackUpdate, Verdict
+from ...core.passes import PassResult, Verdict
+from ...core.records import TrackState, TrackUpdate
 from ...io.truth import VehicleTruth
 
 
@@ -30,6 +31,7 @@ class VehicleRun:
     :param pass_truth_mps: mean of the truth over the same pairs.
     :param pairs: pairs of the pass.
     :param last_quarter_ns: stamp that the last quarter of the vehicle's pairs begins with.
+    :param told_class: class of the vehicle as its pass tells it; empty where it does not.
     """
 
     vehicle: int
@@ -44,6 +46,7 @@ class VehicleRun:
     pass_truth_mps: Optional[float] = None
     pairs: int = 0
     last_quarter_ns: int = 0
+    told_class: str = ''
 
     @property
     def measured(self) -> bool:
@@ -113,4 +116,5 @@ def vehicle_run(truth: VehicleTruth, track: Sequence[TrackUpdate],
     return replace(
         run, verdict=result.verdict.value, reason=result.reason, pass_mps=result.speed_mps,
         pass_std_mps=result.speed_std_mps, pairs=result.pairs,
+        told_class='' if result.vehicle is None else result.vehicle.name.value,
         pass_truth_mps=float(np.nanmean(true)) if np.isfinite(true).any() else None)

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 import math
-from typing import Optional, Sequence, Union
+from typing import Callable, Mapping, Optional, Protocol, Sequence, TypeVar, Union
 
 from ...core.units import MPH_MPS
 from ...io.atomic import csv_text
@@ -45,6 +45,32 @@ class Table:
         return csv_text(self.columns, [
             ['' if _missing(c) else f'{c:.5f}' if isinstance(c, float) else c for c in row]
             for row in self.rows])
+
+
+class HasKinds(Protocol):
+    """What was drawn of some kind under each of several headings."""
+
+    @property
+    def kinds(self) -> Mapping[str, str]:
+        """Return heading to kind."""
+
+
+K = TypeVar('K', bound=HasKinds)
+
+
+def table_by_kind(passes: Sequence[K], columns: Sequence[str],
+                  row: Callable[[str, Sequence[K]], list[Cell]]) -> Table:
+    """
+    Return a table of a row for all passes, then one for each kind of them.
+
+    :param row: makes the row of a name and some of the passes.
+    """
+    rows = [row('all', passes)]
+    for heading in passes[0].kinds if passes else ():
+        for kind in sorted({p.kinds[heading] for p in passes}):
+            rows.append(row(f'{heading}: {kind}',
+                            [p for p in passes if p.kinds[heading] == kind]))
+    return Table(title='', columns=columns, rows=rows)
 
 
 def shown(cell: Cell, digits: int) -> str:

@@ -16,7 +16,8 @@ from .associate import vehicles_of
 from .metrics import mean_and_std, pass_error, pass_figures, PassFigures, reading_figures
 from .scorer import by_track, vehicle_run
 from .tables import mph, Table
-from ...core.records import PassResult, TrackState, TrackUpdate, Verdict
+from ...core.passes import PassResult, Verdict
+from ...core.records import TrackState, TrackUpdate
 from ...core.units import MPH_MPS
 from ...io.truth import truth_of_rows
 

@@ -105,6 +105,22 @@ def write_traffic_bag(stream: TrafficStream, folder: Union[str, Path], storage: 
     return Path(folder)
 
 
+def write_pairs(rig: StereoRig, pairs: Iterable[StereoPair], folder: Union[str, Path],
+                storage: str = 'mcap', encoding: str = 'mono8', compressed: bool = False) -> Path:
+    """
+    Write ``bag/`` (``bag.bag`` for ROS 1) alone.
+
+    :param rig: the calibrated rig.
+    :param pairs: in order of stamps.
+
+    The other parameters, the result and the errors are those of :func:`write_bag`.
+    """
+    _check(storage, encoding)
+    with _aside(folder) as work:
+        _write_messages(rig, pairs, work, storage, '' if compressed else encoding, 95)
+    return Path(folder)
+
+
 def _check(storage: str, encoding: str) -> None:
     for what, value, known in (('storage', storage, STORAGES), ('encoding', encoding, ENCODINGS)):
         if value not in known:

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from stereo_speed.core.config import parameter
-from stereo_speed.core.records import PassResult, TrackEnd, TrackState, TrackUpdate, Verdict
+from stereo_speed.core.passes import PassResult, TrackEnd, Verdict
+from stereo_speed.core.records import TrackState, TrackUpdate
 from stereo_speed.detection.protocol import Detection
 from stereo_speed.tracking.protocol import Refusal
 

@@ -18,9 +18,10 @@ def test_accuracy_tabulates_what_is_held(tmp_path, capsys):
     rows = capsys.readouterr().out.splitlines()
     for name in ('vehicle: van', 'lamps: clipping', 'light: overcast', 'fault: none'):
         assert any(row.startswith(f'| {name} | 1 |') for row in rows)
+    assert 'classes of vehicles: 1 right, 0 unknown, 0 wrong' in rows
     with (tmp_path / 'passes.csv').open() as file:
         found, = csv.DictReader(file)
-    assert (found['vehicle'], found['fault']) == ('van', 'none')
+    assert (found['vehicle'], found['fault'], found['class']) == ('van', 'none', 'van')
 
 
 @pytest.mark.slow

@@ -5,13 +5,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from stereo_speed.batch.job import Result
 from stereo_speed.core.units import MPH_MPS
 from stereo_speed.lab.evaluation.accuracy import (
-    accuracy_jobs, accuracy_table, gather, late_errors, measure_job, passes_table, rejections,
-    silently_wrong)
+    accuracy_jobs, accuracy_table, classes_told, gather, late_errors, measure_job,
+    passes_table, PassRun, rejections, silently_wrong)
 from stereo_speed.lab.evaluation.labeled_sequence import LineKnowledge
 from stereo_speed.lab.evaluation.metrics import pass_error
-from stereo_speed.lab.evaluation.runner import Result
 from stereo_speed.lab.evaluation.scorer import SequenceRun, VehicleRun
 
 
@@ -48,6 +48,15 @@ def test_accuracy_sums_up_by_kind():
     listed = passes_table(passes).csv().splitlines()
     assert len(listed) == 7
     assert 'no road' in listed[6]
+
+
+def test_classes_are_right_unknown_or_wrong():
+    passes = [PassRun(number=0, kinds=kinds, run=VehicleRun(vehicle=0, told_class=told))
+              for kinds, told in [
+                  ({'vehicle': 'bus'}, 'heavy_vehicle'), ({'vehicle': 'suv'}, 'car'),
+                  ({'vehicle': 'suv'}, 'van'), ({'vehicle': 'truck'}, 'unknown'),
+                  ({'vehicle': 'motorcycle'}, ''), ({'path': 'circle'}, 'car')]]
+    assert classes_told(passes) == {'right': 2, 'unknown': 1, 'wrong': 1}
 
 
 def test_readings_of_the_second_half():

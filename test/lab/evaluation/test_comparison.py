@@ -4,10 +4,10 @@
 from __future__ import annotations
 
 import pytest
+from stereo_speed.batch.job import Result
 from stereo_speed.core.units import MPH_MPS
 from stereo_speed.lab.evaluation.comparison import comparison_table, whole_figures
 from stereo_speed.lab.evaluation.experiments import Experiment, Runs, Source
-from stereo_speed.lab.evaluation.runner import Result
 from stereo_speed.lab.evaluation.scorer import SequenceRun, VehicleRun
 
 SOURCE = Source(files={'bag': 'one/bag'})

@@ -6,11 +6,11 @@ from __future__ import annotations
 import os
 
 import pytest
+from stereo_speed.batch.job import Result
 from stereo_speed.core.errors import InputError
 from stereo_speed.lab.evaluation.experiments import (
     Experiment, plan, Runs, sequence_experiment, Source, track_job)
 from stereo_speed.lab.evaluation.labeled_sequence import LineKnowledge
-from stereo_speed.lab.evaluation.runner import Result
 from stereo_speed.lab.evaluation.scorer import SequenceRun, VehicleRun
 
 

@@ -8,12 +8,12 @@ from dataclasses import asdict
 import numpy as np
 import pytest
 
+from stereo_speed.batch.job import Result
 from stereo_speed.core.units import MPH_MPS
 from stereo_speed.lab.evaluation.labeled_sequence import LineKnowledge
 from stereo_speed.lab.evaluation.lane_changes import (
     CASES, change_config, change_job, change_jobs, ChangeError, changes_table, MANOEUVRE_MODELS,
     tracker_config)
-from stereo_speed.lab.evaluation.runner import Result
 from stereo_speed.lab.sim.kinematics import lateral_m
 
 

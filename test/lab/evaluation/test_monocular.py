@@ -6,9 +6,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from stereo_speed.batch.job import Result
 from stereo_speed.lab.evaluation.monocular import (
     score_target, scores_of, Setting, summary_table, survival_rate, target_table, TargetScore)
-from stereo_speed.lab.evaluation.runner import Result
 from stereo_speed.monocular.boxes import Target, TargetEstimate, TargetState
 
 

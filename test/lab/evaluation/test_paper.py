@@ -7,6 +7,7 @@ import csv
 import io
 
 import pytest
+from stereo_speed.batch.job import Result
 from stereo_speed.core.config import TrackerConfig
 from stereo_speed.core.units import MPH_MPS
 from stereo_speed.lab.evaluation.experiments import plan, Runs
@@ -14,7 +15,6 @@ from stereo_speed.lab.evaluation.paper import FINDINGS, TABLE_1A, TABLE_1B, TABL
 from stereo_speed.lab.evaluation.paper_sequences import SEQUENCES
 from stereo_speed.lab.evaluation.paper_tables import (
     checks, checks_text, contest_table, paper_table, PaperPlan)
-from stereo_speed.lab.evaluation.runner import Result
 from stereo_speed.lab.evaluation.scorer import SequenceRun, VehicleRun
 
 SMALL = PaperPlan(table_seeds=range(2), compare_seeds=range(2))

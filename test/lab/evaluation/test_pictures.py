@@ -5,13 +5,13 @@ from __future__ import annotations
 
 import cv2
 import pytest
+from stereo_speed.batch.job import Result
 from stereo_speed.core.units import MPH_MPS
 from stereo_speed.lab.evaluation.experiments import Experiment, Runs, Source
 from stereo_speed.lab.evaluation.paper import TABLE_1A
 from stereo_speed.lab.evaluation.paper_tables import PaperPlan
 from stereo_speed.lab.evaluation.pictures import (
     draw_errors, draw_speeds, paper_curves, particle_curves)
-from stereo_speed.lab.evaluation.runner import Result
 from stereo_speed.lab.evaluation.scorer import SequenceRun, VehicleRun
 
 

@@ -15,7 +15,7 @@ from stereo_speed.lab.evaluation.producer import produced, WAITING
 def squares(monkeypatch):
     """Return a function of a module that processes of their own can import."""
     monkeypatch.syspath_prepend(str(Path(__file__).parent))
-    return importlib.import_module('squaring').squares
+    return importlib.import_module('producing').squares
 
 
 def test_more_items_than_wait_at_once_come_in_order(squares):

@@ -7,7 +7,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from stereo_speed.core.records import PassResult, TrackState, Verdict
+from stereo_speed.core.passes import PassResult, Verdict
+from stereo_speed.core.records import TrackState
 from stereo_speed.io.truth import truth_of_rows
 from stereo_speed.lab.evaluation.scorer import beside_truth, by_track, SequenceRun, vehicle_run
 

@@ -6,7 +6,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stereo_speed.core.records import PassResult, TrackState, TrackUpdate, Verdict
+from stereo_speed.core.passes import PassResult, Verdict
+from stereo_speed.core.records import TrackState, TrackUpdate
 from stereo_speed.lab.evaluation.traffic import score_traffic, traffic_table, TrafficRules
 
 PERIOD_NS = 100_000_000

@@ -1,0 +1,77 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""The end of the demo: the record of a violation, verified; a copy of it, forged and found out."""
+from __future__ import annotations
+
+import json
+from pathlib import Path
+import shutil
+
+from ..core.errors import StereoSpeedError
+from ..enforcement.chain import load_public_key, public_of, write_key
+from ..enforcement.page import speeds
+from ..enforcement.recompute import recompute, RECORD
+from ..enforcement.verify import verify
+
+FORGED = 'evidence_forged'
+_FASTER = 10  # km/h that are written into the forged copy
+
+
+def demo_key(out: Path) -> Path:
+    """Return the key that signs the records of the demo; made where there is none."""
+    path = out / 'demo_key.pem'
+    if not path.exists():
+        write_key(path)
+    return path
+
+
+def records(folder: Path) -> set[Path]:
+    """Return the folders of the records that are whole."""
+    return {path.parent for path in folder.glob(f'*/{RECORD}')
+            if not path.parent.name.startswith('.')}
+
+
+def show(out: Path, record_folder: Path, key: Path) -> list[str]:
+    """
+    Return what the demo says of a record, and of a forged copy that it makes.
+
+    :param out: folder of the demo.
+    :param record_folder: of the record.
+    :param key: private key that signed it.
+    :raises StereoSpeedError: a record that is not sound, or a forged one that is.
+    """
+    record = json.loads((record_folder / RECORD).read_text())
+    figures = ', '.join(f'{name} {value}' for name, value in speeds(record))
+    trusted = [load_public_key(public_of(key))]
+    found, again = verify(record_folder.parent, trusted=trusted), recompute(record_folder)
+    forged = verify(forge(record_folder, out / FORGED), trusted=trusted)
+    if not found.sound or not again.agrees or forged.sound:
+        raise StereoSpeedError(f'{record_folder}: record: found '
+                               f'{"; ".join(found.faults) or again}, forged copy '
+                               f'{forged.faults}, wanted a sound one and a forged one found out')
+    check = 'python -m stereo_speed evidence verify'
+    option = f'--key {public_of(key)}'
+    return [
+        f'violation on {record["place"]["lane"]}: {figures}',
+        f'  record   {record_folder / RECORD}', f'  report   {record_folder / "page.html"}',
+        f'  report   {record_folder / "page.pdf"}',
+        f'  measured again from its images: {again.speed_mps:.6f} m/s, stored '
+        f'{again.stored_mps:.6f} m/s',
+        f'verified: {found.records} records, signed and sound; see for yourself:',
+        f'  {check} {record_folder.parent} {option}',
+        f'a copy in which the speed was raised by {_FASTER} {record["speed"]["unit"]} is found '
+        'out:',
+        *(f'  NOT SOUND: {fault}' for fault in forged.faults),
+        f'  {check} {out / FORGED} {option}']
+
+
+def forge(record_folder: Path, target: Path) -> Path:
+    """Copy records with their chain, raise the speed of one, and return the copy."""
+    shutil.rmtree(target, ignore_errors=True)
+    shutil.copytree(record_folder.parent, target)
+    path = target / record_folder.name / RECORD
+    record = json.loads(path.read_text())
+    for name in ('measured', 'considered'):
+        record['speed'][name] += _FASTER
+    path.write_text(json.dumps(record, indent=1, sort_keys=True) + '\n')
+    return target

@@ -1,0 +1,94 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""``evidence``: look at records of violations, measure them again, hand out copies, make a key."""
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+import sys
+
+from .options import Subparsers
+from ..core.errors import InputError
+from ..core.units import KMH_MPS
+from ..enforcement.chain import load_public_key, write_key
+from ..enforcement.disclose import disclose
+from ..enforcement.recompute import recompute, RECORD
+from ..enforcement.verify import verify
+
+NOT_SOUND = 1
+
+
+def add_parser(subparsers: Subparsers) -> None:
+    """Add the command, its actions and their options."""
+    parser = subparsers.add_parser(
+        'evidence', help='verify, recompute or disclose records of violations',
+        description='Records of violations, as replay and evidence_node write them. '
+                    'Exit status: 0 sound, 1 not, 2 bad input.')
+    actions = parser.add_subparsers(metavar='ACTION', required=True)
+    check = actions.add_parser('verify', help='find what was changed, removed, added or cut')
+    check.add_argument('folder', metavar='DIR', type=Path, help='folder of records, or of one')
+    check.add_argument('--head', type=Path, metavar='FILE',
+                       help="the chain's head, where it is kept apart")
+    check.add_argument('--key', type=Path, action='append', default=[], metavar='PEM',
+                       help='public key that must have signed; may be given more than once')
+    check.set_defaults(run=run_verify)
+    again = actions.add_parser('recompute', help='measure again from the stored images')
+    again.add_argument('record', metavar='RECORD', type=Path,
+                       help='folder of a record, or its record.json')
+    again.set_defaults(run=run_recompute)
+    copy = actions.add_parser('disclose', help='make a copy in which others are blurred')
+    copy.add_argument('record', metavar='RECORD', type=Path,
+                      help='folder of a record, or its record.json')
+    copy.add_argument('--out', required=True, type=Path, metavar='DIR', help='folder to write')
+    copy.add_argument('--hide-plate', action='store_true',
+                      help='blur the front of the vehicle itself as well')
+    copy.set_defaults(run=run_disclose)
+    key = actions.add_parser('key', help='make a key that signs records')
+    key.add_argument('--out', required=True, type=Path, metavar='PEM',
+                     help='file of the private key; the public one is written beside it as .pub')
+    key.set_defaults(run=run_key)
+
+
+def run_verify(args: argparse.Namespace) -> int:
+    """Say what is not as it was written."""
+    found = verify(args.folder, args.head, [load_public_key(path) for path in args.key])
+    for line in found.faults:
+        print(f'NOT SOUND: {line}', file=sys.stderr)
+    for line in found.notes:
+        print(f'note: {line}')
+    for key in sorted(found.keys):
+        print(f'signed by {key}')
+    print(f'{args.folder}: {found.records} records, '
+          + ('sound' if found.sound else f'{len(found.faults)} faults'))
+    return 0 if found.sound else NOT_SOUND
+
+
+def run_recompute(args: argparse.Namespace) -> int:
+    """Measure a pass again."""
+    result = recompute(_folder(args.record))
+    again = 'no speed: ' + result.reason if result.speed_mps is None else \
+        f'{result.speed_mps:.6f} m/s ({result.speed_mps / KMH_MPS:.3f} km/h)'
+    print(f'stored {result.stored_mps:.6f} m/s ({result.stored_mps / KMH_MPS:.3f} km/h), '
+          f'measured again: {again}: '
+          + ('agrees' if result.agrees else f'differs by more than {result.within_mps} m/s'))
+    return 0 if result.agrees else NOT_SOUND
+
+
+def run_disclose(args: argparse.Namespace) -> int:
+    """Write a copy in which others are blurred."""
+    print(f'in {disclose(_folder(args.record), args.out, hide_plate=args.hide_plate)}')
+    return 0
+
+
+def run_key(args: argparse.Namespace) -> int:
+    """Write a new key, which only its owner may read, and the public one beside it."""
+    print(f'private key {args.out}, public key {write_key(args.out)}')
+    return 0
+
+
+def _folder(path: Path) -> Path:
+    """Return the folder of a record."""
+    folder = path.parent if path.name == RECORD else path
+    if not (folder / RECORD).is_file():
+        raise InputError(path, 'record', 'no record.json', 'the folder of a record')
+    return folder

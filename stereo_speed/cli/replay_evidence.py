@@ -1,0 +1,167 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Evidence of violations, as ``replay`` writes it beside its results."""
+from __future__ import annotations
+
+import argparse
+from contextlib import ExitStack
+import dataclasses
+from pathlib import Path
+from typing import Any, Optional, Sequence
+
+from ..core.errors import InputError
+from ..core.passes import PassResult
+from ..core.records import StereoPair
+from ..enforcement.chain import load_private_key
+from ..enforcement.config import EnforcementConfig, load_enforcement_config
+from ..enforcement.fingerprint import Approved, canonical, load_approved, sha256
+from ..enforcement.instrument import Instrument
+from ..enforcement.record import Setting
+from ..enforcement.recorder import EvidenceRecorder
+from ..enforcement.ring import ImageRing
+from ..enforcement.store import EvidenceStore
+from ..io.bags import StereoBag
+from ..io.pass_json import pass_id
+from ..io.results import file_sha256
+from ..io.source_image import SourceImage
+from ..pipeline.assembly import MeasuringSite
+from ..pipeline.config import PipelineConfig
+from ..pipeline.pipeline import Step
+
+FOLDER = 'evidence'
+_OPTIONS = ('evidence_key', 'evidence_head', 'approved')
+_RUN_DIGITS = 16
+
+
+def add_evidence_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of evidence to the command."""
+    parser.add_argument('--evidence', action='store_true',
+                        help='write a record of each violation to DIR/evidence')
+    parser.add_argument('--evidence-key', type=Path, metavar='PEM',
+                        help='private key that signs records (see evidence key)')
+    parser.add_argument('--evidence-head', type=Path, metavar='FILE',
+                        help="keep the head of the records' chain here (default: "
+                             'DIR/evidence/head.json)')
+    parser.add_argument('--approved', type=Path, metavar='YAML',
+                        help='fingerprints that were approved')
+
+
+def check_options(args: argparse.Namespace) -> None:
+    """Refuse options of evidence where no evidence is asked for."""
+    for name in _OPTIONS:
+        if getattr(args, name) is not None and not args.evidence:
+            raise InputError('replay', f'--{name.replace("_", "-")}', getattr(args, name),
+                             '--evidence beside it')
+
+
+class ReplayEvidence:
+    """
+    Follows a replay and records its violations; does nothing where that is not asked for.
+
+    :param recorder: decides and writes; None where no evidence is asked for.
+    :param run: names the run.
+    :param config: parameters of enforcement.
+    """
+
+    def __init__(self, recorder: Optional[EvidenceRecorder], run: str,
+                 config: EnforcementConfig) -> None:
+        self.recorder, self.run, self.config = recorder, run, config
+        self._offered: set[int] = set()
+        self._last_ns = 0
+        self._stack = ExitStack()
+
+    @classmethod
+    def of(cls, args: argparse.Namespace, bag: StereoBag, place: MeasuringSite,
+           config: PipelineConfig) -> ReplayEvidence:
+        """
+        Return what follows this replay.
+
+        :param args: the options.
+        :param bag: to be told its images as they came.
+        :param place: the site as it is measured at.
+        :param config: parameters of the pipeline.
+        :raises InputError: a key, a file or a folder that cannot be used.
+        """
+        enforcement = load_enforcement_config(args.config)
+        if not args.evidence:
+            return cls(None, '', enforcement)
+        key = None if args.evidence_key is None else load_private_key(args.evidence_key)
+        approved = Approved() if args.approved is None else load_approved(args.approved)
+        source = {
+            'bag': args.bag.resolve().name, 'bag_sha256': bag.input_hash(), 'seed': args.seed,
+            'init_sha256': None if args.init is None else file_sha256(args.init),
+            'boxes_sha256': None if args.boxes is None else file_sha256(args.boxes)}
+        run = _run(Instrument.of('', place, config), source, enforcement, approved)
+        setting = Setting(Instrument.of(run, place, config), place, enforcement, approved,
+                          'header stamps of the recording', source)
+        store = EvidenceStore(args.out / FOLDER, args.evidence_head, key,
+                              enforcement.evidence.least_free_mib)
+        ring = ImageRing.of(enforcement.evidence)
+        out = cls(EvidenceRecorder(store, setting, ring), run, enforcement)
+        out._stack.callback(store.close)
+        bag.watcher = out.take
+        return out
+
+    def __enter__(self) -> ReplayEvidence:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+
+    def take(self, pair: StereoPair, left: SourceImage, right: SourceImage) -> None:
+        """Keep the images of a pair as they came."""
+        if self.recorder is not None:
+            self.recorder.ring.add('left', pair.stamp_ns, left)
+            self.recorder.ring.add('right', pair.right_stamp_ns, right)
+
+    def observe(self, pair: StereoPair, step: Step) -> None:
+        """Decide on the passes that a pair has ended."""
+        self._last_ns = pair.stamp_ns
+        self._offer(step.passes)
+
+    def finish(self, passes: Sequence[PassResult]) -> None:
+        """Decide on those that the end of the recording has ended; delete what is too old."""
+        self._offer([p for p in passes if p.track not in self._offered])
+        if self.recorder is not None:
+            self.recorder.delete_older(self._last_ns)
+
+    def _offer(self, passes: Sequence[PassResult]) -> None:
+        for result in passes:
+            self._offered.add(result.track)
+            if self.recorder is not None:
+                self.recorder.offer(pass_id(self.run, result), result)
+
+    def summary(self) -> dict[str, Any]:
+        """Return what ``summary.json`` says of enforcement."""
+        if self.recorder is None:
+            return {}
+        return {'enforcement': {
+            'run': self.run, 'parameters': dataclasses.asdict(self.config),
+            'fingerprints': self.recorder.setting.instrument.fingerprints,
+            **self.recorder.summary()}}
+
+    def lines(self) -> list[str]:
+        """Return what to print of it."""
+        if self.recorder is None:
+            return []
+        none = ', '.join(f'{reason} {count}' for reason, count in sorted(
+            self.recorder.refused.items()))
+        return [f'{len(self.recorder.records)} records of violations in '
+                f'{self.recorder.store.folder}' + (f'; no record: {none}' if none else ''),
+                *(f'  {self.recorder.store.folder / name / "page.html"}'
+                  for name in self.recorder.records)]
+
+
+def _run(instrument: Instrument, source: dict[str, Any], config: EnforcementConfig,
+         approved: Approved) -> str:
+    """
+    Return a name for what is replayed how: the same replay gives the same records.
+
+    :param instrument: that measures.
+    :param source: what is replayed.
+    :param config: parameters of enforcement.
+    :param approved: fingerprints that were approved.
+    """
+    decided = [instrument.fingerprints, source, dataclasses.asdict(config),
+               {kind: sorted(values) for kind, values in approved.of.items()}]
+    return f'replay-{sha256(canonical(decided))[:_RUN_DIGITS]}'

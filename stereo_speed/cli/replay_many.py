@@ -1,0 +1,150 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""``replay-many``: what ``replay`` does, for many bags at once, over cores or a cluster."""
+from __future__ import annotations
+
+import argparse
+from contextlib import redirect_stderr, redirect_stdout
+import io
+import os
+from pathlib import Path
+import shutil
+import sys
+from typing import Any, Mapping, Optional, Sequence
+
+from . import replay
+from .options import number_in, Subparsers
+from .replay_parts import files_of, shared_options
+from ..batch.job import Job, Result
+from ..batch.runner import run_jobs
+from ..core.errors import InputError
+from ..io.atomic import prepare_folder
+from ..io.results import file_sha256, PASSES, software_versions, SUMMARY, TRACKS
+
+_FILES = (TRACKS, PASSES, SUMMARY)  # by which a finished run is known again
+
+
+def add_parser(subparsers: Subparsers) -> None:
+    """Add the command and its options: those of ``replay``, and how to spread the work."""
+    parser = subparsers.add_parser(
+        'replay-many', help='measure the vehicles of many bags, over cores or a cluster',
+        description='Measure the vehicles of many bags, each as replay does, into DIR/NAME/, and '
+                    'write one table of all passes. A run that was interrupted goes on where it '
+                    'stopped; a bag that cannot be measured costs only itself.')
+    parser.add_argument('bags', metavar='BAG', nargs='+', type=Path,
+                        help='rosbag2 folders, .mcap or .db3 files, or ROS 1 .bag')
+    replay.add_options(parser)
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument('--jobs', type=number_in(int, 0, 512), default=os.cpu_count() or 1,
+                       metavar='N', help='processes (default: one for each core; 0: only this '
+                       'one)')
+    where.add_argument('--dask', default='', metavar='ADDRESS', help='scheduler of a Dask '
+                       'cluster, as tcp://host:8786; its workers see the same files')
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure every bag, write the tables, then tell what failed."""
+    # Before the work begins: it takes a library that may be missing.
+    from ..io.pass_tables import PARQUET, SQLITE, write_pass_tables
+    replay.check(args)
+    prepare_folder(args.out)
+    names = folder_names(args.bags)
+    options = shared_options(args)
+    jobs = [Job(key=name, parameters={
+        'bag': str(bag.resolve()), 'files': files_of(bag),
+        'out': str((args.out / name).resolve()), **options}) for name, bag in names.items()]
+    results = run_jobs(jobs, measure, out_dir=args.out, workers=args.jobs,
+                       description='replay-many', cluster=args.dask,
+                       still_good=lambda result: _is_whole(args.out, result))
+    good = {r.key: r.value for r in results if r.value is not None}
+    failed = {r.key: r.error for r in results if r.error}
+    for name, value in good.items():
+        for line in value['warnings']:
+            print(f'{name}: {line}', file=sys.stderr)
+    count = write_pass_tables(args.out, {name: args.out / name for name in good}, failed)
+    print(f'{len(good)} of {len(names)} bags, {count} passes; in {args.out / PARQUET}, '
+          f'{args.out / SQLITE} and a folder for each bag')
+    for name, error in failed.items():
+        print(f'error: {name}: {error}', file=sys.stderr)
+    return _status(results)
+
+
+def folder_names(bags: Sequence[Path]) -> dict[str, Path]:
+    """
+    Name the folder of each bag's run.
+
+    A bag's own name without the suffix of a file; where two are alike, the folders above it come
+    in front, joined by ``-``, as many as tell them apart.
+
+    :param bags: the bags, in any order.
+    :raises InputError: one bag twice.
+    """
+    places = [bag.resolve() for bag in bags]
+    for place in places:
+        if places.count(place) > 1:
+            raise InputError('replay-many', 'bags', f'{place} twice', 'each bag once')
+    parts = [(*place.parts[1:-1], place.name if place.is_dir() else place.stem)
+             for place in places]
+    depths = [1] * len(parts)
+    while True:
+        names = ['-'.join(part[-depth:]) for part, depth in zip(parts, depths)]
+        alike = [k for k, name in enumerate(names) if names.count(name) > 1]
+        if not alike:
+            return dict(zip(names, bags))
+        if all(depths[k] >= len(parts[k]) for k in alike):
+            raise InputError('replay-many', 'bags', f'several to be named {names[alike[0]]}',
+                             'bags whose names without suffix differ')
+        for k in alike:
+            depths[k] += 1
+
+
+def measure(parameters: Mapping[str, Any]) -> dict[str, Any]:
+    """
+    Measure one bag; runs in a process of its own.
+
+    :param parameters: of the job: bag, folder and options.
+    :return: the hashes of what was written, and the warnings.
+    :raises InputError: what ``replay`` refuses, other versions of libraries, changed inputs.
+    """
+    found = software_versions()
+    if found != parameters['versions']:
+        raise InputError('worker', 'versions', found, str(parameters['versions']))
+    for path, digest in parameters['inputs'].items():
+        if file_sha256(Path(path)) != digest:
+            raise InputError(path, 'file', 'another content than when the run began',
+                             'a file that stays')
+    out = Path(parameters['out'])
+    for left in out.glob('.partial-*'):  # of a process that was killed
+        shutil.rmtree(left, ignore_errors=True)
+    args = argparse.Namespace(**{name: _from_plain(value)
+                                 for name, value in parameters['options'].items()},
+                              bag=Path(parameters['bag']), out=out)
+    told = io.StringIO()
+    with redirect_stdout(io.StringIO()), redirect_stderr(told):
+        replay.run(args)
+    return {'files': {name: file_sha256(out / name) for name in _FILES},
+            'warnings': [line for line in told.getvalue().splitlines() if line.strip()]}
+
+
+def _from_plain(value: Any) -> Any:
+    return Path(value['path']) if isinstance(value, dict) else value
+
+
+def _is_whole(out_dir: Path, result: Result) -> bool:
+    """Tell whether a run that was finished earlier is still there, as it was written."""
+    files = (result.value or {}).get('files', {})
+    return set(files) == set(_FILES) and all(
+        _hash(out_dir / result.key / name) == digest for name, digest in files.items())
+
+
+def _hash(path: Path) -> Optional[str]:
+    return file_sha256(path) if path.is_file() else None
+
+
+def _status(results: Sequence[Result]) -> int:
+    """Return 0 when every bag was measured, 2 when some were refused, 1 when one broke down."""
+    errors = [r for r in results if r.error]
+    if not errors:
+        return 0
+    return 2 if all(r.refused for r in errors) else 1

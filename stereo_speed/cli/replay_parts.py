@@ -1,0 +1,203 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Long bags are measured in parts, and a run that was interrupted goes on at the last of them.
+
+A part ends when it is long enough and no vehicle is in view any more; the next one begins with a
+pipeline that knows nothing but how the rig stands, and the numbers of the tracks. So a run that
+goes on writes what one without interruption writes. What came of the pairs so far lies in a hidden
+folder until the run is over.
+"""
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+import fcntl
+import hashlib
+import json
+import os
+from pathlib import Path
+import shutil
+from typing import Any, Callable, Collection, Iterator, Mapping, NamedTuple, Optional, TextIO
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..batch.job import source_hash
+from ..core.errors import InputError
+from ..core.records import StereoPair
+from ..io.record_json import record_of, record_text
+from ..io.results import file_sha256, software_versions
+from ..pipeline.pipeline import SpeedPipeline, Step
+from ..pipeline.run import Run
+
+PART_PAIRS = 3000  # least length of a part: some minutes, which an interruption may cost
+FOLDER = '.replay'
+_STEPS = 'steps.jsonl'
+_OWN = ('bag', 'bags', 'out', 'jobs', 'dask', 'run')  # options that results do not depend on
+
+
+class Done(NamedTuple):
+    """
+    What an earlier run has left.
+
+    :param pairs: how many pairs are done.
+    :param next_track: number of the next track.
+    :param wall_s: time spent in the pipeline, s.
+    :param size: bytes of the file up to there.
+    """
+
+    pairs: int
+    next_track: int
+    wall_s: float
+    size: int
+
+
+class Parts:
+    """
+    The parts of a run; a context manager.
+
+    An error removes what is kept, an interruption leaves it.
+
+    :param folder: where the results go; None keeps nothing, and the parts are the same.
+    :param identity: all that the results follow from; what another run has left is not used.
+    :param fresh: makes a new pipeline.
+    :param least_pairs: least length of a part.
+    """
+
+    def __init__(self, folder: Optional[Path], identity: Mapping[str, Any],
+                 fresh: Callable[[], SpeedPipeline], least_pairs: int = PART_PAIRS) -> None:
+        self._folder = None if folder is None else folder / FOLDER
+        self._digest = hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
+        self._fresh, self._least_pairs = fresh, least_pairs
+        self._file: Optional[TextIO] = None
+        self._since, self._frames = 0, 0  # pair that the part begins with, frames kept
+        self._open: set[int] = set()
+        self.done: Optional[Done] = None
+
+    def __enter__(self) -> Parts:
+        """Return itself, with what an earlier run has left."""
+        if self._folder is not None:
+            self._folder.mkdir(parents=True, exist_ok=True)
+            path = self._folder / _STEPS
+            self._file = path.open('a+', encoding='utf-8')
+            try:
+                fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                self._file.close()
+                raise InputError(self._folder, 'folder', 'another run that is writing it',
+                                 'a folder for each run') from None
+            self.done = self._last_cut(path)
+            self._file.truncate(0 if self.done is None else self.done.size)
+            if self.done is None:
+                self._write({'identity': self._digest})
+            else:
+                self._since = self.done.pairs
+        return self
+
+    def __exit__(self, kind: Optional[type[BaseException]], *_: object) -> None:
+        """Remove what was kept, but where the run was interrupted or the disk failed."""
+        if self._file is not None and self._folder is not None:
+            self._file.close()
+            if kind is None or issubclass(kind, Exception) and not issubclass(kind, OSError):
+                shutil.rmtree(self._folder, ignore_errors=True)
+
+    def steps(self) -> Iterator[tuple[Step, Collection[int]]]:
+        """Yield what came of each pair so far, and the numbers of the tracks that were open."""
+        if self.done is None or self._folder is None:
+            return
+        path = self._folder / _STEPS
+        with path.open('rb') as file:
+            while file.tell() < self.done.size:
+                content = record_of(file.readline().decode(), path)
+                if isinstance(content, list):
+                    updates, passes, open_tracks = content
+                    yield Step(updates, passes), set(open_tracks)
+
+    def after(self, pair: StereoPair, step: Step, pipeline: SpeedPipeline, so_far: Run
+              ) -> SpeedPipeline:
+        """
+        Take in what came of a pair; return the pipeline for the next one.
+
+        :param so_far: the run with it.
+        """
+        open_tracks = pipeline.open_tracks
+        if step.updates or step.passes or open_tracks != self._open:
+            self._write([step.updates, [replace(p, trace=None) for p in step.passes],
+                         sorted(open_tracks)])
+        self._open, pairs = open_tracks, pair.index + 1
+        if pairs - self._since < self._least_pairs or not pipeline.idle:
+            return pipeline
+        self._since = pairs
+        self._write({'pairs': pairs, 'next_track': pipeline.next_track,
+                     'wall_s': so_far.wall_s}, flush=True)
+        fresh = self._fresh()
+        fresh.next_track, fresh.steadier = pipeline.next_track, pipeline.steadier
+        return fresh
+
+    def add_frame(self, image: NDArray[np.uint8]) -> None:
+        """Keep an annotated frame."""
+        if self._folder is not None:
+            cv2.imwrite(str(self._folder / f'frame{self._frames}.png'), image)
+        self._frames += 1
+
+    def next_frame(self) -> NDArray[np.uint8]:
+        """Return the next of the frames that were kept, in their order."""
+        path = self._folder / f'frame{self._frames}.png' if self._folder is not None else Path()
+        image = cv2.imread(str(path), cv2.IMREAD_COLOR)
+        if image is None:
+            raise InputError(path, 'frame', 'no image', 'the folder as the run left it: remove it')
+        self._frames += 1
+        return np.asarray(image, np.uint8)
+
+    def _write(self, content: Any, flush: bool = False) -> None:
+        if self._file is not None:
+            self._file.write(record_text(content) + '\n')
+            if flush:
+                self._file.flush()
+                os.fsync(self._file.fileno())
+
+    def _last_cut(self, path: Path) -> Optional[Done]:
+        """Return the last end of a part in a file; None where it is of another run."""
+        found, size = None, 0
+        with path.open('rb') as file:
+            for number, line in enumerate(file):
+                size += len(line)
+                if number == 0 and self._digest.encode() not in line:
+                    return None
+                if line.startswith(b'{"!":"dict","v":[["pairs"') and line.endswith(b'\n'):
+                    cut = record_of(line.decode(), path)
+                    found = Done(cut['pairs'], cut['next_track'], cut['wall_s'], size)
+        return found
+
+
+def shared_options(args: argparse.Namespace) -> dict[str, Any]:
+    """Return what the results of all bags have in common: options, their files, versions."""
+    options = {name: value for name, value in vars(args).items() if name not in _OWN}
+    paths = [value for value in options.values() if isinstance(value, Path) and value.is_file()]
+    return {'options': {name: plain(value) for name, value in sorted(options.items())},
+            'inputs': {str(path.resolve()): file_sha256(path) for path in paths},
+            'versions': software_versions()}
+
+
+def plain(value: Any) -> Any:
+    """Turn the value of an option into what JSON knows; paths are the same from everywhere."""
+    return {'path': str(value.resolve())} if isinstance(value, Path) else value
+
+
+def files_of(bag: Path) -> list[tuple[str, int, int]]:
+    """Return name, size and time of change of a bag's files: by these it is known again."""
+    files = sorted(p for p in bag.iterdir() if p.is_file()) if bag.is_dir() else [bag]
+    return [(p.name, p.stat().st_size, p.stat().st_mtime_ns) for p in files if p.exists()]
+
+
+def identity_of(args: argparse.Namespace) -> dict[str, Any]:
+    """Return all that the results of one bag follow from."""
+    return {'bag': str(args.bag.resolve()), 'files': files_of(args.bag), 'code': source_hash(),
+            **shared_options(args)}
+
+
+def is_kept(args: argparse.Namespace) -> bool:
+    """Return whether a run can go on: pictures and records under way cannot be taken up again."""
+    return not (args.evidence or args.video or args.report)

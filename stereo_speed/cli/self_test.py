@@ -1,0 +1,52 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""``self-test``: a stored pass of known speed through the very pipeline, within 1 %."""
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+from .options import Subparsers
+from ..core.errors import InputError
+from ..io.bags import StereoBag
+from ..io.truth import read_truth
+from ..pipeline.config import load_pipeline_config
+from ..pipeline.self_test import self_test
+from ..site.file import load_site
+
+FAILED = 1
+
+
+def add_parser(subparsers: Subparsers) -> None:
+    """Add the command and its options."""
+    parser = subparsers.add_parser(
+        'self-test', help='measure a stored pass of known speed',
+        description='Measure a stored pass, found automatically, and compare it with its known '
+                    'speed. Exit status: 0 within 1 %, 1 not, 2 bad input.')
+    parser.add_argument('folder', metavar='DIR', type=Path,
+                        help='folder with bag/, site.yaml and truth.csv, as simulate writes it')
+    parser.add_argument('--config', type=Path, metavar='YAML', help='parameters')
+    parser.add_argument('--tracker', default='constrained', metavar='NAME')
+    parser.add_argument('--detector', default='plane_sweep', metavar='NAME')
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure the stored pass, and print one line."""
+    config = load_pipeline_config(args.config, tracker=args.tracker, detector=args.detector)
+    truths = read_truth(args.folder / 'truth.csv')
+    if len(truths) != 1:
+        raise InputError(args.folder / 'truth.csv', 'vehicles', len(truths), 'one')
+    site = load_site(args.folder / 'site.yaml')
+    with StereoBag(args.folder / 'bag') as bag:
+        done = self_test(site, bag.rig, bag.pairs(), float(np.mean(truths[0].speed_mps)), config)
+    if not done.passed:
+        print(f'self-test failed: {done.found}')
+        return FAILED
+    second = 'no second estimate' if done.second_mps is None else (
+        f'second estimate {100 * (done.second_mps / done.known_mps - 1):+.2f} %')
+    print(f'self-test passed: {100 * ((done.first_mps or 0) / done.known_mps - 1):+.2f} % off, '
+          f'{second}')
+    return 0

@@ -1,0 +1,137 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+How a pass came about: what its tracker was started with and fed, and what it said of each pair.
+
+With the images of its pairs, the rig, the lanes and the parameters, a trace is all it takes to
+measure the pass again.
+"""
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Optional
+
+import numpy as np
+
+from .records import Array, InitialFront, RigMotion, StereoPair, TrackState, TrackUpdate
+
+
+@dataclass(frozen=True, eq=False)
+class OtherFront:
+    """
+    The front of another vehicle in a pair of the pass.
+
+    :param track: number of its track.
+    :param left_px: (4, 2) corners in the raw left image, px.
+    :param right_px: (4, 2) the same in the raw right image, px.
+    """
+
+    track: int
+    left_px: Array
+    right_px: Array
+
+
+@dataclass(frozen=True, eq=False)
+class TracePair:
+    """
+    One pair that a tracker was fed, and what came of it.
+
+    :param stamp_ns: header stamp of the left image, ns.
+    :param right_stamp_ns: stamp of the right image as it was fed, ns.
+    :param particles: number of particles that the tracker was told to go on with; None where it
+        was told none.
+    :param motion: how the rig stood; None where it stood as when the site was learnt.
+    :param update: what the tracker said; None where it said nothing.
+    :param others: fronts of other vehicles in the pair.
+    :param stamp_error_s: difference of the stamps, s, that was found to be an error.
+    :param right_came_ns: header stamp of the right image as it came; None for that fed.
+    """
+
+    stamp_ns: int
+    right_stamp_ns: int
+    particles: Optional[int]
+    motion: Optional[RigMotion]
+    update: Optional[TrackUpdate]
+    others: tuple[OtherFront, ...] = ()
+    stamp_error_s: float = 0.0
+    right_came_ns: Optional[int] = None
+
+    @property
+    def right_image_ns(self) -> int:
+        """Return the header stamp that the right image came with, ns."""
+        return self.right_stamp_ns if self.right_came_ns is None else self.right_came_ns
+
+
+@dataclass(frozen=True, eq=False)
+class PassTrace:
+    """
+    How one pass came about.
+
+    :param track: number of the track; with the seed it names its random stream.
+    :param seed: of all randomness.
+    :param lane: name of the lane whose path it was started on.
+    :param front: the front it was started from.
+    :param particles: number of particles it was started with.
+    :param seen_mps: speed as the detector saw it; None where it saw none.
+    :param pairs: those it was fed, in order of stamps.
+    """
+
+    track: int
+    seed: int
+    lane: str
+    front: InitialFront
+    particles: int
+    seen_mps: Optional[float]
+    pairs: tuple[TracePair, ...]
+
+    @property
+    def seen(self) -> tuple[TracePair, ...]:
+        """Return the pairs in which the vehicle was wholly seen."""
+        return tuple(p for p in self.pairs if p.update is not None
+                     and p.update.state is not TrackState.COASTING)
+
+
+class TraceBuilder:
+    """
+    Gathers the trace of a track while it is followed.
+
+    :param trace: with no pairs yet.
+    """
+
+    def __init__(self, trace: PassTrace) -> None:
+        self._trace = trace
+        self._pairs: list[TracePair] = []
+
+    def add(self, pair: StereoPair, particles: Optional[int],
+            update: Optional[TrackUpdate]) -> None:
+        """
+        Add a pair that the tracker was fed.
+
+        :param pair: as it was fed.
+        :param particles: number of particles it was told before; None where it was told none.
+        :param update: what the tracker said.
+        """
+        came_ns = pair.right_came_ns
+        if came_ns is None and pair.stamp_error_s:
+            came_ns = pair.stamp_ns + round(pair.stamp_error_s * 1e9)
+        self._pairs.append(TracePair(
+            pair.stamp_ns, pair.right_stamp_ns, particles, pair.motion, update,
+            stamp_error_s=pair.stamp_error_s, right_came_ns=came_ns))
+
+    def add_others(self, stamp_ns: int, updates: list[TrackUpdate]) -> None:
+        """
+        Add the fronts of the other vehicles in the newest pair.
+
+        :param stamp_ns: of that pair; another one is left as it is.
+        :param updates: of all vehicles in it.
+        """
+        if not self._pairs or self._pairs[-1].stamp_ns != stamp_ns:
+            return
+        others = tuple(OtherFront(u.track, u.quad_left_px, u.quad_right_px) for u in updates
+                       if u.track != self._trace.track and np.isfinite(u.quad_left_px).all()
+                       and np.isfinite(u.quad_right_px).all())
+        self._pairs[-1] = replace(self._pairs[-1], others=others)
+
+    def built(self) -> PassTrace:
+        """Return the trace so far."""
+        return replace(self._trace, pairs=tuple(self._pairs))

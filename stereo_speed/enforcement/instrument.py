@@ -1,0 +1,158 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The state of the instrument that measured: software, parameters, site and calibration.
+
+It is told by the program that measures, as JSON, so that whoever writes evidence says what ran
+and not what should have run.
+"""
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+import json
+from pathlib import Path
+import tempfile
+from typing import Any, Mapping
+
+from .fingerprint import canonical, sha256, software_fingerprint
+from ..core.config import record_of, TrackerConfig
+from ..core.errors import InputError
+from ..io.results import software_versions
+from ..io.trace_json import rig_of, rig_record
+from ..pipeline.assembly import MeasuringSite
+from ..pipeline.config import PipelineConfig, SiteConfig
+from ..pipeline.registry import DETECTORS, TRACKERS
+from ..site.file import load_site, Site
+from ..site.lane_paths import lane_paths
+from ..site.write import site_text
+
+FORMAT = 1
+
+
+@dataclass(frozen=True)
+class Instrument:
+    """
+    What measured, in one run.
+
+    :param run: names the run.
+    :param software: fingerprint of the package that measured.
+    :param versions: of the package and of the libraries it rests on.
+    :param parameters: every parameter, as ``PipelineConfig.summary`` gives them.
+    :param site_name: of the site.
+    :param site_yaml: text of the site file; of a refined site, of the refined one.
+    :param calibration: the rig as it was measured with, as :func:`..io.trace_json.rig_record`
+        gives it.
+    """
+
+    run: str
+    software: str
+    versions: Mapping[str, str]
+    parameters: Mapping[str, Any]
+    site_name: str
+    site_yaml: str
+    calibration: Mapping[str, Any]
+
+    @classmethod
+    def of(cls, run: str, place: MeasuringSite, config: PipelineConfig) -> Instrument:
+        """
+        Return the instrument that this process is.
+
+        :param run: names the run.
+        :param place: the site as it is measured at.
+        :param config: the parameters.
+        :raises InputError: a site file that cannot be read again.
+        """
+        used = config.with_tolerances(place.site.tolerances)
+        return cls(run, software_fingerprint(), software_versions(),
+                   json.loads(canonical(used.summary())), place.site.name, _site_yaml(place),
+                   rig_record(place.rig))
+
+    @classmethod
+    def of_text(cls, text: str, where: object) -> Instrument:
+        """
+        Return the instrument that a message describes.
+
+        :param text: as of :meth:`text`.
+        :param where: topic, for errors.
+        :raises InputError: another text.
+        """
+        try:
+            data = json.loads(text)
+            if data.pop('stereo_speed_instrument') != FORMAT:
+                raise ValueError('another format')
+            return cls(**data)
+        except (ValueError, TypeError, KeyError, AttributeError) as error:
+            raise InputError(where, 'instrument', f'{type(error).__name__}: {error}',
+                             'the state of an instrument as JSON') from None
+
+    def text(self) -> str:
+        """Return it as one line of JSON."""
+        fields = {name: getattr(self, name) for name in self.__dataclass_fields__}
+        return canonical({'stereo_speed_instrument': FORMAT, **fields})
+
+    def place(self, where: object) -> MeasuringSite:
+        """
+        Return the site as it is measured at.
+
+        :param where: topic or file, for errors.
+        :raises InputError: what makes no site, no rig or no parameters.
+        """
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / 'site.yaml'
+            path.write_text(self.site_yaml, encoding='utf-8')
+            site = replace(load_site(path), name=self.site_name, where=str(where))
+        return place_of(site, self.calibration, config_of(self.parameters, where), where)
+
+    @cached_property
+    def fingerprints(self) -> dict[str, str]:
+        """Return the fingerprints of software, parameters, site and calibration."""
+        return {'software': self.software, 'parameters': sha256(canonical(self.parameters)),
+                'site': sha256(self.site_yaml), 'calibration': sha256(canonical(self.calibration))}
+
+
+def config_of(parameters: Mapping[str, Any], where: object) -> PipelineConfig:
+    """
+    Return the parameters that a summary lists.
+
+    :param parameters: as ``PipelineConfig.summary`` gives them.
+    :param where: file, for errors.
+    :raises InputError: an unknown name or key, a value out of bounds.
+    """
+    try:
+        tracker, detector = str(parameters['tracker']), str(parameters['detector'])
+        TRACKERS.check(tracker, str(where))
+        DETECTORS.check(detector, str(where))
+        return PipelineConfig(
+            record_of(TrackerConfig, parameters['parameters'], where), tracker, detector,
+            {tracker: TRACKERS.settings(tracker, parameters['tracker_parameters'], where)},
+            {detector: DETECTORS.settings(detector, parameters['detector_parameters'], where)},
+            record_of(SiteConfig, parameters['site_parameters'], where))
+    except KeyError as error:
+        raise InputError(where, 'parameters', f'no {error.args[0]}',
+                         'all parameters of a pipeline') from None
+
+
+def place_of(site: Site, calibration: Mapping[str, Any], config: PipelineConfig,
+             where: object) -> MeasuringSite:
+    """
+    Return the site as it was measured at.
+
+    :param site: as its file is read.
+    :param calibration: the rig that measured, corrected already.
+    :param config: the parameters.
+    :param where: file of the calibration, for errors.
+    :raises InputError: values that make no rig or no road.
+    """
+    rig = rig_of(calibration, where)
+    return MeasuringSite(site, rig, lane_paths(site, rig, config.site.road))
+
+
+def _site_yaml(place: MeasuringSite) -> str:
+    """Return the text of the site file as it was measured at."""
+    if place.refined is not None:
+        return site_text(place.site)
+    try:
+        return Path(place.site.where).read_text(encoding='utf-8')
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(place.site.where, 'file', error, 'the site file as it was') from None

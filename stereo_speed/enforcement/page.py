@@ -1,0 +1,186 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""One page of a record that a judge can read, as HTML and as PDF; each holds its pictures."""
+from __future__ import annotations
+
+import base64
+from dataclasses import dataclass
+from html import escape
+import io
+from typing import Any, Mapping, Sequence
+
+from reportlab.lib import colors
+from reportlab.lib.pagesizes import A4
+from reportlab.lib.styles import getSampleStyleSheet
+from reportlab.lib.units import mm
+from reportlab.lib.utils import ImageReader
+from reportlab.platypus import (
+    Flowable, Image, Paragraph, SimpleDocTemplate, Spacer, Table, TableStyle)
+
+from ..core.units import SpeedUnit
+
+_TITLE = 'Record of a speed above the limit'
+_COUNTS = ('The speed that counts is the considered speed: the measured speed less its tolerance, '
+           'rounded down. ')
+NOTE = _COUNTS + (
+    'Pictures show the vehicle, marked by a frame, at different instants; unmarked originals, all '
+    'figures and the images to measure again from lie beside this page, under the seal of the '
+    'record.')
+DISCLOSED_NOTE = _COUNTS + (
+    'This is a copy to be handed out: pictures show the vehicle at different instants, and all '
+    'else in them is blurred. The record that it was made of has the originals, and is under the '
+    'seal that lies beside this page.')
+_STYLE = """
+body{font-family:sans-serif;max-width:60em;margin:1em auto;padding:0 1em;color:#111}
+.speeds{display:flex;gap:1em}
+.speeds div{flex:1;border:1px solid #999;padding:.6em;text-align:center}
+.speeds b{display:block;font-size:2em}
+table{border-collapse:collapse;width:100%}
+td{border-top:1px solid #ccc;padding:.25em .5em;vertical-align:top}
+td:first-child{width:14em;color:#444}
+img{max-width:100%}figure{margin:.8em 0}
+figcaption{color:#444;font-size:.9em}code{word-break:break-all}
+"""
+
+
+@dataclass(frozen=True)
+class PageFacts:
+    """
+    What the page shows.
+
+    :param record: content of ``record.json``.
+    :param marked: JPEG files of the marked left views, and the last right one.
+    :param close_up: a JPEG file.
+    :param plot: a PNG file.
+    :param note: what the reader is told of the speeds and the pictures.
+    """
+
+    record: Mapping[str, Any]
+    marked: Sequence[bytes]
+    close_up: bytes
+    plot: bytes
+    note: str = NOTE
+
+    def captions(self) -> list[str]:
+        """Return what stands below each marked view."""
+        stamps = [picture['stamp_ns'] for picture in self.record['pictures']]
+        first = stamps[0]
+        texts = [f'left camera, {(ns - first) * 1e-9:.3f} s after the first picture'
+                 for ns in stamps]
+        return [*texts, f'right camera, {(stamps[-1] - first) * 1e-9:.3f} s after the first '
+                        'picture']
+
+
+def speeds(record: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Return the three figures that are kept apart, with their names."""
+    s = record['speed']
+    return [('measured', f'{s["measured"]} {s["unit"]}'),
+            ('considered', f'{s["considered"]} {s["unit"]}'),
+            ('limit', f'{s["limit"]:.4g} {s["unit"]}')]
+
+
+def rows(record: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Return the lines of the page's table: what, and its value."""
+    s, place, instrument = record['speed'], record['place'], record['instrument']
+    unit = SpeedUnit(s['unit']).mps
+    lane = place['lane'] if place['lane'] == place['lane_to'] else \
+        f'{place["lane"]} to {place["lane_to"]}'
+    second = s['second']
+    estimates = f'{s["measured_mps"] / unit:.2f} ± {s["measured_std_mps"] / unit:.2f} {s["unit"]}'
+    clock = record['time']['clock']
+    approved = {'yes': 'as approved', 'not asked': 'not given what was approved',
+                'no': 'NOT as approved: ' + ', '.join(instrument['not_approved'])}
+    return [
+        ('record', f'{record["id"]}, number {record["number"]}'),
+        ('time (UTC)', f'{record["time"]["first_utc"]} to {record["time"]["last_utc"]}'),
+        ('clock', f'{record["time"]["source"]}; ' + (
+            'its state is not known' if clock is None else
+            ', '.join(f'{key}: {value}' for key, value in clock.items()))),
+        ('place', f'{place["place"]}; site {place["site"]}, {lane}'),
+        ('direction', record['direction']),
+        ('first estimate', f'{estimates} (1 sigma), {s["first"]["pairs"]} pairs'),
+        ('second estimate', 'none' if second is None or second['speed_mps'] is None else
+         f'{second["speed_mps"] / unit:.2f} ± {(second["speed_std_mps"] or 0) / unit:.2f} '
+         f'{s["unit"]}, {second["pairs"]} pairs'),
+        ('tolerance, margin', f'{s["tolerance_mps"] / unit:.2f} and {s["margin_mps"] / unit:.2f} '
+         f'{s["unit"]}'),
+        ('vehicle', f'{_class(record["vehicle"])}track {record["track"]}, '
+         f'front {record["vehicle"]["front_width_m"]:.2f} m '
+         f'wide; {len(record["vehicle"]["others"])} others in view, none near it'),
+        ('instrument', f'{instrument["name"]}; stereo_speed '
+         f'{instrument["versions"]["stereo_speed"]}; {approved[instrument["approved"]]}'),
+        ('calibrated', instrument['calibrated'] or 'on a day that is not known'),
+        *((f'fingerprint, {kind}', value)
+          for kind, value in sorted(instrument['fingerprints'].items()))]
+
+
+def _class(vehicle: Mapping[str, Any]) -> str:
+    """Return what a vehicle is, where that is known, before more is said of it."""
+    if vehicle['class'] in (None, 'unknown'):
+        return ''
+    return f'{vehicle["class"].replace("_", " ")} ({100 * vehicle["class_probability"]:.0f} %), '
+
+
+def page_html(facts: PageFacts) -> bytes:
+    """Return the page as one HTML file that needs no other."""
+    figures = ''.join(
+        f'<figure><img alt="{escape(text)}" src="{_uri(data, "jpeg")}">'
+        f'<figcaption>{escape(text)}</figcaption></figure>'
+        for text, data in zip(facts.captions(), facts.marked))
+    table = ''.join(f'<tr><td>{escape(name)}</td><td>{escape(value)}</td></tr>'
+                    for name, value in rows(facts.record))
+    boxes = ''.join(f'<div>{escape(name)}<b>{escape(value)}</b></div>'
+                    for name, value in speeds(facts.record))
+    return (f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{_TITLE} '
+            f'{escape(facts.record["id"])}</title><style>{_STYLE}</style></head><body>'
+            f'<h1>{_TITLE}</h1><div class="speeds">{boxes}</div><p>{escape(facts.note)}</p>'
+            f'<table>{table}</table>'
+            f'<figure><img alt="close-up" src="{_uri(facts.close_up, "jpeg")}">'
+            f'<figcaption>close-up</figcaption></figure>{figures}'
+            f'<figure><img alt="speed" src="{_uri(facts.plot, "png")}">'
+            '<figcaption>speed over the pass</figcaption></figure></body></html>\n'
+            ).encode()
+
+
+def page_pdf(facts: PageFacts) -> bytes:
+    """Return the page as a PDF file; the same facts give the same bytes."""
+    styles, out = getSampleStyleSheet(), io.BytesIO()
+    small = styles['BodyText'].clone('small', fontSize=8, leading=9.5)
+    figures = speeds(facts.record)
+    boxes = Table([[name for name, _ in figures], [value for _, value in figures]],
+                  colWidths=58 * mm, style=TableStyle([
+                      ('ALIGN', (0, 0), (-1, -1), 'CENTER'),
+                      ('BOX', (0, 0), (-1, -1), 0.6, colors.grey),
+                      ('INNERGRID', (0, 0), (-1, -1), 0.3, colors.lightgrey),
+                      ('FONTSIZE', (0, 1), (-1, 1), 18), ('BOTTOMPADDING', (0, 1), (-1, 1), 10)]))
+    table = Table([[Paragraph(escape(name), small), Paragraph(escape(value), small)]
+                   for name, value in rows(facts.record)], colWidths=(34 * mm, 140 * mm),
+                  style=TableStyle([('LINEABOVE', (0, 0), (-1, -1), 0.3, colors.lightgrey),
+                                    ('VALIGN', (0, 0), (-1, -1), 'TOP'),
+                                    ('TOPPADDING', (0, 0), (-1, -1), 1),
+                                    ('BOTTOMPADDING', (0, 0), (-1, -1), 1)]))
+    pictures = [[_fitted(data, 86 * mm), Paragraph(escape(text), small)]
+                for text, data in zip(facts.captions(), facts.marked)]
+    pictures.append([_fitted(facts.close_up, 60 * mm), Paragraph('close-up', small)])
+    cells = [pictures[k:k + 2] for k in range(0, len(pictures), 2)]
+    parts: list[Flowable] = [
+        Paragraph(_TITLE, styles['Title']), boxes, Spacer(1, 3 * mm),
+        Paragraph(escape(facts.note), small),
+        Spacer(1, 2 * mm), table, Spacer(1, 3 * mm),
+        Table([[row[0], row[1] if len(row) > 1 else ''] for row in cells]),
+        _fitted(facts.plot, 150 * mm)]
+    SimpleDocTemplate(
+        out, pagesize=A4, leftMargin=18 * mm, rightMargin=18 * mm, topMargin=12 * mm,
+        bottomMargin=12 * mm, title=f'{_TITLE} {facts.record["id"]}', author='stereo_speed',
+        invariant=1).build(parts)
+    return out.getvalue()
+
+
+def _fitted(data: bytes, width: float) -> Image:
+    """Return a picture of a width, in points."""
+    across, down = ImageReader(io.BytesIO(data)).getSize()
+    return Image(io.BytesIO(data), width=width, height=width * down / across)
+
+
+def _uri(data: bytes, kind: str) -> str:
+    return f'data:image/{kind};base64,{base64.b64encode(data).decode()}'

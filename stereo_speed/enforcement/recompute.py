@@ -1,0 +1,164 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Measuring a pass again from what a record keeps: its images, site, rig and parameters."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+import json
+from pathlib import Path
+from typing import Any, Mapping, Optional
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from .instrument import config_of, place_of
+from ..core.errors import InputError
+from ..core.passes import PassResult
+from ..core.records import StereoPair
+from ..core.trace import PassTrace, TracePair
+from ..io.decoding import decode_image
+from ..io.trace_json import trace_of
+from ..pipeline.assembly import MeasuringSite
+from ..pipeline.config import PipelineConfig
+from ..pipeline.pipeline import start_of
+from ..pipeline.registry import TRACKERS
+from ..site.file import load_site
+from ..tracking.lane_assigner import LaneAssigner
+from ..tracking.protocol import Refusal, SharesParticles
+
+RECORD, SITE, CALIBRATION, TRACE = 'record.json', 'site.yaml', 'calibration.json', 'trace.json'
+
+
+@dataclass(frozen=True)
+class Recomputed:
+    """
+    A pass, measured again.
+
+    :param stored_mps: speed of the record, m/s.
+    :param speed_mps: speed that the stored images give now, m/s; None where they give none.
+    :param reason: why they give none; empty otherwise.
+    :param within_mps: by how much the two may differ.
+    """
+
+    stored_mps: float
+    speed_mps: Optional[float]
+    reason: str
+    within_mps: float
+
+    @property
+    def agrees(self) -> bool:
+        """Return whether it is the speed of the record."""
+        return self.speed_mps is not None and \
+            abs(self.speed_mps - self.stored_mps) <= self.within_mps
+
+
+def recompute(folder: Path, within_mps: float = 0.01) -> Recomputed:
+    """
+    Measure the pass of a record again from the files in its folder alone.
+
+    :param folder: that holds ``record.json``.
+    :param within_mps: by how much the speeds may differ.
+    :raises InputError: a file that is missing or cannot be read.
+    """
+    record = read_json(folder / RECORD)
+    try:
+        raw, stored = record['raw'], float(record['speed']['measured_mps'])
+        config = config_of(record['parameters']['measuring'], folder / RECORD)
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(folder / RECORD, 'record', f'{type(error).__name__}: {error}',
+                         'a whole record') from None
+    trace = trace_of(read_json(folder / TRACE), folder / TRACE)
+    place = place_of(load_site(folder / SITE), read_json(folder / CALIBRATION), config,
+                     folder / CALIBRATION)
+    pairs = [_stored_pair(folder, raw, pair, k, place) for k, pair in enumerate(trace.pairs)]
+    result = measure_again(trace, pairs, place, config)
+    return Recomputed(stored, result.speed_mps, result.reason, within_mps)
+
+
+def measure_again(trace: PassTrace, pairs: list[StereoPair], place: MeasuringSite,
+                  config: PipelineConfig) -> PassResult:
+    """
+    Measure a pass as it was measured first: same start, same pairs, same random stream.
+
+    :param trace: how the pass came about.
+    :param pairs: those it was fed.
+    :param place: the site as it was measured at.
+    :param config: the parameters.
+    :raises InputError: a first front that the images do not show.
+    """
+    shared = config.with_tolerances(place.site.tolerances).shared
+    if trace.lane not in place.lanes:
+        raise InputError('trace', 'lane', trace.lane, 'one of ' + ', '.join(place.lanes))
+    start = start_of(trace, place.rig, place.lanes[trace.lane], shared, pairs[0])
+    tracker = TRACKERS.load(config.tracker).start(start, config.tracker_settings)
+    if isinstance(tracker, Refusal):
+        raise tracker.error()
+    lanes = LaneAssigner(place.lanes, shared.verdict)
+    for pair, fed in zip(pairs, trace.pairs):
+        if fed.particles is not None and isinstance(tracker, SharesParticles):
+            tracker.share(fed.particles)
+        update = tracker.update(pair)
+        if update is not None:
+            lanes.place(update)
+    return lanes.conclude(tracker.result())
+
+
+def _stored_pair(folder: Path, raw: Mapping[str, Any], pair: TracePair, index: int,
+                 place: MeasuringSite) -> StereoPair:
+    """Return a pair of the pass, grey where nothing was kept."""
+    images = []
+    for side, camera in (('left', place.rig.left), ('right', place.rig.right)):
+        try:
+            x, y = (int(v) for v in raw['origins_px'][index][side])
+            path = folder / str(raw['files'][index][side])
+        except (KeyError, IndexError, TypeError, ValueError) as error:
+            raise InputError(folder / RECORD, f'raw.files[{index}]',
+                             f'{type(error).__name__}: {error}', 'the images of a pair') from None
+        grey = read_image(path, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH)
+        images.append(_pasted(grey, (x, y), (camera.height_px, camera.width_px), path))
+    return StereoPair(index, pair.stamp_ns, pair.right_stamp_ns, images[0], images[1],
+                      stamp_error_s=pair.stamp_error_s, motion=pair.motion)
+
+
+def _pasted(crop: NDArray[Any], at: tuple[int, int], shape: tuple[int, int], path: Path
+            ) -> NDArray[Any]:
+    """Return an image of the camera's size with a crop in its place."""
+    (x, y), (height, width) = at, crop.shape
+    if not (0 <= x <= shape[1] - width and 0 <= y <= shape[0] - height):
+        raise InputError(path, 'crop', f'{width}x{height} px at {x}, {y}',
+                         f'a part of a {shape[1]}x{shape[0]} px image')
+    image = np.full(shape, int(crop.mean()), crop.dtype)
+    image[y:y + height, x:x + width] = crop
+    return image
+
+
+def read_image(path: Path, flags: int) -> NDArray[Any]:
+    """
+    Read an image of a record.
+
+    :param path: of a JPEG or PNG file.
+    :param flags: of ``cv2.imdecode``.
+    :raises InputError: no such file, or one that makes no image.
+    """
+    wanted = 'a whole JPEG or PNG image'
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise InputError(path, 'image', error.strerror or error, wanted) from None
+    image, why = decode_image(np.frombuffer(data, np.uint8), flags)
+    if image is None:
+        raise InputError(path, 'image', why, wanted)
+    return image
+
+
+def read_json(path: Path) -> Any:
+    """
+    Read a JSON file.
+
+    :raises InputError: no such file, or other content.
+    """
+    try:
+        return json.loads(path.read_text(encoding='utf-8'))
+    except (OSError, ValueError) as error:
+        raise InputError(path, 'file', error, 'readable JSON') from None

@@ -1,0 +1,56 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""The images of the last while, as they came, in bounded memory."""
+from __future__ import annotations
+
+from collections import OrderedDict
+from typing import Optional
+
+from .config import EvidenceConfig
+from ..io.source_image import SourceImage
+
+SIDES = ('left', 'right')
+
+
+class ImageRing:
+    """
+    Keeps the newest images of both views by their stamps.
+
+    :param most_bytes: that they may take together.
+    :param most_ns: how far they may reach back, ns.
+    """
+
+    def __init__(self, most_bytes: int, most_ns: int) -> None:
+        self._most_bytes, self._most_ns = most_bytes, most_ns
+        self._images: OrderedDict[tuple[int, str], SourceImage] = OrderedDict()
+        self.bytes = 0
+
+    @classmethod
+    def of(cls, config: EvidenceConfig) -> ImageRing:
+        """Return one that keeps as much as the parameters say."""
+        return cls(config.ring_mib << 20, round(config.ring_s * 1e9))
+
+    def __len__(self) -> int:
+        return len(self._images)
+
+    def add(self, side: str, stamp_ns: int, image: SourceImage) -> None:
+        """
+        Keep an image, and let go of the oldest where there is too much.
+
+        :param side: ``left`` or ``right``.
+        :param stamp_ns: its header stamp.
+        :param image: as it came.
+        """
+        key = stamp_ns, side
+        if key in self._images:  # sent twice
+            self.bytes -= len(self._images.pop(key).data)
+        self._images[key] = image
+        self.bytes += len(image.data)
+        while len(self._images) > 1 and (
+                self.bytes > self._most_bytes
+                or abs(stamp_ns - next(iter(self._images))[0]) > self._most_ns):
+            self.bytes -= len(self._images.popitem(last=False)[1].data)
+
+    def get(self, side: str, stamp_ns: int) -> Optional[SourceImage]:
+        """Return the image of a stamp; None where it is gone or never came."""
+        return self._images.get((stamp_ns, side))

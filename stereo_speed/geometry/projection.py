@@ -1,0 +1,115 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Points to raw pixels through a lens: the kernel of ``Camera.project``."""
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .distortion import Equidistant, Lens, RationalPolynomial
+from ..core.compiled import kernel
+from ..core.records import Array
+
+NEAREST_M = 1e-6  # nearer than this to the camera's plane counts as behind it
+_IDEAL, _RATIONAL, _EQUIDISTANT, _OTHER = range(4)
+_NEAR_AXIS = 1e-12  # as in ``distortion``
+
+
+class Projection(NamedTuple):
+    """
+    A camera as the kernel takes it.
+
+    :param kind: of its lens.
+    :param coefficients: (14,) of it.
+    :param limit: radius up to which the lens model holds.
+    :param focal: (3,) fx, fy and skew, px.
+    :param centre: (2,) principal point, px.
+    :param size: (2,) width and height of the image, px.
+    :param rotation: (3, 3) from the points' frame to the camera's.
+    """
+
+    kind: int
+    coefficients: Array
+    limit: float
+    focal: Array
+    centre: Array
+    size: Array
+    rotation: Array
+
+    @classmethod
+    def of(cls, lens: Lens, K: Array, size: tuple[int, int], rotation: Array | None
+           ) -> Projection:
+        """Return what the kernel takes."""
+        kind = _OTHER
+        if lens.ideal:
+            kind = _IDEAL
+        elif isinstance(lens, Equidistant):
+            kind = _EQUIDISTANT
+        elif isinstance(lens, RationalPolynomial) and not lens.coefficients[12:].any():
+            kind = _RATIONAL
+        coefficients = np.zeros(14)
+        coefficients[:lens.size] = lens.coefficients
+        return cls(kind, coefficients, lens.limit, np.array([K[0, 0], K[1, 1], K[0, 1]]),
+                   np.array([K[0, 2], K[1, 2]]), np.array(size, dtype=np.float64),
+                   np.eye(3) if rotation is None else np.ascontiguousarray(rotation))
+
+    @property
+    def known(self) -> bool:
+        """Return whether the kernel knows the lens: it does not know tilted sensors."""
+        return self.kind != _OTHER
+
+
+def _plain(points_m: Array, *camera: Any) -> tuple[Array, NDArray[np.bool_]]:
+    """Return the pixels (n, 2) of points (n, 3), NaN behind the camera, and which are valid."""
+    kind, k, limit, focal, centre, size, rotation = camera
+    points_m = points_m @ rotation.T
+    front = points_m[:, 2] > NEAREST_M
+    xy = points_m[:, :2] / np.where(front, points_m[:, 2], np.nan)[:, None]
+    lens = Equidistant(k[:4]) if kind == _EQUIDISTANT else RationalPolynomial(k)
+    uv = lens.distort(xy) if kind != _IDEAL else xy
+    uv = np.stack([focal[0] * uv[:, 0] + focal[2] * uv[:, 1], focal[1] * uv[:, 1]], -1) + centre
+    with np.errstate(invalid='ignore'):
+        valid = front & ((uv >= -0.5) & (uv <= size - 0.5)).all(axis=1)
+        if np.isfinite(limit):
+            valid &= np.hypot(xy[:, 0], xy[:, 1]) <= limit
+    return uv, valid
+
+
+@kernel(_plain, '(f8[:,::1], i8, f8[::1], f8, f8[::1], f8[::1], f8[::1], f8[:,::1])')
+def project(points_m: Any, kind: int, k: Any, limit: float, focal: Any, centre: Any, size: Any,
+            rotation: Any) -> Any:
+    """Return pixels (n, 2) of points (n, 3), NaN behind the camera, and which (n,) are valid."""
+    n = len(points_m)
+    uv, valid = np.empty((n, 2)), np.zeros(n, np.bool_)
+    for i in range(n):
+        p, q, r = points_m[i, 0], points_m[i, 1], points_m[i, 2]
+        z = rotation[2, 0] * p + rotation[2, 1] * q + rotation[2, 2] * r
+        if not z > NEAREST_M:
+            uv[i, 0] = uv[i, 1] = np.nan
+            continue
+        x = (rotation[0, 0] * p + rotation[0, 1] * q + rotation[0, 2] * r) / z
+        y = (rotation[1, 0] * p + rotation[1, 1] * q + rotation[1, 2] * r) / z
+        r2 = x * x + y * y
+        a, b = x, y
+        if kind == _RATIONAL:
+            radial = (1 + r2 * (k[0] + r2 * (k[1] + r2 * k[4]))) / (
+                1 + r2 * (k[5] + r2 * (k[6] + r2 * k[7])))
+            a = (x * radial + 2 * k[2] * x * y + k[3] * (r2 + 2 * x * x)
+                 + r2 * (k[8] + r2 * k[9]))
+            b = (y * radial + k[2] * (r2 + 2 * y * y) + 2 * k[3] * x * y
+                 + r2 * (k[10] + r2 * k[11]))
+        elif kind == _EQUIDISTANT:
+            radius = np.sqrt(r2)
+            if radius > _NEAR_AXIS:
+                theta = np.arctan(radius)
+                t2 = theta * theta
+                theta *= 1 + t2 * (k[0] + t2 * (k[1] + t2 * (k[2] + t2 * k[3])))
+                a, b = x * theta / radius, y * theta / radius
+        u = focal[0] * a + focal[2] * b + centre[0]
+        v = focal[1] * b + centre[1]
+        uv[i, 0], uv[i, 1] = u, v
+        valid[i] = (u >= -0.5 and u <= size[0] - 0.5 and v >= -0.5 and v <= size[1] - 0.5
+                    and r2 <= limit * limit)
+    return uv, valid

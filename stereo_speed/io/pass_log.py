@@ -1,0 +1,153 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Passes and readings in an SQLite file, by anyone's tools, while it is written.
+
+Every pass is in the file, synced, before :meth:`PassLog.add_pass` returns: a power cut loses none
+that was added, and leaves a file that opens.  The table ``passes`` has the columns of
+``passes.csv`` that a pass's JSON tells, its ``id``, which no other pass has, and all of its JSON.
+"""
+from __future__ import annotations
+
+import json
+from pathlib import Path
+import sqlite3
+from types import TracebackType
+from typing import Any, Mapping, Optional, Sequence, Union
+
+from .pass_json import FORMAT, pass_text
+from ..core.errors import InputError
+from ..core.passes import PassResult
+from ..core.records import TrackUpdate
+
+_PASSES = {
+    'id': 'TEXT PRIMARY KEY', 'run': 'TEXT', 'track': 'INTEGER', 'lane': 'TEXT',
+    'lane_to': 'TEXT', 'direction': 'TEXT', 'first_ns': 'INTEGER', 'last_ns': 'INTEGER',
+    'pairs': 'INTEGER', 'speed_mps': 'REAL', 'speed_std_mps': 'REAL', 'verdict': 'TEXT',
+    'reason': 'TEXT', 'end': 'TEXT', 'second_mps': 'REAL', 'second_std_mps': 'REAL',
+    'second_pairs': 'INTEGER', 'class': 'TEXT', 'class_probability': 'REAL', 'json': 'TEXT'}
+_TRACKS = {
+    'stamp_ns': 'INTEGER', 'vehicle': 'TEXT', 'speed_mps': 'REAL', 'speed_std_mps': 'REAL',
+    'x_m': 'REAL', 'y_m': 'REAL', 'z_m': 'REAL'}
+_BUSY_S = 5.0  # a reader may hold the file for so long
+
+Value = Union[str, int, float, None]
+
+
+class PassLog:
+    """
+    An SQLite file of passes and readings; a context manager.
+
+    :param path: of the file; one that is there already is added to.
+    :param live: whether others read it meanwhile: it then has a write-ahead log beside it.
+    :raises InputError: it cannot be written, or is something else.
+    """
+
+    def __init__(self, path: Path, *, live: bool = True) -> None:
+        self.path = path
+        try:
+            self._database = sqlite3.connect(path, timeout=_BUSY_S)
+            self._database.execute(f'PRAGMA journal_mode={"WAL" if live else "DELETE"}')
+            self._database.execute('PRAGMA synchronous=FULL')
+            with self._database:
+                for name, columns in (('passes', _PASSES), ('tracks', _TRACKS)):
+                    told = ', '.join(f'"{column}" {kind}' for column, kind in columns.items())
+                    self._database.execute(f'CREATE TABLE IF NOT EXISTS {name} ({told})')
+                self._database.execute(
+                    'CREATE INDEX IF NOT EXISTS tracks_by_stamp ON tracks (stamp_ns)')
+            self._check()
+        except sqlite3.Error as error:
+            raise InputError(path, 'database', error, 'an SQLite file that can be written') \
+                from None
+
+    def __enter__(self) -> PassLog:
+        """Return itself."""
+        return self
+
+    def __exit__(self, kind: Optional[type[BaseException]], value: Optional[BaseException],
+                 trace: Optional[TracebackType]) -> None:
+        """Keep what was added, and close the file."""
+        self.close()
+
+    def close(self) -> None:
+        """Keep what was added, and close the file."""
+        self._database.commit()
+        self._database.close()
+
+    def _check(self) -> None:
+        """Refuse a file whose tables are of other columns."""
+        for name, columns in (('passes', _PASSES), ('tracks', _TRACKS)):
+            found = [row[1] for row in self._database.execute(f'PRAGMA table_info({name})')]
+            if found != list(columns):
+                raise InputError(self.path, f'table {name}', ','.join(found), ','.join(columns))
+
+    def add_pass(self, text: str) -> bool:
+        """
+        Add a pass, unless it is there already, and sync it to the disk.
+
+        :param text: its JSON, as on the topic ``passes``.
+        :return: whether it was new.
+        :raises InputError: text that is no pass.
+        """
+        row = _pass_row(text)
+        with self._database:
+            self.keep()
+            places = ', '.join('?' * len(_PASSES))
+            return self._database.execute(
+                f'INSERT OR IGNORE INTO passes VALUES ({places})', row).rowcount == 1  # noqa: S608
+
+    def add_track(self, stamp_ns: int, vehicle: str, speed_mps: Optional[float],
+                  speed_std_mps: Optional[float], position_m: Sequence[float]) -> None:
+        """
+        Add a track's state in a pair; it is kept with the next pass, or by :meth:`keep`.
+
+        :param vehicle: name of the track, ``vehicle_<number>``.
+        :param speed_mps: None where it is no measurement.
+        :param position_m: (3,) of its front, left optical frame.
+        """
+        self._database.execute(
+            f'INSERT INTO tracks VALUES ({", ".join("?" * len(_TRACKS))})',  # noqa: S608
+            (stamp_ns, vehicle, speed_mps, speed_std_mps, *map(float, position_m)))
+
+    def keep(self) -> bool:
+        """Sync to the disk what was added; return whether there was anything."""
+        some = self._database.in_transaction
+        self._database.commit()
+        return some
+
+
+def _pass_row(text: str) -> list[Value]:
+    """Return the cells of a pass."""
+    try:
+        data: Mapping[str, Any] = json.loads(text)
+        if data['stereo_speed_pass'] != FORMAT:
+            raise InputError('pass', 'stereo_speed_pass', data['stereo_speed_pass'], str(FORMAT))
+        second, vehicle = data['second'] or {}, data['vehicle'] or {}
+        known = {
+            **{name: data[name] for name in _PASSES if name in data},
+            'first_ns': data['first_stamp_ns'], 'last_ns': data['last_stamp_ns'],
+            'second_mps': second.get('speed_mps'),
+            'second_std_mps': second.get('speed_std_mps'), 'second_pairs': second.get('pairs'),
+            'class': vehicle.get('class'), 'class_probability': vehicle.get('probability'),
+            'json': text}
+        return [known[name] for name in _PASSES]
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise InputError('pass', 'JSON', f'{type(error).__name__}: {error}',
+                         'a pass as pass.schema.json describes it') from None
+
+
+def write_pass_log(path: Path, run: str, updates: Sequence[TrackUpdate],
+                   passes: Sequence[PassResult]) -> None:
+    """
+    Write passes and readings of a finished run; the same run gives the same bytes.
+
+    :param path: of a new file.
+    :param run: names the run in the ids of its passes.
+    """
+    with PassLog(path, live=False) as log:
+        for u in sorted(updates, key=lambda u: (u.stamp_ns, u.track)):
+            measured = u.state.value == 'confirmed'
+            speed, std = (float(u.speed_mps), float(u.speed_std_mps)) if measured else (None, None)
+            log.add_track(u.stamp_ns, f'vehicle_{u.track}', speed, std, u.position_m.tolist())
+        for one in sorted(passes, key=lambda p: p.track):
+            log.add_pass(pass_text(run, one))

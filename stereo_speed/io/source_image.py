@@ -1,0 +1,139 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""An image as its camera sent it, kept as bytes: to be stored without loss, and shown."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from .colour import BAYER, CHANNELS
+from .images import grey_from_message
+from ..core.errors import BagError
+from ..vision.grey import to_eight_bits
+
+_PNG = (cv2.IMWRITE_PNG_COMPRESSION, 1)  # images of the road gain little from more
+_TO_BGR = {  # transparency stays: nothing is left out of what is stored
+    'rgb8': cv2.COLOR_RGB2BGR, 'rgba8': cv2.COLOR_RGBA2BGRA}
+
+
+@dataclass(frozen=True, eq=False)
+class SourceImage:
+    """
+    One image message, without its stamp.
+
+    :param encoding: of a raw image, as ``sensor_msgs/Image`` names it; of a compressed one the
+        ``format`` of its message.
+    :param data: its bytes.
+    :param width_px: of a raw image; 0 for a compressed one, which knows by itself, as
+    :param height_px: and
+    :param step: bytes in a row, are.
+    :param big_endian: of 16-bit images.
+    """
+
+    encoding: str
+    data: bytes
+    width_px: int = 0
+    height_px: int = 0
+    step: int = 0
+    big_endian: bool = False
+
+    @classmethod
+    def from_message(cls, msg: Any) -> SourceImage:
+        """Return an ``Image`` or ``CompressedImage`` message, of ROS 1 or 2, with its own copy."""
+        if not hasattr(msg, 'encoding'):
+            return cls(str(msg.format), bytes(msg.data))
+        return cls(str(msg.encoding).lower(), bytes(msg.data), int(msg.width), int(msg.height),
+                   int(msg.step), bool(msg.is_bigendian))
+
+    @property
+    def compressed(self) -> bool:
+        """Return whether it came as a JPEG or PNG image."""
+        return not self.width_px
+
+    def grey(self, where: object) -> NDArray[Any]:
+        """
+        Return the grey image that is measured in.
+
+        :param where: for errors.
+        :return: (H, W) uint8 or uint16.
+        :raises BagError: data that make no image.
+        """
+        if self.compressed:
+            return grey_from_message(SimpleNamespace(format=self.encoding, data=self.data), where)
+        return grey_from_message(SimpleNamespace(
+            encoding=self.encoding, data=self.data, width=self.width_px, height=self.height_px,
+            step=self.step, is_bigendian=self.big_endian), where)
+
+    def file(self, where: object) -> tuple[str, bytes]:
+        """
+        Return the ending and the bytes of a file that holds the image as it came.
+
+        JPEG and PNG images are kept to the byte; raw ones become PNG, without loss, mosaics of
+        colours as they are.
+
+        :param where: for errors.
+        """
+        if self.compressed:
+            return ('.jpg' if self.data.startswith(b'\xff\xd8') else '.png'), self.data
+        return '.png', png(self._pixels(where))
+
+    def colours(self, where: object) -> NDArray[np.uint8]:
+        """
+        Return the image for people.
+
+        :param where: for errors.
+        :return: (H, W, 3) uint8, BGR.
+        """
+        mosaic = BAYER.get(self.encoding.partition(';')[0].strip().lower())
+        if self.compressed:
+            flags = cv2.IMREAD_IGNORE_ORIENTATION | (
+                cv2.IMREAD_COLOR if mosaic is None else cv2.IMREAD_GRAYSCALE)
+            if mosaic is None and self.grey(where).dtype == np.uint16:
+                return _three(to_eight_bits(self.grey(where)))
+            pixels = np.asarray(cv2.imdecode(np.frombuffer(self.data, np.uint8), flags))
+        else:
+            pixels = self._pixels(where)
+        if mosaic is not None:
+            pixels = np.asarray(cv2.cvtColor(pixels, mosaic))
+        if pixels.ndim == 3:
+            return np.ascontiguousarray(pixels[..., :3])
+        return _three(to_eight_bits(pixels))
+
+    def _pixels(self, where: object) -> NDArray[Any]:
+        """Return the pixels of a raw image, (H, W) or (H, W, 3 or 4) with blue first."""
+        channels = CHANNELS.get(self.encoding)
+        if channels is None:  # one number a pixel: grey, or a mosaic that stays one
+            plain = 'mono16' if self.encoding == 'mono16' else 'mono8'
+            return SourceImage(plain, self.data, self.width_px, self.height_px, self.step,
+                               self.big_endian).grey(where)
+        used = self.width_px * channels
+        if self.step < used or len(self.data) < self.step * (self.height_px - 1) + used:
+            raise BagError(where, 'image data', f'{len(self.data)} bytes',
+                           f'{self.height_px} rows of {used} bytes')
+        rows = np.lib.stride_tricks.as_strided(
+            np.frombuffer(self.data, np.uint8), (self.height_px, used), (self.step, 1),
+            writeable=False)
+        pixels = np.ascontiguousarray(rows).reshape(self.height_px, self.width_px, channels)
+        code = _TO_BGR.get(self.encoding)
+        return pixels if code is None else np.asarray(cv2.cvtColor(pixels, code))
+
+
+def png(pixels: NDArray[Any]) -> bytes:
+    """
+    Return the bytes of a PNG file.
+
+    :param pixels: (H, W) uint8 or uint16, or (H, W, 3 or 4) uint8, blue first.
+    """
+    done, data = cv2.imencode('.png', pixels, _PNG)
+    if not done:
+        raise BagError('image', 'pixels', f'{pixels.dtype} {pixels.shape}', 'what PNG can hold')
+    return data.tobytes()
+
+
+def _three(grey: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    return np.repeat(grey[..., None], 3, axis=2)

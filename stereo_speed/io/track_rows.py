@@ -1,0 +1,98 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+``tracks.csv`` written while a run goes on, so that hours of traffic fit the memory.
+
+A row is final when the pass of its track has been measured, for it holds the smoothed speed; the
+file is in order of stamps, so rows wait for the tracks that began before them.
+"""
+from __future__ import annotations
+
+from collections import deque
+import heapq
+from pathlib import Path
+import shutil
+import tempfile
+from types import TracebackType
+from typing import Collection, Optional, Sequence
+
+from .atomic import csv_text, PathLike, prepare_folder
+from .results import fixed, TRACK_COLUMNS, track_row
+from ..core.passes import PassResult
+from ..core.records import TrackUpdate
+
+_SMOOTHED = TRACK_COLUMNS.index('smoothed_mps')
+
+
+class TrackRows:
+    """
+    The rows of ``tracks.csv``, kept in a file without a name; a context manager.
+
+    :param folder: where that file is kept; what is killed leaves nothing there.
+    :raises InputError: a folder that cannot be written.
+    """
+
+    def __init__(self, folder: PathLike) -> None:
+        self._file = tempfile.TemporaryFile('w+b', dir=prepare_folder(folder))
+        self._file.write(csv_text(TRACK_COLUMNS, ()).encode())
+        self._open: dict[int, deque[tuple[int, tuple[object, ...]]]] = {}  # by track, by stamp
+        self._final: list[tuple[int, int, str]] = []  # a heap of stamp, track, line
+
+    def __enter__(self) -> TrackRows:
+        """Return itself."""
+        return self
+
+    def __exit__(self, kind: Optional[type[BaseException]], value: Optional[BaseException],
+                 trace: Optional[TracebackType]) -> None:
+        """Let go of the file."""
+        self._file.close()
+
+    @property
+    def waiting(self) -> int:
+        """Return the number of rows that are held in memory."""
+        return len(self._final) + sum(map(len, self._open.values()))
+
+    def add(self, updates: Sequence[TrackUpdate], passes: Sequence[PassResult],
+            open_tracks: Collection[int]) -> None:
+        """
+        Take in what came of one pair.
+
+        :param updates: later than all before.
+        :param passes: that are over since.
+        :param open_tracks: numbers of the tracks whose passes are still to come; what is not
+            among them, and is no pass, was no vehicle.
+        """
+        for update in updates:
+            self._open.setdefault(update.track, deque()).append(
+                (update.stamp_ns, track_row(update, None)))
+        for result in passes:
+            self._close(result)
+        for track in self._open.keys() - set(open_tracks):
+            del self._open[track]
+        self._write()
+
+    def save(self, path: Path) -> None:
+        """
+        Write the whole table; only when the run is over.
+
+        :param path: the file.
+        """
+        self._open.clear()
+        self._write()
+        self._file.seek(0)
+        with path.open('wb') as out:
+            shutil.copyfileobj(self._file, out)
+
+    def _close(self, result: PassResult) -> None:
+        """Complete the rows of a pass by its smoothed speeds."""
+        for stamp_ns, row in self._open.pop(result.track, ()):
+            smoothed = fixed(result.smoothed.get(stamp_ns))
+            line = csv_text(tuple(map(str, row[:_SMOOTHED])) + (smoothed,)
+                            + tuple(map(str, row[_SMOOTHED + 1:])), ())
+            heapq.heappush(self._final, (stamp_ns, result.track, line))
+
+    def _write(self) -> None:
+        """Write the rows that no row to come is before."""
+        first_ns = min((rows[0][0] for rows in self._open.values()), default=None)
+        while self._final and (first_ns is None or self._final[0][0] < first_ns):
+            self._file.write(heapq.heappop(self._final)[2].encode())

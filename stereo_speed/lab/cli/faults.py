@@ -1,0 +1,267 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+``faults``: break a stream in many ways while the live nodes measure it.
+
+The nodes run as processes of their own over DDS, as ``demo`` runs them; a bag of simulated traffic
+is played to them with one fault after the other, and all they say is compared with the truth. A
+reading or a pass is wrong when it is off by more than 1 mph and by more than 4 sigma.
+"""
+from __future__ import annotations
+
+import argparse
+from collections import Counter
+from contextlib import ExitStack
+from dataclasses import dataclass
+import os
+from pathlib import Path
+import sys
+import time
+from typing import Optional, Sequence, TYPE_CHECKING
+
+import numpy as np
+
+from ...cli.demo import private_graph, Process
+from ...cli.options import Subparsers
+from ...core.errors import InputError
+from ...core.units import MPH_MPS
+from ...io.truth import read_truth, VehicleTruth
+
+if TYPE_CHECKING:
+    from ...nodes.fault_listener import Heard, HeardReading
+
+_START_S, _AFTER_S = 180.0, 4.0  # the first start compiles the kernels
+_QUIET_S = 2.0  # of the start, in which nothing has come yet
+_NEAR_M, _WRONG_MPH, _WRONG_SIGMAS = 4.0, 1.0, 4.0
+_HOUR_NS = 3_600_000_000_000
+_RESPAWN_S = 2.0  # as the launch file has it
+_KILLS = ('kill_stereo_sync_node', 'kill_tracker_node', 'kill_speed_node')
+_KILLS_ONE = ('kill_speed_camera_node',)
+_APPROXIMATE = ('right_5_ms', 'right_20_ms', 'right_50_ms', 'exposed_apart')
+_ALWAYS = (*_APPROXIMATE, 'swapped', 'jitter', 'no_info')  # who does so does it from the start
+# At the start, before anything is known: the fault that holds then, and for how long, s.
+_AT_START = {'start_with_info_nan': ('info_nan', 1.0),
+             'start_uncalibrated': ('info_uncalibrated', 1.0)}
+# Another way to run the camera's process: parameters of it, and of who pairs the images.
+_COMPRESSED = {
+    'truncated_file': ('short_data', ['decode:=false'], ['image_transport:=compressed'])}
+_NO_PROFILE = 'camera_without_profile'  # for large images over DDS
+_PROFILE = 'FASTRTPS_DEFAULT_PROFILES_FILE'
+
+
+@dataclass(frozen=True)
+class _Row:
+    """
+    What came of a fault.
+
+    :param fault: its name.
+    :param alive: whether all nodes were running in the end that were not killed.
+    :param readings: live ones that were compared with the truth.
+    :param wrong: of these.
+    :param measured: passes that were measured and compared.
+    :param wrong_passes: of these.
+    :param worst_sigmas: greatest error of a measured pass in its sigmas.
+    :param silent_s: time from the end of the fault to the next right reading; None: none came.
+    :param said: findings on /diagnostics while it held or soon after.
+    :param back: whether all levels were OK again before the stream ended.
+    """
+
+    fault: str
+    alive: bool
+    readings: int
+    wrong: int
+    measured: int
+    wrong_passes: int
+    worst_sigmas: float
+    silent_s: Optional[float]
+    said: str
+    back: bool
+
+
+def add_parser(subparsers: Subparsers) -> None:
+    """Add the ``faults`` command."""
+    parser = subparsers.add_parser(
+        'faults', help='break a stream in many ways while the live nodes measure it')
+    parser.add_argument('traffic', type=Path,
+                        help='folder that traffic --bag has written: bag, site.yaml, truth.csv')
+    parser.add_argument('--fault', action='append', metavar='NAME',
+                        help='only this one; may be repeated')
+    parser.add_argument('--single', action='store_true',
+                        help='speed_camera_node in place of three')
+    parser.add_argument('--rate', type=float, default=1.0, help='pace of the replay')
+    parser.add_argument('--start', type=float, default=5.0, help='when the fault begins, s')
+    parser.add_argument('--length', type=float, default=3.0, help='how long it holds, s')
+    parser.add_argument('--play', type=float, default=18.0, help='seconds of the bag to play')
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the faults one after the other and print a row for each."""
+    private_graph()
+    from ...nodes.faulty_replay_node import FAULTS
+    names = [*FAULTS, *_AT_START, *_COMPRESSED, _NO_PROFILE,
+             *(_KILLS_ONE if args.single else _KILLS)]
+    names.remove('exposed_apart')  # for a bag of its own, whose period is the time between them
+    known = [*names, 'exposed_apart']
+    for name in args.fault or ():
+        if name not in known:
+            raise InputError('faults', '--fault', name, 'one of ' + ', '.join(known))
+    truth = read_truth(args.traffic / 'truth.csv')
+    print('| fault | nodes live | readings | wrong | measured passes | wrong | worst, σ '
+          '| right again after, s | /diagnostics | OK again |\n'
+          '|---|---|---|---|---|---|---|---|---|---|', flush=True)
+    good = True
+    for name in args.fault or names:
+        row = _one(name, args, truth)
+        good &= row.alive and not row.wrong and not row.wrong_passes
+        after = '-' if row.silent_s is None else f'{row.silent_s:.1f}'
+        print(f'| `{row.fault}` | {"yes" if row.alive else "NO"} | {row.readings} | {row.wrong} '
+              f'| {row.measured} | {row.wrong_passes} | {row.worst_sigmas:.1f} | {after} '
+              f'| {row.said} | {"yes" if row.back else "no"} |', flush=True)
+    return 0 if good else 1
+
+
+def _one(name: str, args: argparse.Namespace, truth: Sequence[VehicleTruth]) -> _Row:
+    """Play the bag with one fault."""
+    from ...nodes.fault_listener import FaultListener
+    fault, sending, pairing = _COMPRESSED.get(name, (name, [], []))
+    if name in _APPROXIMATE:
+        pairing = ['approximate_sync:=true', 'approximate_sync_tolerance_seconds:=0.06']
+    site = f'site:={args.traffic / "site.yaml"}'
+    commands = [('speed_camera_node', site, *pairing)] if args.single else [
+        ('stereo_sync_node', *pairing), ('tracker_node', site), ('speed_node',)]
+    begins_s, length_s = (0.0, 1e6) if name in _ALWAYS else (args.start, args.length)
+    if name in _AT_START:
+        begins_s = 0.0
+        fault, length_s = _AT_START[name]
+    if name in (*_KILLS, *_KILLS_ONE, _NO_PROFILE):
+        fault = 'none'
+    with ExitStack() as stack:
+        nodes = {command[0]: stack.enter_context(Process(*command)) for command in commands}
+        listener = FaultListener()
+        stack.callback(listener.close)
+        if not listener.spin(_START_S, lambda: listener.connected(
+                '/vehicle_speed', '/passes', '/tracks', '/diagnostics')):
+            raise InputError('faults', 'graph', 'nodes that do not connect', 'all of them')
+        chain = [] if args.single else ['wait_for_topics:=stereo/image_pair tracks']
+        profile = os.environ.pop(_PROFILE, None) if name == _NO_PROFILE else None
+        replay = stack.enter_context(Process(
+            'faulty_replay_node', f'bag:={args.traffic / "bag"}', f'rate:={args.rate}', *chain,
+            *sending, f'fault:={fault}', f'fault_start:={begins_s}',
+            f'fault_length:={length_s}', f'length:={args.play}'))
+        if profile is not None:
+            os.environ[_PROFILE] = profile
+        if not listener.spin(_START_S, lambda: bool(listener.heard.begun_s)):
+            raise InputError('faults', name, f'no replay within {_START_S:.0f} s', 'one')
+        begun_s = listener.heard.begun_s
+        until_s = begun_s + args.start / args.rate
+        ended_s = begun_s + (0.0 if name in (*_ALWAYS, _NO_PROFILE)
+                             else (begins_s + length_s) / args.rate)
+        listener.spin(max(until_s - time.monotonic(), 0.0), replay.ended)
+        if name in (*_KILLS, *_KILLS_ONE):
+            killed = name.partition('_')[2]
+            nodes[killed].process.kill()
+            listener.spin(_RESPAWN_S, lambda: False)
+            command = next(c for c in commands if c[0] == killed)
+            nodes[killed] = stack.enter_context(Process(*command))
+            ended_s = time.monotonic()
+        rest_s = max(begun_s + args.play / args.rate - time.monotonic(), 0.0)
+        listener.spin(rest_s, replay.ended)
+        back = not any(_newest(listener.heard).values())
+        listener.spin(_AFTER_S, lambda: False)
+        alive = not any(node.ended() for node in nodes.values())
+    return _row(name, listener.heard, truth, (begun_s, ended_s, args.play / args.rate), alive,
+                back)
+
+
+def _newest(heard: Heard) -> dict[str, int]:
+    """Return the newest level of each task."""
+    return {name: level for _, name, level, _ in heard.levels}
+
+
+def _row(name: str, heard: Heard, truth: Sequence[VehicleTruth],
+         times_s: tuple[float, float, float], alive: bool, back: bool) -> _Row:
+    """
+    Return what came of a fault.
+
+    :param times_s: when the stream began and the fault ended, and how long it was played.
+    """
+    begun_s, ended_s, played_s = times_s
+    errors = [(reading, error) for reading in heard.readings
+              if (error := _error(reading, heard, truth)) is not None]
+    wrong = [(reading, error) for reading, error in errors if _is_wrong(*error)]
+    for reading, (error_mps, std_mps) in wrong:
+        print(f'{name}: wrong: {reading.frame_id} {reading.at_s - begun_s:.1f} s after the start: '
+              f'{reading.speed_mps / MPH_MPS:.2f} ± {std_mps / MPH_MPS:.2f} mph, off by '
+              f'{error_mps / MPH_MPS:+.2f}', file=sys.stderr)
+    right_after = [r.at_s - ended_s for r, e in errors if r.at_s > ended_s and not _is_wrong(*e)]
+    passes = [e for p in heard.passes if (e := _pass_error(p, heard, truth)) is not None]
+    said = dict.fromkeys(
+        f'{task.rpartition(": ")[2]}: {"WARN" if level == 1 else "ERROR"} {_short(message)}'
+        for at_s, task, level, message in heard.levels
+        if level and begun_s + _QUIET_S < at_s < begun_s + played_s)
+    return _Row(name, alive, len(errors), len(wrong), len(passes),
+                sum(_is_wrong(*e) for e in passes),
+                max((abs(mps / std) for mps, std in passes), default=0.0),
+                min(right_after, default=None), '; '.join(list(said)[:4]) or 'OK', back)
+
+
+def _short(message: str) -> str:
+    """Return a message without its numbers, so that each is told once."""
+    return ' '.join('N' if word.replace('.', '').replace('-', '').replace('+', '').isdigit()
+                    else word for word in message.split(';')[0].split(':')[0].split())
+
+
+def _is_wrong(error_mps: float, std_mps: float) -> bool:
+    return abs(error_mps) > _WRONG_MPH * MPH_MPS and abs(error_mps) > _WRONG_SIGMAS * std_mps
+
+
+def _vehicle_at(ns: int, place: tuple[float, float, float], truth: Sequence[VehicleTruth]
+                ) -> Optional[tuple[int, int, int]]:
+    """
+    Return which vehicle is there; stamps may be off by a step or an hour.
+
+    :return: index of the vehicle, by how much the stamp is off, ns, and the row of its truth.
+    """
+    best = None
+    for index, vehicle in enumerate(truth):
+        for off_ns in (0, -_HOUR_NS, _HOUR_NS):
+            at = ns + off_ns
+            row = int(np.argmin(np.abs(vehicle.stamps_ns - at)))
+            if abs(int(vehicle.stamps_ns[row]) - at) > 60_000_000:
+                continue
+            away_m = float(np.linalg.norm(vehicle.position_m[row] - place))
+            if away_m < _NEAR_M and (best is None or away_m < best[0]):
+                best = away_m, (index, off_ns, row)
+    return None if best is None else best[1]
+
+
+def _error(reading: HeardReading, heard: Heard, truth: Sequence[VehicleTruth]
+           ) -> Optional[tuple[float, float]]:
+    place = heard.places.get((reading.ns, reading.frame_id))
+    found = None if place is None else _vehicle_at(reading.ns, place, truth)
+    if found is None:
+        return None
+    index, _, row = found
+    return reading.speed_mps - float(truth[index].speed_mps[row]), reading.std_mps
+
+
+def _pass_error(told: dict[str, object], heard: Heard, truth: Sequence[VehicleTruth]
+                ) -> Optional[tuple[float, float]]:
+    """Return the error of a measured pass against the mean of the true speeds in its time."""
+    speed, std = told['speed_mps'], told['speed_std_mps']
+    if not isinstance(speed, float) or not isinstance(std, float):
+        return None
+    first, last = told['first_stamp_ns'], told['last_stamp_ns']
+    assert isinstance(first, int) and isinstance(last, int)  # noqa: S101 (for the types)
+    seen = Counter(
+        found[:2] for (ns, frame), place in heard.places.items()
+        if frame == f'vehicle_{told["track"]}' and first <= ns <= last
+        and (found := _vehicle_at(ns, place, truth)) is not None)
+    if not seen:
+        return None
+    (index, off_ns), _ = seen.most_common(1)[0]
+    vehicle, slack_ns = truth[index], 60_000_000
+    during = ((vehicle.stamps_ns >= first + off_ns - slack_ns)
+              & (vehicle.stamps_ns <= last + off_ns + slack_ns))
+    return (speed - float(vehicle.speed_mps[during].mean()), std) if during.any() else None

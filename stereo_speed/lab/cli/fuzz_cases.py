@@ -1,0 +1,550 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Damaged input for all that reads files, and the verdict on what comes of it.
+
+Whatever lies in a file, what reads it either takes it, or refuses it by one of this package's
+errors, which is one line; nothing else may be raised, nothing written to standard error, no
+time and memory used beyond bounds, and no vehicle measured wrongly by a recording that is damaged
+in its images. Case k of a seed is always the same.
+"""
+from __future__ import annotations
+
+from contextlib import redirect_stderr, redirect_stdout
+import csv
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+import io
+import json
+import os
+from pathlib import Path
+import signal
+import struct
+import sys
+import tempfile
+import time
+import traceback
+from types import FrameType, SimpleNamespace
+from typing import Any, Callable, Mapping, Optional, Sequence
+import warnings
+import zlib
+
+import cv2
+import numpy as np
+import yaml
+
+from .fuzz_evidence import evidence_case
+from ..evaluation.tables import Table
+from ..sim.damage import damage_bytes, damage_mcap, damage_value, STRANGE
+from ..sim.repeat import damaged_copy, repeat_bag
+from ..sim.write import write_pairs
+from ...cli.main import main
+from ...core.config import load_config
+from ...core.errors import StereoSpeedError
+from ...core.records import StereoPair
+from ...core.units import MPH_MPS
+from ...enforcement.config import EnforcementConfig, load_enforcement_config
+from ...geometry.camera import Camera
+from ...geometry.rig import StereoRig
+from ...io.bags import StereoBag
+from ...io.boxes import load_boxes
+from ...io.camera_info import rig_from_info
+from ...io.colour import bgr_from_message
+from ...io.images import grey_from_message
+from ...io.scene_map import load_map, load_regions
+from ...io.targets_file import load_targets
+from ...io.truth import read_truth
+from ...io.video import read_frames
+from ...monocular.config import MonocularConfig
+from ...pipeline.config import load_pipeline_config
+from ...site.file import load_site
+from ...site.init_file import load_init
+
+SAMPLE = Path(__file__).resolve().parents[3] / 'sample' / 'straight55'
+BATCH = 20  # cases of one job
+MOST_S = 20.0  # time of a case: a whole measurement takes a second or two
+MOST_MB = 700  # memory of a case: the largest image that is taken, and the reader's copies
+_TRUE_MPS = 55 * MPH_MPS
+_WRONG = 0.1  # a reading farther off than this share of the truth is one from garbage
+
+Rng = np.random.Generator
+Case = Callable[[Rng, Path], Callable[[], object]]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """
+    What came of one case.
+
+    :param subject: what was fuzzed.
+    :param refused: whether it was refused by one line.
+    :param fault: what must not have come of it; empty when all is well.
+    """
+
+    subject: str
+    refused: bool
+    fault: str = ''
+
+
+class _TooLongError(BaseException):
+    """A case takes too long; none of the errors that anybody expects."""
+
+
+def run_case(seed: int, number: int, folder: Path) -> Outcome:
+    """
+    Make a case, run it, and judge it.
+
+    :param seed: of all cases.
+    :param number: of the case.
+    :param folder: an empty folder, for its files.
+    """
+    rng = np.random.default_rng([seed, number])
+    name = _ORDER[number % len(_ORDER)]
+    call = SUBJECTS[name](rng, folder)
+    return judge(name, call, folder)
+
+
+def judge(subject: str, call: Callable[[], object], folder: Path) -> Outcome:
+    """
+    Run something and say whether it behaved.
+
+    :param subject: its name.
+    :param call: raises what it likes; a command gives its exit status.
+    :param folder: whose ``err`` is used for what goes to standard error.
+    """
+    fault, refused = '', False
+    before_mb = _reset_peak()
+    with _StderrIn(folder / 'err') as err, _Within(MOST_S):
+        try:
+            with redirect_stdout(io.StringIO()), warnings.catch_warnings(record=True) as warned:
+                warnings.simplefilter('always', RuntimeWarning)
+                status = call()
+            fault = ''.join(f'warned: {w.message} ({Path(w.filename).name}:{w.lineno})'
+                            for w in warned if issubclass(w.category, RuntimeWarning))
+            refused = isinstance(status, int) and status == 2
+            if isinstance(status, str):
+                fault = status
+        except StereoSpeedError as error:
+            refused = True
+            if not str(error).strip() or '\n' in str(error):
+                fault = f'not one line: {str(error)!r}'
+        except OSError as error:  # the command line makes a line of it
+            refused, fault = True, '' if error.strerror else f'{error!r}'
+        except _TooLongError:
+            fault = f'took more than {MOST_S:g} s'
+        except BaseException as error:
+            place = traceback.extract_tb(error.__traceback__)[-1]
+            fault = f'{type(error).__name__}: {str(error)[:200]} ' \
+                    f'({Path(place.filename).name}:{place.lineno})'
+    told = err()
+    if not fault and told:
+        fault = _fault_of_stderr(told, refused)
+    grown_mb = _peak_mb() - before_mb
+    if not fault and grown_mb > MOST_MB:
+        fault = f'used {grown_mb:.0f} MB'
+    return Outcome(subject, refused, ' '.join(fault.split()))
+
+
+def work(parameters: Mapping[str, Any]) -> dict[str, Any]:
+    """
+    Run a batch of cases; in a process of its own.
+
+    :param parameters: seed, number of the first case, and how many.
+    :return: counts of refused and taken by subject, and the faults.
+    """
+    counts: dict[str, list[int]] = {}
+    faults: list[str] = []
+    slowest = 0.0
+    for number in range(parameters['first'], parameters['first'] + parameters['count']):
+        with tempfile.TemporaryDirectory(prefix='fuzz-') as folder:
+            start = time.process_time()
+            outcome = run_case(parameters['seed'], number, Path(folder))
+            slowest = max(slowest, time.process_time() - start)
+        refused, taken = counts.setdefault(outcome.subject, [0, 0])
+        counts[outcome.subject] = [refused + outcome.refused, taken + (not outcome.refused)]
+        if outcome.fault:
+            faults.append(f'case {number}, {outcome.subject}: {outcome.fault}')
+    return {'counts': counts, 'faults': faults, 'slowest_s': slowest}
+
+
+def fuzz_table(values: Sequence[Mapping[str, Any]]) -> Table:
+    """Tabulate how many cases of each subject were refused and taken."""
+    counts = {name: [sum(v['counts'].get(name, [0, 0])[k] for v in values) for k in (0, 1)]
+              for name in SUBJECTS}
+    rows = [[name, sum(both), *both] for name, both in counts.items() if sum(both)]
+    rows.append(['all', *(sum(row[k] for row in rows) for k in (1, 2, 3))])
+    return Table(title='Damaged input', columns=['what', 'cases', 'refused in one line', 'taken'],
+                 rows=rows, note='Longest case: '
+                 f'{max((v["slowest_s"] for v in values), default=0.0):.1f} s of processor time.')
+
+
+# -- what is fuzzed ---------------------------------------------------------------------------
+
+
+def _yaml_case(name: str, text: str, load: Callable[[Path], object]) -> Case:
+    """Return cases of a YAML file: damaged in its values, or in its bytes."""
+    def case(rng: Rng, folder: Path) -> Callable[[], object]:
+        path = folder / name
+        if rng.random() < 0.7:
+            tree = yaml.safe_load(text)
+            for _ in range(int(rng.choice([1, 1, 1, 2, 3]))):
+                tree = damage_value(rng, tree)
+            path.write_text(yaml.safe_dump(tree, allow_unicode=bool(rng.random() < 0.5)))
+        else:
+            path.write_bytes(damage_bytes(rng, text.encode()))
+        return lambda: load(path)
+    return case
+
+
+def _bytes_case(name: str, make: Callable[[], bytes], load: Callable[[Path], object]) -> Case:
+    """Return cases of a file that is damaged in its bytes."""
+    def case(rng: Rng, folder: Path) -> Callable[[], object]:
+        path = folder / name
+        path.write_bytes(damage_bytes(rng, make()))
+        return lambda: load(path)
+    return case
+
+
+def _image_case(rng: Rng, folder: Path) -> Callable[[], object]:
+    """Return an image message whose sizes lie, or whose compressed bytes are damaged."""
+    shape = tuple(int(n) for n in rng.integers(1, 40, 2))
+    pixels = rng.integers(0, 256, shape, np.uint8)
+    if rng.random() < 0.4:
+        sizes = [0, 1, shape[0], shape[1], 3 * shape[1], 65535, 2 ** 31, 2 ** 32 - 1]
+        height, width, step = (int(n) if rng.random() < 0.5 else int(rng.choice(sizes))
+                               for n in (*shape, shape[1]))
+        encodings = ['mono8', 'mono16', 'bgr8', 'rgba8', 'bayer_rggb8', 'MONO8', 'yuv422', '',
+                     '32FC1']
+        message = SimpleNamespace(
+            height=height, width=width, step=step, encoding=str(rng.choice(encodings)),
+            is_bigendian=int(rng.integers(3)), data=pixels.reshape(-1))
+    else:
+        kind = str(rng.choice(['.jpg', '.png']))
+        data = cv2.imencode(kind, pixels)[1].tobytes()
+        message = SimpleNamespace(
+            format=str(rng.choice(['jpeg', 'png', 'bayer_rggb8; jpeg compressed', '\x00'])),
+            data=np.frombuffer(damage_bytes(rng, data), np.uint8))
+    read = grey_from_message if rng.random() < 0.7 else bgr_from_message
+    return lambda: read(message, 'image')
+
+
+def _bomb_case(rng: Rng, folder: Path) -> Callable[[], object]:
+    """Return a compressed image that is sound but for sizes that lie, mostly upwards."""
+    pixels = rng.integers(0, 256, tuple(int(n) for n in rng.integers(1, 40, 2)), np.uint8)
+    sizes = [int(n) for n in rng.choice([0, 1, 2 ** 11, 2 ** 14, 2 ** 15 - 1, 2 ** 16 - 1], 2)]
+    if rng.random() < 0.5:
+        data = _with_png_sizes(cv2.imencode('.png', pixels)[1].tobytes(), sizes)
+    else:
+        data = _with_jpeg_sizes(cv2.imencode('.jpg', pixels)[1].tobytes(), sizes)
+    if rng.random() < 0.3:
+        data = data[:int(rng.integers(1, len(data) + 1))]
+    message = SimpleNamespace(format='jpeg', data=np.frombuffer(data, np.uint8))
+    read = grey_from_message if rng.random() < 0.7 else bgr_from_message
+    return lambda: read(message, 'image')
+
+
+def _with_png_sizes(data: bytes, sizes: Sequence[int]) -> bytes:
+    """Return a PNG file that states another width and height, its checksum made to fit."""
+    head = data[12:16] + struct.pack('>II', *sizes) + data[24:29]
+    return data[:12] + head + struct.pack('>I', zlib.crc32(head)) + data[33:]
+
+
+def _with_jpeg_sizes(data: bytes, sizes: Sequence[int]) -> bytes:
+    """Return a JPEG file that states another height and width."""
+    at = data.index(b'\xff\xc0') + 5
+    return data[:at] + struct.pack('>HH', *sizes) + data[at + 4:]
+
+
+def _info_case(rng: Rng, folder: Path) -> Callable[[], object]:
+    """Return a pair of ``CameraInfo`` with strange fields; where it is taken, it must work."""
+    left, right = _info('left'), _info('right')
+    for _ in range(int(rng.integers(1, 4))):
+        message = (left, right)[int(rng.integers(2))]
+        field = str(rng.choice(['k', 'd', 'r', 'p', 'width', 'height', 'distortion_model']))
+        value = getattr(message, field)
+        if isinstance(value, list):
+            setattr(message, field, _strange_matrix(rng, value))
+        elif field == 'distortion_model':
+            setattr(message, field, str(rng.choice(['', 'plumb_bob', 'equidistant', 'fisheye',
+                                                    'rational_polynomial'])))
+        else:
+            setattr(message, field, int(rng.choice([0, 1, 64, 2 ** 16, 2 ** 32 - 1])))
+
+    def use() -> object:
+        rig = rig_from_info(left, right, 'camera_info')
+        points_m = np.array([[0.0, 0.0, 10.0], [1.0, -1.0, 50.0], [0.0, 0.0, -1.0]])
+        left_px = rig.project(points_m)[0]
+        rig.triangulate(left_px, left_px)
+        return None
+    return use
+
+
+def _strange_matrix(rng: Rng, values: list[float]) -> list[float]:
+    """Return a matrix with another number, or another count of them."""
+    numbers = [float(v) for v in STRANGE if isinstance(v, (int, float)) and abs(v) < 1e308]
+    out = list(values)
+    if not out:  # cut to nothing before
+        return [0.0]
+    if rng.random() < 0.2:
+        return out[:int(rng.integers(len(out) + 1))]
+    out[int(rng.integers(len(out)))] = float(rng.choice([*numbers, float('nan'), float('inf'),
+                                                         1e308]))
+    return out
+
+
+def _info(side: str) -> SimpleNamespace:
+    shift = -16.0 if side == 'right' else 0.0
+    return SimpleNamespace(
+        width=64, height=48, distortion_model='plumb_bob', d=[0.0] * 5,
+        k=[32.0, 0.0, 31.5, 0.0, 32.0, 23.5, 0.0, 0.0, 1.0],
+        r=[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+        p=[32.0, 0.0, 31.5, shift, 0.0, 32.0, 23.5, 0.0, 0.0, 0.0, 1.0, 0.0],
+        header=SimpleNamespace(frame_id='left'))
+
+
+def _bag_case(storage: str) -> Case:
+    """Return cases of a tiny bag with a damaged file."""
+    def case(rng: Rng, folder: Path) -> Callable[[], object]:
+        path = folder / ('bag.bag' if storage == 'ros1' else 'bag')
+        files = dict(_tiny_bag(storage))
+        name = str(rng.choice(sorted(files)))
+        if storage == 'mcap' and name.endswith('.mcap') and rng.random() < 0.8:
+            files[name] = damage_mcap(rng, files[name])
+        elif name.endswith('.yaml') and rng.random() < 0.7:
+            tree = damage_value(rng, yaml.safe_load(files[name]))
+            files[name] = yaml.safe_dump(tree).encode()
+        else:
+            files[name] = damage_bytes(rng, files[name])
+        if storage != 'ros1':
+            path.mkdir()
+        for file, data in files.items():
+            (path if storage == 'ros1' else path / file).write_bytes(data)
+
+        def read() -> object:
+            with StereoBag(path) as bag:
+                for _ in bag.pairs():
+                    pass
+            return None
+        return read
+    return case
+
+
+@lru_cache(maxsize=None)
+def _tiny_bag(storage: str) -> tuple[tuple[str, bytes], ...]:
+    """Return the files of a bag of three pairs of small images."""
+    rng = np.random.default_rng(0)
+    k = np.array([[20.0, 0, 7.5], [0, 20.0, 5.5], [0, 0, 1]])
+    left, right = (Camera(name=n, width_px=16, height_px=12, K=k, D=np.zeros(5),
+                          model='plumb_bob') for n in ('left', 'right'))
+    rig = StereoRig(left, right, np.eye(3), np.array([-0.5, 0.0, 0.0]))
+    pairs = [StereoPair(n, 10 ** 18 + n * 10 ** 8, 10 ** 18 + n * 10 ** 8,
+                        left=rng.integers(0, 256, (12, 16), np.uint8),
+                        right=rng.integers(0, 256, (12, 16), np.uint8)) for n in range(3)]
+    with tempfile.TemporaryDirectory() as aside:
+        folder = write_pairs(rig, pairs, Path(aside) / 'made', storage,
+                             compressed=storage == 'sqlite3')
+        files = sorted(p for p in folder.rglob('*') if p.is_file())
+        return tuple((p.name, p.read_bytes()) for p in files)
+
+
+def _command_case(rng: Rng, folder: Path) -> Callable[[], object]:
+    """Return ``replay`` of the first pairs of the sample, their images damaged."""
+    bag, out = folder / 'bag', folder / 'out'
+    damaged_copy(SAMPLE / 'bag', bag, pairs=4, damage=lambda data: damage_bytes(rng, data, 2),
+                 which=int(rng.integers(8)))
+    site, init = SAMPLE / 'site.yaml', SAMPLE / 'init.yaml'
+
+    def replay() -> object:
+        status = main(['replay', str(bag), '--site', str(site), '--init', str(init), '--no-plots',
+                       '--out', str(out)])
+        if status == 0:
+            with (out / 'passes.csv').open(newline='') as file:
+                speeds = [float(row['speed_mps']) for row in csv.DictReader(file)
+                          if row['verdict'] == 'measured']
+            if any(abs(v - _TRUE_MPS) > _WRONG * _TRUE_MPS for v in speeds):
+                return f'a reading from garbage: {speeds} m/s'
+            return 0
+        left = [p.name for p in out.rglob('*') if p.is_file()] if out.is_dir() else []
+        return status if status == 2 and not left else f'status {status}, left {left}'
+    return replay
+
+
+def _files_command_case(rng: Rng, folder: Path) -> Callable[[], object]:
+    """Return ``replay`` with a damaged site, init or parameter file, as a whole."""
+    texts = {'--site': (SAMPLE / 'site.yaml').read_text(),
+             '--init': (SAMPLE / 'init.yaml').read_text(), '--config': _parameters()}
+    hurt = str(rng.choice(sorted(texts)))
+    tree = yaml.safe_load(texts[hurt])
+    texts[hurt] = yaml.safe_dump(damage_value(rng, damage_value(rng, tree)))
+    arguments = ['replay', str(_short_bag()), '--no-plots', '--out', str(folder / 'out')]
+    for option, text in texts.items():
+        path = folder / f'{option[2:]}.yaml'
+        path.write_text(text)
+        arguments += [option, str(path)]
+
+    def replay() -> object:
+        status = main(arguments)
+        out = folder / 'out'
+        left = [p.name for p in out.rglob('*') if p.is_file()] if out.is_dir() else []
+        return status if status == 0 or (status == 2 and not left) else (
+            f'status {status}, left {left}')
+    return replay
+
+
+@lru_cache(maxsize=None)
+def _short_bag() -> Path:
+    folder = Path(tempfile.mkdtemp(prefix='fuzz-bag-'))
+    return repeat_bag(SAMPLE / 'bag', folder / 'bag', 1, 1.0, pairs=3)
+
+
+@lru_cache(maxsize=None)
+def _parameters() -> str:
+    """Return a small file of parameters, with sections of each kind."""
+    return yaml.safe_dump({
+        'particles': 60, 'verdict': {'least_pairs': 2}, 'noise': {}, 'road': {},
+        'detectors': {'plane_sweep': {}}, 'trackers': {'kalman': {}}})
+
+
+def _enforcement() -> str:
+    """Return all parameters of evidence."""
+    return yaml.safe_dump({'enforcement': asdict(EnforcementConfig())})
+
+
+@lru_cache(maxsize=None)
+def _video() -> bytes:
+    """Return a small video file."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / 'video.avi'
+        writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*'MJPG'), 10.0, (32, 24))
+        for level in range(0, 200, 40):
+            writer.write(np.full((24, 32, 3), level, np.uint8))
+        writer.release()
+        return path.read_bytes()
+
+
+def _map() -> bytes:
+    labels = np.zeros((24, 32), np.uint8)
+    labels[8:16] = 255
+    return cv2.imencode('.png', labels)[1].tobytes()
+
+
+_POLYGONS = """stereo_speed_map: 1
+background: inaccessible
+regions:
+- {kind: pathway, polygon: [[0, 0], [30, 0], [30, 20], [0, 20]]}
+"""
+_TARGETS = """environment_targets: 1
+targets:
+- {id: 1, frame: 1, box: [3, 4, 10, 12], angle_deg: 0}
+- {id: 2, frame: 3, box: [3.5, 4, 10, 12]}
+"""
+_BOXES = b'stamp_ns,left_px,top_px,width_px,height_px,score\n' + b''.join(
+    b'%d,10.5,20,30,40,0.5\n' % (10 ** 18 + n) for n in range(4))
+
+SUBJECTS: Mapping[str, Case] = {
+    'site file': _yaml_case('site.yaml', (SAMPLE / 'site.yaml').read_text()
+                            if SAMPLE.is_dir() else '', load_site),
+    'init file': _yaml_case('init.yaml', (SAMPLE / 'init.yaml').read_text()
+                            if SAMPLE.is_dir() else '', load_init),
+    'parameter file': _yaml_case('config.yaml', _parameters(), load_pipeline_config),
+    'parameters of one camera': _yaml_case(
+        'config.yaml', 'particles: 100\n', lambda path: load_config(path, MonocularConfig)),
+    'parameters of evidence': _yaml_case('config.yaml', _enforcement(), load_enforcement_config),
+    'targets file': _yaml_case('targets.yaml', _TARGETS, load_targets),
+    'polygons file': _yaml_case('map.yaml', _POLYGONS, load_regions),
+    'boxes': _bytes_case('boxes.csv', lambda: _BOXES, load_boxes),
+    'truth': _bytes_case('truth.csv', lambda: (SAMPLE / 'truth.csv').read_bytes(), read_truth),
+    'image message': _image_case,
+    'image whose sizes lie': _bomb_case,
+    'CameraInfo': _info_case,
+    'MCAP bag': _bag_case('mcap'),
+    'SQLite bag': _bag_case('sqlite3'),
+    'ROS 1 bag': _bag_case('ros1'),
+    'map image': _bytes_case('map.png', _map, load_map),
+    'video file': _bytes_case('video.avi', _video, lambda path: sum(1 for _ in read_frames(path))
+                              and None),
+    'evidence folder': evidence_case(SAMPLE),
+    'replay, damaged images': _command_case,
+    'replay, damaged files': _files_command_case,
+}
+# Whole commands take a second where readers take milliseconds, so there are fewer of them.
+_SLOW = ('evidence folder', 'replay, damaged images', 'replay, damaged files')
+_READERS = [name for name in SUBJECTS if name not in _SLOW]
+_ORDER = _READERS * 6 + ['MCAP bag'] * 8 + [*_SLOW, 'evidence folder']
+
+
+# -- bounds -----------------------------------------------------------------------------------
+
+
+class _StderrIn:
+    """Send standard error, of C libraries too, into a file; gives what reads it."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def __enter__(self) -> Callable[[], str]:
+        self._saved = os.dup(2)
+        self._file = os.open(self._path, os.O_CREAT | os.O_RDWR | os.O_TRUNC)
+        os.dup2(self._file, 2)
+        self._python = redirect_stderr(os.fdopen(os.dup(self._file), 'w', buffering=1))
+        self._python.__enter__()
+        return lambda: self._path.read_text(errors='replace')
+
+    def __exit__(self, *_: object) -> None:
+        stream = sys.stderr
+        self._python.__exit__(None, None, None)
+        stream.close()
+        os.dup2(self._saved, 2)
+        os.close(self._saved)
+        os.close(self._file)
+
+
+class _Within:
+    """Raise where a block takes too long."""
+
+    def __init__(self, seconds: float) -> None:
+        self._seconds = seconds
+
+    def __enter__(self) -> None:
+        self._before = signal.signal(signal.SIGALRM, self._raise)
+        signal.setitimer(signal.ITIMER_REAL, 6 * self._seconds)
+        signal.signal(signal.SIGVTALRM, self._raise)
+        signal.setitimer(signal.ITIMER_VIRTUAL, self._seconds)
+
+    def __exit__(self, *_: object) -> None:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.setitimer(signal.ITIMER_VIRTUAL, 0)
+        signal.signal(signal.SIGALRM, self._before)
+
+    @staticmethod
+    def _raise(number: int, frame: Optional[FrameType]) -> None:
+        raise _TooLongError
+
+
+def _fault_of_stderr(told: str, refused: bool) -> str:
+    """Return what is wrong with what was written to standard error."""
+    lines = told.splitlines()
+    if refused and len(lines) == 1 and lines[0].startswith('error: ') and told.endswith('\n'):
+        return ''
+    warned = [line for line in lines if not line.startswith('warning: ')]
+    return f'wrote to standard error: {json.dumps(told[:400])}' if refused or warned else ''
+
+
+def _reset_peak() -> float:
+    """Forget the peak of memory; return what is in use, MB."""
+    try:
+        Path('/proc/self/clear_refs').write_text('5')
+    except OSError:
+        pass
+    return _status_mb('VmRSS')
+
+
+def _peak_mb() -> float:
+    return _status_mb('VmHWM')
+
+
+def _status_mb(key: str) -> float:
+    for line in Path('/proc/self/status').read_text().splitlines():
+        if line.startswith(key + ':'):
+            return int(line.split()[1]) / 1024
+    return 0.0

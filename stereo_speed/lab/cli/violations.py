@@ -1,0 +1,52 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""``violations``: decide on passes of faulty traffic, and hold the records against the truth."""
+from __future__ import annotations
+
+import argparse
+
+from ..evaluation.violations import (
+    gather_violations, violation_job, violation_jobs, violations_table)
+from ..sim.stream_faults import FAULTS
+from ...batch.job import failures
+from ...batch.runner import run_jobs
+from ...cli.options import add_job_options, number_in, report_failures, Subparsers
+from ...io.atomic import write_whole
+
+WRONG = 1
+
+
+def add_parser(subparsers: Subparsers) -> None:
+    """Add the ``violations`` command."""
+    parser = subparsers.add_parser(
+        'violations', help='hold records of violations in faulty traffic against the truth',
+        description='Simulate dense traffic, put every fault of cameras, transport and clocks '
+                    'into it, decide on each pass whether there would be a record, and hold the '
+                    'records against the truth. Exit status 1 where one is wrong.')
+    add = parser.add_argument
+    add('--streams', type=number_in(int, 1, 10 ** 6), default=110,
+        help='streams of half a minute with some 20 passes each; the faults take turns '
+             '(default: 110)')
+    add('--seed', type=number_in(int, 0, 2 ** 31), default=0, help='of other traffic')
+    add('--fps', type=number_in(float, 0.5, 60), default=8.0, help='pairs per second (default: 8)')
+    add('--fault', action='append', choices=list(FAULTS), metavar='NAME',
+        help='only the streams with this one; may be repeated: ' + ', '.join(FAULTS))
+    add_job_options(parser)
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the streams that are not run yet, print the table, write the files."""
+    jobs = [job for job in violation_jobs(args.streams, args.seed, list(FAULTS), fps=args.fps)
+            if not args.fault or job.parameters['fault'] in args.fault]
+    results = run_jobs(jobs, violation_job, out_dir=args.out, workers=args.jobs,
+                       description='violations')
+    runs = gather_violations(results)
+    table = violations_table(runs)
+    if args.out is not None:
+        write_whole(args.out, {'violations.md': table.markdown(), 'violations.csv': table.csv()})
+    print(table.markdown())
+    wrong = [f'{run.fault}: {line}' for run in runs for line in run.details]
+    for line in wrong:
+        print(f'wrong: {line}')
+    return max(report_failures(failures(results)), WRONG if wrong else 0)

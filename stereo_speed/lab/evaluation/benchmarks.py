@@ -1,0 +1,276 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+What measuring costs, and how that grows: CPU time beside peers, in turns.
+
+What is compared takes turns, so that a busy machine disturbs all alike, and medians are told.
+"""
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+import importlib
+import statistics
+import time
+from typing import Any, Callable, Iterable, Mapping, Sequence
+
+import cv2
+import numpy as np
+
+from .tables import Cell, Table
+from ...core.compiled import REGISTRY
+from ...core.config import TrackerConfig
+from ...core.records import Array, InitialFront, StereoPair
+from ...detection import patch_kernels
+from ...estimation.particle_filter import weigh
+from ...estimation.weights import mean_and_covariance
+from ...geometry.rig import StereoRig
+from ...pipeline.assembly import make_pipeline, MeasuringSite
+from ...pipeline.config import PipelineConfig
+from ...tracking import observation_kernels, photometric_terms
+from ...tracking.likelihood import Reference, score
+from ...vision.haar import CELLS, PartGrid
+
+Job = Callable[[], object]
+PARTICLES, VEHICLES, SCALES = (100, 200, 400, 800), (1, 2, 4, 8), (0.5, 1.0, 1.25, 2.0)
+_FRONT_PX = (150, 90)
+_OBSERVATIONS, _GRID = 24, (16, 40)  # as many as a live reading has
+_PAIRS = 10  # of a pass, that the cost of a pair is taken from
+_REPEATED = 5  # calls of a kernel that are timed together
+_STEPS = 50  # steps of a filter without images that are
+
+
+@dataclass(frozen=True)
+class Scene:
+    """
+    A pass that is measured again and again.
+
+    :param rig: the cameras.
+    :param place: the site.
+    :param pairs: the pairs.
+    :param fronts: as a person annotated them.
+    """
+
+    rig: StereoRig
+    place: MeasuringSite
+    pairs: Sequence[StereoPair]
+    fronts: Sequence[InitialFront]
+
+
+def milliseconds(job: Job) -> float:
+    """Return the CPU time of a call, ms."""
+    start = time.process_time()
+    job()
+    return (time.process_time() - start) * 1e3
+
+
+def medians(jobs: Mapping[str, Job], rounds: int) -> dict[str, float]:
+    """
+    Return the median CPU time of each job, ms; they take turns.
+
+    Each job runs once before it counts.
+    """
+    for job in jobs.values():
+        job()
+    times: dict[str, list[float]] = {name: [] for name in jobs}
+    for _ in range(rounds):
+        for name, job in jobs.items():
+            times[name].append(milliseconds(job))
+    return {name: statistics.median(values) for name, values in times.items()}
+
+
+def kernel_table(rounds: int) -> Table:
+    """Return the time of each kernel, compiled and plain."""
+    jobs: dict[str, Job] = {}
+    for name, args in _arguments().items():
+        one = REGISTRY[name]
+        jobs[f'{name} plain'] = _times(partial(one.plain, *args), _REPEATED)
+        jobs[f'{name} compiled'] = _times(partial(one.compiled(), *args), _REPEATED)
+    found = medians(jobs, rounds)
+    rows: list[list[Cell]] = []
+    for name in _arguments():
+        plain, compiled = (found[f'{name} {kind}'] / _REPEATED for kind in ('plain', 'compiled'))
+        rows.append([name.partition('.')[2], plain, compiled, plain / compiled])
+    return Table(title='Kernels', columns=('kernel', 'plain numpy, ms', 'compiled, ms', 'ratio'),
+                 rows=rows, digits=(0, 3, 3, 1))
+
+
+def likelihood_table(rounds: int) -> Table:
+    """Return the time of a likelihood of both views, beside a loop of ``cv2.warpPerspective``."""
+    rng, grid, config = np.random.default_rng(0), PartGrid(10, CELLS), TrackerConfig()
+    views = [cv2.GaussianBlur(rng.uniform(0, 255, (960, 1280)).astype(np.float32), (0, 0), 2)
+             .astype(np.uint8) for _ in range(2)]
+    width, height = _FRONT_PX
+    box = np.array([[0, 0], [width, 0], [width, height], [0, height]]) + 500.0
+    jobs: dict[str, Job] = {}
+    for count in PARTICLES:
+        quads = box + rng.normal(0, 2, (count, 1, 2)) + rng.normal(0, 0.5, (count, 4, 2))
+        both = quads, quads - [20, 0]
+        first = score(views[0], views[1], both, None, grid=grid, config=config)
+        reference = Reference(first.left[0], first.right[0])
+        jobs[f'ours {count}'] = partial(score, views[0], views[1], both, reference, grid=grid,
+                                        config=config)
+        jobs[f'warp {count}'] = partial(_warped, views, both, grid)
+    found = medians(jobs, rounds)
+    return Table(
+        title='Likelihood of particles, both views with their correlation',
+        columns=('particles', 'ours, ms', 'loop of warpPerspective, sampling only, ms'),
+        rows=[[n, found[f'ours {n}'], found[f'warp {n}']] for n in PARTICLES])
+
+
+def filter_table(rounds: int) -> Table:
+    """Return the time of the filter alone, without images, beside that of filterpy."""
+    rng, config = np.random.default_rng(2), TrackerConfig()
+    try:
+        resample = importlib.import_module('filterpy.monte_carlo').systematic_resample
+    except ImportError:
+        resample = None
+    jobs: dict[str, Job] = {}
+    for count in PARTICLES:
+        states, scores = rng.standard_normal((count, 4)), rng.normal(0, 3, count)
+        jobs[f'ours {count}'] = _times(partial(_filtered, states, scores, config), _STEPS)
+        jobs[f'filterpy {count}'] = _times(
+            partial(_filtered_by_filterpy, states, scores, resample), _STEPS)
+    if resample is None:
+        jobs = {name: job for name, job in jobs.items() if name.startswith('ours')}
+    found = {name: time_ms / _STEPS for name, time_ms in medians(jobs, rounds).items()}
+    return Table(
+        title='A step of the filter without images: weights, resampling, mean and covariance',
+        columns=('particles', 'ours, ms', 'filterpy, ms'),
+        rows=[[n, found[f'ours {n}'], found.get(f'filterpy {n}', 'not installed')]
+              for n in PARTICLES], digits=(0, 3, 3))
+
+
+def vehicle_table(scene: Scene, rounds: int) -> Table:
+    """Return the time of a pair against the number of tracks, without looking for vehicles."""
+    jobs = {str(n): _tracked(scene, [scene.fronts[0]] * n) for n in VEHICLES}
+    found, pairs = medians(jobs, rounds), min(len(scene.pairs), _PAIRS)
+    return Table(title='Tracks in view', columns=('tracks', 'a pair, ms', 'a track and pair, ms'),
+                 rows=[[n, found[str(n)] / pairs, found[str(n)] / pairs / n] for n in VEHICLES])
+
+
+def size_table(scene: Scene, rounds: int) -> Table:
+    """Return the time of a pair against the size of the images, beside stereo matching."""
+    matchers = {
+        'SGBM': cv2.StereoSGBM.create(minDisparity=0, numDisparities=64, blockSize=5),
+        'SGBM, 3 ways': cv2.StereoSGBM.create(minDisparity=0, numDisparities=64, blockSize=5,
+                                              mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY)}
+    jobs: dict[str, Job] = {}
+    for scale in SCALES:
+        scaled = _scaled(scene, scale)
+        jobs[f'ours {scale}'] = _found(scaled)
+        for name, matcher in matchers.items():
+            pair = scaled.pairs[0]
+            jobs[f'{name} {scale}'] = partial(matcher.compute, pair.left, pair.right)
+    found, pairs = medians(jobs, rounds), min(len(scene.pairs), _PAIRS)
+    height, width = scene.pairs[0].left.shape
+    return Table(
+        title='Size of the images: one vehicle, found by itself',
+        columns=('size', 'a pair, ms', *(f'{name}, ms' for name in matchers)),
+        rows=[[f'{round(width * s)}x{round(height * s)}', found[f'ours {s}'] / pairs,
+               *(found[f'{name} {s}'] for name in matchers)] for s in SCALES])
+
+
+def decode_table(scene: Scene, rounds: int) -> Table:
+    """Return the time to decode an image."""
+    image = scene.pairs[0].left
+    stored = {kind: cv2.imencode(kind, image)[1] for kind in ('.jpg', '.png')}
+    found = medians({kind: partial(cv2.imdecode, data, cv2.IMREAD_GRAYSCALE)
+                     for kind, data in stored.items()}, rounds)
+    height, width = image.shape
+    return Table(title=f'Decoding an image of {width}x{height}', columns=('format', 'ms'),
+                 rows=[[kind[1:], found[kind]] for kind in stored])
+
+
+def _times(job: Job, count: int) -> Job:
+    def several() -> None:
+        for _ in range(count):
+            job()
+    return several
+
+
+def _arguments() -> dict[str, tuple[Any, ...]]:
+    """Return what kernels are called with for a live reading, by their names."""
+    rng, n, samples = np.random.default_rng(1), _OBSERVATIONS, _GRID[0] * _GRID[1]
+    texture = rng.standard_normal(samples)
+    patches = texture + 0.2 * rng.standard_normal((n, 2, samples))
+    patches = (patches - patches.mean(-1, keepdims=True)) / patches.std(-1, keepdims=True)
+    jacobian, by_relief = (rng.standard_normal(shape) for shape in (
+        (n, 2, 3, samples), (n, 2, samples)))
+    relief, outlines = 0.02 * rng.standard_normal((n, samples)), np.zeros((n, 2, samples))
+    crop = cv2.GaussianBlur(rng.uniform(0, 255, (90, 160)).astype(np.float32), (0, 0), 1.2)
+    v, u = (a.ravel() for a in np.meshgrid(
+        np.linspace(4, 85, _GRID[0]), np.linspace(4, 155, _GRID[1]), indexing='ij'))
+    wide = rng.uniform(0, 255, (3, 18, 113)).astype(np.float32)
+    window = np.ascontiguousarray(wide[:, :9, 14:99])
+    mask = np.ones((3, 85), bool)
+    terms, seen, found = (m.__name__ for m in (
+        photometric_terms, observation_kernels, patch_kernels))
+    return {
+        f'{terms}._temporal': (np.arange(n), patches, jacobian, by_relief, outlines, relief,
+                               rng.uniform(100, samples, n), rng.uniform(5, 20, n), 3.0, 0.3,
+                               0.02),
+        f'{terms}._cross': (patches[0], jacobian[0, 0], by_relief[0, 0], outlines[0], relief[0],
+                            400.0, 3.0, 0.3),
+        f'{seen}.view': (crop, np.zeros((0, 0), np.float32), u, v,
+                         100 * rng.standard_normal((3, samples, 2))),
+        f'{found}.shifted': (wide[:, :9].copy(), wide[:, 9:].copy(), np.full(3, 14), mask, 4),
+        f'{found}.mirrored': (np.ascontiguousarray(wide), 85),
+        f'{found}.edges': (window, window + 1),
+    }
+
+
+def _filtered(states: Array, scores: Array, config: TrackerConfig) -> object:
+    weighed = weigh(np.zeros(len(states)), scores, config.resample_ess, np.random.default_rng(3))
+    survivors = states[weighed.ancestors]
+    return mean_and_covariance(np.exp(weighed.log_weights), survivors)
+
+
+def _filtered_by_filterpy(states: Array, scores: Array, resample: Callable[..., Any]) -> object:
+    """Do the same as filterpy's book does, with its resampling."""
+    weights = np.exp(scores - scores.max())
+    weights /= weights.sum()
+    survivors = states[resample(weights)]
+    return survivors.mean(axis=0), np.cov(survivors, rowvar=False)
+
+
+def _warped(views: Sequence[Any], quads: Iterable[Any], grid: PartGrid) -> None:
+    rows, columns = grid.shape
+    to = np.array([[0, 0], [columns, 0], [columns, rows], [0, rows]], np.float32)
+    for view, corners in zip(views, quads):
+        for quad in corners.astype(np.float32):
+            cv2.warpPerspective(view, cv2.getPerspectiveTransform(quad, to), (columns, rows))
+
+
+def _tracked(scene: Scene, fronts: Sequence[InitialFront]) -> Job:
+    def once() -> None:
+        config = PipelineConfig(TrackerConfig())
+        pipeline = scene.place.pipeline(config, fronts)
+        for pair in scene.pairs[:_PAIRS]:
+            pipeline.process(pair)
+    return once
+
+
+def _found(scene: Scene) -> Job:
+    pipeline = make_pipeline(scene.rig, scene.place.lanes, PipelineConfig(TrackerConfig()))
+
+    def once() -> None:
+        pipeline.reset()
+        for pair in scene.pairs[:_PAIRS]:
+            pipeline.process(pair)
+    return once
+
+
+def _scaled(scene: Scene, scale: float) -> Scene:
+    """Return a scene as cameras of another resolution see it."""
+    pairs = [replace(pair, **{side: cv2.resize(
+        getattr(pair, side), None, fx=scale, fy=scale,
+        interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC)
+        for side in ('left', 'right')}) for pair in scene.pairs[:_PAIRS]]
+    height, width = pairs[0].left.shape
+    grown = np.diag([scale, scale, 1.0])
+    centre = np.array([[0, 0, 0.5 * (scale - 1)], [0, 0, 0.5 * (scale - 1)], [0, 0, 0]])
+    cameras = [replace(camera, width_px=width, height_px=height, K=grown @ camera.K + centre)
+               for camera in (scene.place.rig.left, scene.place.rig.right)]
+    rig = replace(scene.place.rig, left=cameras[0], right=cameras[1])
+    return replace(scene, rig=rig, pairs=pairs)

@@ -1,0 +1,187 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+How well the second estimate agrees with right first ones, and what it finds of wrong ones.
+
+A first estimate is made wrong on purpose by following the vehicle with a speed that is off by a
+share: from its first pair on, the region that the second estimate is told moves away from the
+vehicle along the lane, and the speed that it is compared with is off by that share.
+"""
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, Mapping, Optional, Sequence
+
+import numpy as np
+
+from .accuracy import drawn_of
+from .labeled_sequence import LabeledSequence, LineKnowledge, simulated_sequence
+from .metrics import greatest, mean, rms, std
+from .tables import Cell, mph, shown, signed, Table, table_by_kind
+from ...batch.job import Job, Result
+from ...core.config import TrackerConfig
+from ...core.passes import PassResult, SecondEstimate, Verdict
+from ...core.records import Array, StereoPair, TrackUpdate
+from ...geometry.rig import StereoRig
+from ...pipeline.config import PipelineConfig
+from ...pipeline.pipeline import Step
+from ...pipeline.run import run
+from ...road.lanes import LanePath
+from ...second.estimate import compared, SecondOpinion
+from ...survey.reference import error_limit_mps
+
+Follow = Sequence[tuple[StereoPair, TrackUpdate]]
+
+COLUMNS = ('', 'measured by the first', 'have a second', 'mean error of the second, mph',
+           'sd, mph', 'max, mph', 'r.m.s. of error/σ', 'r.m.s. of difference/σ',
+           'right ones rejected', 'wrong ones rejected', 'wrong ones not compared')
+
+
+@dataclass(frozen=True, kw_only=True)
+class SecondRun:
+    """
+    Both estimates of a pass.
+
+    :param kinds: what it counts for: heading to kind.
+    :param first_mps: None where the first estimate rejected the pass.
+    :param first_std_mps: its 1-sigma.
+    :param truth_mps: mean over the same pairs.
+    :param second_mps: None where it came to none.
+    :param second_std_mps: its 1-sigma.
+    :param rejected: whether the two disagree.
+    :param wrong: for each first estimate made wrong: whether it was rejected; None where there
+        was no second one to compare with.
+    """
+
+    kinds: Mapping[str, str]
+    first_mps: Optional[float] = None
+    first_std_mps: Optional[float] = None
+    truth_mps: float = np.nan
+    second_mps: Optional[float] = None
+    second_std_mps: Optional[float] = None
+    rejected: bool = False
+    wrong: Sequence[Optional[bool]] = ()
+
+    @property
+    def is_right(self) -> bool:
+        """Return whether the first estimate is within the limits of error."""
+        if self.first_mps is None:
+            return False
+        return abs(self.first_mps - self.truth_mps) <= error_limit_mps(self.truth_mps)
+
+
+def second_job(parameters: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Simulate one pass and estimate it twice; runs in a worker process."""
+    number, seed, config = parameters['number'], parameters['seed'], TrackerConfig()
+    sequence = simulated_sequence(drawn_of(parameters).config, (seed, number),
+                                  LineKnowledge(parameters['lines']))
+    # What the first estimate says is wanted of rejected passes too.
+    lenient = replace(config, second=replace(
+        config.second, most_sigmas=100.0, most_difference_mps=100.0))
+    follow: dict[int, list[tuple[StereoPair, TrackUpdate]]] = {}
+
+    def keep(pair: StereoPair, step: Step) -> None:
+        for update in step.updates:
+            follow.setdefault(update.track, []).append((pair, update))
+    done = run(sequence.site.pipeline(PipelineConfig(lenient), sequence.annotations, seed=number),
+               sequence.pairs, keep)
+    if not done.passes or done.passes[0].verdict is not Verdict.MEASURED:
+        return {'truth_mps': float(np.nanmean(sequence.truths[0].speed_mps))}
+    result = done.passes[0]
+    second = result.second or SecondEstimate(None, None, 0)
+    stamps = sorted(result.smoothed)
+    return {
+        'first_mps': result.speed_mps, 'first_std_mps': result.speed_std_mps,
+        'truth_mps': float(np.nanmean(sequence.truths[0].speed_at(stamps))),
+        'second_mps': second.speed_mps, 'second_std_mps': second.speed_std_mps,
+        'rejected': _is_rejected(result, config),
+        'wrong': [wrong_is_rejected(result, follow[result.track], sequence, config, share)
+                  for share in parameters['wrong_shares']]}
+
+
+def wrong_is_rejected(result: PassResult, follow: Follow, sequence: LabeledSequence,
+                      config: TrackerConfig, share: float) -> Optional[bool]:
+    """
+    Return whether a pass is rejected whose first estimate is off by a share of its speed.
+
+    :param result: measured and right.
+    :param follow: each pair, and where the vehicle is in it.
+    :param share: by which the first estimate is made wrong.
+    :return: None where there is no second estimate to compare with.
+    """
+    rig, lane = sequence.site.rig, sequence.site.lanes[follow[0][1].lane]
+    opinion, start_m = SecondOpinion(rig, lane, config), follow[0][1].s_m
+    for pair, update in follow:
+        regions = moved_region(rig, lane, update, share * (update.s_m - start_m))
+        opinion.take(pair.triggered(config.trigger_tolerance_s), *regions)
+    second = opinion.estimate(sorted(result.smoothed))
+    if second.speed_mps is None or result.speed_mps is None:
+        return None
+    return _is_rejected(replace(result, second=second, speed_mps=(1 + share) * result.speed_mps),
+                        config)
+
+
+def moved_region(rig: StereoRig, lane: LanePath, update: TrackUpdate, ahead_m: float
+                 ) -> tuple[Array, Array]:
+    """
+    Return the corners (4, 2) of a front in both raw views, px, were it further along its lane.
+
+    :param update: where it is.
+    :param ahead_m: by so much.
+    """
+    rays, heading = rig.left.rays(update.quad_left_px), update.axes[:, 0]
+    corners = rays * ((update.position_m @ heading) / (rays @ heading))[:, None]
+    s_m = np.array([update.s_m, update.s_m + ahead_m])
+    (here, there), (before, after) = lane.path.position(s_m), lane.path.frame(s_m)
+    corners = there + (corners - here) @ before @ after.T
+    left, right, _, _ = rig.project(corners)
+    return left, right
+
+
+def _is_rejected(result: PassResult, config: TrackerConfig) -> bool:
+    return compared(result, config.second).verdict is Verdict.REJECTED
+
+
+def gather_second(jobs: Sequence[Job], results: Sequence[Result]) -> list[SecondRun]:
+    """Return each pass with both of its estimates; those whose job failed are left out."""
+    return [SecondRun(kinds=drawn_of(job.parameters).kinds, **result.value)
+            for job, result in zip(jobs, results) if result.value is not None]
+
+
+def second_table(passes: Sequence[SecondRun]) -> Table:
+    """Return a row for all passes, then one for each kind of them."""
+    return table_by_kind(passes, COLUMNS, _row)
+
+
+def _row(name: str, passes: Sequence[SecondRun]) -> list[Cell]:
+    measured = [p for p in passes if p.first_mps is not None]
+    both = [p for p in measured if p.second_mps is not None]
+    right = [p for p in measured if p.is_right]
+    wrong = [found for p in right for found in p.wrong]
+    compared_ones = [found for found in wrong if found is not None]
+    rows = np.array([(p.first_mps, p.first_std_mps, p.second_mps, p.second_std_mps, p.truth_mps)
+                     for p in both], dtype=float).reshape(-1, 5)
+    first, first_std, second, second_std, truth = rows.T
+    error, difference = second - truth, second - first
+    return [name, len(measured), f'{len(both)} of {len(measured)}',
+            signed(mean(error)), shown(mph(std(error)), 3),
+            shown(mph(greatest(error)), 3),
+            rms(error / second_std), rms(difference / np.hypot(first_std, second_std)),
+            f'{sum(p.rejected for p in right)} of {len(right)}',
+            f'{sum(compared_ones)} of {len(compared_ones)}',
+            f'{len(wrong) - len(compared_ones)} of {len(wrong)}']
+
+
+def wrong_firsts(passes: Sequence[SecondRun]) -> tuple[int, int]:
+    """Return how many first estimates are beyond the limits of error, and rejected of these."""
+    wrong = [p for p in passes if p.first_mps is not None and not p.is_right]
+    return len(wrong), sum(p.rejected for p in wrong)
+
+
+def second_rows(passes: Sequence[SecondRun]) -> Table:
+    """Return a row for every pass, for programs."""
+    kinds = list(passes[0].kinds) if passes else []
+    return Table(title='', columns=(*kinds, 'truth_mps', 'first_mps', 'first_std_mps',
+                                    'second_mps', 'second_std_mps', 'rejected'),
+                 rows=[[*(p.kinds[k] for k in kinds), p.truth_mps, p.first_mps, p.first_std_mps,
+                        p.second_mps, p.second_std_mps, int(p.rejected)] for p in passes])

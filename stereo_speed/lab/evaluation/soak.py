@@ -1,0 +1,319 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Long live runs: every vehicle of every round measured once, memory and handles flat."""
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+import os
+from pathlib import Path
+from typing import Any, Mapping, Optional, Sequence
+
+import numpy as np
+
+from .associate import distance
+from .tables import Table
+from .traffic import TrafficRules
+from ...core.errors import InputError
+from ...core.records import Array
+from ...core.units import MPH_MPS
+from ...io.csv_rows import read_rows
+from ...io.truth import VehicleTruth
+
+Place = tuple[int, tuple[float, float, float]]  # stamp ns; x, y, z in the left optical frame, m
+
+
+@dataclass(frozen=True, kw_only=True)
+class SoakRules:
+    """
+    What decides whether a long run was sound.
+
+    :param warm_share: share of the run, from its start, in which memory may still grow.
+    :param growth_mb: most growth of a node's memory over the rest, by its trend, MB.
+    :param late_s: memory is judged where no pair's tracks came later: pairs that wait take room.
+    :param handles: most growth of a node's open files, sockets and threads over the rest.
+    :param wrong_mps: greatest error of a pass that is not wrong.
+    """
+
+    warm_share: float = 0.25
+    growth_mb: float = 10.0
+    late_s: float = 5.0
+    handles: int = 3
+    wrong_mps: float = TrafficRules().wrong_mps
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sample:
+    """
+    What a process holds at a moment.
+
+    :param at_s: steady time.
+    :param memory_mb: memory that no other process shares, MB.
+    :param handles: open files and sockets.
+    :param threads: its threads.
+    """
+
+    at_s: float
+    memory_mb: float
+    handles: int
+    threads: int
+
+
+def sample_of(pid: int, at_s: float) -> Sample:
+    """
+    Return what a process holds.
+
+    :param pid: of the process.
+    :param at_s: steady time.
+    :raises OSError: there is no such process.
+    """
+    folder = Path('/proc') / str(pid)
+    status = dict(line.split(':', 1) for line in (folder / 'smaps_rollup').read_text(
+        ).splitlines()[1:])
+    return Sample(at_s=at_s, memory_mb=sum(int(status[name].split()[0]) for name in (
+                      'Private_Clean', 'Private_Dirty')) / 1024,
+                  handles=len(os.listdir(folder / 'fd')),
+                  threads=len(os.listdir(folder / 'task')))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Held:
+    """
+    What a node held over a run, after its warm-up.
+
+    :param node: its name.
+    :param first_mb: memory at the beginning by its trend, MB.
+    :param growth_mb: growth to the end by its trend, MB.
+    :param most_mb: greatest memory of the whole run, MB.
+    :param handles: at the beginning and at the end.
+    :param threads: at the beginning and at the end.
+    """
+
+    node: str
+    first_mb: float
+    growth_mb: float
+    most_mb: float
+    handles: tuple[int, int]
+    threads: tuple[int, int]
+
+    @classmethod
+    def of(cls, node: str, samples: Sequence[Sample], rules: SoakRules) -> Held:
+        """Return it of the samples of a run, at least four."""
+        if len(samples) < 4:
+            raise InputError('soak', node, f'{len(samples)} samples', 'a run of some seconds')
+        start_s, end_s = samples[0].at_s, samples[-1].at_s
+        since_s = start_s + rules.warm_share * (end_s - start_s)
+        late = [s for s in samples if s.at_s >= since_s]
+        slope, at_start = np.polyfit([s.at_s - since_s for s in late],
+                                     [s.memory_mb for s in late], 1)
+        return cls(node=node, first_mb=float(at_start),
+                   growth_mb=float(slope * (end_s - since_s)),
+                   most_mb=max(s.memory_mb for s in samples),
+                   handles=(late[0].handles, late[-1].handles),
+                   threads=(late[0].threads, late[-1].threads))
+
+    def faults(self, rules: SoakRules, in_time: bool = True) -> list[str]:
+        """Return a line for each thing that grew; of memory where the nodes were in time."""
+        found = []
+        if in_time and self.growth_mb > rules.growth_mb:
+            found.append(f'{self.node}: memory grew by {self.growth_mb:.1f} MB, at most '
+                         f'{rules.growth_mb:g} are allowed')
+        for name, (before, after) in (('handles', self.handles), ('threads', self.threads)):
+            if after - before > rules.handles:
+                found.append(f'{self.node}: {name} grew from {before} to {after}')
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """
+    A track in a pair.
+
+    :param stamp_ns: of the pair.
+    :param position_m: (3,) centre of the front, left optical frame.
+    """
+
+    stamp_ns: int
+    position_m: Array
+
+
+class Rounds:
+    """
+    Judges the passes of a stream that goes round by its truth.
+
+    :param truth: the vehicles of a round.
+    :param counted: numbers of those that are well seen for long enough to be measured.
+    :param round_ns: from a stamp to the same one of the next round, ns.
+    :param start_ns: stamp of the first pair of the first round.
+    """
+
+    def __init__(self, truth: Sequence[VehicleTruth], counted: set[int], round_ns: int,
+                 start_ns: int) -> None:
+        self._truth, self._counted = truth, counted
+        self._round_ns, self._start_ns = round_ns, start_ns
+        self.measured: Counter[tuple[int, int]] = Counter()
+        self.rejected: set[tuple[int, int]] = set()
+        self.reasons: Counter[str] = Counter()
+        self.errors_mps: list[float] = []
+        self.astray = 0
+
+    def add(self, told: Mapping[str, Any], places: Sequence[Place]) -> None:
+        """
+        Take a pass.
+
+        :param told: it, as JSON has it.
+        :param places: of its track.
+        """
+        measured = told['verdict'] == 'measured'
+        if not places and not measured:
+            return  # its track was never told to anybody
+        number = (int(told['first_stamp_ns']) - self._start_ns) // self._round_ns
+        seen = [Seen(ns - number * self._round_ns, np.array(at)) for ns, at in places]
+        vehicle = self._vehicle(seen)
+        if vehicle is None:
+            self.astray += measured
+            return
+        key = (number, vehicle.vehicle)
+        if not measured:
+            self.rejected.add(key)
+            self.reasons[str(told['reason'])] += 1
+            return
+        self.measured[key] += 1
+        true = vehicle.speed_at([one.stamp_ns for one in seen])
+        self.errors_mps.append(float(told['speed_mps']) - float(np.nanmean(true)))
+
+    def _vehicle(self, places: Sequence[Seen]) -> Optional[VehicleTruth]:
+        """Return the vehicle that the places are nearest to, within the gate."""
+        distances = [distance(places, truth) for truth in self._truth]
+        best = int(np.argmin(distances))
+        return self._truth[best] if distances[best] <= 1.0 else None
+
+    def counts(self, rounds: int) -> dict[str, int]:
+        """
+        Return how the vehicles of the rounds were counted.
+
+        :param rounds: that were played to their end.
+        """
+        wanted = {(number, v) for number in range(rounds) for v in self._counted}
+        seen = {key: n for key, n in self.measured.items() if key in wanted}
+        return {'vehicles': len(wanted), 'once': sum(n == 1 for n in seen.values()),
+                'more': sum(n > 1 for n in seen.values()),
+                'rejected': len((self.rejected & wanted) - set(seen)),
+                'missed': len(wanted - set(seen) - self.rejected), 'astray': self.astray}
+
+    def wrong(self, rules: SoakRules) -> int:
+        """Return how many passes are farther off than the rules allow."""
+        return sum(abs(error) > rules.wrong_mps for error in self.errors_mps)
+
+    @property
+    def worst_mph(self) -> float:
+        """Return the greatest error of a pass, mph; NaN without any."""
+        return max((abs(e) / MPH_MPS for e in self.errors_mps), default=float('nan'))
+
+
+def counted_vehicles(path: Path, truth: Sequence[VehicleTruth]) -> set[int]:
+    """
+    Return the vehicles that are well seen for long enough, by the columns of ``truth.csv``.
+
+    :param path: of the file.
+    :param truth: its content; without those columns all its vehicles count.
+    """
+    columns, rows = read_rows(path, 'truth.csv')
+    if not {'visible', 'in_view', 'width_px', 'stamp', 'vehicle'} <= set(columns):
+        return {t.vehicle for t in truth}
+
+    def number(row: Any, name: str) -> float:
+        return float(row.number(name, 'a number', -1e12, 1e12))
+    return TrafficRules().counted([{
+        'vehicle': int(number(row, 'vehicle')), 'stamp_ns': round(number(row, 'stamp') * 1e9),
+        **{name: number(row, name) for name in ('in_view', 'width_px', 'visible')}}
+        for row in rows])
+
+
+def lost_pairs(found_ns: Sequence[int], round_ns: Sequence[int], period_ns: int, rounds: int
+               ) -> tuple[int, int]:
+    """
+    Return how many pairs there were, and how many of them came nowhere.
+
+    :param found_ns: stamps of the pairs that were measured.
+    :param round_ns: stamps of the pairs of the first round.
+    :param period_ns: from a stamp to the same one of the next round, ns.
+    :param rounds: that were played to their end.
+    """
+    wanted = {ns + number * period_ns for number in range(rounds) for ns in round_ns}
+    return len(wanted), len(wanted - set(found_ns))
+
+
+def held_table(held: Sequence[Held], minutes: float) -> Table:
+    """Tabulate what the nodes held over a run of so many minutes."""
+    return Table(
+        title=f'Memory and handles of {minutes:.0f} minutes',
+        columns=['node', 'memory, MB', 'growth by its trend, MB', 'most, MB', 'handles, threads',
+                 'in the end'],
+        rows=[[h.node, h.first_mb, h.growth_mb, h.most_mb,
+               f'{h.handles[0]}, {h.threads[0]}', f'{h.handles[1]}, {h.threads[1]}']
+              for h in held], digits=[0, 1, 1, 1, 0, 0])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Soaked:
+    """
+    What came of a long run.
+
+    :param minutes: it lasted.
+    :param pairs: that were sent, and of them lost.
+    :param delays_s: from sending a pair to its tracks.
+    :param readings: live speeds.
+    :param rounds: the judge of its passes.
+    :param played: rounds that were played to their end.
+    :param held: what each node held.
+    """
+
+    minutes: float
+    pairs: tuple[int, int]
+    delays_s: Sequence[float] = field(default_factory=list)
+    readings: int = 0
+    rounds: Rounds
+    played: int
+    held: Sequence[Held]
+
+    @property
+    def longest_s(self) -> float:
+        """Return the longest time from sending a pair to its tracks, s."""
+        return max(self.delays_s, default=0.0)
+
+    def notes(self, rules: SoakRules) -> list[str]:
+        """Return what could not be judged."""
+        return [] if self.longest_s <= rules.late_s else [
+            f'memory was NOT JUDGED: the machine did not keep up, tracks came up to '
+            f'{self.longest_s:.0f} s late, and pairs that wait take room']
+
+    def table(self) -> Table:
+        """Tabulate what was measured."""
+        counts = self.rounds.counts(self.played)
+        delays = np.array(self.delays_s or [np.nan])
+        return Table(
+            title='', columns=[
+                'minutes', 'pairs', 'lost', 'vehicles', 'measured once', 'more than once',
+                'rejected', 'missed', 'on nothing', 'worst error, mph', 'live readings',
+                'delay: median, s', 'longest, s'],
+            rows=[[self.minutes, *self.pairs, *counts.values(), self.rounds.worst_mph,
+                   self.readings, float(np.median(delays)), float(delays.max())]],
+            digits=[1, *(0,) * 8, 2, 0, 2, 2])
+
+    def faults(self, rules: SoakRules) -> list[str]:
+        """Return a line for each thing that must not be."""
+        counts, wrong = self.rounds.counts(self.played), self.rounds.wrong(rules)
+        in_time = self.longest_s <= rules.late_s
+        found = [line for held in self.held for line in held.faults(rules, in_time)]
+        if self.pairs[1]:
+            found.append(f'{self.pairs[1]} of {self.pairs[0]} pairs were lost')
+        if counts['once'] < counts['vehicles']:
+            found.append(f'{counts["once"]} of {counts["vehicles"]} vehicles were measured once'
+                         + ''.join(f', {n} rejected as {reason}'
+                                   for reason, n in sorted(self.rounds.reasons.items())))
+        if counts['astray']:
+            found.append(f'{counts["astray"]} passes on no vehicle')
+        if wrong:
+            found.append(f'{wrong} passes are off by more than {rules.wrong_mps:.2f} m/s')
+        return found

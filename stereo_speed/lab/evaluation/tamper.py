@@ -1,0 +1,244 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Records spoilt in every way one can think of, to see whether that is found out."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+import errno
+from functools import partial
+from itertools import product
+import multiprocessing
+import os
+from pathlib import Path
+import shutil
+import signal
+import tempfile
+from typing import Callable, Iterator, Sequence
+from unittest import mock
+
+import numpy as np
+
+from ...core.errors import StereoSpeedError
+from ...enforcement.chain import seal_of
+from ...enforcement.store import EvidenceStore, StoreError
+from ...enforcement.verify import CHAIN_FILE, RECORD_FILE, SEAL_FILE, verify
+
+_MOST_STEPS = 400  # of writing a record of many files; a writer is stopped at any of them
+_JOIN_S = 120.0
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """
+    How often one kind of damage was done, and not found.
+
+    :param damage: in words.
+    :param times: how often it was done.
+    :param missed: how often it was not found, or left what it must not.
+    """
+
+    damage: str
+    times: int
+    missed: int
+
+
+def flipped_bytes(folder: Path, positions: int, rng: np.random.Generator,
+                  trusted: Sequence[str] = ()) -> Outcome:
+    """
+    Flip one bit of one stored byte at a time; the bytes are drawn from all that are stored.
+
+    :param folder: of sound records; left as it was.
+    :param positions: how many.
+    :param rng: source of all randomness.
+    :param trusted: public keys, hex.
+    """
+    files = sorted(p for p in folder.rglob('*') if p.is_file())
+    ends = np.cumsum([p.stat().st_size for p in files])
+    missed = 0
+    for at in rng.integers(0, ends[-1], positions):
+        number = int(np.searchsorted(ends, at, side='right'))
+        path = files[number]
+        data = path.read_bytes()
+        offset = int(at - ends[number] + len(data))
+        spoilt = bytes([data[offset] ^ 1 << int(rng.integers(8))])
+        path.write_bytes(data[:offset] + spoilt + data[offset + 1:])
+        missed += verify(folder, trusted=trusted).sound
+        path.write_bytes(data)
+    return Outcome('one bit of one stored byte flipped', positions, missed)
+
+
+def damages(folder: Path) -> Iterator[tuple[str, Callable[[Path], None]]]:
+    """
+    Yield what can be done to files and chain, each with a function that does it to a copy.
+
+    :param folder: of at least two records.
+    """
+    names = [seal.record_id for line in (folder / CHAIN_FILE).read_text().splitlines()
+             if (seal := seal_of(line)) is not None]
+    lines = len(names)
+    for path in sorted(p for p in folder.rglob('*') if p.is_file()):
+        inside = path.relative_to(folder)
+        yield 'file removed', partial(_remove, inside)
+        yield 'file cut by a byte', partial(_cut, inside)
+        yield 'file added', partial(_copy, inside)
+    for name, other in product(names, names):
+        if name == other:
+            yield 'record removed', partial(_remove, Path(name))
+            yield 'record added', partial(_copy, Path(name))
+            continue
+        for file in (RECORD_FILE, SEAL_FILE, ''):
+            yield 'files or folders of two records swapped', partial(
+                _swap, Path(name, file), Path(other, file))
+    for kept in range(lines):
+        yield 'chain cut', partial(_keep, range(kept))
+        yield 'entry of the chain removed', partial(
+            _keep, [n for n in range(lines) if n != kept])
+        yield 'chain and last records removed', partial(_end, names, kept)
+    if lines > 1:
+        yield 'entries reordered', partial(_keep, range(lines)[::-1])
+    yield 'entry doubled', partial(_keep, [*range(lines), lines - 1])
+
+
+def spoilt_files(folder: Path, trusted: Sequence[str] = ()) -> list[Outcome]:
+    """Return what came of each kind of :func:`damages`, done to copies of some records."""
+    counts: dict[str, list[int]] = {}
+    with tempfile.TemporaryDirectory(dir=folder.parent) as aside:
+        for kind, spoil in damages(folder):
+            copy = Path(shutil.copytree(folder, Path(aside) / 'copy'))
+            spoil(copy)
+            count = counts.setdefault(kind, [0, 0])
+            count[0] += 1
+            count[1] += verify(copy, trusted=trusted).sound
+            shutil.rmtree(copy)
+    return [Outcome(kind, *count) for kind, count in counts.items()]
+
+
+def stopped_writers(folder: Path, times: int, rng: np.random.Generator, *, kill: bool) -> Outcome:
+    """
+    Stop a writer of records at random steps, by SIGKILL or by a full disk, again and again.
+
+    After each the store must be sound, hold every record that was finished, no half one, and take
+    the next.
+
+    :param folder: of sound records, whose contents are written anew.
+    :param times: how often.
+    :param rng: source of all randomness.
+    :param kill: by SIGKILL; else the disk is full from that step on.
+    """
+    contents = [_contents(p) for p in sorted(folder.iterdir()) if p.is_dir()]
+    missed = 0
+    with tempfile.TemporaryDirectory(dir=folder.parent) as aside:
+        for number in range(times):
+            target = Path(aside) / 'store'
+            with EvidenceStore(target):
+                pass
+            process = multiprocessing.get_context('fork').Process(
+                target=_write, args=(target, contents, int(rng.integers(1, _MOST_STEPS)), kill))
+            process.start()
+            process.join(_JOIN_S)
+            missed += not _recovers(target, contents)
+            if number % 10 == 9:  # now and then begin with nothing
+                shutil.rmtree(target)
+    return Outcome('writer killed' if kill else 'disk full', times, missed)
+
+
+def _contents(folder: Path) -> dict[str, bytes]:
+    return {p.relative_to(folder).as_posix(): p.read_bytes() for p in folder.rglob('*')
+            if p.is_file() and p.name != SEAL_FILE}
+
+
+def _named(content: dict[str, bytes], name: str) -> tuple[dict[str, bytes], bytes]:
+    """Return the files of a record under another name, and its ``record.json``."""
+    files = {key: value for key, value in content.items() if key != RECORD_FILE}
+    text = content[RECORD_FILE].decode()
+    start = text.index('"id": "') + len('"id": "')
+    return files, (text[:start] + name + text[text.index('"', start):]).encode()
+
+
+def _write(target: Path, contents: Sequence[dict[str, bytes]], at: int, kill: bool) -> None:
+    """Write records until stopped; each that was finished is told in a file beside the store."""
+    seen = 0
+
+    def step() -> None:
+        nonlocal seen
+        seen += 1
+        if kill and seen == at:
+            os.kill(os.getpid(), signal.SIGKILL)
+        if not kill and seen >= at:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    def wrapped(real: Callable[..., object]) -> Callable[..., object]:
+        def call(*args: object, **options: object) -> object:
+            step()
+            return real(*args, **options)
+        return call
+    told = target.parent / 'finished'
+    with EvidenceStore(target) as store:
+        with mock.patch.multiple(os, fsync=wrapped(os.fsync), rename=wrapped(os.rename),
+                                 replace=wrapped(os.replace)):
+            for content in [*contents, *contents]:
+                name = f'r{store.next_number:05d}'
+                try:
+                    store.add(name, *_named(content, name))
+                except StoreError:
+                    return
+                with told.open('a') as stream:
+                    stream.write(f'{name}\n')
+
+
+def _recovers(target: Path, contents: Sequence[dict[str, bytes]]) -> bool:
+    """Return whether a store is sound after a stop, has lost nothing and takes the next record."""
+    told = target.parent / 'finished'
+    finished = told.read_text().split() if told.exists() else []
+    told.unlink(missing_ok=True)
+    if not verify(target).sound:
+        return False
+    try:
+        with EvidenceStore(target) as store:
+            if any(store.find(name) is None for name in finished):
+                return False
+            name = f'r{store.next_number:05d}'
+            store.add(name, *_named(contents[0], name))
+            count = store.next_number - 1
+    except StereoSpeedError:
+        return False
+    found = verify(target)
+    return found.sound and found.records == count
+
+
+def _remove(name: Path, folder: Path) -> None:
+    path = folder / name
+    shutil.rmtree(path) if path.is_dir() else path.unlink()
+
+
+def _cut(name: Path, folder: Path) -> None:
+    os.truncate(folder / name, (folder / name).stat().st_size - 1)
+
+
+def _copy(name: Path, folder: Path) -> None:
+    path, copy = folder / name, folder / f'{name}.copy'
+    if path.is_dir():
+        shutil.copytree(path, copy)
+    else:
+        shutil.copy(path, copy)
+
+
+def _swap(name: Path, other: Path, folder: Path) -> None:
+    a, b, aside = folder / name, folder / other, folder.with_name('swap')
+    a.rename(aside)
+    b.rename(a)
+    aside.rename(b)
+
+
+def _keep(kept: Sequence[int], folder: Path) -> None:
+    """Write the chain anew with some of its lines."""
+    path = folder / CHAIN_FILE
+    lines = path.read_text().splitlines(keepends=True)
+    path.write_text(''.join(lines[k] for k in kept))
+
+
+def _end(names: Sequence[str], kept: int, folder: Path) -> None:
+    """Remove the last entries of the chain with their records."""
+    _keep(range(kept), folder)
+    for name in names[kept:]:
+        shutil.rmtree(folder / name)

@@ -1,0 +1,291 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Which passes of faulty traffic become records, and whether a record is ever wrong.
+
+A record is wrong when its speed is off by more than the limit of error (3 km/h up to 100 km/h,
+3 % above), or when a front that it marks is not that of the vehicle that it is of.
+"""
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field, replace
+import math
+from pathlib import Path
+import tempfile
+from typing import Any, Iterable, Mapping, Optional, Sequence
+
+import numpy as np
+
+from .associate import nearness
+from .labeled_sequence import LineKnowledge
+from .tables import Cell, Table
+from .traffic import Row, TrafficRules
+from .traffic_run import stream_of, traffic_site
+from ..sim.config import RigConfig
+from ..sim.stream_faults import FAULTS, FaultyStream, SentImage
+from ..sim.traffic_config import traffic_config, TrafficConfig
+from ...batch.job import Job, Result
+from ...core.passes import PassResult, Verdict
+from ...core.records import Array
+from ...core.units import KMH_MPS
+from ...enforcement.config import DecisionConfig, EnforcementConfig
+from ...enforcement.decision import NoRecord, tolerance_mps
+from ...enforcement.fingerprint import Approved
+from ...enforcement.instrument import Instrument
+from ...enforcement.record import Setting, Violation
+from ...enforcement.recorder import EvidenceRecorder
+from ...enforcement.ring import ImageRing
+from ...enforcement.store import EvidenceStore
+from ...io.source_image import SourceImage
+from ...pipeline.config import PipelineConfig
+from ...pipeline.pipeline import SpeedPipeline
+from ...site.write import site_text
+from ...survey.reference import error_limit_mps
+
+LIMIT_MPH = 40.0  # of every lane, at a pace of 1
+PACES = (1.0, 0.7, 1.3, 0.5)  # of the traffic, against 45, 53 and 60 mph in the mean
+SEEN_PX = 20.0  # least width of a front in these images that is well seen
+BEFORE_S = 14.0  # from where vehicles enter to the camera, at a pace of 1
+WEATHERS = (('day', False), ('day', True), ('dusk', False), ('overcast', True),
+            ('wet_night', True))  # light, and whether bodies have depth
+COLUMNS = ('fault', 'passes', 'measured', 'violations', 'recorded', 'share', 'records', 'of none',
+           'wrong speed', 'wrong vehicle', 'worst error, km/h', 'no record')
+_BELOW = (str(NoRecord.BELOW_LIMIT), str(NoRecord.NOT_MEASURED))
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViolationRun:
+    """
+    What came of one stream.
+
+    :param fault: that was put into it.
+    :param passes: that were reported, measured or rejected.
+    :param measured: of these.
+    :param violations: vehicles well seen whose true speed is a violation.
+    :param recorded: of these, those that a record is of.
+    :param records: all records.
+    :param wrong_speed: records whose speed is off by more than the limit.
+    :param wrong_vehicle: records that mark a front of another vehicle, or of none.
+    :param not_violating: records of vehicles that were not above the limit.
+    :param errors_kmh: error of each record's speed.
+    :param no_record: reasons, with how many passes there were of each.
+    :param details: a line for each record that is wrong.
+    """
+
+    fault: str
+    passes: int = 0
+    measured: int = 0
+    violations: int = 0
+    recorded: int = 0
+    records: int = 0
+    wrong_speed: int = 0
+    wrong_vehicle: int = 0
+    not_violating: int = 0
+    errors_kmh: Sequence[float] = ()
+    no_record: Mapping[str, int] = field(default_factory=dict)
+    details: Sequence[str] = ()
+
+
+def violation_jobs(streams: int, seed: int, faults: Sequence[str], vehicles: int = 32,
+                   fps: float = 8.0) -> list[Job]:
+    """
+    Return streams of half a minute, with one fault after the other.
+
+    :param streams: how many.
+    :param seed: of all of them.
+    :param faults: of ``FAULTS``.
+    :param vehicles: that drive in each stream; not all of them come into view.
+    :param fps: pairs per second.
+    """
+    jobs = []
+    for number in range(streams):
+        light, outdoors = WEATHERS[(number // len(faults) + number) % len(WEATHERS)]
+        jobs.append(Job(key=f'stream{number:04d}', parameters={
+            'number': number, 'seed': seed, 'fault': faults[number % len(faults)],
+            'light': light, 'outdoors': outdoors,
+            'pace': PACES[(number // len(faults)) % len(PACES)],
+            'vehicles': vehicles, 'fps': fps}))
+    return jobs
+
+
+def violation_job(parameters: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Simulate one stream and decide on its passes; runs in a worker process."""
+    config, seed = stream_config(parameters), (parameters['seed'], parameters['number'])
+    number = int(np.random.SeedSequence(seed).generate_state(1)[0])
+    site = traffic_site(config, number, LineKnowledge.PICKED)
+    stream = FaultyStream(stream_of(config, number), parameters['fault'],
+                          np.random.default_rng((*seed, 1)))
+    measuring = PipelineConfig()
+    enforcement = EnforcementConfig()
+    with tempfile.TemporaryDirectory() as folder, EvidenceStore(Path(folder, 'records')) as store:
+        path = Path(folder, 'site.yaml')
+        path.write_text(site_text(site.site), encoding='utf-8')
+        site = replace(site, site=replace(site.site, where=str(path)))
+        setting = Setting(Instrument.of('simulated', site, measuring), site, enforcement,
+                          Approved(), 'header stamps')
+        recorder = EvidenceRecorder(store, setting, ImageRing.of(enforcement.evidence))
+        decided = decide_stream(stream, site.pipeline(measuring, None, seed=number), recorder)
+    return decided.scored(parameters['fault'], stream.truth, site.site.lanes[0].speed_limit_mps)
+
+
+def stream_config(parameters: Mapping[str, Any]) -> TrafficConfig:
+    """Return the traffic of a job: small images, many vehicles, speeds about the limit."""
+    pace = parameters['pace']
+    rig = RigConfig(width_px=512, height_px=384, f_px=900.0, baseline_m=1.0)
+    config = traffic_config(
+        parameters['light'], 3, 0, parameters['fps'], 0.5, parameters['vehicles'],
+        outdoors=parameters['outdoors'], rig=rig, speed_limit=f'{LIMIT_MPH * pace:g} mph')
+    return replace(config, before_s=BEFORE_S / pace, clear_s=2.0, speed_std_mps=3.0,
+                   lane_speeds_mps=tuple(pace * speed for speed in config.lane_speeds_mps))
+
+
+@dataclass
+class DecidedStream:
+    """
+    The passes of a stream, and what was decided on each.
+
+    :param passes: all of them.
+    :param found: those that are violations.
+    :param exposures: number of the exposure that a pair of each stamp shows.
+    :param no_record: reasons, with how many passes there were of each.
+    """
+
+    passes: list[PassResult] = field(default_factory=list)
+    found: list[Violation] = field(default_factory=list)
+    exposures: dict[int, int] = field(default_factory=dict)
+    no_record: Mapping[str, int] = field(default_factory=dict)
+
+    def scored(self, fault: str, truth: Sequence[Sequence[Row]], limit_mps: Optional[float]
+               ) -> Mapping[str, Any]:
+        """
+        Return what came of it as JSON values.
+
+        :param fault: that was put into it.
+        :param truth: rows of each exposure.
+        :param limit_mps: of the lanes.
+        """
+        rows = [row for exposure in truth for row in exposure]
+        speeds: dict[int, list[float]] = {}
+        for row in rows:  # elsewhere it is not measured, and may brake
+            if row['in_view']:
+                speeds.setdefault(row['vehicle'], []).append(row['speed'])
+        config, limit = EnforcementConfig().decision, limit_mps or 0.0
+        above = {vehicle for vehicle, values in speeds.items() if _above(
+            float(np.mean(values)), limit, config)}
+        wanted = TrafficRules(seen_px=SEEN_PX).counted(rows) & above
+        scores = [_score(violation, self.exposures, truth) for violation in self.found]
+        of = {score.vehicle for score in scores}
+        wrong = [s for s in scores if s.wrong_speed or s.wrong_vehicle]
+        return {
+            'fault': fault, 'passes': len(self.passes),
+            'measured': sum(p.verdict is Verdict.MEASURED for p in self.passes),
+            'violations': len(wanted), 'recorded': len(wanted & of), 'records': len(scores),
+            'wrong_speed': sum(s.wrong_speed for s in scores),
+            'wrong_vehicle': sum(s.wrong_vehicle for s in scores),
+            'not_violating': sum(s.true_mps <= limit for s in scores),
+            'errors_kmh': [s.error_mps / KMH_MPS for s in scores],
+            'no_record': dict(self.no_record), 'details': [s.line for s in wrong]}
+
+
+def decide_stream(stream: FaultyStream, pipeline: SpeedPipeline, recorder: EvidenceRecorder
+                  ) -> DecidedStream:
+    """Run a stream through a pipeline, and have each pass decided on when it ends."""
+    out = DecidedStream()
+
+    def take(passes: Iterable[PassResult]) -> None:
+        for result in passes:
+            out.passes.append(result)
+            found = recorder.decide(f'pass{result.track:05d}', result)
+            if isinstance(found, Violation):
+                out.found.append(found)
+    for one in stream:
+        for image in stream.images:
+            recorder.ring.add(image.side, image.stamp_ns, _source(image))
+        stream.images.clear()
+        if one.anew:  # as the live nodes do when time jumps back
+            take(pipeline.finish())
+            pipeline.reset()
+        out.exposures[one.pair.stamp_ns] = one.exposure
+        take(pipeline.process(one.pair).passes)
+    take(pipeline.finish())
+    out.no_record = recorder.summary()['no_record']
+    return out
+
+
+@dataclass(frozen=True)
+class _Score:
+    """A record beside the truth."""
+
+    vehicle: int
+    true_mps: float
+    error_mps: float
+    wrong_speed: bool
+    wrong_vehicle: bool
+    line: str
+
+
+def _score(violation: Violation, exposures: Mapping[int, int], truth: Sequence[Sequence[Row]]
+           ) -> _Score:
+    """Hold a record against the truth of the pairs that it was measured in."""
+    result, seen = violation.result, violation.trace.seen
+    on = []
+    for pair in seen:
+        assert pair.update is not None  # noqa: S101 (for the types)
+        on.append(_nearest(pair.update.position_m, truth[exposures[pair.stamp_ns]]))
+    vehicle = Counter(on).most_common(1)[0][0]
+    true = [row['speed'] for ns in result.smoothed for row in truth[exposures[ns]]
+            if row['vehicle'] == vehicle]
+    assert result.speed_mps is not None  # noqa: S101
+    true_mps = float(np.mean(true)) if true else math.nan
+    error = result.speed_mps - true_mps
+    wrong_vehicle = vehicle < 0 or any(one != vehicle for one in on)
+    wrong_speed = not abs(error) <= error_limit_mps(true_mps)
+    return _Score(vehicle, true_mps, error, wrong_speed, wrong_vehicle, (
+        f'track {result.track}, {result.first_ns} to {result.last_ns} ns: '
+        f'{result.speed_mps / KMH_MPS:.2f} ± {(result.speed_std_mps or 0) / KMH_MPS:.2f} km/h, '
+        f'true {true_mps / KMH_MPS:.2f}, vehicles {on}'))
+
+
+def _nearest(position_m: Array, rows: Sequence[Row]) -> int:
+    """Return the vehicle that a front is on; -1 where it is on none."""
+    near = [(float(nearness(position_m, np.array([row['x'], row['y'], row['z']]))),
+             row['vehicle']) for row in rows]
+    best = max(near, default=(0.0, -1))
+    return best[1] if best[0] > 0 else -1
+
+
+def _above(speed_mps: float, limit_mps: float, config: DecisionConfig) -> bool:
+    """Return whether a true speed is a violation: above the limit by tolerance and rounding."""
+    return speed_mps - tolerance_mps(speed_mps, config) >= limit_mps + KMH_MPS
+
+
+def _source(image: SentImage) -> SourceImage:
+    height, width = image.pixels.shape
+    return SourceImage('mono8', image.pixels.tobytes(), width, height, width)
+
+
+def gather_violations(results: Sequence[Result]) -> list[ViolationRun]:
+    """Return what came of each stream; those whose job failed are left out."""
+    return [ViolationRun(**result.value) for result in results if result.value is not None]
+
+
+def violations_table(runs: Sequence[ViolationRun]) -> Table:
+    """Return a row for each fault, then one for all."""
+    names = [name for name in FAULTS if any(run.fault == name for run in runs)]
+    rows = [_row(f'`{name}`', [run for run in runs if run.fault == name]) for name in names]
+    return Table(title='', columns=COLUMNS, rows=[*rows, _row('all', runs)], digits=2)
+
+
+def _row(name: str, runs: Sequence[ViolationRun]) -> list[Cell]:
+    def total(of: str) -> int:
+        return sum(getattr(run, of) for run in runs)
+    errors = [abs(error) for run in runs for error in run.errors_kmh]
+    reasons = sum((Counter(dict(run.no_record)) for run in runs), Counter[str]())
+    told = ', '.join(f'{reason} {count}' for reason, count in sorted(reasons.items())
+                     if reason not in _BELOW)
+    wanted = total('violations')
+    return [name, total('passes'), total('measured'), wanted, total('recorded'),
+            f'{100 * total("recorded") / wanted:.0f} %' if wanted else None,
+            total('records'), total('not_violating'), total('wrong_speed'), total('wrong_vehicle'),
+            max(errors, default=math.nan), told or '-']

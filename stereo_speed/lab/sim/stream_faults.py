@@ -1,0 +1,239 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Faults of cameras, transport and clocks, put into a stream of simulated traffic.
+
+They are those that ``faulty_replay_node`` puts into messages. Images go through them one by one,
+and are paired by their stamps as the nodes pair them. The nodes' own guards (images that repeat,
+views that are crossed) are left out: what measures has to stand the faults by itself.
+"""
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any, Callable, Iterable, Iterator, Optional, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .traffic import TrafficPair
+from ...core.pair_matcher import Match, PairMatcher
+from ...core.records import StereoPair
+
+JUMP_NS = 1_000_000_000  # a stamp this far back is time starting anew, not a late image
+LATE_TOLERANCE_NS = 60_000_000  # of the pairing, where right stamps are late
+SIDES = ('left', 'right')
+
+
+@dataclass(frozen=True, eq=False)
+class SentImage:
+    """
+    An image on its way.
+
+    :param side: ``left`` or ``right``.
+    :param stamp_ns: its header stamp, which a fault may have changed.
+    :param exposure: number of the exposure that it is sent for.
+    :param pixels: (H, W).
+    """
+
+    side: str
+    stamp_ns: int
+    exposure: int
+    pixels: NDArray[Any]
+
+
+@dataclass
+class FaultState:
+    """
+    What a fault remembers.
+
+    :param rng: source of its randomness.
+    :param kept: images kept, by side.
+    :param begins: whether the fault begins with this exposure.
+    """
+
+    rng: np.random.Generator
+    kept: dict[str, SentImage] = field(default_factory=dict)
+    begins: bool = False
+
+
+Fault = Callable[[FaultState, SentImage], Sequence[SentImage]]
+
+
+@dataclass(frozen=True, eq=False)
+class FaultyPair:
+    """
+    A pair as it came through a fault.
+
+    :param pair: the pair.
+    :param exposure: number of the exposure that its left image was sent for.
+    :param anew: whether time has jumped back before it.
+    """
+
+    pair: StereoPair
+    exposure: int
+    anew: bool = False
+
+
+def _sound(state: FaultState, image: SentImage) -> Sequence[SentImage]:
+    return [image]
+
+
+def _unusable(state: FaultState, image: SentImage) -> Sequence[SentImage]:
+    """Lose one left image, as one that cannot be decoded is."""
+    return [] if image.side == 'left' and state.begins else [image]
+
+
+def _black(state: FaultState, image: SentImage) -> Sequence[SentImage]:
+    return [replace(image, pixels=np.zeros_like(image.pixels))]
+
+
+def _garbage(state: FaultState, image: SentImage) -> Sequence[SentImage]:
+    if image.side == 'left':
+        return [image]
+    noise = state.rng.integers(0, 256, image.pixels.shape, dtype=np.uint8)
+    return [replace(image, pixels=noise.astype(image.pixels.dtype))]
+
+
+def _frozen(sides: Sequence[str]) -> Fault:
+    """Return the fault that sends the same pixels again and again."""
+    def fault(state: FaultState, image: SentImage) -> Sequence[SentImage]:
+        if image.side not in sides:
+            return [image]
+        if state.begins:
+            state.kept[image.side] = image
+        return [replace(image, pixels=state.kept[image.side].pixels)]
+    return fault
+
+
+def _swapped(state: FaultState, image: SentImage) -> Sequence[SentImage]:
+    return [replace(image, side='right' if image.side == 'left' else 'left')]
+
+
+def _lost(sides: Sequence[str], share: float = 1.0) -> Fault:
+    """Return the fault that loses a share of the images of some sides."""
+    def fault(state: FaultState, image: SentImage) -> Sequence[SentImage]:
+        return [] if image.side in sides and state.rng.random() < share else [image]
+    return fault
+
+
+def _twice(state: FaultState, image: SentImage) -> Sequence[SentImage]:
+    return [image, image]
+
+
+def _disordered(state: FaultState, image: SentImage) -> Sequence[SentImage]:
+    """Send each two right images in the wrong order."""
+    if image.side == 'left':
+        return [image]
+    before: Optional[SentImage] = state.kept.pop('right', None)
+    if before is None:
+        state.kept['right'] = image
+        return []
+    return [image, before]
+
+
+def _later(seconds: float, sides: Sequence[str] = SIDES) -> Fault:
+    """Return the fault that moves stamps."""
+    def fault(state: FaultState, image: SentImage) -> Sequence[SentImage]:
+        return [replace(image, stamp_ns=image.stamp_ns + round(seconds * 1e9))
+                if image.side in sides else image]
+    return fault
+
+
+def _jitter(state: FaultState, image: SentImage) -> Sequence[SentImage]:
+    """Stamp late by up to 10 ms, both views alike."""
+    rng = np.random.default_rng(image.exposure)
+    return [replace(image, stamp_ns=image.stamp_ns + int(rng.integers(10_000_000)))]
+
+
+def _stamp_of_zero(state: FaultState, image: SentImage) -> Sequence[SentImage]:
+    return [replace(image, stamp_ns=0)] if image.side == 'left' and state.begins else [image]
+
+
+def _stamps_of_zero(state: FaultState, image: SentImage) -> Sequence[SentImage]:
+    return [replace(image, stamp_ns=0)]
+
+
+FAULTS: dict[str, Fault] = {
+    'none': _sound, 'unusable_image': _unusable, 'black': _black, 'garbage_right': _garbage,
+    'frozen_pair': _frozen(SIDES), 'frozen_right': _frozen(('right',)), 'swapped': _swapped,
+    'no_right': _lost(('right',)), 'no_images': _lost(SIDES),
+    'lost_30_percent': _lost(SIDES, 0.3), 'twice': _twice, 'disordered': _disordered,
+    'right_5_ms': _later(0.005, ('right',)), 'right_20_ms': _later(0.02, ('right',)),
+    'right_50_ms': _later(0.05, ('right',)), 'clock_30_ms_on': _later(0.03),
+    'clock_30_ms_back': _later(-0.03), 'clock_an_hour_on': _later(3600.0),
+    'clock_an_hour_back': _later(-3600.0), 'stamp_jitter_10_ms': _jitter,
+    'stamp_of_zero': _stamp_of_zero, 'stamps_of_zero': _stamps_of_zero}
+ALWAYS = ('right_5_ms', 'right_20_ms', 'right_50_ms', 'stamp_jitter_10_ms')  # from the start
+APPROXIMATE = ('right_5_ms', 'right_20_ms', 'right_50_ms')  # with that pairing
+
+
+class FaultyStream:
+    """
+    A stream of traffic with a fault that comes and goes; it can be iterated once.
+
+    :param stream: the traffic.
+    :param fault: one of ``FAULTS``.
+    :param rng: source of all randomness of the fault.
+    :param pause_s: mean time between two times of the fault, s.
+    :param most_s: longest time that it holds, s.
+
+    ``images`` has the images that came out since it was last cleared, in the order of coming.
+    """
+
+    def __init__(self, stream: Iterable[TrafficPair], fault: str, rng: np.random.Generator, *,
+                 pause_s: float = 5.0, most_s: float = 2.0) -> None:
+        self._stream, self._name, self._rng = stream, fault, rng
+        self._pause_s, self._most_s = pause_s, most_s
+        self._matcher = PairMatcher(LATE_TOLERANCE_NS if fault in APPROXIMATE else 0)
+        self._last_ns = dict.fromkeys(SIDES, -1)
+        self._anew = False
+        self._index = 0
+        self.images: list[SentImage] = []
+        self.truth: list[tuple[Any, ...]] = []  # rows of each exposure
+
+    def __iter__(self) -> Iterator[FaultyPair]:
+        """Yield the pairs as they come."""
+        fault, state, held = FAULTS[self._name], FaultState(self._rng), False
+        begins_s, ends_s, first_ns = self._next(0.0), 0.0, None
+        ends_s = begins_s + self._length()
+        for number, one in enumerate(self._stream):
+            self.truth.append(one.truth)
+            first_ns = one.pair.stamp_ns if first_ns is None else first_ns
+            at_s = (one.pair.stamp_ns - first_ns) * 1e-9
+            if at_s >= ends_s:
+                begins_s = self._next(at_s)
+                ends_s = begins_s + self._length()
+            holds = self._name in ALWAYS or begins_s <= at_s < ends_s
+            state.begins, held = holds and not held, holds
+            for image in (SentImage('left', one.pair.stamp_ns, number, one.pair.left),
+                          SentImage('right', one.pair.right_stamp_ns, number, one.pair.right)):
+                for sent in fault(state, image) if holds else [image]:
+                    yield from self._paired(sent)
+
+    def _next(self, at_s: float) -> float:
+        return at_s + float(self._rng.exponential(self._pause_s))
+
+    def _length(self) -> float:
+        return float(self._rng.uniform(0.1, self._most_s))
+
+    def _paired(self, image: SentImage) -> Iterator[FaultyPair]:
+        """Take an image as ``nodes/pairing.py`` does; yield the pairs that are now certain."""
+        self.images.append(image)
+        last_ns = self._last_ns[image.side]
+        if image.stamp_ns < last_ns - JUMP_NS:
+            self._matcher.reset()
+            self._last_ns = dict.fromkeys(SIDES, -1)
+            self._anew = True
+        elif image.stamp_ns <= last_ns:
+            return
+        self._last_ns[image.side] = image.stamp_ns
+        add = self._matcher.add_left if image.side == 'left' else self._matcher.add_right
+        for match in add(image.stamp_ns, image):
+            yield self._faulty(match)
+
+    def _faulty(self, match: Match) -> FaultyPair:
+        left_ns, left, right_ns, right = match
+        anew, self._anew = self._anew, False
+        index, self._index = self._index, self._index + 1
+        return FaultyPair(StereoPair(index, left_ns, right_ns, left.pixels, right.pixels),
+                          left.exposure, anew)

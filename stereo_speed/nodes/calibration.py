@@ -1,0 +1,122 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The rig as both ``camera_info`` topics tell it, whatever else comes on them.
+
+What is no calibration is refused. Another calibration than the known one is believed when it is
+repeated, or not contradicted for some time; until then, and until the known one comes again,
+nothing is measured.
+
+One thread, that of the node, takes messages and believes them; the one that measures only reads
+``current`` and asks whether it ``holds``.
+"""
+from __future__ import annotations
+
+from dataclasses import dataclass
+import time
+from typing import Any, Callable, Optional
+
+from .health import ERROR, Refusals, State, WARN
+from ..core.errors import CalibrationError
+from ..geometry.rig import StereoRig
+from ..io.camera_info import camera_from_info, rig_from_info, same_calibration
+
+_REPEATED = 3
+_UNCONTRADICTED_S = 1.0
+_PATIENCE_S = 5.0  # to wait for the first calibrations
+
+
+@dataclass
+class _Candidate:
+    """Another calibration than the known one: how often it came, since when."""
+
+    msg: Any
+    since_s: float
+    count: int = 1
+
+
+class CalibrationWatch:
+    """
+    See the module's docstring.
+
+    ``current`` is the number of changes so far and the rig, which is None until both cameras are
+    known, and where they make no rig.
+
+    :param refusals: takes what is no calibration.
+    :param clock: steady time, s.
+    """
+
+    def __init__(self, refusals: Refusals, clock: Callable[[], float] = time.monotonic) -> None:
+        self.current: tuple[int, Optional[StereoRig]] = (0, None)
+        self._refusals, self._clock, self._begun_s = refusals, clock, clock()
+        self._known: dict[str, Any] = {}
+        self._others: dict[str, _Candidate] = {}
+        self._fault = ''
+
+    @property
+    def doubtful(self) -> bool:
+        """Return whether another calibration has come, and it is not yet clear which holds."""
+        return bool(self._others)
+
+    def holds(self, version: int) -> bool:
+        """Return whether the rig of some version is that of the cameras, beyond doubt."""
+        # In this order, for what is no longer doubtful is current already.
+        return not self.doubtful and self.current[0] == version
+
+    def take(self, side: str, msg: Any) -> None:
+        """Take a message of a side."""
+        topic = f'{side}/camera_info'
+        try:
+            camera_from_info(msg, side, topic)
+        except CalibrationError as error:
+            self._refusals.add(topic, error)
+            return
+        known, other = self._known.get(side), self._others.get(side)
+        if known is None:
+            self._known[side] = msg
+            self._make()
+        elif same_calibration(known, msg):
+            self._others.pop(side, None)
+        elif other is not None and same_calibration(other.msg, msg):
+            other.count += 1
+        else:
+            self._others[side] = _Candidate(msg, self._clock())
+            self._refusals.add(topic, CalibrationError(
+                topic, 'calibration', 'another one', 'the one measured with; nothing is measured '
+                'until one of them has proved itself'))
+        self.settle()
+
+    def settle(self) -> None:
+        """Believe other calibrations that have proved themselves; those of both sides at once."""
+        now_s = self._clock()
+        if self._others and all(
+                other.count >= _REPEATED or now_s - other.since_s > _UNCONTRADICTED_S
+                for other in self._others.values()):
+            self._known.update((side, other.msg) for side, other in self._others.items())
+            self._make()
+            self._others.clear()
+
+    def _make(self) -> None:
+        if len(self._known) < 2:
+            return
+        rig: Optional[StereoRig] = None
+        self._fault = ''
+        try:
+            rig = rig_from_info(self._known['left'], self._known['right'], 'camera_info')
+        except CalibrationError as error:
+            self._fault = str(error)
+            self._refusals.add('camera_info', error)
+        self.current = (self.current[0] + 1, rig)
+
+    def tell(self, state: State) -> None:
+        """Add what is wrong with the calibration to a state."""
+        if self._fault:
+            state.find(ERROR, self._fault)
+        elif self.current[1] is None:
+            missing = ' and '.join(f'{side}/camera_info' for side in ('left', 'right')
+                                   if side not in self._known)
+            late = self._clock() - self._begun_s > _PATIENCE_S
+            state.find(ERROR if late else WARN, f'waiting for {missing}')
+        elif self.doubtful:
+            state.find(ERROR, 'another calibration has come: nothing is measured until it has '
+                       'proved itself')

@@ -1,0 +1,67 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+``/diagnostics``, after the conventions of ``diagnostic_updater``.
+
+A status for each task, named ``NODE: TASK`` with the node's namespace before it where it has one,
+once a ``diagnostic_updater.period``; ``hardware_id`` tells rigs apart.
+"""
+from __future__ import annotations
+
+from typing import Callable, Mapping, Optional
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+
+from .common import Parameters
+from .health import ERROR, State
+
+Task = Callable[[], State]
+_PERIOD_S = 1.0
+
+
+class Diagnostics:
+    """
+    Publishes the states of a node's tasks on ``/diagnostics``.
+
+    :param node: the node it speaks for.
+    :param tasks: name of each task to what gives its state; more may be added.
+    """
+
+    def __init__(self, node: Node, tasks: Optional[Mapping[str, Task]] = None) -> None:
+        p = Parameters(node)
+        period_s = p.get('diagnostic_updater.period', _PERIOD_S, 'time between two states on '
+                         '/diagnostics [s]', 0.1, 60.0)
+        hardware = p.get('hardware_id', '', 'hardware_id of the states on /diagnostics; empty is '
+                         'the namespace, or stereo_speed where there is none')
+        namespace = node.get_namespace().strip('/')
+        self.hardware_id = hardware or namespace or 'stereo_speed'
+        self.prefix = f'{namespace}/{node.get_name()}' if namespace else node.get_name()
+        self.node, self.tasks = node, dict(tasks or {})
+        self.publisher = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        # Steady time: with simulated time a stopped replay would stop the heartbeat too.
+        node.create_timer(period_s, self.publish, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def publish(self) -> None:
+        """Publish the present states."""
+        msg = DiagnosticArray(status=[
+            self._status(name, self._state(name, task)) for name, task in self.tasks.items()])
+        msg.header.stamp = self.node.get_clock().now().to_msg()
+        self.publisher.publish(msg)
+
+    def _state(self, name: str, task: Task) -> State:
+        """Return the state of a task; a fault of ours in telling it is told, and ends nothing."""
+        try:
+            return task()
+        except Exception as error:
+            state = State('')
+            state.find(ERROR, f'its state cannot be told: {error!r}')
+            self.node.get_logger().error(f'{name}: {state.message}', throttle_duration_sec=10.0)
+            return state
+
+    def _status(self, task: str, state: State) -> DiagnosticStatus:
+        return DiagnosticStatus(
+            level=state.level, name=f'{self.prefix}: {task}', message=state.message,
+            hardware_id=self.hardware_id,
+            values=[KeyValue(key=k, value=str(v)) for k, v in state.values.items()])

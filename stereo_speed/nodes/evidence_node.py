@@ -1,0 +1,262 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+``evidence_node``: raw images and finished passes in, records of violations out.
+
+The images are kept as they came, for a bounded while; when a pass ends, it is decided whether it
+is a violation, and a thread of its own writes the record, so that no image is missed meanwhile.
+"""
+from __future__ import annotations
+
+from collections import Counter, deque, OrderedDict
+from functools import partial
+import json
+from pathlib import Path
+import threading
+from typing import Any, Optional, Sequence
+
+import rclpy
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from std_msgs.msg import String
+
+from .common import LATCHED, latched_options, Parameters, run, stamp_ns
+from .diagnostics import Diagnostics
+from .health import ERROR, State, WARN
+from .subscriptions import image_kind, OfferedSubscription
+from ..core.errors import InputError, StereoSpeedError
+from ..enforcement.chain import load_private_key
+from ..enforcement.clock import clock_state
+from ..enforcement.config import EnforcementConfig
+from ..enforcement.decision import NoRecord
+from ..enforcement.fingerprint import Approved, load_approved
+from ..enforcement.instrument import Instrument
+from ..enforcement.recompute import read_json, RECORD
+from ..enforcement.record import Setting, Violation, violation_text
+from ..enforcement.recorder import EvidenceRecorder
+from ..enforcement.ring import ImageRing, SIDES
+from ..enforcement.store import EvidenceStore, Stored
+from ..io.source_image import SourceImage
+from ..io.trace_json import result_of
+
+_MOST_WAITING = 100  # passes whose trace has not come, and traces whose pass has not
+_MOST_VIOLATIONS = 20  # that wait to be written, each with its images
+_MOST_RUNS = 8  # of the program that measures, whose passes are still taken
+_POLL_S = 0.1
+_RETENTION_S = 3600.0
+_STOP_S = 60.0  # longest time for the last records when the node stops
+
+
+class EvidenceNode(Node):
+    """See the module's docstring."""
+
+    def __init__(self) -> None:
+        super().__init__('evidence_node')
+        p = Parameters(self)
+        where = f'{self.get_name()}: parameter'
+        out = p.get('out', '', 'folder for the records')
+        head = p.get('head', '', "file of the chain's head, best on another disk; empty: beside "
+                     'the records')
+        key = p.get('key', '', 'file of the private key (Ed25519, PEM) that signs records')
+        approved = p.get('approved', '', 'file of fingerprints that were approved')
+        kind, suffix = image_kind(p)
+        if not out:
+            raise InputError(where, 'out', 'nothing', 'the folder for the records')
+        self.config = p.config(EnforcementConfig)
+        self.approved = load_approved(approved) if approved else Approved()
+        self.store = EvidenceStore(out, Path(head) if head else None,
+                                   load_private_key(key) if key else None,
+                                   self.config.evidence.least_free_mib)
+        self.ring = ImageRing.of(self.config.evidence)
+        self.images, self.last_ns = Counter[str](), 0
+        self.counts: Counter[str] = Counter()
+        self.wrong = ''  # why records cannot be written now
+        self.recorders: dict[str, EvidenceRecorder] = {}
+        # id of a pass: its run and its message; the same of its trace.
+        self.told: OrderedDict[str, tuple[str, str]] = OrderedDict()
+        self.traced: OrderedDict[str, tuple[str, str]] = OrderedDict()
+        self._work: deque[tuple[EvidenceRecorder, Violation]] = deque()
+        self._done: deque[tuple[Optional[Stored], str]] = deque()
+        self._wake, self._stopping = threading.Condition(), False
+        self._publish_and_subscribe(kind, suffix)
+        self._writer = threading.Thread(target=self._write_all, name='records', daemon=True)
+        self._writer.start()
+        self.diagnostics = Diagnostics(self, {'evidence': self.state})
+
+    def _publish_and_subscribe(self, kind: type, suffix: str) -> None:
+        latched = {'qos_overriding_options': latched_options()}
+        self.violations = self.create_publisher(String, 'violations', LATCHED, **latched)
+        for topic, callback in (('instrument', self.on_instrument), ('passes', self.on_pass),
+                                ('pass_traces', self.on_trace)):
+            self.create_subscription(String, topic, callback, LATCHED, **latched)
+        for side in SIDES:
+            OfferedSubscription(self, kind, f'{side}/image_raw{suffix}',
+                                partial(self.on_image, side))
+        # Steady time: where time is simulated, it stops with the images.
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(_POLL_S, self.tell, clock=steady)
+        self.create_timer(_RETENTION_S, self.delete_older, clock=steady)
+
+    # -- input ----------------------------------------------------------------------------
+
+    def on_image(self, side: str, msg: Any) -> None:
+        """Keep an image as it came."""
+        ns = stamp_ns(msg.header.stamp)
+        self.images[side] += 1
+        self.last_ns = max(self.last_ns, ns)
+        self.ring.add(side, ns, SourceImage.from_message(msg))
+
+    def on_instrument(self, msg: String) -> None:
+        """Take what a program that measures says of itself."""
+        try:
+            instrument = Instrument.of_text(msg.data, 'instrument')
+            setting = Setting(instrument, instrument.place('instrument'), self.config,
+                              self.approved, 'header stamps')
+            recorder = EvidenceRecorder(self.store, setting, self.ring, clock_state)
+        except StereoSpeedError as error:
+            self._refuse('bad_instrument', error)
+            return
+        if instrument.run in self.recorders:  # it measures on with another calibration
+            recorder.refused = self.recorders[instrument.run].refused
+        self.recorders[instrument.run] = recorder
+        while len(self.recorders) > _MOST_RUNS:
+            del self.recorders[next(iter(self.recorders))]
+        unknown = self.approved.unknown(instrument.fingerprints)
+        if unknown:
+            self.get_logger().error(f'not as approved: {", ".join(unknown)}')
+        self._join()
+
+    def on_pass(self, msg: String) -> None:
+        """Take a finished pass; its trace may come before or after."""
+        self._keep(self.told, msg)
+
+    def on_trace(self, msg: String) -> None:
+        """Take how a pass came about."""
+        self._keep(self.traced, msg)
+
+    def _keep(self, waiting: OrderedDict[str, tuple[str, str]], msg: String) -> None:
+        try:
+            data = json.loads(msg.data)
+            waiting[str(data['id'])] = str(data['run']), msg.data
+        except (ValueError, KeyError, TypeError) as error:
+            self._refuse('bad_message', error)
+            return
+        while len(waiting) > _MOST_WAITING:
+            waiting.popitem(last=False)
+            self.counts['never_whole'] += 1
+        self._join()
+
+    def _join(self) -> None:
+        """Decide on each pass that has come with its trace and its instrument."""
+        for name in [n for n in self.told if n in self.traced]:
+            recorder = self.recorders.get(self.traced[name][0])
+            if recorder is not None:
+                self._decide(recorder, name, self.told.pop(name)[1], self.traced.pop(name)[1])
+
+    def _decide(self, recorder: EvidenceRecorder, name: str, told: str, traced: str) -> None:
+        try:
+            violation = recorder.decide(name, result_of(told, traced, 'passes'))
+        except StereoSpeedError as error:
+            self._refuse('bad_message', error)
+            return
+        self.counts['passes'] += 1
+        if isinstance(violation, NoRecord):
+            if violation not in (NoRecord.BELOW_LIMIT, NoRecord.NOT_MEASURED):
+                self.get_logger().warning(f'{name}: no record: {violation}')
+            return
+        with self._wake:
+            if len(self._work) < _MOST_VIOLATIONS:
+                self._work.append((recorder, violation))
+                self._wake.notify()
+                return
+        self._refuse('not_written_in_time', f'{name}: {_MOST_VIOLATIONS} records wait already')
+
+    # -- output ---------------------------------------------------------------------------
+
+    def _write_all(self) -> None:
+        """Write records, in a thread of its own, until the node stops and none is left."""
+        while True:
+            with self._wake:
+                while not self._work and not self._stopping:
+                    self._wake.wait()
+                if not self._work:
+                    return
+                recorder, violation = self._work[0]
+            try:
+                self._done.append((recorder.write(violation), ''))
+            except StereoSpeedError as error:
+                self._done.append((None, str(error)))
+            except Exception as error:  # of one record, whatever it was: others wait
+                self._done.append((None, repr(error)))
+            with self._wake:
+                self._work.popleft()
+
+    def tell(self) -> None:
+        """Publish the records that were written since, and log what went wrong."""
+        while self._done:
+            stored, self.wrong = self._done.popleft()
+            if self.wrong:
+                self.get_logger().error(f'no record: {self.wrong}')
+            elif stored is not None and stored.anew:
+                record = read_json(stored.folder / RECORD)
+                self.violations.publish(String(data=violation_text(
+                    record, str(stored.folder), stored.seal.record_sha256)))
+                self.get_logger().info(
+                    f'violation: {record["speed"]["considered"]} {record["speed"]["unit"]} '
+                    f'considered, limit {record["speed"]["limit"]:.4g}, in {stored.folder}')
+
+    def delete_older(self) -> None:
+        """Delete records whose time is up, by the stamps of the images."""
+        for recorder in list(self.recorders.values())[-1:]:
+            if self._work:
+                return  # the writer has the store; the next hour will do
+            try:
+                for name in recorder.delete_older(self.last_ns):
+                    self.get_logger().info(f'deleted {name}: older than '
+                                           f'{self.config.evidence.retention_days} days')
+            except StereoSpeedError as error:
+                self._refuse('not_deleted', error)
+
+    def _refuse(self, what: str, why: object) -> None:
+        self.counts[what] += 1
+        self.get_logger().error(f'{what}: {why}', throttle_duration_sec=1.0)
+
+    def close(self) -> None:
+        """Write the last records: the node stops."""
+        with self._wake:
+            self._stopping = True
+            self._wake.notify()
+        self._writer.join(_STOP_S)
+        if rclpy.ok():
+            self.tell()
+        if not self._writer.is_alive():
+            self.store.close()
+
+    def state(self) -> State:
+        """Return the state of the records for ``/diagnostics``."""
+        state = State('recording')
+        refused = sum((r.refused for r in self.recorders.values()), Counter[str]())
+        state.values.update(
+            images_left=self.images['left'], images_right=self.images['right'],
+            ring_images=len(self.ring), ring_mib=self.ring.bytes >> 20,
+            records=len(self.store.chain), to_write=len(self._work), **self.counts,
+            **{f'no_record_{reason}': count for reason, count in sorted(refused.items())})
+        if self.wrong:
+            state.find(ERROR, f'no records: {self.wrong}')
+        if any(self.approved.unknown(r.setting.instrument.fingerprints)
+               for r in self.recorders.values()):
+            state.find(ERROR, 'what runs is not as approved')
+        if not self.recorders:
+            state.find(WARN, 'no instrument has said what it is')
+        elif not all(self.images[side] for side in SIDES):
+            state.find(WARN, 'no images')
+        return state
+
+
+def main(args: Optional[Sequence[str]] = None) -> int:
+    """Run the node."""
+    return run(EvidenceNode, args)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

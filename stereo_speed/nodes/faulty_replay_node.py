@@ -1,0 +1,225 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+``faulty_replay_node``: plays a bag as a camera pair would that something is wrong with.
+
+For tests of what the live nodes do then. The fault begins at ``fault_start`` seconds of the bag
+and holds for ``fault_length``; ``docs/live.md`` lists the faults and what comes of them.
+"""
+from __future__ import annotations
+
+from array import array
+from copy import deepcopy
+import time
+from typing import Any, Callable, Optional, Sequence
+
+import numpy as np
+from sensor_msgs.msg import CameraInfo
+
+from .common import Parameters, run, stamp_ns, to_stamp
+from .replay_node import ReplayNode
+from ..core.errors import InputError
+
+Sent = Sequence[tuple[str, Any]]  # side and message
+Fault = Callable[['FaultyReplayNode', str, Any], Sent]
+
+
+class FaultyReplayNode(ReplayNode):
+    """See the module's docstring."""
+
+    def __init__(self) -> None:
+        super().__init__('faulty_replay_node')
+        p = Parameters(self)
+        self.fault = p.get('fault', 'none', 'what is wrong: ' + ', '.join(FAULTS))
+        self.begins_s = p.get('fault_start', 5.0, 'when it begins [s]', 0.0, 1e9)
+        self.ends_s = self.begins_s + p.get('fault_length', 3.0, 'how long it holds [s]', 0.0, 1e9)
+        self.plays_s = p.get('length', 1e9, 'seconds of the bag to play', 0.0, 1e9)
+        if self.fault not in FAULTS:
+            raise InputError(f'{self.get_name()}: parameter', 'fault', self.fault,
+                             ', '.join(FAULTS))
+        self.rng = np.random.default_rng(0)
+        self.kept: dict[Any, Any] = {}
+        self.once: set[str] = set()
+
+    def send(self, side: str, kind: str, msg: Any, due_s: float) -> None:
+        """Publish a message as the fault leaves it."""
+        if due_s > self.plays_s:
+            return
+        of, change = FAULTS[self.fault]
+        if of != kind or not self.begins_s <= due_s < self.ends_s:
+            self.outputs[side, kind].publish(msg)
+            return
+        for to, sent in change(self, side, msg):
+            self.outputs[to, kind].publish(sent)
+
+
+def _once(change: Callable[[Any], None], side: str = 'left') -> Fault:
+    """Return the fault that spoils one message of a side."""
+    def fault(node: FaultyReplayNode, of: str, msg: Any) -> Sent:
+        if of == side and side not in node.once:
+            node.once.add(side)
+            change(msg)
+        return [(of, msg)]
+    return fault
+
+
+def _each(change: Callable[[Any], None], sides: Sequence[str] = ('left', 'right')) -> Fault:
+    """Return the fault that spoils every message of some sides."""
+    def fault(node: FaultyReplayNode, of: str, msg: Any) -> Sent:
+        if of in sides:
+            change(msg)
+        return [(of, msg)]
+    return fault
+
+
+def _later(seconds: float) -> Callable[[Any], None]:
+    """Return what moves a stamp."""
+    def change(msg: Any) -> None:
+        msg.header.stamp = to_stamp(stamp_ns(msg.header.stamp) + round(seconds * 1e9))
+    return change
+
+
+def _jitter(node: FaultyReplayNode, of: str, msg: Any) -> Sent:
+    """Send both images of a pair late by one time of some ms, which their stamps tell."""
+    ns = stamp_ns(msg.header.stamp)
+    late_s = node.kept.setdefault(ns, abs(float(node.rng.normal(0.0, 0.005))))
+    _later(late_s)(msg)
+    return [(of, msg)]
+
+
+def _delayed(node: FaultyReplayNode, of: str, msg: Any) -> Sent:
+    """Send right images 50 ms late, with the stamps that they have."""
+    if of == 'right':
+        time.sleep(0.05)
+    return [(of, msg)]
+
+
+def _apart(node: FaultyReplayNode, of: str, msg: Any) -> Sent:
+    """Send left images and right ones in turn, as cameras without a common trigger do."""
+    seen = node.kept[of] = node.kept.get(of, 0) + 1
+    return [(of, msg)] if (seen % 2 == 0) == (of == 'left') else []
+
+
+def _stamp_of_zero(msg: Any) -> None:
+    msg.header.stamp = to_stamp(0)
+
+
+def _short(msg: Any) -> None:
+    msg.data = array('B', bytes(msg.data[:len(msg.data) // 2]))
+
+
+def _other_size(msg: Any) -> None:
+    msg.height //= 2
+    msg.data = array('B', bytes(msg.data[:msg.height * msg.step]))
+
+
+def _empty(msg: Any) -> None:
+    msg.height = msg.width = msg.step = 0
+    msg.data = array('B')
+
+
+def _odd(msg: Any) -> None:
+    msg.encoding = 'yuv422'
+
+
+def _float(msg: Any) -> None:
+    pixels = np.frombuffer(bytes(msg.data), np.uint8).astype(np.float32)
+    msg.encoding, msg.step, msg.data = '32FC1', 4 * msg.width, array('B', pixels.tobytes())
+
+
+def _black(msg: Any) -> None:
+    msg.data = array('B', bytes(len(msg.data)))
+
+
+def _nan(msg: CameraInfo) -> None:
+    msg.k = np.full(9, np.nan)
+
+
+def _uncalibrated(msg: CameraInfo) -> None:
+    msg.k = np.zeros(9)
+
+
+def _longer(msg: CameraInfo) -> None:
+    msg.k = np.asarray(msg.k) * np.array([1.01, 1, 1, 1, 1.01, 1, 1, 1, 1])
+
+
+def _lost(sides: Sequence[str], share: float = 1.0) -> Fault:
+    """Return the fault that loses a share of the messages of some sides."""
+    def fault(node: FaultyReplayNode, of: str, msg: Any) -> Sent:
+        return [] if of in sides and node.rng.random() < share else [(of, msg)]
+    return fault
+
+
+def _frozen(sides: Sequence[str]) -> Fault:
+    """Return the fault that sends the same pixels again and again."""
+    def fault(node: FaultyReplayNode, of: str, msg: Any) -> Sent:
+        if of in sides:
+            msg.data = node.kept.setdefault(of, msg).data
+        return [(of, msg)]
+    return fault
+
+
+def _swapped(node: FaultyReplayNode, of: str, msg: Any) -> Sent:
+    return [('right' if of == 'left' else 'left', msg)]
+
+
+def _twice(node: FaultyReplayNode, of: str, msg: Any) -> Sent:
+    return [(of, msg), (of, msg)]
+
+
+def _disordered(node: FaultyReplayNode, of: str, msg: Any) -> Sent:
+    """Send each two right images in the wrong order."""
+    if of == 'left':
+        return [(of, msg)]
+    before: Optional[Any] = node.kept.pop(of, None)
+    if before is None:
+        node.kept[of] = deepcopy(msg)
+        return []
+    return [(of, msg), (of, before)]
+
+
+_RIGHT, _BOTH = ('right',), ('left', 'right')
+FAULTS: dict[str, tuple[str, Fault]] = {
+    'none': ('image', _each(lambda msg: None)),
+    'short_data': ('image', _once(_short)),
+    'other_size': ('image', _once(_other_size)),
+    'no_size': ('image', _once(_empty)),
+    'odd_encoding': ('image', _once(_odd)),
+    'float_encoding': ('image', _once(_float)),
+    'black': ('image', _each(_black)),
+    'frozen_pair': ('image', _frozen(_BOTH)),
+    'frozen_right': ('image', _frozen(_RIGHT)),
+    'swapped': ('image', _swapped),
+    'no_right': ('image', _lost(_RIGHT)),
+    'no_images': ('image', _lost(_BOTH)),
+    'lost_30_percent': ('image', _lost(_BOTH, 0.3)),
+    'twice': ('image', _twice),
+    'disordered': ('image', _disordered),
+    'right_delayed': ('image', _delayed),
+    'exposed_apart': ('image', _apart),
+    'right_5_ms': ('image', _each(_later(0.005), _RIGHT)),
+    'right_20_ms': ('image', _each(_later(0.02), _RIGHT)),
+    'right_50_ms': ('image', _each(_later(0.05), _RIGHT)),
+    'clock_30_ms_on': ('image', _each(_later(0.03))),
+    'clock_30_ms_back': ('image', _each(_later(-0.03))),
+    'clock_half_a_second_back': ('image', _each(_later(-0.5))),
+    'clock_an_hour_on': ('image', _each(_later(3600.0))),
+    'clock_an_hour_back': ('image', _each(_later(-3600.0))),
+    'jitter': ('image', _jitter),
+    'stamp_an_hour_on': ('image', _once(_later(3600.0))),
+    'stamp_of_zero': ('image', _once(_stamp_of_zero)),
+    'stamps_of_zero': ('image', _each(_stamp_of_zero)),
+    'info_nan': ('camera_info', _once(_nan)),
+    'info_uncalibrated': ('camera_info', _each(_uncalibrated)),
+    'no_info': ('camera_info', _lost(_BOTH)),
+    'info_other': ('camera_info', _each(_longer)),
+}
+
+
+def main(args: Optional[Sequence[str]] = None) -> int:
+    """Run the node."""
+    return run(FaultyReplayNode, args, spin=FaultyReplayNode.play)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

@@ -1,0 +1,277 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+What nodes know of their own health, without ROS: what is refused, what comes, what is missing.
+
+Times are steady times of this machine, for only they tell how long nothing has come. A fault
+counts for ``WINDOW_S``; then the state that it caused is over.
+"""
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+import threading
+import time
+from typing import Callable, Optional, Union
+
+import numpy as np
+from numpy.typing import NDArray
+
+OK, WARN, ERROR = b'\x00', b'\x01', b'\x02'  # levels of DiagnosticStatus
+WINDOW_S = 5.0
+SILENT_S = 2.0  # nothing for so long, and for so many usual intervals, is an error
+SILENT_INTERVALS = 5
+_LOG_S = 1.0  # between two lines about the same topic
+
+Value = Union[int, float, str]
+
+
+@dataclass
+class State:
+    """
+    Level, message and values of one diagnostic task; the worst finding counts.
+
+    :param fine: what is said when nothing was found.
+    :param level: ``OK``, ``WARN`` or ``ERROR``.
+    :param found: what was found, each in a few words.
+    :param values: numbers for who wants to know more.
+    """
+
+    fine: str
+    level: bytes = OK
+    found: list[str] = field(default_factory=list)
+    values: dict[str, Value] = field(default_factory=dict)
+
+    def find(self, level: bytes, message: str) -> None:
+        """Add a finding."""
+        self.level = max(self.level, level)
+        self.found.append(message)
+
+    @property
+    def message(self) -> str:
+        """Return the findings, or what is said when there are none."""
+        return '; '.join(self.found) or self.fine
+
+
+class Tally:
+    """
+    Counts events, in all and within ``WINDOW_S``.
+
+    One thread may count while another one asks.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self.total, self._clock, self._lock = 0, clock, threading.Lock()
+        self._events: deque[tuple[float, int]] = deque()  # of late: when, how many
+
+    def add(self, count: int = 1) -> None:
+        """Count events that happen now."""
+        if not count:
+            return
+        with self._lock:
+            self.total += count
+            self._events.append((self._clock(), count))
+            self._forget()
+
+    def _forget(self) -> None:
+        """Forget what is long ago, so that a year of events takes no more than ``WINDOW_S``."""
+        since = self._clock() - WINDOW_S
+        while self._events and self._events[0][0] < since:
+            self._events.popleft()
+
+    @property
+    def recent(self) -> int:
+        """Return how many have happened of late."""
+        with self._lock:
+            self._forget()
+            return sum(count for _, count in self._events)
+
+    @property
+    def rate_hz(self) -> float:
+        """Return how many have happened of late, per second."""
+        with self._lock:
+            self._forget()
+            if len(self._events) < 2:
+                return 0.0
+            span_s = self._events[-1][0] - self._events[0][0]
+            count = sum(count for _, count in self._events) - self._events[0][1]
+        return count / span_s if span_s > 0 else 0.0
+
+
+class Refusals:
+    """
+    Counts messages that cannot be used, and logs them at most once a second for each topic.
+
+    :param log: writes a warning.
+    :param clock: steady time, s.
+    """
+
+    def __init__(self, log: Callable[[str], object],
+                 clock: Callable[[], float] = time.monotonic) -> None:
+        self._log, self._clock = log, clock
+        self.tally = Tally(clock)
+        self.last = ''
+        self._logged_s: dict[str, float] = {}
+        self._held_back: dict[str, int] = {}
+
+    def add(self, topic: str, error: object) -> None:
+        """
+        Count a message that is refused.
+
+        :param topic: it came on; lines of different topics do not keep each other from the log.
+        :param error: says what was found and what was wanted.
+        """
+        self.tally.add()
+        self.last, now_s = ' '.join(str(error).split()), self._clock()
+        if now_s - self._logged_s.get(topic, -_LOG_S) < _LOG_S:
+            self._held_back[topic] = self._held_back.get(topic, 0) + 1
+            return
+        more = self._held_back.pop(topic, 0)
+        self._logged_s[topic] = now_s
+        also = f' ({more} more since the last line)' if more else ''
+        self._log(f'refused: {self.last}{also}')
+
+    def tell(self, state: State) -> None:
+        """Add what was refused to a state."""
+        state.values['refused'] = self.tally.total
+        if self.last:
+            state.values['last_refusal'] = self.last
+        if self.tally.recent:
+            state.find(WARN, f'{self.tally.recent} messages refused: {self.last}')
+
+
+class StampGaps:
+    """
+    Counts what is missing in a stream, by gaps in its stamps.
+
+    The period is the lower quartile of the latest intervals, so that it holds while less than
+    three of four neighbours are lost. Only gaps that are whole periods count: of a stream with
+    uneven intervals nobody can tell what is missing.
+    """
+
+    _INTERVALS, _FEWEST = 40, 5
+    _ODD = 0.25  # of a period: a gap further from a whole number of them tells nothing
+    _LONGEST_NS = 30_000_000_000  # a longer gap is a clock that was set, or a pause
+
+    def __init__(self) -> None:
+        self._intervals_ns: deque[int] = deque(maxlen=self._INTERVALS)
+        self._last_ns: Optional[int] = None
+
+    def add(self, ns: int) -> int:
+        """Take the next stamp; return how many are missing before it."""
+        last_ns, self._last_ns = self._last_ns, ns
+        if last_ns is None or ns <= last_ns:
+            return 0
+        step = ns - last_ns
+        if step > self._LONGEST_NS:
+            return 0
+        period, known = self.period_ns, len(self._intervals_ns) >= self._FEWEST
+        self._intervals_ns.append(step)
+        if not known or not period:
+            return 0
+        periods = step / period
+        whole = round(periods)
+        return whole - 1 if whole > 1 and abs(periods - whole) < self._ODD else 0
+
+    @property
+    def period_ns(self) -> int:
+        """Return the usual interval; 0 while there is none."""
+        return int(np.quantile(self._intervals_ns, 0.25)) if self._intervals_ns else 0
+
+    def restart(self) -> None:
+        """Forget the last stamp: time has jumped."""
+        self._last_ns = None
+
+
+class Look:
+    """
+    Tells a camera that gives the same picture again and again, or one without contrast.
+
+    It looks at every eighth pixel, and at all of them only where those are equal.
+    """
+
+    _STRIDE = 8
+    _LEAST_S, _LEAST = 1.0, 3  # a fault lasts longer, and for more images
+    _FLAT, _DARK = 2.0, 16.0  # standard deviation and mean, of 255 grey levels
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._last: Optional[NDArray[np.generic]] = None
+        self._same_since: Optional[float] = None
+        self._flat_since: Optional[float] = None
+        self._same = self._flat = 0
+        self._dark = False
+
+    def add(self, grey: NDArray[np.generic]) -> bool:
+        """Take an image (H, W); return whether it is the last one once more."""
+        now_s, some = self._clock(), grey[::self._STRIDE, ::self._STRIDE]
+        last, self._last = self._last, grey
+        same = last is not None and last.shape == grey.shape and last.dtype == grey.dtype \
+            and np.array_equal(last[::self._STRIDE, ::self._STRIDE], some) \
+            and np.array_equal(last, grey)
+        self._same, self._same_since = _run(same, self._same, self._same_since, now_s)
+        levels = 255.0 / (255.0 if grey.itemsize == 1 else 65535.0)
+        values = some.astype(np.float64) * levels
+        self._dark = bool(values.mean() < self._DARK)
+        flat = bool(values.std() < self._FLAT)
+        self._flat, self._flat_since = _run(flat, self._flat, self._flat_since, now_s)
+        return same
+
+    def tell(self, state: State, side: str) -> None:
+        """Add what is wrong with the pictures to a state."""
+        if self._lasts(self._flat, self._flat_since):  # such images may well be equal too
+            state.find(ERROR, f'{side} images are {"black" if self._dark else "without contrast"}')
+        elif self._lasts(self._same, self._same_since):
+            state.find(ERROR, f'{side} images are frozen')
+
+    def _lasts(self, count: int, since: Optional[float]) -> bool:
+        return since is not None and count >= self._LEAST \
+            and self._clock() - since > self._LEAST_S
+
+
+def _run(goes_on: bool, count: int, since: Optional[float], now_s: float
+         ) -> tuple[int, Optional[float]]:
+    """Return how often in a row something was so, and since when."""
+    if not goes_on:
+        return 0, None
+    return count + 1, now_s if since is None else since
+
+
+class Arrivals:
+    """Tells how often and how lately something has come."""
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock, self.tally = clock, Tally(clock)
+        self._since_s, self._last_s = clock(), 0.0
+        self.interval_s = 0.0  # between the last two
+
+    def add(self) -> None:
+        """Count one that has come now."""
+        now_s = self._clock()
+        if self.tally.total:
+            self.interval_s = now_s - self._last_s
+        self._last_s = now_s
+        self.tally.add()
+
+    @property
+    def age_s(self) -> float:
+        """Return the time since the last one, or since the start."""
+        return self._clock() - (self._last_s if self.tally.total else self._since_s)
+
+    @property
+    def silent(self) -> bool:
+        """Return whether they have stopped coming, or never began."""
+        return self.silent_for(SILENT_S)
+
+    def silent_for(self, least_s: float) -> bool:
+        """Return whether nothing has come for some time, and for so many usual intervals."""
+        return self.age_s > max(least_s, SILENT_INTERVALS * self.interval_s)
+
+    def tell(self, state: State, what: str, key: str) -> None:
+        """Add rate and age to a state, and whether there are none."""
+        state.values[f'{key}_hz'] = round(self.tally.rate_hz, 2)
+        state.values[f'{key}_age_s'] = round(self.age_s, 3)
+        if self.silent:
+            state.find(ERROR, f'no {what} for {self.age_s:.0f} s')
+        elif not self.tally.total:
+            state.find(WARN, f'no {what} yet')

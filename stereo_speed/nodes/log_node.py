@@ -1,0 +1,107 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""``log_node``: passes and readings into an SQLite file, crash-safe."""
+from __future__ import annotations
+
+import math
+from pathlib import Path
+import sqlite3
+from typing import Optional, Sequence
+
+from nav_msgs.msg import Odometry
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from std_msgs.msg import String
+
+from .common import (
+    LATCHED, latched_options, Parameters, qos_options, RELIABLE, run, stamp_ns)
+from .diagnostics import Diagnostics
+from .health import ERROR, State
+from .messages import speed_of
+from ..core.errors import InputError
+from ..io.pass_log import PassLog
+
+
+class LogNode(Node):
+    """
+    Write every pass of ``passes``, and every state of ``tracks``, into an SQLite file.
+
+    A pass is on the disk as soon as it has come; readings are synced every ``sync_s``.  A disk
+    that takes no more is an ERROR on ``/diagnostics`` until it does.
+    """
+
+    def __init__(self) -> None:
+        super().__init__('log_node')
+        parameters = Parameters(self)
+        path = parameters.get('file', 'passes.sqlite', 'SQLite file; one that is there is added '
+                              'to')
+        sync_s = parameters.get('sync_s', 1.0, 'readings are synced to the disk this often, s',
+                                0.05, 3600.0)
+        self.log = PassLog(Path(path).expanduser())
+        self.passes = self.tracks = self.refused = 0
+        self.fault = ''
+        self.create_subscription(String, 'passes', self.on_pass, LATCHED,
+                                 qos_overriding_options=latched_options())
+        self.create_subscription(Odometry, 'tracks', self.on_track, RELIABLE,
+                                 qos_overriding_options=qos_options())
+        # Steady time: where time is simulated, it stops with the images.
+        self.create_timer(sync_s, self.sync, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.diagnostics = Diagnostics(self, {'log': self.state})
+
+    def on_pass(self, msg: String) -> None:
+        """Write a pass, unless it is there already: the topic repeats those of late."""
+        try:
+            self.passes += self.log.add_pass(msg.data)
+            self.fault = ''
+        except InputError as error:
+            self.refused += 1
+            self.get_logger().error(str(error))
+        except sqlite3.Error as error:
+            self.failed(error)
+
+    def on_track(self, track: Odometry) -> None:
+        """Write a state of a track; a speed only where it is a measurement."""
+        speed, at = speed_of(track), track.pose.pose.position
+        try:
+            self.log.add_track(stamp_ns(track.header.stamp), track.child_frame_id,
+                               None if speed is None else speed.twist.twist.linear.x,
+                               None if speed is None else math.sqrt(
+                                   speed.twist.covariance[0]), (at.x, at.y, at.z))
+            self.tracks += 1
+        except sqlite3.Error as error:
+            self.failed(error)
+
+    def sync(self) -> None:
+        """Sync to the disk what has come; where that is done, it takes what is written again."""
+        try:
+            if self.log.keep():
+                self.fault = ''
+        except sqlite3.Error as error:
+            self.failed(error)
+
+    def failed(self, error: sqlite3.Error) -> None:
+        """Tell that nothing could be written."""
+        self.fault = f'{self.log.path}: {error}'
+        self.get_logger().error(self.fault, throttle_duration_sec=10.0)
+
+    def state(self) -> State:
+        """Return level and counts for ``/diagnostics``."""
+        state = State('logging', values={
+            'file': str(self.log.path), 'passes': self.passes, 'tracks': self.tracks,
+            'refused': self.refused})
+        if self.fault:
+            state.find(ERROR, self.fault)
+        return state
+
+    def close(self) -> None:
+        """Close the file."""
+        self.log.close()
+
+
+def main(args: Optional[Sequence[str]] = None) -> int:
+    """Run the node."""
+    return run(LogNode, args)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

@@ -1,0 +1,541 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Pairs in, tracks and passes out: what ``tracker_node`` and ``speed_camera_node`` share.
+
+It runs the same pipeline as ``replay``, in a thread of its own, so that images are received while
+it measures. Pairs are counted from 0 since the start or the last jump of time, as ``frame`` of the
+init file means them. A jump shows in the stamps of the pairs and in nothing else: ``/clock`` runs
+ahead of pairs that are still queued, and would cut their pass short.
+
+No pair and no calibration ends it. What is configured wrongly does, in the node's own thread.
+"""
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from functools import partial
+import threading
+import time
+from typing import Callable, Optional, Sequence
+
+import numpy as np
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.subscription import Subscription
+from sensor_msgs.msg import CameraInfo, PointCloud2
+
+from .boxes import boxes_from_message, BOXES_TOPIC
+from .calibration import CalibrationWatch
+from .common import Parameters, qos_options, RELIABLE, stamp_ns
+from .diagnostics import Task
+from .health import Arrivals, ERROR, Look, Refusals, State, Tally, WARN
+from .outputs import Outputs
+from .pair_queue import PairQueue
+from .rig_watch import RigWatch
+from .self_test import SelfTestWatch
+from .subscriptions import OfferedSubscription
+from ..core.compiled import warm_up
+from ..core.config import ConfigRecord, TrackerConfig
+from ..core.errors import InputError, StereoSpeedError
+from ..core.passes import PassResult
+from ..core.records import StereoPair
+from ..detection.protocol import ImageBox, TakesBoxes
+from ..pipeline.assembly import MeasuringSite
+from ..pipeline.conclusions import Beside
+from ..pipeline.config import PipelineConfig, SiteConfig
+from ..pipeline.pipeline import SpeedPipeline
+from ..pipeline.registry import DETECTORS, TRACKERS
+from ..site.calibration_age import calibration_age, CalibrationAge
+from ..site.file import load_site
+from ..site.init_file import load_init
+from ..site.refine.report import report, summary_lines
+from ..steadying.report import steadiness_summary, warning
+from ..steadying.view_order import views_crossed
+
+_WAITING_PAIRS = 50  # pairs kept until both calibrations have come
+MOST_REFINE_PAIRS = 200
+_POLL_S = 0.1
+_JOIN_S = 20.0  # for the pair in hand, when the node stops
+_LATENCIES = 300  # of the newest pairs
+_ORDER_S = 10.0  # between two looks at whether the views are crossed; it takes some 50 ms
+_LAG_KNOWN_S = 2e-3  # 1-sigma of the time between the views
+
+
+class MeasuringError(StereoSpeedError):
+    """It cannot be measured now."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Arrival:
+    """
+    A pair that has come.
+
+    :param index: its number since the start or the last jump of time.
+    :param ns: its stamp.
+    :param came_s: when it came, steady time.
+    :param pair: makes the pair of its number; may raise InputError.
+    """
+
+    index: int
+    ns: int
+    came_s: float
+    pair: Callable[[int], StereoPair]
+
+
+class Measuring:
+    """
+    See the module's docstring.
+
+    Its methods follow the lifecycle of the node: ``configure`` reads the site and listens for
+    calibrations, ``activate`` measures, ``deactivate`` ends all passes, ``cleanup`` forgets what
+    was configured. Numbers of tracks go on through all of these.
+
+    :param node: the node that it works for.
+    :param p: declares the parameters.
+    :param outputs: publishes what comes of it.
+    :raises InputError: a parameter that cannot be used.
+    """
+
+    def __init__(self, node: Node, p: Parameters, outputs: Outputs) -> None:
+        self.node, self.outputs, self.log = node, outputs, node.get_logger()
+        self.site_path = p.get('site', '', 'path of the site file')
+        self.init_path = p.get('init', '', 'path of an init file that marks the vehicles; '
+                               'without it they are found automatically')
+        self.seed = p.get('seed', 0, 'seed of all randomness', 0, 2 ** 31 - 1)
+        tracker = p.get('tracker', 'constrained', 'tracker: ' + ', '.join(TRACKERS.names))
+        detector = p.get('detector', 'plane_sweep',
+                         'finds the vehicles: ' + ', '.join(DETECTORS.names))
+        self.refine_pairs = p.get('refine_site_pairs', 0, 'refine the site by the images of the '
+                                  'first so many pairs, which takes seconds; 0 takes it as it is',
+                                  0, MOST_REFINE_PAIRS)
+        self.silence_s = p.get('silence_s', 2.0, 'all passes end when no pair has come for so '
+                               'long [s], and for five times as long as between the last two',
+                               0.1, 3600.0)
+        self._most_wait_s = p.get('most_wait_s', 2.0, 'when a pair has waited longer [s], the '
+                                  'machine does not keep up: the newest pair is served and older '
+                                  'ones are skipped', 0.0, 3600.0)
+        where = f'{node.get_name()}: parameter'
+        self.config = _config(p, tracker, detector, where)
+        # Files of parameters have those of every tracker and detector.
+        node.unused_parameters = tuple(
+            f'{registry.kind}s.{name}.' for registry in (TRACKERS, DETECTORS)
+            for name in registry.names if name not in (tracker, detector))
+        self.calibration_months = p.get(
+            'calibration_months', 12.0, 'a calibration older than that, by the date that the site '
+            'file gives, is not measured with; in the last month it warns', 0.1, 1200.0)
+        self.self_test = SelfTestWatch(node, p, self.config)
+        self.rig_watch = RigWatch(p, self.log)
+        self.configured = False
+        self.refusals = Refusals(self.log.warning)
+        self.measured, self.skipped, self.frozen, self.failed = Tally(), Tally(), Tally(), Tally()
+        self.resets = Tally()
+        self.withheld = self.repeated = self.passes = 0
+        self._infos: list[OfferedSubscription] = []
+        self._boxes_subscription: Optional[Subscription] = None
+        self._thread: Optional[threading.Thread] = None
+        self._failure: Optional[BaseException] = None
+        self._next_track = 0
+        self._forget_calibrations()
+        self._begin_anew()
+
+    def _forget_calibrations(self) -> None:
+        self.calibration, self._age = CalibrationWatch(self.refusals), CalibrationAge()
+        self._begun = False
+
+    def _begin_anew(self) -> None:
+        """Forget the stream of pairs: measuring begins with the next one."""
+        self.queue: PairQueue[_Arrival] = PairQueue(
+            self._most_wait_s, max(_WAITING_PAIRS, MOST_REFINE_PAIRS))
+        self.pipeline: Optional[SpeedPipeline] = None
+        self._conclusions: Optional[Beside] = None
+        self._adopted, self._unusable = 0, ''
+        self._waiting: deque[_Arrival] = deque(maxlen=max(_WAITING_PAIRS, self.refine_pairs))
+        self._boxes: deque[tuple[int, list[ImageBox]]] = deque(maxlen=_WAITING_PAIRS)
+        self._index, self._offered_ns, self._last_ns = 0, -1, -1
+        self._looks, self.arrivals = (Look(), Look()), Arrivals()
+        self._steps, self._known_steps = Tally(), 0
+        self._crossed, self._ordered_s = False, -_ORDER_S
+        self._latencies_s: deque[float] = deque(maxlen=_LATENCIES)
+        self._stopping = threading.Event()
+
+    @property
+    def tasks(self) -> dict[str, Task]:
+        """Return what is told on ``/diagnostics``, by task."""
+        return {'pipeline': self.state, 'stamps': self.stamps,
+                'self-test': self.self_test.state, 'rig': self.rig_watch.state}
+
+    # -- in the thread of the node ----------------------------------------------------------
+
+    def configure(self) -> None:
+        """
+        Read the site and the init file, and listen for calibrations.
+
+        :raises StereoSpeedError: a file that cannot be used, or none.
+        """
+        if not self.site_path:
+            raise InputError(f'{self.node.get_name()}: parameter', 'site', 'nothing',
+                             'the path of the site file')
+        self.site = load_site(self.site_path)
+        self.annotations = load_init(self.init_path) if self.init_path else None
+        self.log.debug(f'kernels: {warm_up()}')  # now, not in the first pairs
+        self._infos = [
+            OfferedSubscription(self.node, CameraInfo, f'{side}/camera_info',
+                                partial(self.calibration.take, side))
+            for side in ('left', 'right')]
+        self._checks = self.node.create_timer(_POLL_S, self.check,
+                                              clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.configured = True
+
+    def activate(self) -> None:
+        """
+        Begin to measure; from now on ``check`` raises what ends the thread that does.
+
+        :raises MeasuringError: what was measured before is not over yet.
+        """
+        if self._thread is not None and self._thread.is_alive():
+            raise MeasuringError('the last passes are still being measured')
+        self._begin_anew()
+        if hasattr(DETECTORS.load(self.config.detector), 'offer'):
+            self._boxes_subscription = self.node.create_subscription(
+                PointCloud2, BOXES_TOPIC, self.on_boxes, RELIABLE,
+                qos_overriding_options=qos_options())
+        self._thread = threading.Thread(target=self._work, name='measuring', daemon=True)
+        self._thread.start()
+
+    def deactivate(self) -> None:
+        """End the passes that are still open, and measure no more."""
+        if self._boxes_subscription is not None:
+            self.node.destroy_subscription(self._boxes_subscription)
+            self._boxes_subscription = None
+        self._stopping.set()
+        self.queue.close()
+        if self._thread is not None:
+            self._thread.join(_JOIN_S)
+            if self._thread.is_alive():
+                self.log.warning(f'the last passes are not measured after {_JOIN_S:.0f} s')
+        self.rig_watch.close()
+
+    def cleanup(self) -> None:
+        """Forget the site and the calibrations."""
+        if not self.configured:
+            return
+        self.node.destroy_timer(self._checks)
+        for subscription in self._infos:
+            subscription.close()
+        self.configured, self._infos = False, []
+        self._forget_calibrations()
+
+    @property
+    def active(self) -> bool:
+        """Return whether pairs that come are measured."""
+        return self._thread is not None and not self._stopping.is_set()
+
+    def on_boxes(self, msg: PointCloud2) -> None:
+        """Take the boxes that another node found in a left image."""
+        try:
+            self._boxes.append((stamp_ns(msg.header.stamp), boxes_from_message(msg)))
+        except InputError as error:
+            self.refusals.add(BOXES_TOPIC, error)
+
+    def offer(self, ns: int, pair: Callable[[int], StereoPair]) -> None:
+        """
+        Take a pair that has come.
+
+        :param ns: its stamp.
+        :param pair: makes it, of its number in the stream, in the thread that measures.
+        """
+        if ns == self._offered_ns:
+            self.repeated += 1
+            return
+        if ns < self._offered_ns:
+            self._index = 0
+        self.arrivals.add()
+        self.queue.put(_Arrival(self._index, ns, time.monotonic(), pair))
+        self._index, self._offered_ns = self._index + 1, ns
+
+    def check(self) -> None:
+        """
+        Raise what has ended the thread that measures; see to calibrations and the self-test.
+
+        :raises StereoSpeedError: the site cannot be used with this rig.
+        """
+        if self._failure is not None:
+            raise self._failure
+        self.calibration.settle()
+        self.self_test.poll()
+
+    # -- in the thread that measures --------------------------------------------------------
+
+    def _work(self) -> None:
+        try:
+            while not self._stopping.is_set():
+                self._adopt()
+                if self.pipeline is not None:
+                    self._tell_passes(self.pipeline, self.pipeline.concluded())
+                arrival = self.queue.take(_POLL_S)
+                self.skipped.add(self.queue.pop_skipped())
+                if arrival is not None:
+                    self._take(arrival)
+                elif self.arrivals.silent_for(self.silence_s):
+                    self._end_passes()
+            self._drain()
+        except BaseException as error:  # told by check(), in the thread that can end the node
+            self._failure = error
+        finally:
+            self._give_up()
+
+    def _drain(self) -> None:
+        """Finish what has come before the node was told to stop."""
+        while (arrival := self.queue.take(0.0)) is not None:
+            self._take(arrival)
+        if self._waiting:
+            self.log.warning(f'{len(self._waiting)} pairs were never measured: '
+                             f'{self.state().message}')
+        self._end_passes()
+        self.outputs.wait()
+
+    def _adopt(self) -> None:
+        """Measure with the rig as it is known now; end all passes if it is another one."""
+        version = self.calibration.current[0]
+        if version == self._adopted:
+            return
+        if self.pipeline is not None:
+            self.log.warning('another calibration: starting anew')
+            self._end_passes()
+            self._give_up()
+        self._adopted, self._unusable = version, ''
+
+    def _give_up(self) -> None:
+        """Let go of the pipeline, whose passes have been told."""
+        if self.pipeline is not None:
+            self._next_track, self.pipeline = self.pipeline.next_track, None
+        if self._conclusions is not None:
+            self._conclusions.close()
+            self._conclusions = None
+
+    def _take(self, arrival: _Arrival) -> None:
+        """Measure a pair, or keep it until there is all it takes to measure."""
+        if self._unusable:
+            self.withheld += 1
+            return
+        if self.pipeline is not None:
+            self._process(self.pipeline, arrival)
+            return
+        if self._waiting and arrival.ns <= self._waiting[-1].ns:
+            self.log.warning('stamps jumped back: waiting anew')
+            self._waiting.clear()
+        if len(self._waiting) == self._waiting.maxlen:
+            self.skipped.add()
+        self._waiting.append(arrival)
+        self._begin()
+
+    def _begin(self) -> None:
+        """Make the pipeline once the rig is known, and the pairs to refine the site have come."""
+        self._adopted, rig = self.calibration.current
+        if rig is None or len(self._waiting) < self.refine_pairs:
+            return
+        pairs = [pair for arrival in self._waiting
+                 if (pair := self._made(arrival)) is not None] if self.refine_pairs else None
+        try:
+            place = MeasuringSite.of(self.site, rig, pairs, self.config.site)
+            conclusions = Beside(failed=self._pass_failed)
+            pipeline = place.pipeline(self.config, self.annotations, conclusions=conclusions,
+                                      seed=self.seed, where=self.init_path)
+        except StereoSpeedError as error:
+            if not self._begun:
+                raise  # it is configured wrongly
+            self._unusable = str(error)
+            self._waiting.clear()
+            return
+        self._told(place)
+        pipeline.next_track, self._begun, self.pipeline = self._next_track, True, pipeline
+        self._conclusions = conclusions
+        self.outputs.begin(pipeline, place, self.config)
+        self.rig_watch.begin(place, self.config.site)
+        since_s = time.monotonic() - self._most_wait_s
+        while self._waiting:
+            arrival = self._waiting.popleft()
+            # What the site was refined by has waited for that.
+            if self.refine_pairs or arrival.came_s > since_s:
+                self._process(pipeline, arrival)
+            else:
+                self.skipped.add()
+
+    def _told(self, place: MeasuringSite) -> None:
+        """Log how the site was refined."""
+        if place.refined is not None:
+            for line in summary_lines(place.refined, report(place.refined)):
+                self.log.info(line)
+        if place.not_refined:
+            self.log.warning(f'site not refined, measured as it was read: {place.not_refined}')
+
+    def _made(self, arrival: _Arrival) -> Optional[StereoPair]:
+        try:
+            return arrival.pair(arrival.index)
+        except InputError as error:
+            self.refusals.add('pair', error)
+            return None
+
+    def _process(self, pipeline: SpeedPipeline, arrival: _Arrival) -> None:
+        """Run the pipeline on a pair and publish what it says."""
+        if arrival.ns < self._last_ns:
+            self._start_anew(pipeline, arrival.ns)
+        self._last_ns = arrival.ns
+        pair = self._made(arrival)
+        if pair is None or self._is_withheld(pair):
+            return
+        detector = pipeline.detector
+        while isinstance(detector, TakesBoxes) and self._boxes:
+            detector.offer(*self._boxes.popleft())
+        try:
+            step = pipeline.process(pair)
+        except InputError as error:
+            self.refusals.add('pair', error)
+            return
+        except Exception as error:  # a fault of ours in one pair must not end an instrument
+            self.failed.add()
+            self.refusals.add('pipeline', f'pair at {pair.stamp_ns} ns: {error!r}; all tracks '
+                              'are given up')
+            pipeline.reset()
+            return
+        self.passes += len(step.passes)
+        self.outputs.tell(pipeline, pair, step)
+        self.measured.add()
+        self._latencies_s.append(time.monotonic() - arrival.came_s)
+
+    def _is_withheld(self, pair: StereoPair) -> bool:
+        """Return whether a pair tells nothing: an image is the last one again, or the rig moot."""
+        same = [look.add(image) for look, image in zip(self._looks, (pair.left, pair.right))]
+        self.frozen.add(any(same))
+        if not any(same):
+            self.rig_watch.take(pair)
+        self._age = calibration_age(self.site.calibrated, pair.stamp_ns, self.calibration_months)
+        moot = (not self.calibration.holds(self._adopted) or self._is_crossed(pair)
+                or self.self_test.withholds or self.rig_watch.withholds or self._age.expired)
+        self.withheld += moot
+        return any(same) or moot
+
+    def _is_crossed(self, pair: StereoPair) -> bool:
+        """Return whether the views are in each other's place, by a look now and then."""
+        now_s, rig = time.monotonic(), self.calibration.current[1]
+        # Who has them crossed waits for them to be put right.
+        if rig is not None and now_s - self._ordered_s > (1.0 if self._crossed else _ORDER_S):
+            crossed = views_crossed(rig, pair)
+            self._ordered_s = now_s
+            self._crossed = self._crossed if crossed is None else crossed
+        return self._crossed
+
+    def _start_anew(self, pipeline: SpeedPipeline, ns: int) -> None:
+        """End all passes: time has jumped back."""
+        self.log.warning(f'stamps jumped back from {self._last_ns} to {ns} ns: starting anew')
+        self._end_passes()
+        pipeline.reset()
+        self.resets.add()
+
+    def _end_passes(self) -> None:
+        if self.pipeline is not None:
+            self._tell_passes(self.pipeline, self.pipeline.finish())
+
+    def _tell_passes(self, pipeline: SpeedPipeline, results: Sequence[PassResult]) -> None:
+        self.passes += len(results)
+        self.outputs.end(pipeline, results)
+
+    def _pass_failed(self, error: Exception) -> None:
+        """Account for a pass that has no result, which is a fault of ours."""
+        self.failed.add()
+        self.refusals.add('pass', f'a pass: {error!r}; it has no result')
+
+    # -- what is told -----------------------------------------------------------------------
+
+    def state(self) -> State:
+        """Return the state of the measurement for ``/diagnostics``."""
+        state, queue, conclusions = State('measuring'), self.queue, self._conclusions
+        if not self.active:
+            state.find(WARN, 'inactive' if self.configured else 'not configured')
+            return state
+        self.arrivals.tell(state, 'pair', 'pair')
+        state.values.update(
+            run=self.outputs.run, pairs=self.measured.total, passes=self.passes,
+            measured_hz=round(self.measured.rate_hz, 2), skipped=self.skipped.total,
+            withheld=self.withheld, frozen=self.frozen.total, failed=self.failed.total,
+            resets=self.resets.total, repeated=self.repeated,
+            waiting=len(self._waiting) + len(queue),
+            passes_waiting=0 if conclusions is None else conclusions.waiting)
+        latencies_s = list(self._latencies_s)
+        if latencies_s:
+            state.values.update({f'latency_p{q}_s': round(float(np.percentile(latencies_s, q)), 4)
+                                 for q in (50, 95)})
+        self.calibration.tell(state)
+        if self._unusable:
+            state.find(ERROR, self._unusable)
+        if self.pipeline is None and self.calibration.current[1] is not None and self.refine_pairs:
+            state.find(WARN, 'waiting to refine the site')
+        if self._crossed:
+            state.find(ERROR, "the views are in each other's place: nothing is measured")
+        if self.resets.recent:
+            state.find(WARN, 'stamps jumped back: all passes ended')
+        if self.skipped.recent:
+            state.find(WARN, f'does not keep up: {self.skipped.recent} pairs skipped')
+        if self.frozen.recent:
+            state.find(WARN, f'{self.frozen.recent} pairs withheld: an image is the last one '
+                       'again')
+        if self.failed.recent:
+            state.find(ERROR, f'measuring failed {self.failed.recent} times')
+        if self._age.text:
+            state.find(ERROR if self._age.expired else WARN, self._age.text)
+        self.refusals.tell(state)
+        self._tell_rig(state)
+        return state
+
+    def stamps(self) -> State:
+        """Return what is known of the stamps for ``/diagnostics``."""
+        state, pipeline = State('stamps fit the images'), self.pipeline
+        if pipeline is None:
+            return state
+        lag, watch = pipeline.view_lag.state, pipeline.stamp_watch
+        self._steps.add(watch.steps - self._known_steps)
+        self._known_steps = watch.steps
+        state.values['clock_steps'] = watch.steps
+        if self._steps.recent:
+            state.find(WARN, f'the clock stepped by {watch.last_step_s * 1e3:+.1f} ms: passes of '
+                       'that moment are rejected')
+        if lag is None:
+            return state
+        state.values.update(gap_ms=round(lag.gap_s * 1e3, 3), looks=lag.looks,
+                            correction_ms=round(lag.correction_s * 1e3, 3),
+                            lag_std_ms=round(lag.std_s * 1e3, 3))
+        say = f'stamps of the views are {lag.gap_s * 1e3:.1f} ms apart'
+        if lag.std_s > _LAG_KNOWN_S:
+            state.find(ERROR, f'{say}, and nothing shows yet whether the exposures were: readings '
+                       'are withheld')
+        elif lag.correction_s or lag.constant:
+            state.find(WARN, f'{say}, which the images contradict: corrected')
+        else:
+            state.find(WARN, f'{say}, as the exposures are')
+        return state
+
+    def _tell_rig(self, state: State) -> None:
+        steadier = None if self.pipeline is None else self.pipeline.steadier
+        if steadier is None:
+            return
+        state.values.update((f'rig_{key}', value)
+                            for key, value in steadiness_summary(steadier.state()).items())
+        if wrong := warning(steadier):
+            state.find(WARN, wrong)
+
+
+def _config(p: Parameters, tracker: str, detector: str, where: str) -> PipelineConfig:
+    """
+    Return the parameters, those of the chosen tracker and detector among them.
+
+    :raises InputError: an unknown name, a value out of bounds.
+    """
+    settings: dict[str, dict[str, ConfigRecord]] = {}
+    for registry, name in ((TRACKERS, tracker), (DETECTORS, detector)):
+        registry.check(name, where)
+        kind = type(registry.settings(name, {}, where))
+        settings[registry.kind] = {name: p.config(kind, f'{registry.kind}s.{name}.')}
+    return PipelineConfig(
+        p.config(TrackerConfig), tracker, detector, trackers=settings['tracker'],
+        detectors=settings['detector'], site=p.config(SiteConfig))

@@ -1,0 +1,145 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""What the measuring nodes publish: tracks, speeds, passes, markers, frames and the overlay."""
+from __future__ import annotations
+
+from typing import Any, Sequence
+
+import cv2
+from geometry_msgs.msg import TwistWithCovarianceStamped
+from nav_msgs.msg import Odometry
+from rclpy.duration import Duration
+from rclpy.node import Node
+from sensor_msgs.msg import CompressedImage, Image
+from std_msgs.msg import String
+from visualization_msgs.msg import MarkerArray
+
+from .common import (
+    byte_array, image_message, LATCHED, latched_options, LATEST, Parameters, qos_options,
+    RELIABLE, to_stamp)
+from .frames import StaticFrames
+from .messages import deletions, markers, odometry, path_markers, speed_of
+from ..core.passes import PassResult
+from ..core.records import StereoPair
+from ..core.units import KMH_MPS, MPH_MPS
+from ..enforcement.instrument import Instrument
+from ..io.pass_json import new_run, pass_text, track_states_text
+from ..io.trace_json import trace_text
+from ..pipeline.assembly import MeasuringSite
+from ..pipeline.config import PipelineConfig
+from ..pipeline.pipeline import SpeedPipeline, Step
+from ..report.overlay import draw
+
+_ACK_WAIT = Duration(seconds=1)  # for the last passes, when the node stops
+_LEAST_LIFETIME_S, _LIFETIME_INTERVALS = 0.5, 2.5  # of markers
+_JPEG_QUALITY = 80
+
+
+class Outputs:
+    """
+    Publishers of a measuring node.
+
+    :param node: that publishes.
+    :param p: declares the parameters.
+    :param speeds: publish ``vehicle_speed`` too, as ``speed_node`` does.
+    """
+
+    def __init__(self, node: Node, p: Parameters, *, speeds: bool = False) -> None:
+        self.log, self.run = node.get_logger(), new_run()
+        self._frames = StaticFrames(node, p)
+        self._last_ns = 0
+
+        def publisher(kind: type, topic: str) -> Any:
+            return node.create_publisher(kind, topic, RELIABLE,
+                                         qos_overriding_options=qos_options())
+        self.tracks = publisher(Odometry, 'tracks')
+        self.track_states = publisher(String, 'track_states')
+        self.overlay = publisher(Image, 'overlay/image_raw')
+        self.right_overlay = publisher(Image, 'overlay/right/image_raw')
+        self.compressed = publisher(CompressedImage, 'overlay/image_raw/compressed')
+        self.speeds = publisher(TwistWithCovarianceStamped, 'vehicle_speed') if speeds else None
+        self.passes, self.traces, self.instrument = (node.create_publisher(
+            String, topic, LATCHED, qos_overriding_options=latched_options())
+            for topic in ('passes', 'pass_traces', 'instrument'))
+        self.markers = node.create_publisher(
+            MarkerArray, 'markers', RELIABLE, qos_overriding_options=qos_options())
+        self.paths = node.create_publisher(
+            MarkerArray, 'lane_markers', LATEST, qos_overriding_options=latched_options())
+
+    def begin(self, pipeline: SpeedPipeline, place: MeasuringSite, config: PipelineConfig
+              ) -> None:
+        """
+        Publish what stands as long as a pipeline does: the instrument, the lanes and the frames.
+
+        :param pipeline: that measures from now on.
+        :param place: the site as it is measured at.
+        :param config: the parameters.
+        """
+        self.instrument.publish(String(data=Instrument.of(self.run, place, config).text()))
+        self.paths.publish(MarkerArray(markers=path_markers(
+            pipeline.lanes, pipeline.rig.frame_id)))
+        self._frames.publish(pipeline.rig, pipeline.lanes)
+
+    def tell(self, pipeline: SpeedPipeline, pair: StereoPair, step: Step) -> None:
+        """Publish what came of a pair."""
+        frame_id = pipeline.rig.frame_id
+        for update in step.updates:
+            track = odometry(update, frame_id)
+            self.tracks.publish(track)
+            speed = speed_of(track)
+            if self.speeds is not None and speed is not None:
+                self.speeds.publish(speed)
+        self.track_states.publish(String(data=track_states_text(self.run, pair, step.updates)))
+        interval_s = max(pair.stamp_ns - self._last_ns, 0) * 1e-9 if self._last_ns else 0.0
+        lifetime_s = max(_LEAST_LIFETIME_S, _LIFETIME_INTERVALS * interval_s)
+        self._last_ns = pair.stamp_ns
+        drawn = [m for u in step.updates for m in markers(u, frame_id, lifetime_s)]
+        if drawn:
+            self.markers.publish(MarkerArray(markers=drawn))
+        self._publish_overlay(pipeline, pair, step)
+        self.end(pipeline, step.passes)
+
+    def end(self, pipeline: SpeedPipeline, results: Sequence[PassResult]) -> None:
+        """Publish and log passes that are over, and take their markers away."""
+        for result in results:
+            if self.traces.get_subscription_count():  # long, and of use for evidence alone
+                self.traces.publish(String(data=trace_text(self.run, result)))
+            self.passes.publish(String(data=pass_text(self.run, result)))
+            self.log.info(_line(result))
+        gone = [m for r in results for m in deletions(r.track, pipeline.rig.frame_id)]
+        if gone:
+            self.markers.publish(MarkerArray(markers=gone))
+
+    def wait(self) -> None:
+        """Wait until the last passes have reached those who listen."""
+        self.passes.wait_for_all_acked(_ACK_WAIT)
+
+    def _publish_overlay(self, pipeline: SpeedPipeline, pair: StereoPair, step: Step) -> None:
+        """Draw the overlay for those who listen: it costs more than tracking."""
+        raw, compressed = (bool(p.get_subscription_count())
+                           for p in (self.overlay, self.compressed))
+        if self.right_overlay.get_subscription_count():
+            right = draw(pair, step.updates, pipeline.lanes, pipeline.rig, right=True)
+            self.right_overlay.publish(image_message(
+                right, ns=pair.right_stamp_ns, frame_id=self._frames.right))
+        if not raw and not compressed:
+            return
+        frame_id = pipeline.rig.frame_id
+        image = draw(pair, step.updates, pipeline.lanes, pipeline.rig)
+        if raw:
+            self.overlay.publish(image_message(image, ns=pair.stamp_ns, frame_id=frame_id))
+        if compressed:
+            msg = CompressedImage(format='bgr8; jpeg compressed bgr8')
+            msg.header.stamp, msg.header.frame_id = to_stamp(pair.stamp_ns), frame_id
+            msg.data = byte_array(cv2.imencode(
+                '.jpg', image, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1])
+            self.compressed.publish(msg)
+
+
+def _line(result: PassResult) -> str:
+    """Return a pass for people."""
+    speed = 'no speed' if result.speed_mps is None or result.speed_std_mps is None else (
+        f'{result.speed_mps / MPH_MPS:.2f} ± {result.speed_std_mps / MPH_MPS:.2f} mph '
+        f'({result.speed_mps / KMH_MPS:.2f} km/h)')
+    return (f'vehicle_{result.track} on {result.lane}: {speed}, {result.pairs} pairs, '
+            f'{result.verdict.value} {result.reason}')

@@ -1,0 +1,140 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The live rig against its site, at start and at intervals, in a process of its own.
+
+Lines and background of some pairs are looked at as refining a site does. Where what has moved
+changes speeds by more than the self-test allows, nothing is measured and ``/diagnostics`` has an
+ERROR, until a later look finds the rig right again.
+"""
+from __future__ import annotations
+
+from multiprocessing import get_context
+from multiprocessing.pool import AsyncResult, Pool
+import threading
+import time
+from typing import Any, Callable, Optional
+
+from .common import Parameters
+from .health import ERROR, State, WARN
+from ..core.records import StereoPair
+from ..pipeline.assembly import MeasuringSite
+from ..pipeline.config import SiteConfig
+from ..pipeline.self_test import LIMIT_SHARE
+from ..site.refine.rig_state import rig_state, RigState
+
+_LONGEST_S = 300.0  # a look that takes longer, or whose process has died, has failed
+Check = Callable[..., RigState]
+
+
+def _process() -> Pool:
+    """Return a process of its own: looks take seconds that a thread would take from measuring."""
+    return get_context('spawn').Pool(1)
+
+
+class RigWatch:
+    """
+    Gathers pairs for a look at the rig, and knows whether it may be measured with.
+
+    :param p: declares the parameters.
+    :param log: of the node.
+    :param check: looks at the rig.
+    :param pool: makes what runs that beside the thread that measures.
+    """
+
+    def __init__(self, p: Parameters, log: Any, check: Check = rig_state,
+                 pool: Callable[[], Pool] = _process) -> None:
+        self.interval_s = p.get(
+            'rig_check_interval_s', 0.0, 'look at lines and background this often [s], and '
+            f'measure nothing while the rig has moved so that speeds are off by more than '
+            f'{100 * LIMIT_SHARE:g} %; 0 for never', 0.0, 1e6)
+        self.pairs = p.get('rig_check_pairs', 9, 'pairs that such a look takes', 1, 100)
+        self.spread_s = p.get('rig_check_spread_s', 30.0, 'time that they are spread over [s]',
+                              0.0, 3600.0)
+        self.log, self._check, self._make_pool = log, check, pool
+        self.newest: Optional[RigState] = None
+        self.looks, self.failure = 0, ''
+        self._place: Optional[MeasuringSite] = None
+        self._config = SiteConfig()
+        self._gathered: list[StereoPair] = []
+        self._due_s = self._next_s = self._begun_s = 0.0
+        self._lock = threading.RLock()
+        self._pool: Optional[Pool] = None
+        self._under_way: Optional[AsyncResult[RigState]] = None
+
+    @property
+    def withholds(self) -> bool:
+        """Return whether nothing may be measured: the rig has moved."""
+        return self.newest is not None and self.newest.is_off(LIMIT_SHARE)
+
+    def begin(self, place: MeasuringSite, config: SiteConfig) -> None:
+        """
+        Look at the rig anew: it is measured with another one from now on.
+
+        :param place: the site as it is measured at.
+        :param config: what is known of roads, and how lines are found.
+        """
+        self.close()
+        self._place, self._config, self.newest = place, config, None
+        self._gathered, self._due_s, self._next_s = [], 0.0, 0.0
+
+    def take(self, pair: StereoPair) -> None:
+        """Take the next pair, and begin a look that is due."""
+        if not self.interval_s or self._place is None:
+            return
+        if self._under_way is not None:
+            self.poll()
+            return
+        now_s = time.monotonic()
+        if now_s < max(self._due_s, self._next_s):
+            return
+        self._gathered.append(pair)
+        self._next_s = now_s + self.spread_s / max(self.pairs - 1, 1)
+        if len(self._gathered) < self.pairs:
+            return
+        place, pairs, self._gathered = self._place, self._gathered, []
+        self._begun_s, self._pool = now_s, self._make_pool()
+        self._under_way = self._pool.apply_async(self._check, (
+            place.site, place.rig, dict(place.lanes), pairs, self._config.site_refinement,
+            self._config.road))
+
+    def poll(self) -> None:
+        """Take in what came of a look that is over; any thread may ask."""
+        with self._lock:
+            look = self._under_way
+            if look is None:
+                return
+            over = time.monotonic() - self._begun_s > _LONGEST_S
+            if not (look.ready() or over):
+                return
+            self.close()
+        try:
+            self.newest, self.failure = look.get(timeout=0.0), ''
+        except Exception as error:  # of the other process, whatever it was
+            self.failure = f'the look at the rig failed: {error!r}'
+            self.log.error(self.failure)
+        else:
+            self.looks += 1
+            (self.log.error if self.withholds else self.log.info)(self.newest.text)
+        # what is wrong is looked at again at once
+        self._due_s = time.monotonic() + (0.0 if self.withholds else self.interval_s)
+
+    def close(self) -> None:
+        """End a look that is under way."""
+        with self._lock:
+            if self._pool is not None:
+                self._pool.terminate()
+            self._pool = self._under_way = None
+
+    def state(self) -> State:
+        """Return its state for ``/diagnostics``."""
+        self.poll()
+        fine = 'no look at the rig asked for'
+        if self.interval_s:
+            fine = 'not looked at yet' if self.newest is None else self.newest.text
+        state = State(fine, values={'looks': self.looks})
+        if self.withholds and self.newest is not None:
+            state.find(ERROR, f'{self.newest.text}: nothing is measured')
+        elif self.failure:
+            state.find(WARN, self.failure)
+        return state

@@ -1,0 +1,69 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""A user's node that hears every pair's tracks and every pass for hours, and keeps little."""
+from __future__ import annotations
+
+import json
+import time
+from typing import Any, Callable
+
+from geometry_msgs.msg import TwistWithCovarianceStamped
+from nav_msgs.msg import Odometry
+from rosgraph_msgs.msg import Clock
+from std_msgs.msg import String
+
+from .common import LATCHED, RELIABLE, stamp_ns
+from .graph_listener import GraphListener
+
+Place = tuple[int, tuple[float, float, float]]  # stamp ns; x, y, z in the left optical frame, m
+
+
+class SoakListener(GraphListener):
+    """
+    Listens on a context of its own until it is closed.
+
+    :param on_pass: called with each pass, as read from its JSON, and the places of its track.
+    """
+
+    def __init__(self, on_pass: Callable[[dict[str, Any], list[Place]], None]) -> None:
+        super().__init__('soak_listener')
+        self._on_pass = on_pass
+        self._places: dict[int, list[Place]] = {}
+        self._sent_s: dict[int, float] = {}
+        self.pairs_ns: list[int] = []
+        self.delays_s: list[float] = []
+        self.readings = 0
+        for kind, topic, callback, qos in (
+                (TwistWithCovarianceStamped, '/vehicle_speed', self._reading, RELIABLE),
+                (Odometry, '/tracks', self._track, RELIABLE),
+                (String, '/track_states', self._pair, RELIABLE),
+                (String, '/passes', self._pass, LATCHED),
+                (Clock, '/clock', self._clock, 10)):
+            self.node.create_subscription(kind, topic, callback, qos)
+
+    def connected(self) -> bool:
+        """Return whether all that is listened to has a publisher but the clock."""
+        return all(self.node.count_publishers(topic) for topic in (
+            '/vehicle_speed', '/tracks', '/track_states', '/passes'))
+
+    def _reading(self, msg: TwistWithCovarianceStamped) -> None:
+        self.readings += 1
+
+    def _track(self, msg: Odometry) -> None:
+        p, track = msg.pose.pose.position, int(msg.child_frame_id.rpartition('_')[2])
+        self._places.setdefault(track, []).append((stamp_ns(msg.header.stamp), (p.x, p.y, p.z)))
+
+    def _pair(self, msg: String) -> None:
+        ns = int(json.loads(msg.data)['stamp_ns'])
+        self.pairs_ns.append(ns)
+        sent_s = self._sent_s.get(ns)
+        if sent_s is not None:
+            self.delays_s.append(time.monotonic() - sent_s)
+        self._sent_s = {later: at_s for later, at_s in self._sent_s.items() if later > ns}
+
+    def _pass(self, msg: String) -> None:
+        told = json.loads(msg.data)
+        self._on_pass(told, self._places.pop(int(told['track']), []))
+
+    def _clock(self, msg: Clock) -> None:
+        self._sent_s.setdefault(stamp_ns(msg.clock), time.monotonic())

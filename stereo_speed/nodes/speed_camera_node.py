@@ -1,0 +1,47 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+``speed_camera_node``: two image streams in, speeds out; the three live nodes in one process.
+
+Its topics and parameters are those of ``stereo_sync_node``, ``tracker_node`` and ``speed_node``
+together, without the pairs as messages: images are not copied between processes.
+"""
+from __future__ import annotations
+
+from typing import Optional, Sequence
+
+from .common import run
+from .lifecycle import MeasuringNode
+from .pairing import ImagePair, Pairing
+from ..core.records import StereoPair
+
+
+class SpeedCameraNode(MeasuringNode):
+    """See the module's docstring."""
+
+    def __init__(self) -> None:
+        super().__init__('speed_camera_node', speeds=True)
+        self.pairing = Pairing(self, self.p, self.on_pair)
+        self.diagnostics.tasks.update(self.pairing.tasks)
+
+    def subscribe(self) -> None:
+        """Listen to the cameras."""
+        self.pairing.subscribe()
+
+    def unsubscribe(self) -> None:
+        """Listen no more."""
+        self.pairing.close()
+
+    def on_pair(self, pair: ImagePair) -> None:
+        """Measure a pair."""
+        self.measuring.offer(pair.left_ns, lambda index: StereoPair(
+            index, pair.left_ns, pair.right_ns, pair.left, pair.right))
+
+
+def main(args: Optional[Sequence[str]] = None) -> int:
+    """Run the node."""
+    return run(SpeedCameraNode, args)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

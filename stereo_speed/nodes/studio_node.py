@@ -1,0 +1,121 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+``studio_node``: the page of what is live: overlay, speeds, passes, and the health of every node.
+
+It only listens. The address to open is printed; it is secret.
+"""
+from __future__ import annotations
+
+from contextlib import ExitStack
+from functools import partial
+import json
+import time
+from typing import Any, Optional, Sequence
+
+import cv2
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import TwistWithCovarianceStamped
+import numpy as np
+from numpy.typing import NDArray
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from sensor_msgs.msg import Image
+from std_msgs.msg import String
+
+from .common import LATCHED, Parameters, qos_options, RELIABLE, run, stamp_ns
+from ..io.images import grey_from_message
+from ..studio.guard import Guard, LOCALHOST
+from ..studio.live import LiveHealth, LiveReading, LiveState
+from ..studio.serve import served
+from ..studio.server import Studio
+from ..vision.grey import to_eight_bits
+
+PORT = 8766  # beside that of the command, so that both may run
+_JPEG_QUALITY = 75
+_WAKE_S = 0.5
+_PASS_FIELDS = ('track', 'lane', 'speed_mps', 'speed_std_mps', 'verdict', 'reason')
+
+
+class StudioNode(Node):
+    """See the module's docstring."""
+
+    def __init__(self) -> None:
+        super().__init__('studio_node')
+        p = Parameters(self)
+        port = p.get('port', PORT, 'port of the page; 0 takes any that is free', 0, 65535)
+        address = p.get('address', LOCALHOST, 'address to listen on; what is sent is not '
+                        'encrypted')
+        rate_hz = p.get('images_per_second', 4.0, 'overlays shown a second [Hz]', 0.1, 30.0)
+        self.period_s, self.next_s = 1.0 / rate_hz, {'left': 0.0, 'right': 0.0}
+        self.live = LiveState()
+        options = {'qos_overriding_options': qos_options()}
+        for kind, topic, callback, qos in (
+                (TwistWithCovarianceStamped, 'vehicle_speed', self.on_speed, RELIABLE),
+                (Image, 'overlay/image_raw', partial(self.on_overlay, 'left'), RELIABLE),
+                (Image, 'overlay/right/image_raw', partial(self.on_overlay, 'right'), RELIABLE),
+                (DiagnosticArray, '/diagnostics', self.on_health, RELIABLE),
+                (String, 'passes', self.on_pass, LATCHED)):
+            self.create_subscription(kind, topic, callback, qos, **options)
+        guard = Guard(address)
+        self.stack = ExitStack()
+        sock = self.stack.enter_context(guard.bind(port))
+        self.stack.enter_context(served(Studio(guard, live=self.live), sock))
+        # Python sees a signal when spinning returns to it, on a silent graph by this alone.
+        self.create_timer(_WAKE_S, lambda: None,
+                          clock=Clock(clock_type=ClockType.STEADY_TIME))
+        print(f'open {guard.url}', flush=True)
+
+    def on_speed(self, msg: TwistWithCovarianceStamped) -> None:
+        """Take the speed of a vehicle."""
+        self.live.add_reading(LiveReading(
+            msg.header.frame_id, stamp_ns(msg.header.stamp), float(msg.twist.twist.linear.x),
+            float(np.sqrt(max(msg.twist.covariance[0], 0.0)))))
+
+    def on_pass(self, msg: String) -> None:
+        """Take a pass that is over; what is none is left out."""
+        try:
+            data = json.loads(msg.data)
+        except ValueError:
+            data = None
+        if not isinstance(data, dict) or not isinstance(data.get('verdict'), str):
+            self.get_logger().warning('passes: found no pass, left out', once=True)
+            return
+        self.live.add_pass({key: data.get(key) for key in _PASS_FIELDS})
+
+    def on_health(self, msg: DiagnosticArray) -> None:
+        """Take what nodes say of themselves."""
+        for status in msg.status:
+            level = status.level[0] if isinstance(status.level, bytes) else int(status.level)
+            self.live.add_health(LiveHealth(
+                status.name, level, status.message, {v.key: v.value for v in status.values}))
+
+    def on_overlay(self, view: str, msg: Image) -> None:
+        """Take an annotated image, unless one of that view came just now."""
+        now_s = time.monotonic()
+        if now_s < self.next_s[view]:
+            return
+        self.next_s[view] = now_s + self.period_s
+        jpeg = cv2.imencode('.jpg', _pixels(msg), [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1]
+        self.live.add_image(view, jpeg.tobytes())
+
+    def close(self) -> None:
+        """End the server."""
+        if hasattr(self, 'stack'):
+            self.stack.close()
+
+
+def _pixels(msg: Any) -> NDArray[np.uint8]:
+    """Return an image as OpenCV takes it: BGR as it is, anything else grey."""
+    if msg.encoding == 'bgr8' and msg.step == 3 * msg.width:
+        return np.frombuffer(bytes(msg.data), np.uint8).reshape(msg.height, msg.width, 3)
+    return to_eight_bits(grey_from_message(msg, 'overlay'))
+
+
+def main(args: Optional[Sequence[str]] = None) -> int:
+    """Run the node."""
+    return run(StudioNode, args)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

@@ -1,0 +1,95 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Subscriptions that take what the publisher offers: reliable where it is, best effort otherwise.
+
+A reliable subscription hears nothing of a best-effort publisher, and a best-effort one loses large
+images of a reliable publisher. So it begins with best effort, which hears everybody, and becomes
+reliable as soon as all publishers of its topic are.
+"""
+from __future__ import annotations
+
+from typing import Any, Callable, Optional
+
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
+from rclpy.timer import Timer
+from sensor_msgs.msg import CompressedImage, Image
+
+from .common import Parameters, qos_options
+from ..core.errors import InputError
+
+_DEPTH = 10
+_LOOK_S = 0.2  # between two looks at the publishers
+
+
+def image_kind(p: Parameters) -> tuple[type, str]:
+    """
+    Declare ``image_transport``; return the class of image messages, and what ends their topic.
+
+    :raises InputError: neither raw nor compressed.
+    """
+    transport = p.get('image_transport', 'raw', "'raw' or 'compressed' images")
+    if transport not in ('raw', 'compressed'):
+        raise InputError(f'{p.node.get_name()}: parameter', 'image_transport', transport,
+                         'raw or compressed')
+    return (Image, '') if transport == 'raw' else (CompressedImage, '/compressed')
+
+
+class OfferedSubscription:
+    """
+    See the module's docstring.
+
+    Where ``qos_overrides.TOPIC.subscription.reliability`` is given, that holds.
+
+    :param node: the node that subscribes.
+    :param kind: class of the messages.
+    :param topic: its name, relative as a rule.
+    :param callback: takes a message.
+    """
+
+    def __init__(self, node: Node, kind: type, topic: str, callback: Callable[[Any], None]
+                 ) -> None:
+        self.node, self.kind, self.topic, self.callback = node, kind, topic, callback
+        self.resolved = node.resolve_topic_name(topic)
+        self.subscription: Subscription = node.create_subscription(
+            kind, topic, callback, QoSProfile(
+                depth=_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT),
+            qos_overriding_options=qos_options())
+        self._looking: Optional[Timer] = None
+        given = f'qos_overrides.{self.resolved}.subscription.reliability'
+        if given not in node._parameter_overrides:  # rclpy shows them nowhere else
+            self._looking = node.create_timer(_LOOK_S, self.adapt,
+                                              clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def close(self) -> None:
+        """Unsubscribe."""
+        if self._looking is not None:
+            self.node.destroy_timer(self._looking)
+        self.node.destroy_subscription(self.subscription)
+
+    @property
+    def reliable(self) -> bool:
+        """Return whether it is a reliable subscription now."""
+        return bool(self.subscription.qos_profile.reliability is ReliabilityPolicy.RELIABLE)
+
+    def adapt(self) -> None:
+        """Subscribe anew where the publishers offer something else than before."""
+        offered = [p.qos_profile.reliability
+                   for p in self.node.get_publishers_info_by_topic(self.resolved)]
+        if not offered:
+            return
+        wanted = all(r is ReliabilityPolicy.RELIABLE for r in offered)
+        if wanted == self.reliable:
+            return
+        known = self.subscription.qos_profile
+        qos = QoSProfile(
+            history=known.history, depth=known.depth, durability=known.durability,
+            reliability=(ReliabilityPolicy.RELIABLE if wanted
+                         else ReliabilityPolicy.BEST_EFFORT))
+        last = self.subscription
+        self.subscription = self.node.create_subscription(
+            self.kind, self.topic, self.callback, qos)
+        self.node.destroy_subscription(last)

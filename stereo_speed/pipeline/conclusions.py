@@ -1,0 +1,108 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+When a pass that is over is measured: at once, or beside the pairs that follow.
+
+Measuring a whole pass takes as long as some pairs do.  Offline that does not matter, and what is
+measured at once comes in the same order whenever it is run.  Live, other vehicles' readings would
+wait for it.
+"""
+from __future__ import annotations
+
+from collections import deque
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from typing import Callable, Optional, Protocol
+
+from ..core.passes import PassResult
+
+Measure = Callable[[], PassResult]
+
+
+class Conclusions(Protocol):
+    """Measures passes that are over; a pipeline has one of its own."""
+
+    def add(self, measure: Measure) -> None:
+        """Take in a pass, as a function that measures it and touches nothing else."""
+
+    def done(self, *, everything: bool = False) -> list[PassResult]:
+        """
+        Return results that were not returned before, in the order in which the passes ended.
+
+        :param everything: wait for those that are not ready.
+        """
+
+    def close(self) -> None:
+        """Give up what is not ready."""
+
+
+class AtOnce:
+    """Measures each pass when it is over."""
+
+    def __init__(self) -> None:
+        self._ready: list[PassResult] = []
+
+    def add(self, measure: Measure) -> None:
+        """Measure a pass."""
+        self._ready.append(measure())
+
+    def done(self, *, everything: bool = False) -> list[PassResult]:
+        """Return results that were not returned before."""
+        ready, self._ready = self._ready, []
+        return ready
+
+    def close(self) -> None:
+        """Give up what was not returned."""
+        self._ready = []
+
+
+class Beside:
+    """
+    Measures passes in a thread of its own, one after the other.
+
+    Their results are those of :class:`AtOnce`, a few pairs later.  ``waiting`` tells how many are
+    still to come, so that who closes an instrument can wait for them.
+
+    :param most: passes that may wait; who adds one more waits for the first of them, for each
+        holds its images.
+    :param failed: takes the error of a pass that could not be measured, which then has no result;
+        without it the error is raised where results are asked for, and who asks again is given
+        the others.
+    """
+
+    def __init__(self, most: int = 8, failed: Optional[Callable[[Exception], object]] = None
+                 ) -> None:
+        self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix='passes')
+        self._waiting: deque[Future[PassResult]] = deque()
+        self._ready: list[PassResult] = []  # of those before one whose error was raised
+        self._most, self._failed = most, failed
+
+    @property
+    def waiting(self) -> int:
+        """Return how many passes were taken in and not returned."""
+        return len(self._waiting) + len(self._ready)
+
+    def add(self, measure: Measure) -> None:
+        """Take in a pass."""
+        begun = [future for future in self._waiting if not future.done()]
+        if len(begun) >= self._most:
+            wait(begun[:1])
+        self._waiting.append(self._thread.submit(measure))
+
+    def done(self, *, everything: bool = False) -> list[PassResult]:
+        """Return results that were not returned before, in the order in which passes ended."""
+        while self._waiting and (everything or self._waiting[0].done()):
+            future = self._waiting.popleft()
+            try:
+                self._ready.append(future.result())
+            except Exception as error:
+                if self._failed is None:
+                    raise
+                self._failed(error)
+        ready, self._ready = self._ready, []
+        return ready
+
+    def close(self) -> None:
+        """Give up what has not begun, and wait for what has."""
+        self._thread.shutdown(cancel_futures=True)
+        self._waiting.clear()
+        self._ready = []

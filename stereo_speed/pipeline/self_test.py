@@ -1,0 +1,68 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""A stored pass of known speed through the very pipeline, which tells whether it is sound."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Iterable, Optional
+
+from .assembly import MeasuringSite
+from .config import PipelineConfig
+from .run import run
+from ..core.errors import InputError
+from ..core.passes import Verdict
+from ..core.records import StereoPair
+from ..geometry.rig import StereoRig
+from ..site.file import Site
+
+LIMIT_SHARE = 0.01  # OIML R 91, 7.5: within 1 % of the speed that is simulated
+
+
+@dataclass(frozen=True)
+class SelfTest:
+    """
+    What came of a self-test.
+
+    :param known_mps: speed of the stored pass, m/s.
+    :param first_mps: as measured; None where it was rejected.
+    :param second_mps: as estimated a second time; None where there was no such estimate.
+    :param found: what is wrong, in a few words; empty where nothing is.
+    """
+
+    known_mps: float
+    first_mps: Optional[float]
+    second_mps: Optional[float]
+    found: str
+
+    @property
+    def passed(self) -> bool:
+        """Return whether the instrument may measure."""
+        return not self.found
+
+
+def self_test(site: Site, rig: StereoRig, pairs: Iterable[StereoPair], known_mps: float,
+              config: PipelineConfig) -> SelfTest:
+    """
+    Measure a stored pass, its vehicle found automatically, and compare with its known speed.
+
+    :param site: where it was recorded.
+    :param rig: that recorded it.
+    :param pairs: with one vehicle.
+    :param known_mps: its mean speed.
+    :param config: of the instrument: its own tracker, detector and parameters.
+    :raises InputError: a stored pass that cannot be used.
+    """
+    if not known_mps > 0:
+        raise InputError('self-test', 'known speed', f'{known_mps} m/s', 'more than 0')
+    passes = run(MeasuringSite.of(site, rig, None, config.site).pipeline(config), pairs).passes
+    if len(passes) != 1:
+        return SelfTest(known_mps, None, None, f'{len(passes)} passes measured in place of one')
+    one = passes[0]
+    second = None if one.second is None else one.second.speed_mps
+    if one.verdict is not Verdict.MEASURED or one.speed_mps is None:
+        return SelfTest(known_mps, None, second, f'the stored pass is rejected: {one.reason}')
+    off = one.speed_mps / known_mps - 1
+    found = '' if abs(off) <= LIMIT_SHARE else (
+        f'the stored pass of {known_mps:.3f} m/s is measured as {one.speed_mps:.3f} m/s, '
+        f'{100 * off:+.2f} %')
+    return SelfTest(known_mps, one.speed_mps, second, found)

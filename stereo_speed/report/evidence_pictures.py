@@ -1,0 +1,107 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Pictures of one pass: the vehicle and its path marked in both views, a close-up, its speed."""
+from __future__ import annotations
+
+import io
+from typing import Mapping, Sequence
+
+import cv2
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+import numpy as np
+from numpy.typing import NDArray
+
+from .overlay import COLOURS, fixed_point, PATH_COLOUR, SHIFT, STEP_M, visible_runs
+from .plots import speed_figure
+from ..core.errors import InputError
+from ..core.passes import PassResult
+from ..core.records import Array, TrackUpdate
+from ..core.units import SpeedUnit
+from ..geometry.rig import StereoRig
+from ..road.lanes import LanePath
+
+Image = NDArray[np.uint8]
+
+FRONT_COLOUR = COLOURS[0]
+_CLOSE_UP_SHARE = 0.6  # of the front's size, beyond it
+_CLOSE_UP_PX = 640  # least width of a close-up
+_JPEG = (cv2.IMWRITE_JPEG_QUALITY, 92)
+_DPI = 110
+
+
+def marked(views: tuple[Image, Image], fronts_px: tuple[Array, Array], path: LanePath,
+           rig: StereoRig, caption: str) -> tuple[Image, Image]:
+    """
+    Return both views of a pair with a vehicle's front and its path drawn in.
+
+    :param views: (H, W, 3) uint8, BGR, left and right.
+    :param fronts_px: (4, 2) corners of the front, left and right.
+    :param path: of the lane that it was measured along.
+    :param rig: the cameras.
+    :param caption: a line of text at the lower edge.
+    """
+    count = max(int(np.ceil(path.path.length_m / STEP_M)) + 1, 2)
+    points = path.path.position(np.linspace(0.0, path.path.length_m, count))
+    left_px, right_px, left_valid, right_valid = rig.project(points)
+    return (_marked(views[0], fronts_px[0], left_px, left_valid, caption),
+            _marked(views[1], fronts_px[1], right_px, right_valid, caption))
+
+
+def _marked(view: Image, front_px: Array, path_px: Array, valid: NDArray[np.bool_],
+            caption: str) -> Image:
+    image = view.copy()
+    unit = max(image.shape[1] / 1024, 0.4)  # text and lines grow with the image
+    for run in visible_runs(path_px, valid):
+        cv2.polylines(image, [fixed_point(run)], False, PATH_COLOUR, max(round(2 * unit), 1),
+                      cv2.LINE_AA, SHIFT)
+    if np.isfinite(front_px).all():
+        cv2.polylines(image, [fixed_point(front_px)], True, FRONT_COLOUR,
+                      max(round(2 * unit), 1), cv2.LINE_AA, SHIFT)
+    font, scale = cv2.FONT_HERSHEY_SIMPLEX, 0.6 * unit
+    (_, height), below = cv2.getTextSize(caption, font, scale, max(round(unit), 1))
+    image[-(height + 3 * below):] = 0
+    cv2.putText(image, caption, (below, image.shape[0] - below - below // 2), font, scale,
+                (235, 235, 235), max(round(unit), 1), cv2.LINE_AA)
+    return image
+
+
+def close_up(view: Image, front_px: Array) -> Image:
+    """
+    Return the vehicle alone, enlarged where it is small.
+
+    :param view: (H, W, 3) uint8, BGR.
+    :param front_px: (4, 2) corners of its front in it.
+    """
+    low, high = front_px.min(axis=0), front_px.max(axis=0)
+    reach = _CLOSE_UP_SHARE * (high - low)
+    x0, y0 = np.maximum(np.floor(low - reach), 0).astype(int)
+    x1, y1 = np.minimum(np.ceil(high + reach) + 1, view.shape[1::-1]).astype(int)
+    part = view[y0:y1, x0:x1]
+    scale = max(_CLOSE_UP_PX / part.shape[1], 1.0)
+    return np.asarray(cv2.resize(part, None, fx=scale, fy=scale,
+                                 interpolation=cv2.INTER_CUBIC), np.uint8)
+
+
+def jpeg(image: Image) -> bytes:
+    """Return the bytes of a JPEG file of a picture for people."""
+    done, data = cv2.imencode('.jpg', image, _JPEG)
+    if not done:
+        raise InputError('picture', 'pixels', image.shape, 'what JPEG can hold')
+    return data.tobytes()
+
+
+def speed_plot(updates: Sequence[TrackUpdate], result: PassResult,
+               lanes: Mapping[str, LanePath], unit: SpeedUnit) -> bytes:
+    """
+    Return a PNG file of the speed over a pass.
+
+    :param updates: live ones of the pass.
+    :param result: its smoothed speeds, its final one and the second estimate.
+    :param lanes: for their limits.
+    :param unit: of the speeds.
+    """
+    figure = speed_figure(updates, [result], lanes, unit=unit)
+    FigureCanvasAgg(figure)
+    out = io.BytesIO()
+    figure.savefig(out, format='png', dpi=_DPI, metadata={'Software': None})
+    return out.getvalue()

@@ -1,0 +1,73 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""A report as one HTML file that needs nothing else: pictures are in it, nothing is loaded."""
+from __future__ import annotations
+
+import base64
+from dataclasses import dataclass
+import io
+from pathlib import Path
+from typing import Sequence
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+_TEMPLATES = Path(__file__).with_name('templates')
+_DPI = 90
+
+
+@dataclass(frozen=True)
+class Picture:
+    """
+    A picture of a report.
+
+    :param caption: what it shows.
+    :param data: content of a PNG or JPEG file.
+    :param kind: ``png`` or ``jpeg``.
+    """
+
+    caption: str
+    data: bytes
+    kind: str = 'png'
+
+    @property
+    def uri(self) -> str:
+        """Return it as a data URI."""
+        return f'data:image/{self.kind};base64,{base64.b64encode(self.data).decode()}'
+
+    @classmethod
+    def of(cls, caption: str, figure: Figure) -> Picture:
+        """Return a plot as a picture; the same plot gives the same bytes."""
+        FigureCanvasAgg(figure)
+        out = io.BytesIO()
+        figure.savefig(out, format='png', dpi=_DPI, metadata={'Software': None})
+        return cls(caption, out.getvalue())
+
+
+@dataclass(frozen=True)
+class Section:
+    """
+    A part of a report.
+
+    :param heading: its title.
+    :param text: its paragraphs.
+    :param columns: heads of its table; none for no table.
+    :param rows: cells of the table.
+    :param pictures: shown below.
+    :param details: text that is shown when it is asked for.
+    """
+
+    heading: str
+    text: Sequence[str] = ()
+    columns: Sequence[str] = ()
+    rows: Sequence[Sequence[object]] = ()
+    pictures: Sequence[Picture] = ()
+    details: str = ''
+
+
+def page_html(title: str, sections: Sequence[Section]) -> str:
+    """Return a report as the text of an HTML file; whatever stands in it is escaped."""
+    environment = Environment(loader=FileSystemLoader(_TEMPLATES), autoescape=True,
+                              undefined=StrictUndefined, trim_blocks=True)
+    return environment.get_template('page.html').render(title=title, sections=sections)

@@ -1,0 +1,154 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+A second estimate of a pass, and whether the first one agrees with it.
+
+Both estimates share the rig, the stamps and the direction of the lane's path: an error of these is
+the same in both, and is not found by comparing them.
+"""
+from __future__ import annotations
+
+from dataclasses import replace
+import math
+from typing import Optional, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .points import CornerFollower
+from .rigid import Places, places_of, Rays
+from .speed import speeds_at
+from ..core.config import SecondConfig, TrackerConfig
+from ..core.passes import PassResult, Reason, SecondEstimate
+from ..core.records import Array, StereoPair
+from ..core.units import seconds
+from ..geometry.rig import StereoRig
+from ..road.lanes import LanePath
+
+_SLOPE_M = 0.05  # of the numerical slope of a path
+
+
+class SecondOpinion:
+    """
+    Gathers what one vehicle shows in its pairs, and estimates its speed from it.
+
+    :param rig: the cameras.
+    :param lane: the lane whose path it follows.
+    :param config: parameters; those of the section ``second`` and the tolerances count.
+    """
+
+    def __init__(self, rig: StereoRig, lane: LanePath, config: TrackerConfig) -> None:
+        self.rig, self.lane, self.config = rig, lane, config
+        self._corners = CornerFollower(config.second)
+        self._taken: list[Rays] = []
+        self._first_ns: Optional[int] = None
+
+    def take(self, pair: StereoPair, left_region: Array, right_region: Array) -> None:
+        """
+        Take in the next pair.
+
+        :param left_region: (4, 2) outline of the vehicle in the raw left view, px.
+        :param right_region: (4, 2) the same in the right one.
+        """
+        seen = self._corners.take(pair, left_region, right_region)
+        if seen is None:
+            return
+        if self._first_ns is None:
+            self._first_ns = pair.stamp_ns
+        rig = self.rig.as_taken(pair.motion)
+        self._taken.append(Rays(
+            rig, seconds(pair.stamp_ns, self._first_ns), pair.right_lag_s, seen.ids,
+            rig.left.rays(seen.left_px)[:, :2], rig.right.rays(seen.right_px)[:, :2],
+            seen.crowding).finite())
+
+    def estimate(self, stamps_ns: Sequence[int] = ()) -> SecondEstimate:
+        """
+        Return the mean ground speed.
+
+        :param stamps_ns: those of the pairs to take the mean over; none for all that it rests on.
+        """
+        config = self.config.second
+        sightings = self._sightings()
+        if len(sightings) < config.least_pairs:
+            return SecondEstimate(None, None, len(sightings))
+        places = places_of(sightings, self.lane.path, config)
+        wanted = places.stamps_s if not stamps_ns else np.array(
+            [seconds(ns, self._first_ns or 0) for ns in stamps_ns])
+        speed, std = self._mean_speed(places, wanted)
+        if not (speed > 0 and std <= config.most_std_share * speed):
+            return SecondEstimate(None, None, len(sightings))
+        return SecondEstimate(speed, std, len(sightings))
+
+    def _sightings(self) -> list[Rays]:
+        """Return evenly spaced pairs with the corners that more than one of them shows."""
+        config, taken = self.config.second, self._taken
+        if len(taken) > config.most_pairs:
+            chosen = np.unique(np.linspace(0, len(taken) - 1, config.most_pairs).round())
+            taken = [taken[int(k)] for k in chosen]
+        while taken:
+            common = _seen_twice([one.ids for one in taken])
+            kept = [one.only(np.isin(one.ids, common)) for one in taken]
+            good = [one for one in kept if len(one.ids) >= config.least_points]
+            if len(good) == len(taken):
+                return good
+            taken = good
+        return []
+
+    def _mean_speed(self, places: Places, wanted_s: Array) -> tuple[float, float]:
+        """Return the mean ground speed at some times, and its 1-sigma, m/s."""
+        along, across = places.place[:, 0], places.place[:, 1]
+        rough = float(np.polyfit(places.stamps_s, along, 1)[0])
+        stamps = np.eye(len(along)) * (self.config.stamp_std_s * rough) ** 2
+        v_along, covariance = speeds_at(
+            places.stamps_s, along, places.covariance[:, 0, :, 0] + stamps, wanted_s)
+        v_across, _ = speeds_at(places.stamps_s, across, places.covariance[:, 1, :, 1], wanted_s)
+        stretch = _stretch(self.lane, *(np.interp(wanted_s, places.stamps_s, values)
+                                        for values in (along, across)))
+        ground = np.hypot(v_along * stretch, v_across)
+        mean = float(ground.mean())
+        share = stretch / len(stretch)
+        return mean, math.hypot(math.sqrt(float(share @ covariance @ share)),
+                                self._calibration() * mean)
+
+    def _calibration(self) -> float:
+        """Return the 1-sigma of all speeds by the rig, as a share: Z = f b / d."""
+        return math.hypot(self.config.focal_std, self.config.baseline_std_m / self.rig.baseline_m,
+                          self.lane.scale_std)
+
+
+def _seen_twice(ids: Sequence[NDArray[np.int64]]) -> NDArray[np.int64]:
+    """Return the numbers that come in more than one list."""
+    if not ids:
+        return np.zeros(0, np.int64)
+    found, counts = np.unique(np.concatenate(ids), return_counts=True)
+    return np.asarray(found[counts > 1])
+
+
+def _stretch(lane: LanePath, s_m: Array, left_m: Array) -> Array:
+    """Return (n,) the way beside a path, at an offset to its left, by that along the path."""
+    ends = [lane.path.position(s) + left_m[:, None] * lane.path.frame(s)[..., 1]
+            for s in (s_m - _SLOPE_M, s_m + _SLOPE_M)]
+    return np.asarray(np.linalg.norm(ends[1] - ends[0], axis=1) / (2 * _SLOPE_M))
+
+
+def compared(result: PassResult, config: SecondConfig) -> PassResult:
+    """
+    Return a pass with its second estimate, rejected where the two disagree.
+
+    Where the second came to none there is nothing to compare: the pass stays as it is.
+    """
+    return result.rejected(Reason.SECOND_ESTIMATE) if _disagree(result, config) else result
+
+
+def _disagree(result: PassResult, config: SecondConfig) -> bool:
+    second: Optional[SecondEstimate] = result.second
+    if result.speed_mps is None or second is None or second.speed_mps is None:
+        return False
+    off_mps = abs(result.speed_mps - second.speed_mps)
+    std_mps = math.hypot(result.speed_std_mps or 0.0, second.speed_std_mps or 0.0)
+    return off_mps > min(config.most_sigmas * std_mps, config.most_difference_mps)
+
+
+def with_second(result: PassResult, opinion: SecondOpinion, config: SecondConfig) -> PassResult:
+    """Return a pass with the second estimate beside the first, compared with it."""
+    return compared(replace(result, second=opinion.estimate(sorted(result.smoothed))), config)

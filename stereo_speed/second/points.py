@@ -1,0 +1,200 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Corners on a vehicle, followed from pair to pair and matched between the views.
+
+Where the vehicle is in each view is told as a region of each: a mask for the corners and a place
+to begin the search at.  What is found there are the corners' own places, by optical flow that
+must find its way back (Z. Kalal, K. Mikolajczyk, J. Matas, "Forward-backward error", ICPR 2010).
+"""
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+from typing import Any, Optional
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.config import SecondConfig
+from ..core.records import Array, StereoPair
+from ..vision.grey import to_eight_bits
+
+Grey = NDArray[np.uint8]
+Flags = NDArray[np.bool_]
+
+_STOP = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 20, 0.01)  # steps; px
+_LEVELS = 2  # of the pyramid: regions are known to some pixels
+_MARGIN_PX = 16  # around a region, for the windows of corners at its edges
+_LEAST_REGION_PX = 8  # a smaller one shows no corners
+_WINDOWS_ACROSS = 12.0  # half a window is this part of the region's width
+_APART = 0.8  # least distance of two corners, as a share of the window
+
+
+@dataclass(frozen=True, eq=False)
+class Sighting:
+    """
+    The corners of one pair.
+
+    :param ids: (n,) the same number for the same corner, from pair to pair.
+    :param left_px: (n, 2) in the raw left view.
+    :param right_px: (n, 2) in the raw right view.
+    :param crowding: how many windows cover each place of what the corners see, 1 or more: their
+        errors are alike to that degree.
+    """
+
+    ids: NDArray[np.int64]
+    left_px: Array
+    right_px: Array
+    crowding: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """
+    What is kept of the last pair.
+
+    :param part: of the left image around the region.
+    :param origin: (2,) of that part in the image, px.
+    :param box: (2, 2) least and greatest u, v of the region, px.
+    :param ids: (n,) of the corners.
+    :param left_px: (n, 2) where they were.
+    """
+
+    part: Grey
+    origin: Array
+    box: Array
+    ids: NDArray[np.int64]
+    left_px: Array
+
+
+class CornerFollower:
+    """
+    Follows the corners of one vehicle; see the module's docstring.
+
+    :param config: number and strength of corners, limits of matches.
+    """
+
+    def __init__(self, config: SecondConfig) -> None:
+        self.config = config
+        self._last: Optional[_Seen] = None
+        self._next_id = 0
+
+    def take(self, pair: StereoPair, left_region: Array, right_region: Array
+             ) -> Optional[Sighting]:
+        """
+        Return the corners of the next pair; None where the region shows none.
+
+        :param left_region: (4, 2) outline of the vehicle in the raw left view, px.
+        :param right_region: (4, 2) the same in the right one.
+        """
+        box = np.stack([left_region.min(axis=0), left_region.max(axis=0)])
+        if not (np.isfinite(left_region).all() and np.isfinite(right_region).all()
+                and (box[1] - box[0]).min() >= _LEAST_REGION_PX):
+            return None
+        part, origin = _part(to_eight_bits(pair.left), box)
+        window = _window_px(float(box[1, 0] - box[0, 0]))
+        ids, at = self._follow(part, origin, box, left_region, window)
+        fresh = self._corners(part, origin, left_region, at, window)
+        ids = np.concatenate([ids, np.arange(self._next_id, self._next_id + len(fresh))])
+        self._next_id += len(fresh)
+        at = np.concatenate([at, fresh])
+        self._last = _Seen(part, origin, box, ids, at)
+        shift = np.round(right_region.mean(axis=0) - left_region.mean(axis=0))
+        there = _match(part, _beside(to_eight_bits(pair.right), origin + shift, part.shape),
+                       at - origin, window, self.config.most_round_trip_px)
+        good = np.flatnonzero(np.isfinite(there).all(axis=1))
+        area = float(np.prod(box[1] - box[0]))
+        return Sighting(ids[good], at[good], there[good] + origin + shift,
+                        max(1.0, len(good) * window ** 2 / area))
+
+    def _follow(self, part: Grey, origin: Array, box: Array, region: Array, window: int
+                ) -> tuple[NDArray[np.int64], Array]:
+        """Return the known corners that are found in the next left view, and where, px."""
+        last = self._last
+        if last is None or not len(last.ids):
+            return np.zeros(0, np.int64), np.zeros((0, 2))
+        scale = (box[1] - box[0]) / (last.box[1] - last.box[0])
+        move = (box[0] - origin) - scale * (last.box[0] - last.origin)
+        warped = np.asarray(cv2.warpAffine(
+            last.part, np.column_stack([np.diag(scale), move]), part.shape[::-1],
+            flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE), np.uint8)
+        start = (last.left_px - last.origin) * scale + move
+        to = _match(warped, part, start, window, self.config.most_round_trip_px) + origin
+        found = np.flatnonzero(np.isfinite(to).all(axis=1))
+        good = found[_inside(to[found], region)]
+        return last.ids[good], to[good]
+
+    def _corners(self, part: Grey, origin: Array, region: Array, known: Array, window: int
+                 ) -> Array:
+        """Return corners in the region that are not yet followed: (n, 2) px."""
+        wanted = self.config.most_points - len(known)
+        if wanted <= 0:
+            return np.zeros((0, 2))
+        apart = max(3.0, _APART * window)
+        mask = np.zeros(part.shape, np.uint8)
+        cv2.fillConvexPoly(mask, np.round(region - origin).astype(np.int32), 255)
+        for u, v in known - origin:
+            cv2.circle(mask, (round(float(u)), round(float(v))), round(apart), 0, -1)
+        found = cv2.goodFeaturesToTrack(
+            part, wanted, self.config.least_quality, apart, mask=mask, blockSize=5)
+        if found is None:
+            return np.zeros((0, 2))
+        return np.asarray(found.reshape(-1, 2).astype(float) + origin)
+
+
+def _window_px(width_px: float) -> int:
+    """Return the side of the flow's window, odd, for a region of some width."""
+    return 2 * int(np.clip(width_px / _WINDOWS_ACROSS, 4, 9)) + 1
+
+
+def _part(image: Grey, box: Array) -> tuple[Grey, Array]:
+    """Return the part of an image around a box (2, 2), and (2,) its origin, px."""
+    size = np.array(image.shape[::-1])
+    low = np.clip(np.floor(box[0]) - _MARGIN_PX, 0, size - _LEAST_REGION_PX).astype(int)
+    high = np.clip(np.ceil(box[1]) + _MARGIN_PX + 1, low + _LEAST_REGION_PX, size).astype(int)
+    return np.ascontiguousarray(image[low[1]:high[1], low[0]:high[0]]), low.astype(float)
+
+
+def _beside(image: Grey, origin: Array, shape: tuple[int, ...]) -> Grey:
+    """Return the part of an image of some shape from an origin on; edges are repeated."""
+    u = np.clip(np.arange(shape[1]) + int(origin[0]), 0, image.shape[1] - 1)
+    v = np.clip(np.arange(shape[0]) + int(origin[1]), 0, image.shape[0] - 1)
+    return np.ascontiguousarray(image[np.ix_(v, u)])
+
+
+def _inside(uv: Array, region: Array) -> Flags:
+    """Return (n,) which points (n, 2) lie in a region (4, 2)."""
+    outline = np.ascontiguousarray(region, dtype=np.float32)[:, None]
+    return np.array([cv2.pointPolygonTest(outline, (float(u), float(v)), False) >= 0
+                     for u, v in uv], dtype=bool)
+
+
+def _match(first: Grey, second: Grey, uv: Array, window: int, most_px: float) -> Array:
+    """
+    Return points (n, 2) of one image in another, px; NaN for those that are not found back.
+
+    :param uv: (n, 2) px in the first, and where to begin in the second.
+    :param most_px: how far from where they began they may come back.
+    """
+    if not len(uv):
+        return np.zeros((0, 2))
+    how: dict[str, Any] = {
+        'winSize': (window, window), 'maxLevel': _LEVELS, 'criteria': _STOP,
+        'flags': cv2.OPTFLOW_USE_INITIAL_FLOW}
+    start = np.ascontiguousarray(uv, dtype=np.float32)[:, None]
+    second = _alike(second, first)
+    there, found, _ = cv2.calcOpticalFlowPyrLK(first, second, start, start.copy(), **how)
+    back, found_back, _ = cv2.calcOpticalFlowPyrLK(second, first, there, start.copy(), **how)
+    trip = np.linalg.norm((back - start)[:, 0], axis=1)
+    good = (found[:, 0] == 1) & (found_back[:, 0] == 1) & (trip < most_px)
+    return np.where(good[:, None], there[:, 0].astype(float), math.nan)
+
+
+def _alike(image: Grey, model: Grey) -> Grey:
+    """Return an image with the mean and the contrast of another: exposures may differ."""
+    mean, std = (float(v[0, 0]) for v in cv2.meanStdDev(image))
+    wanted, wanted_std = (float(v[0, 0]) for v in cv2.meanStdDev(model))
+    gain = wanted_std / max(std, 1.0)
+    return np.asarray(cv2.convertScaleAbs(image, alpha=gain, beta=wanted - gain * mean), np.uint8)

@@ -1,0 +1,270 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The places of a rigid body in each pair, from its corners in both views of several pairs.
+
+Unknown are the place of the body in each pair (along the path, to its left, above it) and the
+place of each corner on the body; the body turns with the path.  Known are the corners' rays.  All
+are solved at once by Gauss and Newton, the corners eliminated first (B. Triggs et al., "Bundle
+adjustment - a modern synthesis", 2000, section 6.1), residuals with Student's t distribution,
+so that what does not move along, such as background, counts for little.
+
+The path tells the direction only: ranges come from the distance of the two views alone.
+"""
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import block_diag
+
+from ..core.config import SecondConfig
+from ..core.records import Array
+from ..geometry.rig import StereoRig
+from ..road.path import Path
+
+_ROUNDS = 10  # of Gauss and Newton, at most; corners that are far off lose their weight
+_STILL_M = 1e-4  # steps below this change nothing
+_STEP_M = 0.05  # of the numerical slope along the path
+# Corners lie on the front of a body: in depth, and to the side and above, of its centre.
+_BODY_STD_M = np.array([0.3, 2.0, 2.0])
+# A corner stays behind when it is spread by this many times what is usual, and by so much.
+_STAYS_FACTOR, _STAYS_M = 3.0, 0.5
+_NOTHING = 1e-9  # weight of such a one, which leaves all equations solvable
+_EXACT_M = 1e-4  # no place is known better
+
+
+@dataclass(frozen=True, eq=False)
+class Rays:
+    """
+    The corners of a pair as rays.
+
+    :param rig: the cameras as they stood.
+    :param stamp_s: time of the left exposure.
+    :param lag_s: from the left to the right exposure.
+    :param ids: (n,) numbers of the corners.
+    :param left: (n, 2) at depth 1, in the left camera's frame of the site.
+    :param right: (n, 2) at depth 1, in the right camera's frame.
+    :param crowding: see :class:`.points.Sighting`.
+    """
+
+    rig: StereoRig
+    stamp_s: float
+    lag_s: float
+    ids: NDArray[np.int64]
+    left: Array
+    right: Array
+    crowding: float
+
+    def only(self, keep: NDArray[np.bool_]) -> Rays:
+        """Return some of the corners."""
+        return replace(self, ids=self.ids[keep], left=self.left[keep], right=self.right[keep])
+
+    def finite(self) -> Rays:
+        """Return it without the corners that have no ray, where a lens model ends."""
+        return self.only(np.asarray(
+            np.isfinite(np.column_stack([self.left, self.right])).all(axis=1)))
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """
+    Where a body was in each pair.
+
+    :param stamps_s: (n,) of the pairs.
+    :param place: (n, 3) along the path, to its left and above it, m.
+    :param covariance: (n, 3, n, 3) of it, m^2.
+    """
+
+    stamps_s: Array
+    place: Array
+    covariance: Array
+
+
+@dataclass(frozen=True, eq=False)
+class _Corners:
+    """
+    Every sighting of every corner.
+
+    :param pair: (N,) number of its pair.
+    :param corner: (N,) number of the corner, from 0.
+    :param rays: (N, 4) left and right, at depth 1.
+    :param share: (N,) how independent it is of others in its pair.
+    :param along: (N,) 1 where the corner moves along, next to nothing where it does not.
+    """
+
+    pair: NDArray[np.int64]
+    corner: NDArray[np.int64]
+    rays: Array
+    share: Array
+    along: Array
+
+
+def places_of(sightings: Sequence[Rays], path: Path, config: SecondConfig) -> Places:
+    """
+    Return where a body was in each pair.
+
+    :param sightings: of two or more pairs, each with a corner of another pair.
+    :param path: of its lane.
+    """
+    corners = _gathered(sightings)
+    stamps = np.array([one.stamp_s for one in sightings])
+    place, body, corners = _first_guess(sightings, corners, path)
+    floor = (config.match_std_px / float(sightings[0].rig.left.K[0, 0])) ** 2
+    variance, dof = floor, config.tail_dof
+    for _ in range(_ROUNDS):
+        residual, by_place, by_body = _residuals(sightings, corners, path, place, body)
+        square = np.sum(residual ** 2, axis=1)
+        weight = (dof + 4) / (dof + square / variance)
+        weight = weight * corners.along
+        count = float(corners.along.sum())
+        free = max(4 * count - place.size - body.size, count, 1.0)
+        variance = max(float(weight @ square) / free, floor)
+        normal = _Normal(corners, corners.share * weight / variance, residual, by_place, by_body)
+        step, steps, covariance = normal.solve(place, body)
+        place, body = place + step, body + steps
+        if np.abs(step).max() < _STILL_M:
+            break
+    return Places(stamps, place, covariance + _common(sightings, path, place, config))
+
+
+def _gathered(sightings: Sequence[Rays]) -> _Corners:
+    ids = np.concatenate([one.ids for one in sightings])
+    counts = [len(one.ids) for one in sightings]
+    return _Corners(
+        pair=np.repeat(np.arange(len(sightings)), counts),
+        corner=np.unique(ids, return_inverse=True)[1].reshape(-1),
+        rays=np.concatenate([np.column_stack([one.left, one.right]) for one in sightings]),
+        share=1 / np.repeat([one.crowding for one in sightings], counts),
+        along=np.ones(len(ids)))
+
+
+def _first_guess(sightings: Sequence[Rays], corners: _Corners, path: Path
+                 ) -> tuple[Array, Array, _Corners]:
+    """
+    Return places (n, 3), corners on the body (m, 3), and which move along.
+
+    They are medians of where rays meet.  A corner that stays behind, as on the background, is
+    spread along the path much more than the others.
+    """
+    points = np.concatenate([_met(one) for one in sightings])
+    s_m = path.arc_length(points)
+    off = np.einsum('ij,ijk->ik', points - path.position(s_m), path.frame(s_m))
+    along = np.column_stack([s_m, off[:, 1:]])
+    place = np.stack([np.median(along[corners.pair == i], axis=0)
+                      for i in range(len(sightings))])
+    near = along - place[corners.pair]
+    count = int(corners.corner.max()) + 1
+    body = np.stack([np.median(near[corners.corner == k], axis=0) for k in range(count)])
+    off = np.abs(near - body[corners.corner])[:, 0]
+    spread = np.array([np.median(off[corners.corner == k]) for k in range(count)])
+    stays = spread > _STAYS_M + _STAYS_FACTOR * float(np.median(spread))
+    along = np.where(stays[corners.corner], _NOTHING, 1.0)
+    return place, np.clip(body, -_BODY_STD_M, _BODY_STD_M), replace(corners, along=along)
+
+
+def _met(one: Rays) -> Array:
+    """Return the points (n, 3) nearest to both rays of each corner, m."""
+    left = np.column_stack([one.left, np.ones(len(one.left))])
+    right = np.column_stack([one.right, np.ones(len(one.right))]) @ one.rig.R
+    centre = -one.rig.R.T @ one.rig.t
+    normal = np.stack([left, -right], axis=-1)
+    depths = np.linalg.pinv(normal) @ centre
+    return depths[:, :1] * left
+
+
+def _residuals(sightings: Sequence[Rays], corners: _Corners, path: Path, place: Array,
+               body: Array) -> tuple[Array, Array, Array]:
+    """
+    Return residuals (N, 4), and slopes by place (N, 4, 3) and by corner (N, 4, 3).
+
+    Of the place, the body goes to where it was in the right exposure at its own speed.
+    """
+    stamps = np.array([one.stamp_s for one in sightings])
+    lags = np.array([one.lag_s for one in sightings])
+    speed = np.gradient(place[:, 0], stamps)
+    residual, by_place, by_body = [], [], []
+    for right in (False, True):
+        s_m = place[:, 0] + lags * speed if right else place[:, 0]
+        frames, centres = path.frame(s_m), path.position(s_m)
+        ahead = path.position(s_m + _STEP_M) + np.einsum(
+            'nij,nj->ni', path.frame(s_m + _STEP_M)[:, :, 1:], place[:, 1:])
+        centres = centres + np.einsum('nij,nj->ni', frames[:, :, 1:], place[:, 1:])
+        axes = np.concatenate([((ahead - centres) / _STEP_M)[..., None], frames[:, :, 1:]], axis=2)
+        points = centres[corners.pair] + np.einsum(
+            'nij,nj->ni', frames[corners.pair], body[corners.corner])
+        if right:
+            rotations = np.stack([one.rig.R for one in sightings])
+            points = np.einsum('nij,nj->ni', rotations[corners.pair], points) + np.stack(
+                [one.rig.t for one in sightings])[corners.pair]
+            axes, frames = rotations @ axes, rotations @ frames
+        depth = np.maximum(points[:, 2:], 1e-3)
+        xy = points[:, :2] / depth
+        project = np.zeros((len(points), 2, 3))
+        project[:, 0, 0] = project[:, 1, 1] = 1 / depth[:, 0]
+        project[:, :, 2] = -xy / depth
+        residual.append(corners.rays[:, 2:] - xy if right else corners.rays[:, :2] - xy)
+        by_place.append(project @ axes[corners.pair])
+        by_body.append(project @ frames[corners.pair])
+    return (np.concatenate(residual, axis=1), np.concatenate(by_place, axis=1),
+            np.concatenate(by_body, axis=1))
+
+
+class _Normal:
+    """
+    The normal equations, with the corners eliminated.
+
+    :param corners: which residual is of which pair and corner.
+    :param weight: (N,) of each, one over its variance.
+    :param residual: (N, 4).
+    :param by_place: (N, 4, 3) slopes.
+    :param by_body: (N, 4, 3) slopes.
+    """
+
+    def __init__(self, corners: _Corners, weight: Array, residual: Array, by_place: Array,
+                 by_body: Array) -> None:
+        self.corners = corners
+        weighted = weight[:, None, None] * by_place
+        self.pairs = np.einsum('nij,nik->njk', weighted, by_place)
+        self.cross = np.einsum('nij,nik->njk', weighted, by_body)
+        self.bodies = np.einsum('nij,nik->njk', weight[:, None, None] * by_body, by_body)
+        self.of_place = np.einsum('nij,ni->nj', weighted, residual)
+        self.of_body = np.einsum('n,nij,ni->nj', weight, by_body, residual)
+
+    def solve(self, place: Array, body: Array) -> tuple[Array, Array, Array]:
+        """Return steps of places (n, 3) and corners (m, 3), and the places' covariance."""
+        n, m, pair, corner = len(place), len(body), self.corners.pair, self.corners.corner
+        own = np.zeros((n, 3, 3))
+        np.add.at(own, pair, self.pairs)
+        inner = np.tile(np.diag(1 / _BODY_STD_M ** 2), (m, 1, 1))
+        np.add.at(inner, corner, self.bodies)
+        blocks = np.zeros((n, m, 3, 3))
+        np.add.at(blocks, (pair, corner), self.cross)
+        g = np.zeros((n, 3))
+        np.add.at(g, pair, self.of_place)
+        h = -body / _BODY_STD_M ** 2
+        np.add.at(h, corner, self.of_body)
+        cross = blocks.transpose(0, 2, 1, 3).reshape(3 * n, m, 3)
+        solved = np.einsum('amk,mkl->aml', cross, np.linalg.inv(inner))
+        reduced = block_diag(*own) - np.einsum('amk,bmk->ab', solved, cross, optimize=True)
+        covariance = np.linalg.pinv(reduced, hermitian=True)
+        step = covariance @ (g.reshape(-1) - np.einsum('amk,mk->a', solved, h))
+        rest = h - np.einsum('amk,a->mk', cross, step)
+        return (step.reshape(n, 3), np.linalg.solve(inner, rest[..., None])[..., 0],
+                covariance.reshape(n, 3, n, 3))
+
+
+def _common(sightings: Sequence[Rays], path: Path, place: Array, config: SecondConfig) -> Array:
+    """Return the covariance (n, 3, n, 3) by the error of matching that a pair's corners share."""
+    out = np.zeros((len(place), 3, len(place), 3))
+    for i, (one, at) in enumerate(zip(sightings, place)):
+        s_m = np.array(at[0])
+        frame = path.frame(s_m)
+        point = path.position(s_m) + frame[:, 1:] @ at[1:]
+        focal_px, range_m = float(one.rig.left.K[0, 0]), float(point[2])
+        error_m = config.match_floor_px * range_m / (focal_px * one.rig.baseline_m) * point
+        shift = frame.T @ error_m
+        out[i, :, i] = np.outer(shift, shift) + _EXACT_M ** 2 * np.eye(3)
+    return out

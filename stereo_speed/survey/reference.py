@@ -1,0 +1,219 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Measured passes beside a reference with known speeds: errors, and what they show.
+
+The limit of error is that of OIML R 91 (6.4): 3 km/h up to 100 km/h, 3 % above.  A reference is
+good enough where its expanded uncertainty (two of its 1-sigmas) is at most a third of that.
+"""
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+from typing import Optional, Sequence
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+from scipy.stats import binom
+
+from .traffic import Vehicle
+from ..core.units import KMH_MPS
+
+COVERAGE = 2.0  # 1-sigmas of an expanded uncertainty
+REFERENCE_SHARE = 1 / 3  # of the limit of error
+_LIMIT_MPS, _LIMIT_SHARE, _LIMIT_FROM_MPS = 3 * KMH_MPS, 0.03, 100 * KMH_MPS
+_MEAN_MPS = 1 * KMH_MPS  # most mean error over a series on the road
+_CONFIDENCE = 0.95
+_FAR_S = 1e6  # cost of a match that may not be
+# What is claimed, and passes that it takes at least: Orden ICT/155/2020; KB 12-10-2010.
+CLAIMS = (('approval', 500), ('after installation', 50), ('yearly', 30))
+RELIABILITY = 0.998
+
+
+def error_limit_mps(speed_mps: float) -> float:
+    """Return the limit of error at a true speed, m/s."""
+    return _LIMIT_SHARE * speed_mps if speed_mps > _LIMIT_FROM_MPS else _LIMIT_MPS
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReferenceSpeed:
+    """
+    A vehicle as a reference instrument saw it.
+
+    :param time_ns: when, by the clock of the pairs, ns.
+    :param lane: name of its lane.
+    :param speed_mps: its speed.
+    :param std_mps: the 1-sigma of that.
+    """
+
+    time_ns: int
+    lane: str
+    speed_mps: float
+    std_mps: float
+
+    @property
+    def limit_mps(self) -> float:
+        """Return the limit of error at this speed."""
+        return error_limit_mps(self.speed_mps)
+
+    @property
+    def is_good_enough(self) -> bool:
+        """Return whether the reference is fit to judge by."""
+        return COVERAGE * self.std_mps <= REFERENCE_SHARE * self.limit_mps
+
+
+@dataclass(frozen=True, kw_only=True)
+class Match:
+    """
+    A vehicle of the reference, and the pass that is its own.
+
+    :param reference: the vehicle.
+    :param vehicle: the pass; None where there was none.
+    """
+
+    reference: ReferenceSpeed
+    vehicle: Optional[Vehicle]
+
+    @property
+    def error_mps(self) -> Optional[float]:
+        """Return measured less reference speed; None where nothing was measured."""
+        if self.vehicle is None or self.vehicle.speed_mps is None:
+            return None
+        return self.vehicle.speed_mps - self.reference.speed_mps
+
+    @property
+    def counts(self) -> bool:
+        """Return whether it is an error by a reference that is good enough."""
+        return self.error_mps is not None and self.reference.is_good_enough
+
+
+@dataclass(frozen=True, kw_only=True)
+class Claim:
+    """
+    A number of passes that a claim takes.
+
+    :param name: what is claimed.
+    :param wanted: passes it takes.
+    :param had: passes that count.
+    """
+
+    name: str
+    wanted: int
+    had: int
+
+    @property
+    def missing(self) -> int:
+        """Return how many passes are still wanted."""
+        return max(self.wanted - self.had, 0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Verification:
+    """
+    What a series of passes beside a reference shows; errors in m/s.
+
+    :param matches: every vehicle of the reference.
+    :param strangers: passes that no vehicle of the reference fits.
+    :param counted: errors by references that are good enough; the figures are of these.
+    :param mean_mps: mean error; None without any.
+    :param std_mps: standard deviation; None for fewer than two.
+    :param worst_mps: the error that is greatest against its limit.
+    :param within: errors within the limit.
+    :param claims: passes wanted for what is claimed.
+    """
+
+    matches: Sequence[Match]
+    strangers: int
+    counted: int
+    mean_mps: Optional[float]
+    std_mps: Optional[float]
+    worst_mps: Optional[float]
+    within: int
+    claims: Sequence[Claim]
+
+    @property
+    def is_within(self) -> bool:
+        """Return whether all errors, and their mean, are within the limits."""
+        return (self.counted > 0 and self.within == self.counted
+                and abs(self.mean_mps or 0.0) <= _MEAN_MPS)
+
+
+def matched(references: Sequence[ReferenceSpeed], vehicles: Sequence[Vehicle],
+            tolerance_s: float) -> list[Match]:
+    """
+    Return each vehicle of a reference with the pass of its lane that is nearest in time.
+
+    A pass is of one vehicle only; all together are as near as can be, and as many as can be.
+
+    :param tolerance_s: how long before the first pair or after the last a reference may be.
+    """
+    cost = np.full((len(references), len(vehicles)), _FAR_S)
+    for i, one in enumerate(references):
+        for k, vehicle in enumerate(vehicles):
+            if vehicle.lane == one.lane:
+                away_s = max(vehicle.first_ns - one.time_ns, one.time_ns - vehicle.last_ns,
+                             0) * 1e-9
+                if away_s <= tolerance_s:
+                    cost[i, k] = away_s + 1e-6 * abs(vehicle.time_ns - one.time_ns) * 1e-9
+    found: dict[int, Vehicle] = {}
+    if cost.size:
+        rows, columns = linear_sum_assignment(cost)
+        found = {int(i): vehicles[int(k)] for i, k in zip(rows, columns) if cost[i, k] < _FAR_S}
+    return [Match(reference=one, vehicle=found.get(i)) for i, one in enumerate(references)]
+
+
+def verification(references: Sequence[ReferenceSpeed], vehicles: Sequence[Vehicle],
+                 tolerance_s: float) -> Verification:
+    """Return what passes beside a reference show; see :func:`matched` for the tolerance."""
+    matches = matched(references, vehicles, tolerance_s)
+    rows = [(m.error_mps, m.reference.limit_mps) for m in matches
+            if m.counts and m.error_mps is not None]
+    errors = np.array([error for error, _ in rows])
+    limits = np.array([limit for _, limit in rows])
+    within = int(np.sum(np.abs(errors) <= limits))
+    count, taken = len(rows), {id(m.vehicle) for m in matches if m.vehicle is not None}
+    claims = [Claim(name=name, wanted=wanted, had=count) for name, wanted in CLAIMS]
+    claims.append(Claim(name=f'{100 * RELIABILITY:g} % reliable',
+                        wanted=passes_wanted(count - within), had=count))
+    return Verification(
+        matches=matches, strangers=len(vehicles) - len(taken), counted=count,
+        mean_mps=float(errors.mean()) if count else None,
+        std_mps=float(errors.std(ddof=1)) if count > 1 else None,
+        worst_mps=float(errors[np.argmax(np.abs(errors) / limits)]) if count else None,
+        within=within, claims=claims)
+
+
+def passes_wanted(failures: int, reliability: float = RELIABILITY,
+                  confidence: float = _CONFIDENCE) -> int:
+    """
+    Return the passes that show a reliability, so many of them having failed.
+
+    The fewest n with P(failures or fewer of n | reliability) <= 1 - confidence (Clopper and
+    Pearson 1934, one side).
+
+    :param failures: errors beyond their limits.
+    """
+    low, high = failures, max(16, 2 * failures)
+    while binom.cdf(failures, high, 1 - reliability) > 1 - confidence:
+        low, high = high, 2 * high
+    while high - low > 1:
+        middle = (low + high) // 2
+        if binom.cdf(failures, middle, 1 - reliability) > 1 - confidence:
+            low = middle
+        else:
+            high = middle
+    return high
+
+
+def reliability_shown(counted: int, failures: int) -> float:
+    """Return the reliability that so many passes show, at 95 % confidence, as a share."""
+    if counted <= failures:
+        return 0.0
+    low, high = 0.0, 1.0
+    for _ in range(60):
+        middle = (low + high) / 2
+        if binom.cdf(failures, counted, 1 - middle) <= 1 - _CONFIDENCE:
+            low = middle
+        else:
+            high = middle
+    return math.floor(1e6 * low) / 1e6

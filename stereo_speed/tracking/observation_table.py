@@ -1,0 +1,121 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+What the photometry asks of observations, side by side, so that all are taken at once.
+
+An observation stays the same for as long as it is used.  What follows from it alone is written
+down when it is first seen, and no array is put together anew for each solution.
+"""
+from __future__ import annotations
+
+from itertools import count
+from typing import NamedTuple, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .observation import Observation
+from .photometric_terms import cross
+from ..core.config import NoiseConfig
+from ..core.records import Array
+
+LEAST_SQUARE = 1e-12  # px^2/m^2, of disparities that tell no place
+_MORE = 8  # rows, at least, that a table grows by
+
+
+class Columns(NamedTuple):
+    """
+    What is known of each observation; as a table, each array has one more axis in front.
+
+    :param pose: (3,) s, a, b that it was taken at, m.
+    :param patches: (2, G).
+    :param both: (G,) mean of the two.
+    :param across: their correlation.
+    :param jacobian: (2, 3, G), 1/m.
+    :param relief_jacobian: (2, G), 1/m.
+    :param outlines: (2, G).
+    :param relief: (G,) relief that it was taken with at each sample, m.
+    :param pixels: that it counts with.
+    :param shift_px: by which the front moves in the left view per metre of a, px/m.
+    :param disparity_px: change of the disparity per metre of s, px/m.
+    :param poses: (3, 3) what the views, compared, say of the pose,
+    :param mixed: (3, m) of the pose and the relief, and
+    :param nodes: (m, m) of the relief.
+    :param right: (3,) information times measurement of the pose, and
+    :param nodes_right: (m,) of the relief.
+    """
+
+    pose: Array
+    patches: Array
+    both: Array
+    across: Array
+    jacobian: Array
+    relief_jacobian: Array
+    outlines: Array
+    relief: Array
+    pixels: Array
+    shift_px: Array
+    disparity_px: Array
+    poses: Array
+    mixed: Array
+    nodes: Array
+    right: Array
+    nodes_right: Array
+
+
+class ObservationTable:
+    """
+    Rows of observations; those that are not asked for any more make room for others.
+
+    :param basis: (m, G) share of the relief's nodes in each sample.
+    :param noise: how precise observations are.
+    """
+
+    def __init__(self, basis: Array, noise: NoiseConfig) -> None:
+        self.basis, self.noise = basis, noise
+        self._rows: dict[Observation, int] = {}
+        self._columns: list[Array] = []
+
+    def take(self, observations: Sequence[Observation]) -> tuple[Columns, NDArray[np.int64]]:
+        """Return a table that has all of these observations, and their rows in it."""
+        kept = {o: self._rows[o] for o in observations if o in self._rows}
+        taken = set(kept.values())
+        free = (k for k in count() if k not in taken)
+        for observation in observations:
+            if observation not in kept:
+                kept[observation] = row = next(free)
+                self._write(row, self._row(observation))
+        self._rows = kept
+        return Columns(*self._columns), np.array([kept[o] for o in observations])
+
+    def _write(self, row: int, values: Columns) -> None:
+        if not self._columns:
+            self._columns = [np.zeros((0, *np.shape(value))) for value in values]
+        have = len(self._columns[0])
+        if row >= have:
+            more = max(have, _MORE)
+            self._columns = [np.concatenate([c, np.zeros((more, *c.shape[1:]))])
+                             for c in self._columns]
+        for column, value in zip(self._columns, values):
+            column[row] = value
+
+    def _row(self, observation: Observation) -> Columns:
+        """
+        Return what is known of one observation; its two patches, compared, say where it is.
+
+        Their information is bounded by the usual scatter of a disparity.
+        """
+        o, noise, relief = observation, self.noise, observation.relief @ self.basis
+        terms = cross(o.patches, o.apart_jacobian, o.apart_relief, o.outlines, relief, o.pixels,
+                      noise.tail_dof, noise.independent_share)
+        per_px = terms.block[0, 0] / max(o.disparity_px[0] ** 2, LEAST_SQUARE)
+        share = 1 / (1 + (noise.match_floor_px ** 2 + o.skew_px ** 2) * per_px)
+        return Columns(
+            pose=o.pose, patches=o.patches, both=o.patches.mean(axis=0),
+            across=np.asarray(o.patches[0] @ o.patches[1] / len(relief)), jacobian=o.jacobian,
+            relief_jacobian=o.relief_jacobian, outlines=o.outlines, relief=relief,
+            pixels=np.asarray(o.pixels), shift_px=o.shift_px[0, 1],
+            disparity_px=o.disparity_px[0], poses=share * terms.block,
+            mixed=share * terms.mixed @ self.basis.T,
+            nodes=(share * terms.relief * self.basis) @ self.basis.T,
+            right=share * terms.right, nodes_right=self.basis @ (share * terms.relief_right))

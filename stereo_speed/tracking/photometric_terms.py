@@ -1,0 +1,464 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The sums over grey values that the photometric normal equations are made of.
+
+Each is a kernel: a loop that is compiled where numba is installed, beside the same in plain
+numpy, which is the easier to read.
+"""
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.compiled import kernel
+from ..core.records import Array
+from ..estimation.student import student_weights
+
+_LEAST_VARIANCE = 1e-4  # of residuals, in those of a patch: identical patches prove little
+_ROUNDS = 3  # of texture, gains and weights, each of which follows from the others
+_STUDENT_ROUNDS = 3  # as student_weights
+_LEAST_MOTION = 1e-9  # information, 1/m^2: a patch without contrast tells of none
+_LEAST_SHARE = 1e-9  # of the greatest information: motions that look alike count as one
+_LEAST_SIZE = 1e-3  # outlines that are as parallel as this are one
+
+
+class TemporalTerms(NamedTuple):
+    """
+    Agreement of n observations with the texture they share, itself eliminated.
+
+    :param shared: (3 n, G) whose product with its transpose is what the texture takes away.
+    :param mixed: (3 n, G) information of poses and of the relief of each sample.
+    :param relief: (G,) information of the relief of each sample.
+    :param relief_right: (G,) information times measurement of the relief of each sample.
+    :param blocks: (n, 3, 3) information of each pose.
+    :param right: (3 n,) information times measurement of the poses.
+    """
+
+    shared: Array
+    mixed: Array
+    relief: Array
+    relief_right: Array
+    blocks: Array
+    right: Array
+
+
+def plain_temporal(rows: NDArray[np.int64], patches: Array, jacobian: Array, by_relief: Array,
+                   outlines: Array, relief: Array, pixels: Array, shift_px: Array, dof: float,
+                   independent: float, floor_px: float) -> TemporalTerms:
+    """
+    Return the terms of :func:`temporal`, in plain numpy.
+
+    :param rows: (n,) those of the observations in tables of k.
+    :param patches: (k, 2, G).
+    :param jacobian: (k, 2, 3, G) derivatives of the patches by the pose, 1/m.
+    :param by_relief: (k, 2, G) and by the relief of each sample, 1/m.
+    :param outlines: (k, 2, G) of unit length, or 0.
+    :param relief: (k, G) relief that each observation was taken with, m.
+    :param pixels: (n,) pixels that each counts with, 0 for none.
+    :param shift_px: (k,) by which the front moves per metre of a, px/m.
+    :param dof: degrees of freedom of the residuals.
+    :param independent: share of the pixels whose noise is their own.
+    :param floor_px: error of matching that no number of samples averages away.
+    """
+    patches, jacobian, by_relief = patches[rows], jacobian[rows], by_relief[rows]
+    outlines, relief, shift_px = outlines[rows], relief[rows], shift_px[rows]
+    n, _, samples = patches.shape
+    weights = np.ones_like(patches)
+    for _ in range(_ROUNDS):
+        share = pixels[:, None, None] * weights
+        texture = (share * patches).sum(axis=(0, 1)) / share.sum(axis=(0, 1))
+        residual = beside(patches.reshape(2 * n, -1), texture, weights.reshape(2 * n, -1))
+        along = outlines.reshape(2 * n, -1)
+        residual = residual - np.einsum('ng,ng->n', residual, along)[:, None] * along
+        both, variance = student_weights(
+            _settled(residual.reshape(patches.shape), jacobian, weights).reshape(n, -1),
+            weights.reshape(n, -1), dof, _LEAST_VARIANCE)
+        weights = both.reshape(patches.shape)
+    w = (independent * pixels / samples / variance)[:, None, None] * weights
+    per_px = (w * np.square(jacobian[:, :, 1])).sum(axis=(1, 2)) / np.maximum(shift_px ** 2, 1e-9)
+    w = w / (1 + floor_px ** 2 * per_px)[:, None, None]
+    # as they would be on a plane, to first order
+    flat = residual.reshape(patches.shape) - by_relief * relief[:, None]
+    total = w.sum(axis=(0, 1))
+    flat = flat - (w * flat).sum(axis=(0, 1)) / total
+    weighted, of_relief = w[:, :, None] * jacobian, w * by_relief
+    summed, all_relief = weighted.sum(axis=1).reshape(3 * n, -1), of_relief.sum(axis=(0, 1))
+    return TemporalTerms(
+        shared=summed / np.sqrt(total),
+        mixed=(weighted * by_relief[:, :, None]).sum(axis=1).reshape(3 * n, -1)
+        - summed * (all_relief / total),
+        relief=(of_relief * by_relief).sum(axis=(0, 1)) - all_relief ** 2 / total,
+        relief_right=-(of_relief * flat).sum(axis=(0, 1)),
+        blocks=(weighted @ jacobian.swapaxes(2, 3)).sum(axis=1),
+        right=-(weighted @ flat[..., None]).sum(axis=1).ravel())
+
+
+def _plain_temporal(*args: Any) -> tuple[Array, ...]:
+    return tuple(plain_temporal(*args))
+
+
+@kernel(_plain_temporal, '(i8[::1], f8[:,:,::1], f8[:,:,:,::1], f8[:,:,::1], f8[:,:,::1], '
+        'f8[:,::1], f8[::1], f8[::1], f8, f8, f8)')
+def _temporal(rows, patches, jacobian, by_relief, outlines, relief, pixels,  # type: ignore
+              shift_px, dof, independent, floor_px):
+    n, views, samples = len(rows), patches.shape[1], patches.shape[2]
+    weights = np.ones((n, views, samples))
+    residual, still = np.zeros((n, views, samples)), np.zeros((views, samples))
+    texture, total = np.zeros(samples), np.zeros(samples)
+    variance = np.zeros(n)
+    for _ in range(_ROUNDS):
+        texture[:] = 0.0
+        total[:] = 0.0
+        for i in range(n):
+            at = rows[i]
+            if pixels[i] > 0:
+                for v in range(views):
+                    for g in range(samples):
+                        share = pixels[i] * weights[i, v, g]
+                        texture[g] += share * patches[at, v, g]
+                        total[g] += share
+        for g in range(samples):
+            texture[g] /= total[g]
+        for i in range(n):
+            at = rows[i]
+            if not pixels[i] > 0:
+                continue
+            for v in range(views):
+                one = of_t = of_p = tt = tp = 0.0
+                for g in range(samples):
+                    w, t, p = weights[i, v, g], texture[g], patches[at, v, g]
+                    one += w
+                    of_t += w * t
+                    of_p += w * p
+                    tt += w * t * t
+                    tp += w * t * p
+                of_t /= one
+                of_p /= one
+                gain = (tp / one - of_t * of_p) / max(tt / one - of_t * of_t, 1e-12)
+                along = length = 0.0
+                for g in range(samples):
+                    r = patches[at, v, g] - of_p - gain * (texture[g] - of_t)
+                    residual[i, v, g] = r
+                    along += r * outlines[at, v, g]
+                    length += outlines[at, v, g] * outlines[at, v, g]
+                if length > 0:
+                    for g in range(samples):
+                        residual[i, v, g] -= along * outlines[at, v, g]
+            a00 = a01 = a02 = a11 = a12 = a22 = b0 = b1 = b2 = 0.0
+            for v in range(views):
+                for g in range(samples):
+                    w, r = weights[i, v, g], residual[i, v, g]
+                    j0, j1 = jacobian[at, v, 0, g], jacobian[at, v, 1, g]
+                    j2 = jacobian[at, v, 2, g]
+                    a00 += w * j0 * j0
+                    a01 += w * j0 * j1
+                    a02 += w * j0 * j2
+                    a11 += w * j1 * j1
+                    a12 += w * j1 * j2
+                    a22 += w * j2 * j2
+                    b0 += w * j0 * r
+                    b1 += w * j1 * r
+                    b2 += w * j2 * r
+            # the pose that explains most, by Cholesky's factor
+            least = _LEAST_SHARE * (a00 + a11 + a22) + _LEAST_MOTION
+            l00 = np.sqrt(a00 + least)
+            l10, l20 = a01 / l00, a02 / l00
+            l11 = np.sqrt(a11 + least - l10 * l10)
+            l21 = (a12 - l20 * l10) / l11
+            l22 = np.sqrt(a22 + least - l20 * l20 - l21 * l21)
+            b0 /= l00
+            b1 = (b1 - l10 * b0) / l11
+            b2 = (b2 - l20 * b0 - l21 * b1) / (l22 * l22)
+            b1 = (b1 - l21 * b2) / l11
+            b0 = (b0 - l10 * b1 - l20 * b2) / l00
+            spread = 0.0
+            for v in range(views):
+                for g in range(samples):
+                    r = residual[i, v, g] - b0 * jacobian[at, v, 0, g] - (
+                        b1 * jacobian[at, v, 1, g] + b2 * jacobian[at, v, 2, g])
+                    still[v, g] = r * r
+                    spread += weights[i, v, g] * r * r
+            spread = max(spread / (views * samples), _LEAST_VARIANCE)
+            for _ in range(_STUDENT_ROUNDS):
+                inverse, again = 1 / spread, 0.0
+                for v in range(views):
+                    for g in range(samples):
+                        square = still[v, g]
+                        w = (dof + 1) / (dof + square * inverse)
+                        weights[i, v, g] = w
+                        again += w * square
+                spread = max(again / (views * samples), _LEAST_VARIANCE)
+            variance[i] = spread
+    shared = np.zeros((3 * n, samples))
+    mixed = np.zeros((3 * n, samples))
+    of_relief, of_relief_2 = np.zeros(samples), np.zeros(samples)
+    level, relief_right = np.zeros(samples), np.zeros(samples)
+    blocks, right = np.zeros((n, 3, 3)), np.zeros(3 * n)
+    total[:] = 0.0
+    for i in range(n):
+        at = rows[i]
+        if not pixels[i] > 0:
+            continue
+        scale = independent * pixels[i] / samples / variance[i]
+        per_px = 0.0
+        for v in range(views):
+            for g in range(samples):
+                per_px += scale * weights[i, v, g] * jacobian[at, v, 1, g] ** 2
+        per_px /= max(shift_px[at] ** 2, 1e-9)
+        scale /= 1 + floor_px ** 2 * per_px
+        for v in range(views):
+            for g in range(samples):
+                w, d = scale * weights[i, v, g], by_relief[at, v, g]
+                flat = residual[i, v, g] - d * relief[at, g]
+                weights[i, v, g] = w
+                residual[i, v, g] = flat
+                total[g] += w
+                level[g] += w * flat
+                of_relief[g] += w * d
+                of_relief_2[g] += w * d * d
+    for g in range(samples):
+        level[g] /= total[g]
+    for i in range(n):
+        at = rows[i]
+        if not pixels[i] > 0:
+            continue
+        for v in range(views):
+            for c in range(3):
+                to_right = 0.0
+                for g in range(samples):
+                    wj = weights[i, v, g] * jacobian[at, v, c, g]
+                    shared[3 * i + c, g] += wj
+                    mixed[3 * i + c, g] += wj * by_relief[at, v, g]
+                    to_right += wj * (residual[i, v, g] - level[g])
+                right[3 * i + c] -= to_right
+                for d in range(c + 1):
+                    block = 0.0
+                    for g in range(samples):
+                        block += (weights[i, v, g] * jacobian[at, v, c, g]
+                                  * jacobian[at, v, d, g])
+                    blocks[i, c, d] += block
+            for g in range(samples):
+                relief_right[g] -= (weights[i, v, g] * by_relief[at, v, g]
+                                    * (residual[i, v, g] - level[g]))
+        for c in range(3):
+            for d in range(c):
+                blocks[i, d, c] = blocks[i, c, d]
+            for g in range(samples):
+                mixed[3 * i + c, g] -= shared[3 * i + c, g] * of_relief[g] / total[g]
+                shared[3 * i + c, g] /= np.sqrt(total[g])
+    for g in range(samples):
+        of_relief_2[g] -= of_relief[g] ** 2 / total[g]
+    return shared, mixed, of_relief_2, relief_right, blocks, right
+
+
+def temporal(rows: NDArray[np.int64], patches: Array, jacobian: Array, by_relief: Array,
+             outlines: Array, relief: Array, pixels: Array, shift_px: Array, dof: float,
+             independent: float, floor_px: float) -> TemporalTerms:
+    """Return how observations agree with their texture; arguments as :func:`plain_temporal`."""
+    return TemporalTerms(*_temporal(rows, patches, jacobian, by_relief, outlines, relief, pixels,
+                                    shift_px, dof, independent, floor_px))
+
+
+class CrossTerms(NamedTuple):
+    """
+    Agreement of the two patches of one observation.
+
+    :param block: (3, 3) information of the pose.
+    :param mixed: (3, G) of the pose and of the relief of each sample.
+    :param relief: (G,) of the relief of each sample.
+    :param right: (3,) information times measurement of the pose.
+    :param relief_right: (G,) of the relief of each sample.
+    """
+
+    block: Array
+    mixed: Array
+    relief: Array
+    right: Array
+    relief_right: Array
+
+
+def plain_cross(patches: Array, jacobian: Array, by_relief: Array, outlines: Array,
+                relief: Array, pixels: float, dof: float, independent: float) -> CrossTerms:
+    """
+    Return the terms of :func:`cross`, in plain numpy.
+
+    :param patches: (2, G).
+    :param jacobian: (3, G) derivatives of the left patch less the right one by the pose, 1/m.
+    :param by_relief: (G,) and by the relief of each sample, 1/m.
+    :param outlines: (2, G) of unit length, or 0.
+    :param relief: (G,) relief that it was taken with, m.
+    :param pixels: that it counts with.
+    :param dof: degrees of freedom of the residuals.
+    :param independent: share of the pixels whose noise is their own.
+    """
+    left, right = patches
+    size, basis = np.linalg.svd(outlines, full_matrices=False)[1:]
+    basis = basis[size > _LEAST_SIZE]
+    J = jacobian - (jacobian @ basis.T) @ basis
+    weights = np.ones((1, len(left)))
+    for _ in range(_ROUNDS):
+        r = beside(left[None], right, weights)
+        r = r - (r @ basis.T) @ basis
+        weights, variance = student_weights(
+            _still(r, J[0], weights), weights, dof, _LEAST_VARIANCE)
+    w = independent * pixels / len(left) / variance * weights[0]
+    # As the residual would be on a plane, to first order.
+    weighted = w * (r[0] - by_relief * relief)
+    return CrossTerms(block=(w * J) @ J.T, mixed=w * J * by_relief,
+                      relief=w * np.square(by_relief), right=-J @ weighted,
+                      relief_right=-by_relief * weighted)
+
+
+def _plain_cross(*args: Any) -> tuple[Array, ...]:
+    return tuple(plain_cross(*args))
+
+
+@kernel(_plain_cross, '(f8[:,::1], f8[:,::1], f8[::1], f8[:,::1], f8[::1], f8, f8, f8)')
+def _cross(patches, jacobian, by_relief, outlines, relief, pixels,  # type: ignore
+           dof, independent):
+    samples = patches.shape[1]
+    left, right = patches[0], patches[1]
+    # the singular vectors of two rows, from the eigenvectors of their products
+    basis, spans = np.zeros((2, samples)), 0
+    a = b = c = 0.0
+    for g in range(samples):
+        a += outlines[0, g] * outlines[0, g]
+        b += outlines[0, g] * outlines[1, g]
+        c += outlines[1, g] * outlines[1, g]
+    if a + c > 0:
+        middle, half = (a + c) / 2, np.sqrt(((a - c) / 2) ** 2 + b * b)
+        angle = 0.5 * np.arctan2(2 * b, a - c)
+        for k in range(2):
+            square = middle + half if k == 0 else middle - half
+            x = np.cos(angle) if k == 0 else -np.sin(angle)
+            y = np.sin(angle) if k == 0 else np.cos(angle)
+            if square > _LEAST_SIZE ** 2:
+                for g in range(samples):
+                    basis[spans, g] = (x * outlines[0, g] + y * outlines[1, g]) / np.sqrt(square)
+                spans += 1
+    J = np.empty((3, samples))
+    for d in range(3):
+        for g in range(samples):
+            J[d, g] = jacobian[d, g]
+        for k in range(spans):
+            along = 0.0
+            for g in range(samples):
+                along += J[d, g] * basis[k, g]
+            for g in range(samples):
+                J[d, g] -= along * basis[k, g]
+    weights, r, still = np.ones(samples), np.zeros(samples), np.empty(samples)
+    variance = 1.0
+    for _ in range(_ROUNDS):
+        one = of_t = of_p = tt = tp = 0.0
+        for g in range(samples):
+            w, t, p = weights[g], right[g], left[g]
+            one += w
+            of_t += w * t
+            of_p += w * p
+            tt += w * t * t
+            tp += w * t * p
+        of_t /= one
+        of_p /= one
+        gain = (tp / one - of_t * of_p) / max(tt / one - of_t * of_t, 1e-12)
+        for g in range(samples):
+            r[g] = left[g] - of_p - gain * (right[g] - of_t)
+        for k in range(spans):
+            along = 0.0
+            for g in range(samples):
+                along += r[g] * basis[k, g]
+            for g in range(samples):
+                r[g] -= along * basis[k, g]
+        along, square = 0.0, _LEAST_MOTION
+        for g in range(samples):
+            along += weights[g] * J[0, g] * r[g]
+            square += weights[g] * J[0, g] * J[0, g]
+        variance = 0.0
+        for g in range(samples):
+            still[g] = (r[g] - along / square * J[0, g]) ** 2
+            variance += weights[g] * still[g]
+        variance = max(variance / samples, _LEAST_VARIANCE)
+        for _ in range(_STUDENT_ROUNDS):
+            inverse, again = 1 / variance, 0.0
+            for g in range(samples):
+                square = still[g]
+                w = (dof + 1) / (dof + square * inverse)
+                weights[g] = w
+                again += w * square
+            variance = max(again / samples, _LEAST_VARIANCE)
+    scale = independent * pixels / samples / variance
+    block, mixed, to_right = np.zeros((3, 3)), np.empty((3, samples)), np.zeros(3)
+    of_relief, relief_right = np.empty(samples), np.empty(samples)
+    for g in range(samples):
+        w, d = scale * weights[g], by_relief[g]
+        flat = w * (r[g] - d * relief[g])
+        weights[g], r[g] = w, flat
+        of_relief[g] = w * d * d
+        relief_right[g] = -d * flat
+    for k in range(3):
+        along = 0.0
+        for g in range(samples):
+            mixed[k, g] = weights[g] * J[k, g] * by_relief[g]
+            along += J[k, g] * r[g]
+        to_right[k] = -along
+        for m in range(k + 1):
+            both = 0.0
+            for g in range(samples):
+                both += weights[g] * J[k, g] * J[m, g]
+            block[k, m] = block[m, k] = both
+    return block, mixed, of_relief, to_right, relief_right
+
+
+def cross(patches: Array, jacobian: Array, by_relief: Array, outlines: Array, relief: Array,
+          pixels: float, dof: float, independent: float) -> CrossTerms:
+    """Return how the patches of an observation agree; arguments as :func:`plain_cross`."""
+    return CrossTerms(*_cross(patches, jacobian, by_relief, outlines, relief, pixels, dof,
+                              independent))
+
+
+def _settled(residual: Array, jacobian: Array, weights: Array) -> Array:
+    """
+    Return residuals (n, 2, G) less what the pose that explains each best makes of it.
+
+    For the reason of :func:`_still`.
+
+    :param jacobian: (n, 2, 3, G) derivatives by the pose.
+    :param weights: (n, 2, G) of the samples.
+    """
+    weighted = jacobian * weights[:, :, None]
+    information = np.einsum('nvag,nvbg->nab', weighted, jacobian)
+    least = _LEAST_SHARE * np.trace(information, axis1=1, axis2=2) + _LEAST_MOTION
+    told = np.einsum('nvag,nvg->na', weighted, residual)
+    moved = np.linalg.solve(information + least[:, None, None] * np.eye(3), told[..., None])
+    return np.asarray(residual - (moved[:, None] * jacobian).sum(axis=2))
+
+
+def _still(residual: Array, motion: Array, weights: Array) -> Array:
+    """
+    Return a residual (1, G) less what the motion that explains it best makes of it.
+
+    What is not yet in place differs most where it tells most of its place.  Were it weighed by
+    that, edges would count for nothing, and it would stay wherever it is.
+
+    :param motion: (G,) derivative by the motion.
+    :param weights: (1, G) of the samples.
+    """
+    weighted = weights[0] * motion
+    moved = residual @ weighted / (weighted @ motion + _LEAST_MOTION)
+    return np.asarray(residual - moved[:, None] * motion)
+
+
+def beside(patches: Array, texture: Array, weights: Array) -> Array:
+    """
+    Return patches (N, G) less the gain and the level of a texture (G,) that fit each best.
+
+    :param weights: (N, G) of the samples.  What is an outlier has changed gain and level, too.
+    """
+    share = weights / weights.sum(axis=1, keepdims=True)
+    deviation = texture - (share @ texture)[:, None]
+    patches = patches - (share * patches).sum(axis=1, keepdims=True)
+    along = share * deviation
+    gain = (along * patches).sum(axis=1) / np.maximum((along * deviation).sum(axis=1), 1e-12)
+    return np.asarray(patches - gain[:, None] * deviation)

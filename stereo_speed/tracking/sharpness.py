@@ -1,0 +1,52 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Which view is the sharper one, and by how much, as the front itself shows.
+
+A camera out of focus shows a far front blurred by as much as its details are wide: the views then
+differ most where they should tell most, and the edges of the front run into the background in one
+of them.  Blurred by as much, the other view is like it.  Differences of blur are compared at one
+and the same sum of both, so that noise is averaged away alike in all of them.
+"""
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..core.config import NoiseConfig
+from ..core.records import Array
+from ..vision.ncc import ncc
+from ..vision.subpixel import parabola_peak
+
+_SHARES = np.linspace(-1.0, 1.0, 9)  # of the greatest difference of the squared blurs
+_LEAST_LACK = 1e-4  # of a correlation: patches are never more alike
+
+
+def trial_blurs_px(noise: NoiseConfig) -> list[tuple[float, float]]:
+    """Return the blurs of the left and the right view to compare, 1-sigmas, px."""
+    square = 0.5 * noise.most_blur_px ** 2
+    return [(math.sqrt(square * (1 + share)), math.sqrt(square * (1 - share)))
+            for share in _SHARES]
+
+
+def equal_blurs_px(patches: Array, pixels: float, noise: NoiseConfig) -> tuple[float, float]:
+    """
+    Return the blurs that make both views equally sharp, 1-sigmas, px: one of them is 0.
+
+    Both are where the views may well be as sharp as each other.
+
+    :param patches: (n, 2, G) of both views with each of :func:`trial_blurs_px`.
+    :param pixels: that they cover in a view.
+    :param noise: how great a difference may be, and from when on it counts.
+    """
+    # Pixels within the blur of both views are alike.
+    independent = pixels / (2 * math.pi * noise.most_blur_px ** 2)
+    lack = np.maximum(1 - ncc(patches[:, 0], patches[:, 1]), _LEAST_LACK)
+    log_likelihood = -0.5 * independent * np.log(lack)
+    gain = float(log_likelihood.max() - log_likelihood[len(_SHARES) // 2])
+    if gain < 0.5 * noise.sharpness_sigmas ** 2:
+        return 0.0, 0.0
+    place = float(parabola_peak(log_likelihood)[0])
+    square = float(np.interp(place, np.arange(len(_SHARES)), _SHARES)) * noise.most_blur_px ** 2
+    return math.sqrt(max(square, 0.0)), math.sqrt(max(-square, 0.0))

@@ -1,0 +1,47 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Classes of vehicles by their sizes."""
+from dataclasses import replace
+import math
+
+import pytest
+from stereo_speed.classification.classes import classified
+from stereo_speed.core.config import ClassConfig
+from stereo_speed.core.passes import VehicleClass
+
+CONFIG = ClassConfig()
+
+
+@pytest.mark.parametrize(('width_m', 'height_m', 'name'), [
+    (1.76, 1.46, 'car'), (1.65, 1.50, 'car'), (1.90, 1.70, 'car'),
+    (1.95, 2.45, 'van'), (2.05, 2.60, 'van'),
+    (2.50, 3.00, 'heavy_vehicle'), (2.55, 3.60, 'heavy_vehicle'), (2.45, 0.9, 'heavy_vehicle'),
+    (0.45, 1.30, 'motorcycle'), (0.80, 1.60, 'motorcycle'), (0.6, None, 'motorcycle'),
+    (1.97, 1.90, 'unknown'), (1.95, None, 'unknown'), (1.80, 3.60, 'heavy_vehicle')])
+def test_common_sizes(width_m, height_m, name):
+    assert classified(width_m, 0.08, height_m, CONFIG).name == name
+
+
+def test_a_probability_by_hand():
+    """Without a height it is the ratio of four likelihoods of the width."""
+    def likelihood(mean, std):
+        std = math.hypot(std, 0.1)
+        return 0.02 / 3.0 + 0.98 * math.exp(-0.5 * ((1.9 - mean) / std) ** 2) / (
+            std * math.sqrt(2 * math.pi))
+    each = [likelihood(1.82, 0.1), likelihood(2.0, 0.07), likelihood(2.5, 0.06),
+            likelihood(0.65, 0.2)]
+    found = classified(1.9, 0.1, None, CONFIG)
+    assert found.probability == pytest.approx(max(each) / sum(each), rel=1e-6)
+    assert (found.name, found.height_std_m) == (VehicleClass.UNKNOWN, None)
+
+
+def test_a_top_in_the_dark_speaks_less_against_a_lorry_than_a_top_that_is_too_low():
+    dark, never = CONFIG, replace(CONFIG, hidden_top_share=0.0)
+    assert classified(2.45, 0.08, 0.9, dark).name == VehicleClass.HEAVY_VEHICLE
+    assert classified(2.45, 0.08, 0.9, never).name != VehicleClass.HEAVY_VEHICLE
+
+
+def test_what_fits_no_class_is_unknown():
+    found = classified(30.0, 0.08, None, CONFIG)
+    assert found.name == VehicleClass.UNKNOWN
+    assert found.probability == pytest.approx(0.25)

@@ -1,0 +1,106 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Sizes of drawn vehicles, from their pairs and where they are in them."""
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from stereo_speed.classification.size import VehicleSize
+from stereo_speed.core.config import ClassConfig
+from stereo_speed.core.passes import VehicleClass
+from stereo_speed.core.records import TrackState, TrackUpdate
+from stereo_speed.lab.evaluation.labeled_sequence import read_back
+from stereo_speed.lab.sim.bodies import BODIES
+from stereo_speed.lab.sim.config import straight_config, VehicleConfig
+from stereo_speed.lab.sim.sequence import simulate
+from stereo_speed.site.file import load_site
+from stereo_speed.site.lane_paths import lane_paths
+
+CONFIG = ClassConfig()
+
+
+@cache
+def drawn(kind, **changes):
+    """Return rig, lane, and each of some near pairs with the place of the front that was drawn."""
+    body = BODIES[kind]
+    vehicle = VehicleConfig(kind=kind, solid=True, front_width_m=body.width_m,
+                            front_height_m=body.front_m, clearance_m=body.clearance_m)
+    sequence = simulate(straight_config(
+        '45 mph', vehicles=(vehicle,), start_m=42.0, near_m=22.0, **changes),
+        np.random.default_rng(5))
+    lane = lane_paths(read_back(sequence.site_exact, load_site), sequence.rig)['lane_0']
+    rows = {row['stamp_ns']: row for row in sequence.truth}
+    return sequence.rig, lane, [
+        (pair, update_of(rows[pair.stamp_ns], pair, lane, sequence.rig, body))
+        for pair in sequence.pairs]
+
+
+def update_of(row, pair, lane, rig, body):
+    """Return an update of the true place."""
+    at = np.array([row['x'], row['y'], row['z']])
+    s_m = lane.path.arc_length(at)
+    axes = lane.path.frame(np.array(s_m))
+    across, up = body.width_m / 2, body.front_m / 2
+    corners = at + np.array([[across, up], [-across, up], [-across, -up], [across, -up]]) \
+        @ axes[:, 1:].T
+    left, right, _, _ = rig.project(corners)
+    return TrackUpdate(pair.stamp_ns, 0, 'lane_0', TrackState.CONFIRMED, row['speed'], 0.1,
+                       float(s_m), 0.0, at, np.eye(3), axes, left, right)
+
+
+def measured(rig, lane, rows, **changes):
+    size = VehicleSize(rig, lane, CONFIG, **changes)
+    for pair, update in rows:
+        size.take(pair, update)
+    return size.measured()
+
+
+@pytest.mark.parametrize(('kind', 'name', 'height_m'), [
+    ('car', VehicleClass.CAR, (1.3, 1.65)), ('van', VehicleClass.VAN, (2.2, 2.65)),
+    ('truck', VehicleClass.HEAVY_VEHICLE, (2.5, 3.7)),
+    ('motorcycle', VehicleClass.MOTORCYCLE, (0.8, 1.8))])
+def test_drawn_vehicles_are_told_by_size(kind, name, height_m):
+    found = measured(*drawn(kind))
+    assert found.width_m == pytest.approx(BODIES[kind].width_m, abs=0.02)
+    assert height_m[0] < found.height_m < height_m[1]
+    assert (found.name, found.probability > 0.9) == (name, True)
+
+
+def test_exposure_and_lag_of_the_right_view_change_nothing():
+    """The vehicle goes on by 0.4 m until the right view is exposed."""
+    found = measured(*drawn('van', right_delay_s=0.02, right_gain=0.8))
+    assert found.name == VehicleClass.VAN
+    assert found.height_m == pytest.approx(2.45, abs=0.2)
+
+
+def test_a_receding_vehicle_keeps_its_height_where_its_last_pairs_are_alike_in_range():
+    """The images end below the highest strip that is sought, so no pair decides by itself."""
+    rig, lane, rows = drawn('car', fps=10.0, camera_height_m=2.0, camera_pitch_deg=8.0)
+    found = measured(rig, lane, rows[-4:][::-1])  # at 23, 28 and 30 m
+    assert found.height_m is not None and 1.3 < found.height_m < 1.65
+
+
+def test_the_height_is_unknown_where_no_two_pairs_differ_in_range():
+    rig, lane, rows = drawn('car')
+    found = measured(rig, lane, rows[-1:])
+    assert (found.height_m, found.height_std_m) == (None, None)
+    assert measured(rig, lane, []) is None
+
+
+def test_what_stands_still_has_no_height():
+    """The same image again: nothing in it moves along."""
+    rig, lane, rows = drawn('car')
+    still = rows[-1][0]
+    found = measured(rig, lane, [(replace(still, stamp_ns=pair.stamp_ns), update)
+                                 for pair, update in rows])
+    assert found.height_m is None
+
+
+def test_the_width_of_a_marked_front_is_as_certain_as_its_corners():
+    rig, lane, rows = drawn('car')
+    px_per_m = np.ptp(rows[0][1].quad_left_px[:, 0]) / BODIES['car'].width_m
+    found = measured(rig, lane, rows, marked_std_px=0.7)
+    assert found.width_std_m == pytest.approx(0.7 / px_per_m, rel=1e-3)

@@ -1,0 +1,113 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""A long replay that is interrupted goes on, and writes what it would have written."""
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+import itertools
+import json
+
+import numpy as np
+import pytest
+from stereo_speed.cli import replay
+from stereo_speed.cli.main import main
+from stereo_speed.cli.replay_parts import FOLDER, is_kept
+from stereo_speed.io.bags import StereoBag
+from stereo_speed.lab.sim.write import write_pairs
+
+STEP_NS = 200_000_000
+QUIET = 8  # pairs of the empty road after each vehicle
+
+
+@pytest.fixture(scope='module')
+def bag(sample, tmp_path_factory):
+    """Write three vehicles, 12 pairs each, and the empty road after each of them."""
+    with StereoBag(sample / 'bag') as source:
+        rig, seen = source.rig, list(source.pairs())
+    empty = replace(seen[0], **{side: np.median(
+        [getattr(p, side) for p in seen], axis=0).astype(np.uint8) for side in ('left', 'right')})
+    stamps = (seen[0].stamp_ns + k * STEP_NS for k in itertools.count())
+    pairs = [replace(pair, index=k, stamp_ns=ns, right_stamp_ns=ns) for k, (pair, ns) in enumerate(
+        zip(3 * (seen + QUIET * [empty]), stamps))]
+    return write_pairs(rig, pairs, tmp_path_factory.mktemp('long') / 'made') / 'bag'
+
+
+@pytest.fixture
+def in_parts(monkeypatch):
+    """Make parts short."""
+    monkeypatch.setattr(replay, 'PART_PAIRS', 10)
+
+
+def files(folder):
+    return {p.name: p.read_bytes() for p in folder.iterdir()}
+
+
+def interrupt(monkeypatch, pairs):
+    """Let Ctrl-C come after so many pairs of a run."""
+    def some(stream, **_):
+        for number, pair in enumerate(stream):
+            if number == pairs:
+                raise KeyboardInterrupt
+            yield pair
+    monkeypatch.setattr(replay, 'tqdm', some)
+
+
+@pytest.mark.slow
+def test_an_interrupted_run_goes_on_and_writes_the_same(
+        bag, sample, tmp_path, in_parts, monkeypatch, capsys):
+    def argv(name, *more):
+        return ['replay', str(bag), '--site', str(sample / 'site.yaml'), '--out',
+                str(tmp_path / name), *more]
+    assert main(argv('at_once')) == 0
+    wanted = files(tmp_path / 'at_once')
+    assert json.loads(wanted['summary.json'])['passes']['measured'] == 3
+    assert not any(name.startswith('.') for name in wanted)
+
+    with monkeypatch.context() as patch:
+        interrupt(patch, 50)
+        assert main(argv('cut')) == 130
+    kept = tmp_path / 'cut' / FOLDER
+    assert [p.name for p in (tmp_path / 'cut').iterdir()] == [FOLDER]
+    # what a kill cuts off in the middle of a line is not used
+    with (kept / 'steps.jsonl').open('a') as steps:
+        steps.write('{"!":"dict","v":[["pairs",35')
+    with monkeypatch.context() as patch:
+        interrupt(patch, 1)  # once more, one pair on
+        assert main(argv('cut')) == 130
+    capsys.readouterr()
+    assert main(argv('cut')) == 0
+    told = capsys.readouterr().out
+    done = int(told.partition('going on after ')[2].split()[0])
+    assert 32 < done < 50
+    assert files(tmp_path / 'cut') == wanted
+
+    # what a run with other options has left is of no use
+    with monkeypatch.context() as patch:
+        interrupt(patch, 50)
+        assert main(argv('other', '--seed', '5', '--no-plots')) == 130
+    capsys.readouterr()
+    assert main(argv('other')) == 0
+    assert 'going on' not in capsys.readouterr().out
+    assert files(tmp_path / 'other') == wanted
+
+
+def test_a_fault_leaves_nothing(bag, sample, tmp_path, in_parts, monkeypatch, capsys):
+    def fail(stream, **_):
+        for number, pair in enumerate(stream):
+            if number == 3:
+                raise replay.InputError('bag', 'image', 'garbage', 'an image')
+            yield pair
+    monkeypatch.setattr(replay, 'tqdm', fail)
+    out = tmp_path / 'out'
+    assert main(['replay', str(bag), '--site', str(sample / 'site.yaml'), '--out', str(out),
+                 '--no-plots']) == 2
+    assert list(out.iterdir()) == []
+    assert capsys.readouterr().err.count('\n') == 1
+
+
+@pytest.mark.parametrize('option', ['evidence', 'video', 'report'])
+def test_pictures_and_records_under_way_are_not_taken_up_again(option):
+    options = {'evidence': False, 'video': False, 'report': False}
+    assert is_kept(argparse.Namespace(**options))
+    assert not is_kept(argparse.Namespace(**{**options, option: True}))

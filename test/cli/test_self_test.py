@@ -1,0 +1,41 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""``self-test`` with the sample, whose speed is known, and with a speed that is not its own."""
+from __future__ import annotations
+
+import csv
+import shutil
+
+import pytest
+from stereo_speed.cli.main import main
+
+
+@pytest.fixture()
+def stored(sample, tmp_path):
+    """Return a function that stores the sample with speeds that are off by a factor."""
+    def store(factor):
+        with (sample / 'truth.csv').open(newline='') as file:
+            rows = list(csv.DictReader(file))
+        folder = tmp_path / str(factor)
+        shutil.copytree(sample, folder)
+        with (folder / 'truth.csv').open('w', newline='') as file:
+            writer = csv.DictWriter(file, list(rows[0]))
+            writer.writeheader()
+            writer.writerows({**row, 'speed': float(row['speed']) * factor} for row in rows)
+        return folder
+    return store
+
+
+def test_the_sample_passes(sample, capsys):
+    assert main(['self-test', str(sample)]) == 0
+    assert capsys.readouterr().out.startswith('self-test passed: +0.')
+
+
+def test_what_is_off_by_more_than_a_hundredth_fails(stored, capsys):
+    assert main(['self-test', str(stored(1.015))]) == 1
+    assert 'self-test failed: the stored pass of' in capsys.readouterr().out
+
+
+def test_a_folder_without_a_stored_pass_ends_in_one_line(tmp_path, capsys):
+    assert main(['self-test', str(tmp_path)]) == 2
+    assert capsys.readouterr().err.count('\n') == 1

@@ -1,0 +1,46 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""The compiled projection against plain numpy, for each lens, with points of every kind."""
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from stereo_speed.geometry.camera import Camera
+from stereo_speed.geometry.projection import project, Projection
+
+pytest.importorskip('numba')
+K = np.array([[800.0, 0.4, 500.0], [0, 810.0, 390.0], [0, 0, 1]])
+LENSES = {
+    'plumb_bob': [-0.28, 0.09, 1e-3, -5e-4, 0.01],
+    'rational_polynomial': [0.2, -0.1, 1e-3, 2e-4, 0.02, 0.5, -0.08, 0.05, 1e-3, 1e-4, -2e-3,
+                            1e-4],
+    'equidistant': [0.01, -0.02, 0.003, -0.001]}
+
+
+@pytest.mark.parametrize('rotated', [False, True])
+@pytest.mark.parametrize('model', ['ideal', *LENSES])
+def test_points_before_beside_and_behind_the_camera(model, rotated):
+    rng = np.random.default_rng(8)
+    angle = 0.02
+    rotation = np.array([[np.cos(angle), 0, np.sin(angle)], [0, 1, 0],
+                         [-np.sin(angle), 0, np.cos(angle)]]) if rotated else None
+    camera = Camera('left', 1024, 768, K, np.array(LENSES.get(model, [])),
+                    'plumb_bob' if model == 'ideal' else model, rotation)
+    points = rng.uniform([-9, -9, -2], [9, 9, 20], (300, 3))
+    what = Projection.of(camera.lens, K, (1024, 768), rotation)
+    assert what.known
+    got, wanted = project.compiled()(points, *what), project.plain(points, *what)
+    np.testing.assert_allclose(got[0], wanted[0], rtol=1e-9)
+    np.testing.assert_array_equal(got[1], wanted[1])
+    assert 0 < got[1].sum() < len(points)
+    assert np.isnan(got[0]).any()
+
+
+def test_a_tilted_sensor_is_left_to_the_lens():
+    camera = Camera('left', 1024, 768, K, np.array([0.0] * 12 + [0.01, 0.02]),
+                    'rational_polynomial')
+    assert not Projection.of(camera.lens, K, (1024, 768), None).known
+    uv, valid = camera.project(np.array([[0.1, 0.0, 5.0], [0.1, 0.0, -5.0]]))
+    assert np.isfinite(uv[0]).all() and np.isnan(uv[1]).all()
+    np.testing.assert_array_equal(valid, [True, False])

@@ -1,0 +1,137 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""The topic ``passes``, over real DDS."""
+from __future__ import annotations
+
+from contextlib import ExitStack
+import csv
+from functools import partial
+import json
+from pathlib import Path
+import re
+import subprocess
+import sys
+import threading
+
+import jsonschema
+import pytest
+
+pytest.importorskip('rclpy')
+
+from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402, I100
+from geometry_msgs.msg import TwistWithCovarianceStamped  # noqa: E402
+from nav_msgs.msg import Odometry  # noqa: E402
+from std_msgs.msg import String  # noqa: E402
+
+from stereo_speed.cli.demo import (  # noqa: E402
+    EVERY_PAIR, Process, RELIABLE_IMAGES, RELIABLE_INFOS)
+from stereo_speed.cli.main import main  # noqa: E402
+from stereo_speed.core.units import MPH_MPS  # noqa: E402
+from stereo_speed.io.pass_json import PASS_SCHEMA, TRACK_STATES_SCHEMA  # noqa: E402
+
+STARTUP_S, EVENT_S = 60.0, 20.0
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def line_of_the_listener_of_the_readme():
+    """Run the consumer of the README, who comes late; return the first line that it prints."""
+    fence = re.search(r'^```python passes.py\n(.*?)^```', (ROOT / 'README.md').read_text(),
+                      re.MULTILINE | re.DOTALL)
+    with subprocess.Popen([sys.executable, '-u', '-c', fence[1]], stdout=subprocess.PIPE,
+                          text=True) as listener:
+        guard = threading.Timer(EVENT_S, listener.kill)
+        guard.start()
+        try:
+            return listener.stdout.readline().rstrip('\n')
+        finally:
+            guard.cancel()
+            listener.kill()
+
+
+def test_a_pass_is_told_when_the_stream_stops_and_to_who_comes_late(stand_in, sample, tmp_path):
+    from stereo_speed.nodes.common import LATCHED, RELIABLE
+    from stereo_speed.nodes.messages import speed_of
+    assert main(['replay', str(sample / 'bag'), '--site', str(sample / 'site.yaml'),
+                 '--out', str(tmp_path), '--no-plots']) == 0
+    row, = csv.DictReader((tmp_path / 'passes.csv').open())
+    tracks, states, early = [], [], []
+    stand_in.create_subscription(Odometry, '/tracks', tracks.append, RELIABLE)
+    stand_in.create_subscription(String, '/track_states', states.append, RELIABLE)
+    stand_in.create_subscription(String, '/passes', early.append, LATCHED)
+    with Process('stereo_sync_node', *RELIABLE_IMAGES, *RELIABLE_INFOS), \
+            Process('tracker_node', EVERY_PAIR, *RELIABLE_INFOS, f'site:={sample / "site.yaml"}',
+                    'silence_s:=1.0'):
+        stand_in.wait(lambda: stand_in.count_publishers('/passes')
+                      and stand_in.count_publishers('/stereo/image_pair')
+                      and stand_in.count_subscribers('/stereo/image_pair')
+                      and stand_in.count_subscribers('/left/camera_info') == 2, STARTUP_S)
+        with Process('replay_node', f'bag:={sample / "bag"}', 'rate:=2',
+                     'wait_for_topics:=stereo/image_pair'):
+            stand_in.wait(lambda: early, STARTUP_S)
+        late = line_of_the_listener_of_the_readme()
+    assert len(early) == 1 and late == str(json.loads(early[0].data))
+    found = json.loads(early[0].data)
+    jsonschema.validate(found, json.loads(PASS_SCHEMA.read_text()))
+    assert (found['track'], found['lane'], found['first_stamp_ns'], found['last_stamp_ns']) == (
+        int(row['track']), row['lane'], int(row['first_ns']), int(row['last_ns']))
+    assert found['speed_mps'] == pytest.approx(float(row['speed_mps']), abs=1e-4)
+    assert found['speed_std_mps'] == pytest.approx(float(row['speed_std_mps']), abs=1e-4)
+    assert (found['verdict'], found['direction']) == ('measured', 'approaching')
+    schema = json.loads(TRACK_STATES_SCHEMA.read_text())
+    told = [json.loads(message.data) for message in states]
+    for message in told:
+        jsonschema.validate(message, schema)
+    assert len(told) == 12  # one for each pair, with or without a vehicle
+    assert [t['measured'] for m in told for t in m['tracks']] == [
+        speed_of(odometry) is not None for odometry in tracks]
+    assert {t['id'] for m in told for t in m['tracks']} == {found['id']}
+
+
+@pytest.mark.parametrize('fault', ['info_nan', 'odd_encoding'])
+def test_one_process_survives_a_bad_message_and_measures_the_pass(fault, stand_in, sample):
+    """Without the messages of pairs; one image or calibration in the middle is unusable."""
+    from stereo_speed.nodes.common import LATCHED, RELIABLE
+    told, readings, health = [], [], []
+    stand_in.create_subscription(DiagnosticArray, '/diagnostics', health.append, RELIABLE)
+    stand_in.create_subscription(String, '/passes', told.append, LATCHED)
+    stand_in.create_subscription(TwistWithCovarianceStamped, '/vehicle_speed', readings.append,
+                                 RELIABLE)
+    with Process('speed_camera_node', *RELIABLE_IMAGES, *RELIABLE_INFOS, EVERY_PAIR,
+                 f'site:={sample / "site.yaml"}', 'silence_s:=1.0') as node:
+        stand_in.wait(lambda: health, STARTUP_S)  # the node knows who listens
+        with Process('faulty_replay_node', f'bag:={sample / "bag"}', 'rate:=2',
+                     f'fault:={fault}', 'fault_start:=0.9'):
+            stand_in.wait(lambda: told and len(readings) >= 9, STARTUP_S)
+            assert not node.ended()
+            assert not stand_in.count_publishers('/stereo/image_pair')
+    found = json.loads(told[0].data)
+    assert found['verdict'] == 'measured' and found['pairs'] >= 11
+    assert abs(found['speed_mps'] - 55 * MPH_MPS) < 4 * found['speed_std_mps']
+    assert len(readings) >= 9
+    for reading in readings[3:]:
+        std = reading.twist.covariance[0] ** 0.5
+        assert abs(reading.twist.twist.linear.x - 55 * MPH_MPS) < 4 * std
+
+
+def test_two_rigs_in_two_namespaces_measure_alike_and_are_told_apart(stand_in, sample):
+    from stereo_speed.nodes.common import LATCHED, RELIABLE
+    told, health = {}, []
+    stand_in.create_subscription(DiagnosticArray, '/diagnostics', health.append, RELIABLE)
+    with ExitStack() as stack:
+        for rig in ('/rig_a', '/rig_b'):
+            stand_in.create_subscription(String, f'{rig}/passes', partial(told.__setitem__, rig),
+                                         LATCHED)
+            reliable = [f'qos_overrides.{rig}/{side}/{topic}.subscription.reliability:=reliable'
+                        for side in ('left', 'right') for topic in ('image_raw', 'camera_info')]
+            stack.enter_context(Process('speed_camera_node', *reliable, EVERY_PAIR,
+                                        f'site:={sample / "site.yaml"}', 'silence_s:=1.0',
+                                        namespace=rig))
+            stack.enter_context(Process('replay_node', f'bag:={sample / "bag"}', 'rate:=2',
+                                        namespace=rig))
+        stand_in.wait(lambda: len(told) == 2, STARTUP_S + EVENT_S)
+        names = {(s.hardware_id, s.name) for m in health for s in m.status}
+    one, other = (json.loads(told[rig].data) for rig in ('/rig_a', '/rig_b'))
+    assert one['id'] != other['id']
+    assert one['speed_mps'] == pytest.approx(other['speed_mps'], abs=1e-4)
+    assert {name for name in names if name[1].endswith(': pipeline')} == {
+        (rig, f'{rig}/speed_camera_node: pipeline') for rig in ('rig_a', 'rig_b')}

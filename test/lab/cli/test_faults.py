@@ -1,0 +1,47 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""What nodes say is held against the right vehicle and the right time, by hand."""
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from stereo_speed.io.truth import VehicleTruth
+from stereo_speed.lab.cli.faults import _error, _pass_error
+
+SECOND, HOUR = 10 ** 9, 3600 * 10 ** 9
+STAMPS = SECOND * np.arange(5)
+# One brakes from 20 to 12 m/s, 40 m ahead on the left; one drives 30 m/s on the right.
+TRUTH = [VehicleTruth(7, STAMPS, np.array([20.0, 18, 16, 14, 12]), np.tile([-3.0, 0, 40], (5, 1))),
+         VehicleTruth(9, STAMPS, np.full(5, 30.0), np.tile([3.0, 0, 40], (5, 1)))]
+
+
+def heard(*rows, off_ns=0):
+    """Give what was heard: places of vehicle_0 at some rows of the truth."""
+    return SimpleNamespace(places={
+        (int(STAMPS[row]) + off_ns, 'vehicle_0'): (-2.5, 0.0, 41.0) for row in rows})
+
+
+def told(speed, off_ns=0):
+    """Give a pass over all five stamps."""
+    return {'track': 0, 'speed_mps': speed, 'speed_std_mps': 0.5, 'first_stamp_ns': off_ns,
+            'last_stamp_ns': 4 * SECOND + off_ns}
+
+
+@pytest.mark.parametrize('off_ns', [0, HOUR, -HOUR])
+def test_a_pass_is_compared_with_its_vehicle_over_all_of_its_time(off_ns):
+    """Also where not all of its pairs were heard, and an hour off."""
+    assert _pass_error(told(16.1, off_ns), heard(0, 1, off_ns=off_ns), TRUTH) == pytest.approx(
+        (0.1, 0.5))
+
+
+def test_what_cannot_be_compared_is_left_out():
+    assert _pass_error({**told(None)}, heard(0), TRUTH) is None
+    assert _pass_error(told(16.0), heard(), TRUTH) is None
+
+
+def test_a_reading_is_compared_with_the_vehicle_that_is_there_then():
+    reading = SimpleNamespace(ns=3 * SECOND, frame_id='vehicle_0', speed_mps=14.5, std_mps=0.2)
+    assert _error(reading, heard(3), TRUTH) == pytest.approx((0.5, 0.2))
+    assert _error(reading, heard(2), TRUTH) is None

@@ -1,0 +1,126 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Damaged input is refused in one line or taken; and what judges that sees what it is to see."""
+from __future__ import annotations
+
+import os
+import sys
+import warnings
+
+import cv2
+import numpy as np
+import pytest
+from stereo_speed.core.errors import InputError
+from stereo_speed.io.decoding import stated_size
+from stereo_speed.lab.cli import fuzz_cases as fuzz
+from stereo_speed.lab.sim.damage import damage_mcap, damage_value, MAGIC, split_records
+
+
+@pytest.mark.parametrize('part', range(5))
+def test_damaged_input_does_no_more_than_be_refused(part, tmp_path):
+    """Some 300 cases, all of the readers; whole commands have tests of their own."""
+    said = fuzz.work({'seed': 7, 'first': 62 * part, 'count': 62})
+    assert said['faults'] == []
+    assert sum(map(sum, said['counts'].values())) == 62
+
+
+@pytest.mark.parametrize('name', ['MCAP bag', 'SQLite bag', 'ROS 1 bag', 'video file', 'boxes',
+                                  'site file', 'polygons file', 'targets file', 'parameter file'])
+def test_what_is_not_damaged_is_taken(name, tmp_path, monkeypatch):
+    for damage in ('damage_bytes', 'damage_value', 'damage_mcap'):
+        monkeypatch.setattr(fuzz, damage, lambda rng, data: data)
+    call = fuzz.SUBJECTS[name](np.random.default_rng(0), tmp_path)
+    assert fuzz.judge(name, call, tmp_path) == fuzz.Outcome(name, False)
+
+
+def test_damage_to_evidence_is_found_and_told_in_one_line(tmp_path):
+    """Verified, measured again or disclosed; what is not damaged is sound."""
+    case = fuzz.SUBJECTS['evidence folder']
+    for number in range(12):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        call = case(np.random.default_rng([3, number]), folder)
+        assert fuzz.judge('evidence folder', call, folder).fault == ''
+
+
+@pytest.mark.parametrize('make', [fuzz._with_png_sizes, fuzz._with_jpeg_sizes])
+def test_sizes_that_lie_are_in_files_that_are_whole(make):
+    kind = '.png' if 'png' in make.__name__ else '.jpg'
+    data = cv2.imencode(kind, np.full((8, 12), 99, np.uint8))[1].tobytes()
+    width, height = cv2.imdecode(np.frombuffer(data, np.uint8), 0).shape[::-1]
+    same = make(data, (width, height) if kind == '.png' else (height, width))
+    assert same == data
+    assert stated_size(make(data, (700, 500)))[:2] in ((700, 500), (500, 700))
+
+
+def refuse(text):
+    raise InputError('file', 'field', text, 'something else')
+
+
+def fail():
+    return [][1]
+
+
+def chatter():
+    os.write(2, b'Corrupt JPEG data\n')
+
+
+def hog():
+    np.ones(150 * 2 ** 20, np.uint8)
+
+
+def loop():
+    while True:
+        pass
+
+
+def warn():
+    warnings.warn('overflow', RuntimeWarning)
+
+
+def twice():
+    print('error: one\nerror: two', file=sys.stderr)
+    return 2
+
+
+@pytest.mark.parametrize(('call', 'fault'), [
+    (lambda: refuse('x'), ''), (lambda: None, ''), (lambda: 0, ''),
+    (lambda: 1 / 0, 'ZeroDivision'),
+    (fail, 'IndexError'), (chatter, 'Corrupt JPEG'), (hog, 'MB'), (loop, 'more than'),
+    (warn, 'warned: overflow'), (twice, 'error: two'),
+    (lambda: 'a reading from garbage', 'garbage'),
+], ids=lambda value: getattr(value, '__name__', ''))
+def test_the_judge_sees_faults(call, fault, tmp_path, monkeypatch):
+    if call is loop:
+        monkeypatch.setattr(fuzz, 'MOST_S', 0.3)
+    monkeypatch.setattr(fuzz, 'MOST_MB', 100)
+    found = fuzz.judge('x', call, tmp_path)
+    assert fault in found.fault
+    assert bool(fault) == bool(found.fault)
+
+
+def test_a_case_is_always_the_same(tmp_path):
+    for number in (2, 10, 61):
+        folders = [tmp_path / f'{number}{k}' for k in 'ab']
+        for folder in folders:
+            folder.mkdir()
+            fuzz.SUBJECTS['site file'](np.random.default_rng([0, number]), folder)
+        assert (folders[0] / 'site.yaml').read_bytes() == (folders[1] / 'site.yaml').read_bytes()
+
+
+def test_damage_to_an_mcap_file_keeps_its_frame():
+    files = dict(fuzz._tiny_bag('mcap'))
+    data, = (content for name, content in files.items() if name.endswith('.mcap'))
+    records = split_records(data)
+    assert {0x01, 0x03, 0x04, 0x06, 0x0f, 0x02} <= {code for code, _ in records}
+    hurt = [damage_mcap(np.random.default_rng(k), data) for k in range(40)]
+    assert all(h.startswith(MAGIC) and h.endswith(MAGIC) for h in hurt)
+    assert sum(h != data for h in hurt) >= 38
+    assert damage_mcap(np.random.default_rng(0), b'no bag at all') is not None
+
+
+def test_damage_to_values_leaves_the_original_alone():
+    tree = {'a': [1, {'b': 2}], 'c': 'd'}
+    made = [damage_value(np.random.default_rng(k), tree) for k in range(50)]
+    assert tree == {'a': [1, {'b': 2}], 'c': 'd'}
+    assert sum(repr(m) != repr(tree) for m in made) == 50

@@ -1,0 +1,130 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""What is believed of the calibrations that come."""
+from __future__ import annotations
+
+from copy import deepcopy
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy')
+
+from sensor_msgs.msg import CameraInfo  # noqa: E402
+
+from stereo_speed.nodes.calibration import CalibrationWatch  # noqa: E402
+from stereo_speed.nodes.health import ERROR, OK, Refusals, State, WARN  # noqa: E402
+
+
+class Clock:
+    """Steady time that passes when it is told to."""
+
+    def __init__(self):
+        self.s = 0.0
+
+    def __call__(self):
+        return self.s
+
+
+def info(side, f_px=1500.0):
+    msg = CameraInfo(width=640, height=480, distortion_model='plumb_bob', d=[0.0] * 5)
+    msg.k = np.array([f_px, 0, 320, 0, f_px, 240, 0, 0, 1.0])
+    msg.r = np.eye(3).ravel()
+    tx = -0.5 * f_px if side == 'right' else 0.0
+    msg.p = np.array([f_px, 0, 320, tx, 0, f_px, 240, 0, 0, 0, 1.0, 0])
+    return msg
+
+
+@pytest.fixture()
+def clock():
+    return Clock()
+
+
+@pytest.fixture()
+def watch(clock):
+    return CalibrationWatch(Refusals(lambda line: None, clock), clock)
+
+
+def level(watch):
+    state = State('fine')
+    watch.tell(state)
+    return state.level
+
+
+def both(watch, f_px=1500.0):
+    for side in ('left', 'right'):
+        watch.take(side, info(side, f_px))
+
+
+def test_both_make_the_rig_and_a_bad_one_later_changes_nothing(watch):
+    assert level(watch) == WARN
+    both(watch)
+    version, rig = watch.current
+    assert (version, rig.baseline_m) == (1, pytest.approx(0.5)) and level(watch) == OK
+    bad = info('left')
+    bad.k = np.full(9, np.nan)
+    watch.take('left', bad)
+    watch.take('left', CameraInfo())
+    assert watch.current == (1, rig) and not watch.doubtful
+    assert watch._refusals.tally.total == 2
+
+
+def test_an_uncalibrated_driver_is_waited_for(watch, clock):
+    watch.take('left', CameraInfo(width=640, height=480))
+    assert watch.current == (0, None)
+    clock.s += 6.0
+    assert level(watch) == ERROR
+    both(watch)
+    assert watch.current[0] == 1 and level(watch) == OK
+
+
+def test_another_calibration_is_believed_when_it_is_repeated(watch):
+    both(watch)
+    for _ in range(2):
+        both(watch, 1515.0)
+        assert watch.doubtful and watch.current[0] == 1 and level(watch) == ERROR
+    both(watch, 1515.0)
+    version, rig = watch.current
+    assert version == 2 and rig.left.K[0, 0] == rig.right.K[0, 0] == 1515.0
+    assert not watch.doubtful and level(watch) == OK
+
+
+def test_one_that_comes_once_is_believed_if_nothing_contradicts_it(watch, clock):
+    both(watch)
+    both(watch, 1515.0)
+    clock.s += 1.1
+    watch.settle()
+    assert watch.current[0] == 2
+
+
+def test_the_known_one_ends_the_doubt(watch):
+    both(watch)
+    watch.take('left', info('left', 1515.0))
+    assert watch.doubtful
+    watch.take('left', info('left'))
+    assert not watch.doubtful and watch.current[0] == 1
+
+
+def test_a_rig_holds_from_its_calibration_to_the_next_doubt(watch):
+    """Never for a pair between the doubt and the new rig."""
+    assert watch.holds(0)
+    both(watch)
+    assert watch.holds(1) and not watch.holds(0)
+    held = []
+    making = watch._make
+
+    def make():
+        held.append([watch.holds(1), watch.holds(2)])
+        making()
+        held.append([watch.holds(1), watch.holds(2)])
+    watch._make = make
+    for _ in range(3):
+        both(watch, 1515.0)
+        held.append([watch.holds(1), watch.holds(2)])
+    assert held == [[False, False]] * 4 + [[False, True]]
+
+
+def test_swapped_cameras_make_no_rig(watch):
+    watch.take('left', info('right'))
+    watch.take('right', deepcopy(info('left')))
+    assert watch.current[1] is None and level(watch) == ERROR

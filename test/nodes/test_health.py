@@ -1,0 +1,174 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Levels go up with a fault and back after it; logs are kept short; what is missing is counted."""
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from stereo_speed.nodes.health import (
+    Arrivals, ERROR, Look, OK, Refusals, StampGaps, State, Tally, WARN, WINDOW_S)
+
+PERIOD_NS = 33_333_333
+
+
+class Clock:
+    """Steady time that passes when it is told to."""
+
+    def __init__(self):
+        self.s = 100.0
+
+    def __call__(self):
+        return self.s
+
+
+@pytest.fixture()
+def clock():
+    return Clock()
+
+
+def level_of(tell, *words):
+    state = State('fine')
+    tell(state, *words)
+    return state.level
+
+
+def test_a_tally_forgets_what_is_long_ago_and_gives_the_rate(clock):
+    tally = Tally(clock)
+    for _ in range(20):
+        clock.s += 0.1
+        tally.add()
+    assert (tally.recent, tally.total) == (20, 20)
+    assert tally.rate_hz == pytest.approx(10.0)
+    clock.s += WINDOW_S + 0.1
+    assert (tally.recent, tally.total, tally.rate_hz) == (0, 20, 0.0)
+
+
+def test_a_tally_nobody_asks_holds_no_more_than_what_is_of_late(clock):
+    """Else a year of images would be a year of memory."""
+    tally = Tally(clock)
+    for _ in range(10_000):
+        clock.s += 0.1
+        tally.add(2)
+    assert tally.total == 20_000
+    assert len(tally._events) <= WINDOW_S / 0.1 + 1
+
+
+def test_a_tally_is_counted_in_one_thread_and_asked_in_another():
+    """Without a lock, who asks meets a queue that changes under its hands."""
+    tally = Tally()
+
+    def count():
+        for _ in range(20_000):
+            tally.add()
+    with ThreadPoolExecutor(2) as threads:
+        counting = [threads.submit(count) for _ in range(2)]
+        while not all(one.done() for one in counting):
+            assert 0 <= tally.recent <= tally.total
+            assert tally.rate_hz >= 0.0
+        for one in counting:
+            one.result()
+    assert tally.total == 40_000
+
+
+def test_refusals_are_logged_once_a_second_for_each_topic_and_are_over_after_a_while(clock):
+    lines = []
+    refusals = Refusals(lines.append, clock)
+    for _ in range(24):
+        refusals.add('left', 'found a, wanted b')
+        clock.s += 0.125
+    refusals.add('right', 'found c, wanted d')
+    assert len(lines) == 4
+    assert lines[0] == 'refused: found a, wanted b'
+    assert lines[1] == 'refused: found a, wanted b (7 more since the last line)'
+    assert level_of(refusals.tell) == WARN
+    clock.s += WINDOW_S + 0.1
+    state = State('fine')
+    refusals.tell(state)
+    assert (state.level, state.message, state.values['refused']) == (OK, 'fine', 25)
+
+
+def test_silence_is_an_error_until_something_comes(clock):
+    arrivals = Arrivals(clock)
+    assert level_of(arrivals.tell, 'image', 'image') == WARN  # none yet
+    for _ in range(3):
+        clock.s += 0.1
+        arrivals.add()
+    assert level_of(arrivals.tell, 'image', 'image') == OK
+    clock.s += 2.1
+    assert level_of(arrivals.tell, 'image', 'image') == ERROR
+    arrivals.add()
+    clock.s += 0.1
+    arrivals.add()
+    assert level_of(arrivals.tell, 'image', 'image') == OK
+
+
+def test_a_slow_stream_is_not_silent(clock):
+    arrivals = Arrivals(clock)
+    for _ in range(3):
+        clock.s += 3.0
+        arrivals.add()
+    clock.s += 10.0
+    assert not arrivals.silent
+    clock.s += 6.0
+    assert arrivals.silent
+
+
+@pytest.mark.parametrize('share', [0.0, 0.1, 0.3, 0.5])
+def test_lost_images_are_counted_by_their_stamps(share):
+    rng, gaps = np.random.default_rng(1), StampGaps()
+    stamps = PERIOD_NS * np.arange(600)
+    kept = np.flatnonzero(rng.random(600) >= share)
+    counted = sum(gaps.add(int(ns)) for ns in stamps[kept])
+    true = kept[-1] - kept[0] + 1 - len(kept)
+    assert counted == pytest.approx(true, abs=0.05 * true + 0.5)
+
+
+def test_of_uneven_intervals_nothing_is_counted_as_lost():
+    gaps = StampGaps()
+    stamps = np.cumsum(np.random.default_rng(2).uniform(0.9, 1.3, 300)) * PERIOD_NS
+    assert sum(gaps.add(int(ns)) for ns in stamps) == 0
+
+
+def test_a_clock_that_is_set_loses_no_images():
+    gaps = StampGaps()
+    stamps = PERIOD_NS * np.arange(100)
+    stamps[50:] += 3_600_000_000_000
+    assert sum(gaps.add(int(ns)) for ns in stamps) == 0
+
+
+def picture(seed, mean=100.0):
+    noise = np.random.default_rng(seed).normal(mean, 30.0, (96, 128))
+    return noise.clip(0, 255).astype(np.uint8)
+
+
+def test_frozen_images_are_told_and_forgotten(clock):
+    look = Look(clock)
+    assert not look.add(picture(0))
+    for _ in range(5):
+        clock.s += 0.3
+        assert look.add(picture(0))
+    assert level_of(look.tell, 'left') == ERROR
+    clock.s += 0.3
+    assert not look.add(picture(1))
+    assert level_of(look.tell, 'left') == OK
+
+
+def test_one_pixel_tells_a_new_image(clock):
+    look, other = Look(clock), picture(0)
+    look.add(picture(0))
+    other[3, 5] ^= 1
+    assert not look.add(other)
+
+
+@pytest.mark.parametrize('changing', [1, 2])
+@pytest.mark.parametrize('grey, word', [(0, 'black'), (180, 'without contrast')])
+def test_images_that_show_nothing_are_told(clock, grey, word, changing):
+    look = Look(clock)
+    for k in range(6):
+        clock.s += 0.3
+        look.add(np.full((96, 128), grey, np.uint8) + np.uint8(k % changing))
+    state = State('fine')
+    look.tell(state, 'right')
+    assert state.level == ERROR and word in state.message

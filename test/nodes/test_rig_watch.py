@@ -1,0 +1,120 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""A rig that has moved is not measured with, until a later look finds it right again."""
+from __future__ import annotations
+
+import math
+from multiprocessing.pool import AsyncResult, ThreadPool
+import time
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy')
+
+from stereo_speed.core.records import StereoPair  # noqa: E402, I100
+from stereo_speed.nodes.health import ERROR, OK, WARN  # noqa: E402
+from stereo_speed.nodes.rig_watch import RigWatch  # noqa: E402
+from stereo_speed.pipeline.config import SiteConfig  # noqa: E402
+from stereo_speed.site.refine.rig_state import RigState  # noqa: E402
+
+LOOK_S = 60.0
+
+
+class Given:
+    """Stands for the parameters of a node."""
+
+    def __init__(self, **values):
+        self.values = values
+
+    def get(self, name, default, *_):
+        """Return a parameter as it is given."""
+        return self.values.get(name, default)
+
+
+class Log:
+    """Keeps what is logged."""
+
+    def __init__(self):
+        self.lines = []
+        self.info = self.error = self.lines.append
+
+
+def brightness(site, rig, lanes, pairs, config, prior):
+    """Stand for a look: the brightness of the pairs is the share in percent."""
+    if pairs[0].left[0, 0] == 255:
+        raise ValueError('too bright')
+    return RigState(float(np.mean([pair.left for pair in pairs])) / 100, 'lane', f'{len(pairs)}')
+
+
+def place():
+    """Return what stands for a site."""
+    return SimpleNamespace(site=None, rig=None, lanes={})
+
+
+def watch(**values):
+    """Return a watch that has begun."""
+    out = RigWatch(Given(rig_check_interval_s=0.01, rig_check_pairs=2, rig_check_spread_s=0.0,
+                         **values), Log(), brightness, lambda: ThreadPool(1))
+    out.begin(place(), SiteConfig())
+    return out
+
+
+def looked(watch, grey):
+    """Show pairs of a brightness until a look is over."""
+    before, end_s = (watch.looks, watch.failure), time.monotonic() + LOOK_S
+    while (watch.looks, watch.failure) == before:
+        assert time.monotonic() < end_s
+        image = np.full((2, 2), grey, np.uint8)
+        watch.take(StereoPair(0, 0, 0, image, image))
+        time.sleep(0.01)
+
+
+def test_what_is_off_is_withheld_until_it_is_right_again():
+    rig = watch()
+    assert not rig.withholds and rig.state().level == OK
+    for grey, level in ((0, OK), (2, ERROR), (1, OK)):
+        looked(rig, grey)
+        assert (rig.withholds, rig.state().level) == (level == ERROR, level)
+    assert rig.log.lines == ['2'] * 3
+    looked(rig, 255)  # a look that fails says nothing of the rig
+    assert not rig.withholds and rig.state().level == WARN
+    rig.close()
+
+
+def test_a_look_that_never_ends_has_failed_and_the_next_is_taken(monkeypatch):
+    rig = watch()
+    # as multiprocessing has it, whose process was killed
+    never = SimpleNamespace(ready=lambda: False, wait=lambda timeout: None,
+                            get=lambda timeout: AsyncResult.get(never, timeout))
+    dead = SimpleNamespace(apply_async=lambda *_: never, terminate=lambda: None)
+    monkeypatch.setattr(rig, '_make_pool', lambda: dead)
+    monkeypatch.setattr('stereo_speed.nodes.rig_watch._LONGEST_S', 0.05)
+    looked(rig, 2)
+    assert rig.state().level == WARN and rig.looks == 0
+    monkeypatch.setattr(rig, '_make_pool', lambda: ThreadPool(1))
+    monkeypatch.setattr('stereo_speed.nodes.rig_watch._LONGEST_S', LOOK_S)
+    looked(rig, 0)
+    assert rig.looks == 1 and rig.state().level == OK
+
+
+def test_another_rig_is_looked_at_anew():
+    rig = watch()
+    looked(rig, 2)
+    assert rig.withholds
+    rig.begin(place(), SiteConfig())
+    assert not rig.withholds
+
+
+def test_nothing_is_looked_at_where_nobody_asks():
+    rig = RigWatch(Given(), Log(), brightness)
+    rig.begin(place(), SiteConfig())
+    for _ in range(20):
+        rig.take(StereoPair(0, 0, 0, np.zeros((2, 2)), np.zeros((2, 2))))
+    assert rig.looks == 0 and not rig.withholds and rig.state().level == OK
+
+
+def test_what_cannot_be_seen_is_not_held_against_the_rig():
+    assert not RigState(None, '', 'dark').is_off(0.01)
+    assert RigState(math.inf, '', 'gone').is_off(0.01)

@@ -1,0 +1,102 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""The second estimate of a pass with truth: where it agrees, and what it finds."""
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from stereo_speed.core.config import SecondConfig, TrackerConfig
+from stereo_speed.core.passes import PassResult, Reason, SecondEstimate, Verdict
+from stereo_speed.core.units import MPH_MPS
+from stereo_speed.io.bags import StereoBag
+from stereo_speed.lab.evaluation.second import moved_region
+from stereo_speed.pipeline.assembly import MeasuringSite
+from stereo_speed.pipeline.config import PipelineConfig
+from stereo_speed.pipeline.run import run
+from stereo_speed.second.estimate import compared, SecondOpinion
+from stereo_speed.site.file import load_site
+from stereo_speed.site.init_file import load_init
+
+CONFIG = TrackerConfig(particles=60)
+TRUE_MPS = 55.0 * MPH_MPS
+
+
+@pytest.fixture(scope='module')
+def followed(sample):
+    """Return the sample's site, its measured pass, and each pair with its update."""
+    rows = []
+    with StereoBag(sample / 'bag') as bag:
+        place = MeasuringSite.of(load_site(sample / 'site.yaml'), bag.rig)
+        pipeline = place.pipeline(PipelineConfig(CONFIG), load_init(sample / 'init.yaml'))
+        done = run(pipeline, bag.pairs(),
+                   lambda pair, step: rows.extend((pair, update) for update in step.updates))
+    return place, done.passes[0], rows
+
+
+def estimate(place, rows, share=0.0, off_px=0.0):
+    """Return the second estimate, told of a vehicle that is faster by a share."""
+    lane = place.lanes['lane_0']
+    opinion, start_m = SecondOpinion(place.rig, lane, CONFIG), rows[0][1].s_m
+    for pair, update in rows:
+        left, right = moved_region(place.rig, lane, update, share * (update.s_m - start_m))
+        opinion.take(pair, left, right + [off_px, 0.0])
+    return opinion.estimate([pair.stamp_ns for pair, _ in rows])
+
+
+def test_both_estimates_of_the_sample_agree_with_the_truth(followed):
+    _, result, _ = followed
+    assert result.verdict is Verdict.MEASURED
+    assert abs(result.second.speed_mps - TRUE_MPS) < 3 * result.second.speed_std_mps
+    assert result.second.speed_std_mps < 0.2
+    assert result.second.pairs >= 10
+
+
+@pytest.mark.parametrize(('share', 'off_px'), [(0.05, 0.0), (-0.05, 0.0), (0.0, 1.5)],
+                         ids=['too fast', 'too slow', 'disparity off'])
+def test_where_the_first_one_is_wrong_the_second_is_not(followed, share, off_px):
+    """Regions only mask: moved as a wrong first estimate would, they do not take it along."""
+    place, result, rows = followed
+    found = estimate(place, rows, share, off_px)
+    assert abs(found.speed_mps - TRUE_MPS) < 3 * found.speed_std_mps
+    wrong = replace(result, second=found, speed_mps=(1 + share) * result.speed_mps)
+    rejected = compared(wrong, SecondConfig())
+    assert (rejected.reason == Reason.SECOND_ESTIMATE) == (share != 0.0)
+    if share:
+        assert rejected.speed_mps is None and rejected.second == found
+
+
+def test_too_few_pairs_give_none(followed):
+    place, _, rows = followed
+    assert estimate(place, rows[:3]) == SecondEstimate(None, None, 3)
+    assert estimate(place, rows[:0] or rows[:1]).speed_mps is None
+
+
+def a_pass(first_mps, second_mps, std_mps):
+    return PassResult(0, 'near', 0, 9, 5, first_mps, std_mps, Verdict.MEASURED, '', {}, {},
+                      second=SecondEstimate(second_mps, std_mps and 0.75 * std_mps, 5))
+
+
+@pytest.mark.parametrize(('second_mps', 'std_mps', 'agree'), [
+    (20.19, 0.04, True), (20.21, 0.04, False),  # 4 sigmas of 0.05 m/s
+    (20.55, 0.4, True), (20.56, 0.4, False),  # 2 km/h
+    (19.44, 0.4, False), (None, 0.4, True)])
+def test_the_limits_of_agreement(second_mps, std_mps, agree):
+    result = compared(a_pass(20.0, second_mps, std_mps), SecondConfig())
+    assert (result.verdict is Verdict.MEASURED) == agree
+
+
+def test_rejected_passes_stay_rejected_for_their_own_reason():
+    before = replace(a_pass(20.0, 30.0, 0.1).rejected(Reason.TOO_FAR))
+    assert compared(before, SecondConfig()).reason == Reason.TOO_FAR
+
+
+def test_nothing_is_estimated_where_nothing_is_seen(followed):
+    place, _, rows = followed
+    opinion = SecondOpinion(place.rig, place.lanes['lane_0'], CONFIG)
+    assert opinion.estimate() == SecondEstimate(None, None, 0)
+    for pair, update in rows:
+        blank = replace(pair, left=np.full_like(pair.left, 90), right=np.full_like(pair.right, 90))
+        opinion.take(blank, update.quad_left_px, update.quad_right_px)
+    assert opinion.estimate() == SecondEstimate(None, None, 0)

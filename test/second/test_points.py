@@ -1,0 +1,63 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Corners of a textured board whose place in both views is known exactly."""
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from stereo_speed.core.config import SecondConfig
+from stereo_speed.core.records import StereoPair
+from stereo_speed.second.points import CornerFollower
+
+SIZE = (240, 320)
+DISPARITY_PX = 7.3
+
+
+def board(scale: float, at: tuple[float, float], gain: float = 1.0, depth=np.uint8):
+    """Return an image with a board scaled about (0, 0), then moved; everything else is grey."""
+    rng = np.random.default_rng(3)
+    texture = cv2.GaussianBlur(rng.normal(0, 1, (120, 160)).astype(np.float32), (0, 0), 1.5)
+    texture = (125 + 40 * texture / texture.std()).astype(np.float32)
+    how = np.array([[scale, 0, at[0]], [0, scale, at[1]]])
+    image = cv2.warpAffine(texture, how, SIZE[::-1], flags=cv2.INTER_CUBIC,
+                           borderMode=cv2.BORDER_CONSTANT, borderValue=125)
+    noise = rng.normal(0, 1.0, SIZE)
+    image = np.clip(gain * image + noise, 0, 255)
+    return (16 * image).astype(depth) if depth is np.uint16 else image.round().astype(depth)
+
+
+def pair(index: int, scale: float, at: tuple[float, float], **how) -> StereoPair:
+    right = board(scale, (at[0] - DISPARITY_PX, at[1]), **{'gain': 0.9, **how})
+    return StereoPair(index, index, index, board(scale, at, **how), right)
+
+
+def region(scale: float, at: tuple[float, float]):
+    return np.array([[0, 0], [80, 0], [80, 60], [0, 60.0]]) * scale + at
+
+
+@pytest.mark.parametrize('depth', [np.uint8, np.uint16])
+@pytest.mark.parametrize('off_px', [0.0, 3.0], ids=['as told', 'told badly'])
+def test_corners_are_where_the_board_is(depth, off_px):
+    follower = CornerFollower(SecondConfig())
+    first = follower.take(pair(0, 1.0, (60.4, 50.2), depth=depth), region(1.0, (60.4, 50.2)),
+                          region(1.0, (60.4 - DISPARITY_PX, 50.2)))
+    told = region(1.15, (90.7 + off_px, 61.9 - off_px))
+    second = follower.take(pair(1, 1.15, (90.7, 61.9), depth=depth), told,
+                           told - [DISPARITY_PX - off_px, 0.0])
+    assert len(first.ids) > 15
+    for seen in (first, second):
+        shift = seen.left_px - seen.right_px
+        assert np.median(np.abs(shift - [DISPARITY_PX, 0.0])) < 0.1
+    ids, a, b = np.intersect1d(first.ids, second.ids, return_indices=True)
+    assert len(ids) > 10
+    wanted = (first.left_px[a] - [60.4, 50.2]) * 1.15 + [90.7, 61.9]
+    assert np.median(np.abs(second.left_px[b] - wanted)) < 0.15
+
+
+def test_a_region_that_shows_nothing_gives_none():
+    follower, flat = CornerFollower(SecondConfig()), np.full(SIZE, 90, np.uint8)
+    one = StereoPair(0, 0, 0, flat, flat)
+    assert len(follower.take(one, region(1.0, (60, 50)), region(1.0, (50, 50))).ids) == 0
+    assert follower.take(one, region(0.05, (60, 50)), region(0.05, (50, 50))) is None
+    assert follower.take(one, region(np.nan, (60, 50)), region(1.0, (50, 50))) is None

@@ -1,0 +1,63 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""A rig that has moved since its site was refined shows in its own images."""
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from stereo_speed.lab.sim.config import straight_config
+from stereo_speed.lab.sim.sequence import simulate
+from stereo_speed.road.path import StraightPath
+from stereo_speed.site.lane_paths import lane_paths
+from stereo_speed.site.refine import rig_state as module
+from stereo_speed.site.refine.rig_state import rig_state
+
+SMALL = {'width_px': 512, 'height_px': 384, 'f_px': 900.0}
+
+
+@pytest.fixture(scope='module')
+def measured_with(make_scene):
+    """Give a site, its rig and its lanes, and the configuration of its scene."""
+    config = straight_config(pairs=5, rig=replace(straight_config().rig, **SMALL))
+    scene = make_scene(config, 4)
+    rig = scene.sequence.rig
+    return config, scene.site, rig, lane_paths(scene.site, rig), scene.sequence.pairs
+
+
+def test_a_rig_that_stands_is_not_off(measured_with):
+    _, site, rig, lanes, pairs = measured_with
+    state = rig_state(site, rig, lanes, pairs)
+    assert state.share is not None and not state.is_off(0.01), state
+
+
+@pytest.mark.parametrize('changes', [
+    {'rig_moved_deg': (0.1, 0.0, 0.0)},  # the right camera pans
+    {'camera_yaw_deg': 3.0},  # the pole turns
+], ids=['right camera', 'pole'])
+def test_a_rig_that_has_moved_is_off(measured_with, changes):
+    config, site, rig, lanes, _ = measured_with
+    pairs = simulate(replace(config, **changes), np.random.default_rng(5)).pairs
+    assert rig_state(site, rig, lanes, pairs).is_off(0.01)
+
+
+def test_a_road_that_cannot_be_seen_tells_nothing(measured_with):
+    _, site, rig, lanes, pairs = measured_with
+    dark = [replace(p, left=np.zeros_like(p.left), right=np.zeros_like(p.right)) for p in pairs]
+    state = rig_state(site, rig, lanes, dark)
+    assert state.share is None and not state.is_off(0.01) and state.text
+
+
+def test_a_lane_out_of_view_is_named_beside_one_that_stands(measured_with, monkeypatch):
+    _, site, rig, lanes, pairs = measured_with
+    name, lane = next(iter(lanes.items()))
+    behind = replace(lane, path=StraightPath(
+        np.array([0.0, 2.0, -60.0]), np.array([0.0, 0.0, 1.0]), 40.0, np.array([0.0, -1.0, 0.0])))
+    lanes = {name: lane, 'behind': behind}
+    monkeypatch.setattr(module, 'refine_site', lambda *_: SimpleNamespace(
+        kept_clicks='', found=[name], lanes=lanes, rig=rig))
+    state = rig_state(site, rig, lanes, pairs)
+    assert state.lane == name and state.share == pytest.approx(0.0, abs=1e-6)
+    assert state.text.endswith('out of view: behind')

@@ -1,0 +1,103 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""The time between the views is found in drawn fronts that move, whatever the stamps say."""
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from stereo_speed.core.records import StereoPair, TrackState, TrackUpdate
+from stereo_speed.geometry.camera import Camera
+from stereo_speed.geometry.rig import StereoRig
+from stereo_speed.steadying.view_lag import ViewLag
+
+SPEED_MPS, PERIOD_S = 22.0, 0.1
+HALF_M = np.array([[-0.9, -0.6, 0.0], [0.9, -0.6, 0.0], [0.9, 0.6, 0.0], [-0.9, 0.6, 0.0]])
+START_M, VELOCITY_MPS = np.array([-4.0, 4.0, 60.0]), SPEED_MPS * np.array([0.1, 0.0, -0.995])
+
+
+@pytest.fixture(scope='module')
+def rig():
+    k = np.array([[1500.0, 0.0, 511.5], [0.0, 1500.0, 383.5], [0.0, 0.0, 1.0]])
+    cameras = [Camera(name=n, width_px=1024, height_px=768, K=k, D=(), model='plumb_bob')
+               for n in ('left', 'right')]
+    return StereoRig(*cameras, np.eye(3), np.array([-0.5, 0.0, 0.0]))
+
+
+@pytest.fixture(scope='module')
+def texture():
+    noise = np.random.default_rng(4).normal(128, 60, (120, 180))
+    return cv2.GaussianBlur(noise, (0, 0), 2.0).clip(0, 255).astype(np.uint8)
+
+
+def drawn(camera, points_m, texture, rng):
+    """Draw a front at its corners (4, 3) in the camera's frame, with noise."""
+    corners, _ = camera.project(points_m)
+    height, width = texture.shape
+    source = np.array([[0, 0], [width, 0], [width, height], [0, height]]) - 0.5
+    warp = cv2.getPerspectiveTransform(source.astype(np.float32), corners.astype(np.float32))
+    image = cv2.warpPerspective(texture, warp, (camera.width_px, camera.height_px),
+                                flags=cv2.INTER_AREA, borderMode=cv2.BORDER_CONSTANT,
+                                borderValue=90)
+    noisy = image.astype(np.float32)
+    (x0, y0), (x1, y1) = corners.min(axis=0).astype(int) - 40, corners.max(axis=0).astype(int) + 40
+    near = noisy[max(y0, 0):y1, max(x0, 0):x1]
+    near += rng.normal(0, 2, near.shape)
+    return noisy.clip(0, 255).astype(np.uint8), corners
+
+
+def drive(rig, texture, true_lag_s, gaps_s, seed=0):
+    """Drive a front past; return what is known of the lag after each pair, and the corrected."""
+    rng, watch, out = np.random.default_rng(seed), ViewLag(rig), []
+    for k, gap_s in enumerate(gaps_s):
+        time_s = k * PERIOD_S % 1.9
+        now_m = START_M + VELOCITY_MPS * time_s
+        later_m = now_m + VELOCITY_MPS * (true_lag_s if np.isscalar(true_lag_s)
+                                          else true_lag_s[k])
+        left, left_px = drawn(rig.left, now_m + HALF_M, texture, rng)
+        right, _ = drawn(rig.right, rig.to_right(later_m + HALF_M), texture, rng)
+        right_px, _ = rig.right.project(rig.to_right(now_m + HALF_M))
+        ns = round(k * PERIOD_S * 1e9)
+        pair = StereoPair(k, ns, ns + round(gap_s * 1e9), left, right)
+        axes = np.column_stack([VELOCITY_MPS / np.linalg.norm(VELOCITY_MPS), [1, 0, 0],
+                                [0, -1, 0]])
+        corrected = watch.corrected(pair)
+        watch.observe(corrected, [TrackUpdate(
+            ns, 0, 'lane', TrackState.CONFIRMED, SPEED_MPS, 0.1, 0.0, 0.0, now_m, np.eye(3),
+            axes, left_px, right_px)])
+        out.append((corrected.right_lag_s, watch.state))
+    return watch, out
+
+
+@pytest.mark.parametrize('true_ms, stamped_ms', [(0, 5), (0, 20), (0, -5), (12, 12), (8, 3)])
+def test_the_lag_of_a_driver_is_found_and_corrected(rig, texture, true_ms, stamped_ms):
+    watch, found = drive(rig, texture, true_ms * 1e-3, [stamped_ms * 1e-3] * 19)
+    lag_s, state = found[-1]
+    assert state.std_s < 8e-4
+    assert abs(lag_s - true_ms * 1e-3) < 4 * state.std_s
+    assert abs(lag_s - true_ms * 1e-3) < 1e-3
+
+
+def test_before_anything_moves_nothing_is_known(rig):
+    watch = ViewLag(rig)
+    image = np.zeros((768, 1024), np.uint8)
+    pair = StereoPair(0, 0, 5_000_000, image, image)
+    assert watch.corrected(pair) is pair
+    watch.observe(pair, [])
+    assert watch.std_s == pytest.approx(0.02) and watch.state.looks == 0
+
+
+def test_stamps_that_jitter_are_told_from_exposures_that_do(rig, texture):
+    gaps_s = np.abs(np.random.default_rng(2).normal(0, 8e-3, 57)) + 1e-3
+    by_arrival, found = drive(rig, texture, 0.0, gaps_s)
+    assert by_arrival.state.constant and abs(found[-1][0]) < 1e-3
+    exposed, found = drive(rig, texture, gaps_s, gaps_s)
+    assert not exposed.state.constant
+    assert found[-1][0] == pytest.approx(gaps_s[-1], abs=1e-3)
+
+
+def test_one_trigger_concerns_nobody(rig):
+    watch = ViewLag(rig)
+    image = np.zeros((768, 1024), np.uint8)
+    pair = StereoPair(0, 7, 7, image, image)
+    assert watch.corrected(pair) is pair and watch.state is None and watch.std_s == 0.0

@@ -1,0 +1,124 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""The tracker's compiled loops against the same in plain numpy and scipy."""
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from stereo_speed.core.config import TrackerConfig
+from stereo_speed.tracking import motion_answers, observation_kernels, photometric_terms
+from stereo_speed.tracking.motion_prior import motion_models, PassMotion, PassPrior, slopes
+
+pytest.importorskip('numba')
+RNG = np.random.default_rng(4)
+ROWS, COLUMNS, N = 6, 10, 7
+G = ROWS * COLUMNS
+
+
+def agree(one, *args, rtol=1e-9, atol=1e-11):
+    """Compare, relative to the greatest of each result."""
+    got, wanted = one.compiled()(*args), one.plain(*args)
+    if not isinstance(got, tuple):
+        got, wanted = (got,), (wanted,)
+    assert len(got) == len(wanted)
+    for a, b in zip(got, wanted):
+        size = max(float(np.abs(b).max()), 1.0)
+        np.testing.assert_allclose(a / size, b / size, rtol=rtol, atol=atol)
+
+
+@pytest.fixture(scope='module')
+def observations():
+    """Patches of one texture, with outliers, outlines in one, and one that does not count."""
+    texture = RNG.standard_normal(G)
+    patches = texture + 0.2 * RNG.standard_normal((N, 2, G))
+    patches[2, :, :9] += 4.0
+    patches -= patches.mean(axis=-1, keepdims=True)
+    patches /= patches.std(axis=-1, keepdims=True)
+    outlines = np.zeros((N, 2, G))
+    outlines[3] = RNG.standard_normal((2, G))
+    outlines[3] /= np.linalg.norm(outlines[3], axis=1, keepdims=True)
+    pixels = RNG.uniform(30, G, N)
+    pixels[5] = 0.0
+    return (patches, RNG.standard_normal((N, 2, 3, G)), RNG.standard_normal((N, 2, G)), outlines,
+            0.02 * RNG.standard_normal((N, G)), pixels)
+
+
+def test_temporal_terms(observations):
+    rows = np.array([3, 0, 1, 6, 2, 5, 4])
+    agree(photometric_terms._temporal, rows, *observations, RNG.uniform(5, 20, N), 3.0, 0.3, 0.02)
+    agree(photometric_terms._temporal, rows[:4], *observations[:5], observations[5][:4],
+          RNG.uniform(5, 20, N), 3.0, 0.3, 0.02)
+
+
+@pytest.mark.parametrize('outlined', ['none', 'both', 'left', 'alike'])
+def test_cross_terms(observations, outlined):
+    patches, jacobian, by_relief, outlines, relief, _ = observations
+    lines = outlines[0 if outlined == 'none' else 3].copy()
+    if outlined == 'left':
+        lines[1] = 0
+    if outlined == 'alike':
+        lines[1] = -lines[0]
+    agree(photometric_terms._cross, patches[3], jacobian[3, 0], by_relief[3, 0], lines, relief[3],
+          40.0, 3.0, 0.3)
+
+
+@pytest.mark.parametrize('first', [4.2, -1.5])
+@pytest.mark.parametrize('lit', [False, True])
+@pytest.mark.parametrize('motions', [3, 6])
+def test_views(first, lit, motions):
+    """Places within the crop, and some beyond it, as at the edge of an image."""
+    image = cv2.GaussianBlur(RNG.uniform(0, 255, (40, 60)).astype(np.float32), (0, 0), 1.2)
+    near = cv2.GaussianBlur((image > 160).astype(np.float32), (0, 0), 2.0)
+    v, u = (a.ravel() for a in np.meshgrid(
+        np.linspace(first, 41.0, ROWS), np.linspace(first, 61.5, COLUMNS), indexing='ij'))
+    agree(observation_kernels.view, image, near if lit else np.zeros((0, 0), np.float32), u, v,
+          100 * RNG.standard_normal((motions, G, 2)), atol=1e-7)  # slopes are of single precision
+
+
+def test_spread():
+    y, x = np.mgrid[:ROWS, :COLUMNS]
+    at = np.stack([x.ravel() * 3.1 + y.ravel(), y.ravel() * 2.2 + 50], axis=-1)
+    uv = np.concatenate([at, [[0, 50], [33, 52], [31, 70], [1, 66]]])
+    uv = uv + 1e-3 * RNG.standard_normal((4, 1, 2)) + 1e-5 * RNG.standard_normal((4, G + 4, 2))
+    agree(observation_kernels.spread, uv, ROWS, COLUMNS, 1e-4)
+
+
+def test_points_of_fronts():
+    agree(observation_kernels.points, RNG.standard_normal((4, 3)),
+          RNG.standard_normal((4, 3, 3)), RNG.standard_normal((4, 2)),
+          RNG.standard_normal((G, 3)))
+
+
+@pytest.mark.parametrize('count', [1, 2, 9, 24])
+@pytest.mark.parametrize('changes', [
+    {}, {'manoeuvre_across_std_m': 0.0, 'acceleration_std_mps2': 0.0, 'cruise_rate_std': 0.0}])
+def test_answers_of_models_of_motion(count, changes):
+    """In parts, and as one system of equations: each in its own 1-sigmas."""
+    rng = np.random.default_rng(count)
+    motion = PassMotion(
+        PassPrior(s_m=1.0, s_std_m=2.0, offset_m=np.array([0.1, 0.2]),
+                  offset_slope=np.array([0.01, -0.02]), speed_mps=20.0, speed_std_mps=5.0,
+                  heading_std_rad=np.array([1e-3, 2e-3])), TrackerConfig(**changes), 1e-4)
+    times = np.cumsum(rng.uniform(0.02, 0.2, count))
+    state = np.column_stack([20 * times, 0.1 * times, 0 * times, 20 + 0 * times])
+    state += rng.normal(0, 0.05, state.shape)
+    rows = rng.standard_normal((3 * count, 6 * count)) * np.tile([5, 60, 60], count)[:, None]
+    H, begun = rows @ rows.T, motion.beginning(count)
+    models = np.array([[np.nan if m.speed_rate_std is None else m.speed_rate_std,
+                        m.changes_lanes, m.ride_std_m] for m in motion_models(motion.config)])
+    args = (H, H @ state[:, :3].ravel(), begun.H, begun.g, begun.log_rows, times, state, models,
+            np.array(motion.processes), 1)
+    got, wanted = motion_answers._answers.compiled()(*args), motion_answers.plain_answers(*args)
+    std = np.sqrt(np.diagonal(wanted[2], axis1=1, axis2=2))
+    np.testing.assert_allclose(got[0], wanted[0], atol=1e-4)
+    np.testing.assert_allclose(got[1] / std, wanted[1] / std, atol=1e-6)
+    np.testing.assert_allclose(got[2] / (std[:, :, None] * std[:, None]),
+                               wanted[2] / (std[:, :, None] * std[:, None]), atol=1e-7)
+
+
+@pytest.mark.parametrize('count', [3, 4, 30])
+def test_slopes(count):
+    times = np.cumsum(RNG.uniform(0.01, 0.5, count))
+    agree(slopes, times, RNG.standard_normal(count), rtol=1e-7, atol=1e-9)

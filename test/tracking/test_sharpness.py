@@ -1,0 +1,58 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Which view is the sharper one: views blurred by known amounts."""
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from stereo_speed.core.config import NoiseConfig
+from stereo_speed.tracking.front import Front
+from stereo_speed.tracking.observation import ObservationSampler
+from stereo_speed.tracking.sharpness import equal_blurs_px, trial_blurs_px
+from stereo_speed.vision.haar import PartGrid
+
+GRID = PartGrid(10, 8)
+POSE = np.array([20.0, 0.1, 1.9])  # 40 m away
+STILL = np.zeros(3)
+
+
+def seen(textured, left_px, right_px, noise=NoiseConfig()):
+    """Return the blurs that are found, and the sampler; images are blurred by so much."""
+    sampler = ObservationSampler(textured.rig, Front(textured.path, textured.corners_m),
+                                 GRID.unit_xy, GRID.shape)
+    pair = textured.pair(0, 0, POSE)
+    left, right = (image if not px else cv2.GaussianBlur(image, (0, 0), px)
+                   for image, px in ((pair.left, left_px), (pair.right, right_px)))
+    pair = replace(pair, left=left, right=right)
+    patches = sampler.blurred_patches(pair, POSE, STILL, trial_blurs_px(noise))
+    return equal_blurs_px(*patches, noise), sampler, pair
+
+
+@pytest.mark.parametrize(('left_px', 'right_px'), [(0.0, 1.0), (0.0, 2.0), (1.5, 0.0)])
+def test_the_sharper_view_is_to_be_blurred_by_as_much(textured, left_px, right_px):
+    found, sampler, pair = seen(textured, left_px, right_px)
+    assert found == pytest.approx((right_px, left_px), abs=0.25)
+
+    def agreement(blur_px):
+        sampler.blur_px = blur_px
+        patches = sampler.observe(pair, POSE, STILL, 0.0, np.zeros(32)).patches
+        return float(np.mean(patches[0] * patches[1]))
+    assert 1 - agreement(found) < 0.5 * (1 - agreement((0.0, 0.0)))
+
+
+@pytest.mark.parametrize('blur_px', [0.0, 1.5])
+def test_views_alike_stay_as_they_are(textured, blur_px):
+    assert seen(textured, blur_px, blur_px)[0] == (0.0, 0.0)
+
+
+def test_it_can_be_left_alone(textured):
+    assert seen(textured, 0.0, 2.0, NoiseConfig(sharpness_sigmas=1000.0))[0] == (0.0, 0.0)
+
+
+def test_a_front_out_of_view_has_no_patches(textured):
+    _, sampler, pair = seen(textured, 0.0, 0.0)
+    assert sampler.blurred_patches(pair, POSE + [500.0, 0, 0], STILL,
+                                   trial_blurs_px(NoiseConfig())) is None

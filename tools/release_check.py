@@ -1,0 +1,119 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Check that this commit can be released, as `make release-check` does.
+
+The tree is clean; the version is the same everywhere and has its heading in the changelog; wheel
+and sdist build, and the wheel of the sdist is that of the tree; the wheel installs in an empty
+environment with what it needs, and measures the sample there: offline, and by the live nodes.
+"""
+from __future__ import annotations
+
+import argparse
+import os
+from pathlib import Path
+import re
+import runpy
+import subprocess
+import sys
+import tempfile
+import xml.etree.ElementTree as ElementTree  # noqa: S405 (it reads our own package.xml)
+import zipfile
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+class CheckError(Exception):
+    """What keeps the commit from being released."""
+
+
+def run(*command: object, where: Path = ROOT, seconds: float = 900) -> str:
+    """Run a program; return what it prints."""
+    alone = {name: value for name, value in os.environ.items() if name != 'PYTHONPATH'}
+    try:
+        done = subprocess.run([str(word) for word in command], cwd=where, text=True, env=alone,
+                              capture_output=True, stdin=subprocess.DEVNULL, timeout=seconds)
+    except subprocess.TimeoutExpired:
+        raise CheckError(f'{command[0]} takes more than {seconds:g} s') from None
+    if done.returncode:
+        raise CheckError(f'{" ".join(map(str, command))}: exit {done.returncode}\n'
+                         f'{done.stdout[-2000:]}{done.stderr[-2000:]}')
+    return done.stdout
+
+
+def check_tree() -> str:
+    """Refuse a tree with changes."""
+    changed = run('git', 'status', '--porcelain').splitlines()
+    if changed:
+        raise CheckError(f'the tree is not clean: {", ".join(line[3:] for line in changed[:8])}')
+    return 'the tree is clean'
+
+
+def check_versions(root: Path = ROOT) -> str:
+    """Compare the versions of package, manifest, set-up and changelog."""
+    source = (root / 'stereo_speed' / '__init__.py').read_text()
+    found = {
+        'stereo_speed/__init__.py': runpy.run_path(
+            str(root / 'stereo_speed' / '__init__.py'))['__version__'] if source else '',
+        'package.xml': ElementTree.parse(  # noqa: S314 (our own)
+            root / 'package.xml').getroot().findtext('version'),
+        'setup.py': (re.search(r"version='([^']*)'", (root / 'setup.py').read_text())
+                     or ['', ''])[1],
+        'CHANGELOG.rst': (re.search(r'^(\d+\.\d+\.\d+) \(\d{4}-\d\d-\d\d\)\n-+$', (
+            root / 'CHANGELOG.rst').read_text(), re.MULTILINE) or ['', 'no release'])[1]}
+    if len(set(found.values())) > 1:
+        raise CheckError('versions differ: ' + ', '.join(f'{k} {v}' for k, v in found.items()))
+    if re.search(r'^Forthcoming$', (root / 'CHANGELOG.rst').read_text(), re.MULTILINE):
+        raise CheckError('CHANGELOG.rst still has a heading Forthcoming')
+    return f'version {found["setup.py"]} everywhere'
+
+
+def build(out: Path) -> Path:
+    """Build the sdist, and of it the wheel; compare it with the tree; return the wheel."""
+    run(sys.executable, '-m', 'build', '--no-isolation', '--outdir', out)
+    wheel, = out.glob('*.whl')
+    packed = {name for name in zipfile.ZipFile(wheel).namelist()
+              if name.startswith('stereo_speed/')}
+    tracked = set(run('git', 'ls-files', 'stereo_speed').split())
+    if packed != tracked:
+        raise CheckError(f'wheel and tree differ: {sorted(packed ^ tracked)[:8]}')
+    return wheel
+
+
+def check_wheel(wheel: Path, folder: Path) -> str:
+    """Install the wheel in an empty environment, and measure the sample there."""
+    run(sys.executable, '-m', 'venv', folder / 'venv')
+    python = folder / 'venv' / 'bin' / 'python'
+    run(python, '-m', 'pip', 'install', '--quiet', '--disable-pip-version-check', '--constraint',
+        ROOT / 'requirements.lock', f'{wheel}[pypi]')
+    where = run(python, '-c', 'import stereo_speed; print(stereo_speed.__file__)', where=folder)
+    if not Path(where.strip()).is_relative_to(folder):
+        raise CheckError(f'the installed package is {where}')
+    sample = folder / 'venv' / 'share' / 'stereo_speed' / 'sample' / 'straight55'
+    run(python, '-m', 'stereo_speed', 'replay', sample / 'bag', '--site', sample / 'site.yaml',
+        '--out', folder / 'replay', where=folder)
+    run(python, '-m', 'stereo_speed', 'demo', '--out', folder / 'demo', where=folder)
+    return f'{wheel.name} installs in an empty environment and runs the demo there'
+
+
+def main() -> int:
+    """Check one thing after the other; say each that holds, and the first that does not."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--draft', action='store_true',
+                        help='leave out clean tree and versions: before the release is written')
+    args = parser.parse_args()
+    try:
+        for check in () if args.draft else (check_tree, check_versions):
+            print(check(), flush=True)
+        with tempfile.TemporaryDirectory(prefix='release-') as folder:
+            wheel = build(Path(folder) / 'dist')
+            print('wheel and sdist build, and hold what the tree holds', flush=True)
+            print(check_wheel(wheel, Path(folder)), flush=True)
+    except CheckError as error:
+        print(f'error: {error}', file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
