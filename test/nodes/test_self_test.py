@@ -1,0 +1,76 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Nothing may be measured from the start of a node until its self-test is passed."""
+from __future__ import annotations
+
+import time
+from types import SimpleNamespace
+
+import pytest
+
+pytest.importorskip('rclpy')
+
+from stereo_speed.core.errors import InputError  # noqa: E402, I100
+from stereo_speed.nodes.health import ERROR, OK  # noqa: E402
+from stereo_speed.nodes.self_test import SelfTestWatch  # noqa: E402
+from stereo_speed.pipeline.config import PipelineConfig  # noqa: E402
+
+LONGEST_S = 120.0
+
+
+def make_watch(folder):
+    """Make a watch of a node that logs nowhere, with the folder of a stored pass."""
+    log = SimpleNamespace(info=lambda line: None, error=lambda line: None)
+    node = SimpleNamespace(get_logger=lambda: log, get_name=lambda: 'node')
+    given = SimpleNamespace(get=lambda name, default, *_: (
+        str(folder) if name == 'self_test' else default))
+    return SelfTestWatch(node, given, PipelineConfig())
+
+
+def poll_until(watch, condition):
+    """Poll as the node does, until the condition holds."""
+    end_s = time.monotonic() + LONGEST_S
+    while not condition() and time.monotonic() < end_s:
+        watch.poll()
+        time.sleep(0.02)
+    assert condition()
+
+
+def test_all_is_withheld_until_it_is_passed(sample):
+    watch = make_watch(sample)
+    try:
+        before = watch.state()
+        assert (before.level, before.message) == (ERROR, 'self-test under way') and watch.withholds
+        watch.poll()  # has begun
+        assert watch.withholds
+        poll_until(watch, lambda: not watch.withholds)
+    finally:
+        watch.close()
+    after = watch.state()
+    assert (after.level, after.message, after.values['passed']) == (OK, 'passed', 1)
+
+
+def test_one_that_cannot_be_run_withholds_too(sample, tmp_path):
+    """A stored pass whose truth has gone bad is named."""
+    for name in ('bag', 'site.yaml'):
+        (tmp_path / name).symlink_to(sample / name)
+    (tmp_path / 'truth.csv').write_text('nothing\n')
+    watch = make_watch(tmp_path)
+    try:
+        poll_until(watch, lambda: watch.failed == 1)
+        assert watch.withholds
+        state = watch.state()
+    finally:
+        watch.close()
+    assert state.level == ERROR and 'truth.csv' in state.message
+
+
+def test_a_folder_without_a_stored_pass_is_refused(tmp_path):
+    with pytest.raises(InputError, match='a folder with site.yaml, truth.csv, bag'):
+        make_watch(tmp_path)
+
+
+def test_without_a_folder_nothing_is_withheld():
+    watch = make_watch('')
+    watch.poll()
+    assert not watch.withholds and watch.state().message == 'no self-test asked for'
