@@ -87,10 +87,8 @@ def verification_json(found: Verification) -> str:
     """Return the figures of a verification as JSON."""
     figures: dict[str, Any] = {
         'references': len(found.matches), 'counted': found.counted, 'within': found.within,
-        'no_pass': sum(m.vehicle is None for m in found.matches),
-        'rejected': sum(m.vehicle is not None and m.vehicle.speed_mps is None
-                        for m in found.matches),
-        'reference_not_good_enough': sum(not m.reference.is_good_enough for m in found.matches),
+        'no_pass': found.without_pass, 'rejected': found.rejected,
+        'reference_not_good_enough': found.not_good_enough,
         'passes_without_reference': found.strangers, 'mean_mps': found.mean_mps,
         'std_mps': found.std_mps, 'worst_mps': found.worst_mps, 'is_within': found.is_within,
         'passes_wanted': {c.name: {'wanted': c.wanted, 'had': c.had, 'missing': c.missing}

@@ -94,14 +94,11 @@ def verification_page(found: Verification, unit: SpeedUnit) -> str:
     failures = found.counted - found.within
     verdict = 'within the limits of error' if found.is_within else (
         'nothing to judge by' if not found.counted else 'NOT within the limits of error')
-    missed = sum(m.vehicle is None for m in found.matches)
-    rejected = sum(m.vehicle is not None and m.vehicle.speed_mps is None for m in found.matches)
-    poor = sum(m.error_mps is not None and not m.reference.is_good_enough for m in found.matches)
     figures: list[tuple[str, str]] = [
         ('vehicles of the reference', str(len(found.matches))),
         ('errors that count', str(found.counted)),
-        ('no pass found', str(missed)), ('pass rejected', str(rejected)),
-        ('reference not good enough', str(poor)),
+        ('no pass found', str(found.without_pass)), ('pass rejected', str(found.rejected)),
+        ('reference not good enough', str(found.not_good_enough)),
         ('passes without a vehicle of the reference', str(found.strangers)),
         (f'mean error, {unit.name}', unit.signed(found.mean_mps, 3)),
         ('standard deviation', unit.of(found.std_mps, 3)),

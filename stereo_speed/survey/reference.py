@@ -131,6 +131,23 @@ class Verification:
     within: int
     claims: Sequence[Claim]
 
+    # Each vehicle of the reference is one of these three or counts.
+
+    @property
+    def without_pass(self) -> int:
+        """Return how many vehicles of the reference have no pass."""
+        return sum(m.vehicle is None for m in self.matches)
+
+    @property
+    def rejected(self) -> int:
+        """Return how many have a pass that was rejected."""
+        return sum(m.vehicle is not None and m.error_mps is None for m in self.matches)
+
+    @property
+    def not_good_enough(self) -> int:
+        """Return how many have an error, but by a reference that is not good enough."""
+        return sum(m.error_mps is not None and not m.counts for m in self.matches)
+
     @property
     def is_within(self) -> bool:
         """Return whether all errors, and their mean, are within the limits."""

@@ -3,9 +3,14 @@
 """A verification by hand, and the numbers of passes that the rules name."""
 from __future__ import annotations
 
+import json
+import re
+
 import pytest
 from scipy.stats import beta
-from stereo_speed.core.units import KMH_MPS
+from stereo_speed.core.units import KMH_MPS, SpeedUnit
+from stereo_speed.io.survey_files import verification_json
+from stereo_speed.report.survey import verification_page
 from stereo_speed.survey.reference import (
     matched, passes_wanted, ReferenceSpeed, reliability_shown, verification)
 from stereo_speed.survey.traffic import Vehicle
@@ -75,3 +80,20 @@ def test_all_within_and_a_mean_that_is_not():
              for off in (0.5, 1.5)]
     assert [v.within for v in sound] == [9, 9]
     assert [v.is_within for v in sound] == [True, False]  # 1.5 km/h is more than a mean may be
+
+
+def test_every_vehicle_of_the_reference_is_counted_once():
+    """By hand: poor references of a vehicle missed, of one rejected, and of one measured."""
+    found = verification(
+        [reference(1, 50), reference(11, 50, std_kmh=0.6), reference(21, 50, std_kmh=0.6),
+         reference(31, 50, std_kmh=0.6), reference(41, 50), reference(99, 50)],
+        [measured(0, 51), measured(10, 51), measured(20, None), measured(40, None)], 1.0)
+    assert (found.counted, found.without_pass, found.rejected, found.not_good_enough) \
+        == (1, 2, 2, 1)
+    told = json.loads(verification_json(found))
+    assert (told['counted'], told['no_pass'], told['rejected'],
+            told['reference_not_good_enough']) == (1, 2, 2, 1)
+    page = re.sub(r'<[^>]*>', ' ', verification_page(found, SpeedUnit('km/h')))
+    for name, count in (('errors that count', 1), ('no pass found', 2), ('pass rejected', 2),
+                        ('reference not good enough', 1)):
+        assert re.search(rf'{name}\s+{count}\s', page)
