@@ -6,6 +6,8 @@ Corners on a vehicle, followed from pair to pair and matched between the views.
 Where the vehicle is in each view is told as a region of each: a mask for the corners and a place
 to begin the search at.  What is found there are the corners' own places, by optical flow that
 must find its way back (Z. Kalal, K. Mikolajczyk, J. Matas, "Forward-backward error", ICPR 2010).
+A region that is told with a wrong speed runs away from its vehicle: from the first pair on, what
+the corners agree on carries it back.
 """
 from __future__ import annotations
 
@@ -29,6 +31,7 @@ _LEVELS = 2  # of the pyramid: regions are known to some pixels
 _MARGIN_PX = 16  # around a region, for the windows of corners at its edges
 _LEAST_REGION_PX = 8  # a smaller one shows no corners
 _WINDOWS_ACROSS = 12.0  # half a window is this part of the region's width
+_LEAST_AGREEING = 3  # corners that carry a region; fewer may be of what is behind
 _APART = 0.8  # least distance of two corners, as a share of the window
 
 
@@ -60,6 +63,8 @@ class _Seen:
     :param box: (2, 2) least and greatest u, v of the region, px.
     :param ids: (n,) of the corners.
     :param left_px: (n, 2) where they were.
+    :param off_px: (2,) by which the corners carry regions away from where they are told.
+    :param disparity_off_px: by which disparities differ from those that are told.
     """
 
     part: Grey
@@ -67,6 +72,8 @@ class _Seen:
     box: Array
     ids: NDArray[np.int64]
     left_px: Array
+    off_px: Array
+    disparity_off_px: float
 
 
 class CornerFollower:
@@ -89,42 +96,59 @@ class CornerFollower:
         :param left_region: (4, 2) outline of the vehicle in the raw left view, px.
         :param right_region: (4, 2) the same in the right one.
         """
-        box = np.stack([left_region.min(axis=0), left_region.max(axis=0)])
+        told = np.stack([left_region.min(axis=0), left_region.max(axis=0)])
         if not (np.isfinite(left_region).all() and np.isfinite(right_region).all()
-                and (box[1] - box[0]).min() >= _LEAST_REGION_PX):
+                and (told[1] - told[0]).min() >= _LEAST_REGION_PX):
             return None
-        part, origin = _part(to_eight_bits(pair.left), box)
-        window = _window_px(float(box[1, 0] - box[0, 0]))
-        ids, at = self._follow(part, origin, box, left_region, window)
-        fresh = self._corners(part, origin, left_region, at, window)
-        ids = np.concatenate([ids, np.arange(self._next_id, self._next_id + len(fresh))])
+        off, disparity_off = self._carried(told)
+        part, origin = _part(to_eight_bits(pair.left), told + off)
+        window = _window_px(float(told[1, 0] - told[0, 0]))
+        ids, at, move = self._follow(part, origin, told + off, window)
+        off = off + move
+        region, box = left_region + off, told + off
+        inside = _inside(at, region)
+        fresh = self._corners(part, origin, region, at[inside], window)
+        ids = np.concatenate([ids[inside], np.arange(self._next_id, self._next_id + len(fresh))])
         self._next_id += len(fresh)
-        at = np.concatenate([at, fresh])
-        self._last = _Seen(part, origin, box, ids, at)
-        shift = np.round(right_region.mean(axis=0) - left_region.mean(axis=0))
+        at = np.concatenate([at[inside], fresh])
+        across = right_region.mean(axis=0) - left_region.mean(axis=0) + [disparity_off, 0.0]
+        shift = np.round(across)
         there = _match(part, _beside(to_eight_bits(pair.right), origin + shift, part.shape),
-                       at - origin, window, self.config.most_round_trip_px)
+                       at - origin, window, self.config.most_round_trip_px) + origin + shift
         good = np.flatnonzero(np.isfinite(there).all(axis=1))
+        disparity_off += float(_agreed(there[good] - at[good] - across, window)[0])
+        self._last = _Seen(part, origin, box, ids, at, off, disparity_off)
         area = float(np.prod(box[1] - box[0]))
-        return Sighting(ids[good], at[good], there[good] + origin + shift,
+        return Sighting(ids[good], at[good], there[good],
                         max(1.0, len(good) * window ** 2 / area))
 
-    def _follow(self, part: Grey, origin: Array, box: Array, region: Array, window: int
-                ) -> tuple[NDArray[np.int64], Array]:
-        """Return the known corners that are found in the next left view, and where, px."""
+    def _carried(self, told: Array) -> tuple[Array, float]:
+        """Return by how much region and disparity are off where told, as far as is known, px."""
+        if self._last is None:
+            return np.zeros(2), 0.0
+        grown = (told[1] - told[0]) / (self._last.box[1] - self._last.box[0])
+        return grown * self._last.off_px, float(grown[0]) * self._last.disparity_off_px
+
+    def _follow(self, part: Grey, origin: Array, box: Array, window: int
+                ) -> tuple[NDArray[np.int64], Array, Array]:
+        """
+        Return the known corners that are found in the next left view, where, and their move, px.
+
+        The move is that against where the region's own change would have taken them.
+        """
         last = self._last
         if last is None or not len(last.ids):
-            return np.zeros(0, np.int64), np.zeros((0, 2))
+            return np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(2)
         scale = (box[1] - box[0]) / (last.box[1] - last.box[0])
         move = (box[0] - origin) - scale * (last.box[0] - last.origin)
         warped = np.asarray(cv2.warpAffine(
             last.part, np.column_stack([np.diag(scale), move]), part.shape[::-1],
             flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE), np.uint8)
         start = (last.left_px - last.origin) * scale + move
-        to = _match(warped, part, start, window, self.config.most_round_trip_px) + origin
+        to = _match(warped, part, start, window, self.config.most_round_trip_px)
         found = np.flatnonzero(np.isfinite(to).all(axis=1))
-        good = found[_inside(to[found], region)]
-        return last.ids[good], to[good]
+        return (last.ids[found], to[found] + origin,
+                _agreed(to[found] - start[found], window))
 
     def _corners(self, part: Grey, origin: Array, region: Array, known: Array, window: int
                  ) -> Array:
@@ -142,6 +166,15 @@ class CornerFollower:
         if found is None:
             return np.zeros((0, 2))
         return np.asarray(found.reshape(-1, 2).astype(float) + origin)
+
+
+def _agreed(moves_px: Array, window: int) -> Array:
+    """Return the median (2,) of moves (n, 2); zeros where fewer than half of them agree on it."""
+    if len(moves_px) < _LEAST_AGREEING:
+        return np.zeros(2)
+    middle = np.asarray(np.median(moves_px, axis=0))
+    near = np.abs(moves_px - middle).max(axis=1) < window / 2
+    return middle if 2 * np.count_nonzero(near) > len(near) else np.zeros(2)
 
 
 def _window_px(width_px: float) -> int:

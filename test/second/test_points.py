@@ -61,3 +61,41 @@ def test_a_region_that_shows_nothing_gives_none():
     assert len(follower.take(one, region(1.0, (60, 50)), region(1.0, (50, 50))).ids) == 0
     assert follower.take(one, region(0.05, (60, 50)), region(0.05, (50, 50))) is None
     assert follower.take(one, region(np.nan, (60, 50)), region(1.0, (50, 50))) is None
+
+
+@pytest.mark.parametrize('runs_px', [(0.0, 0.0, 0.0), (3.0, -8.0, 0.0), (-2.0, 7.0, 2.0)],
+                         ids=['as told', 'runs ahead', 'falls back, wrong range too'])
+def test_corners_carry_back_a_region_that_runs_away(runs_px):
+    """A told region that leaves the board by most of its size takes no corner along."""
+    follower, first = CornerFollower(SecondConfig()), None
+    for k in range(9):
+        scale, at = 1.0 + 0.05 * k, (30.4 + 6 * k, 90.2 + 2.5 * k)
+        told = region(scale, at) + k * np.array(runs_px[:2])
+        seen = follower.take(pair(k, scale, at), told,
+                             told - [DISPARITY_PX - k * runs_px[2], 0.0])
+        first = seen if first is None else first
+        shift = seen.left_px - seen.right_px
+        assert np.median(np.abs(shift - [DISPARITY_PX, 0.0])) < 0.1
+    ids, a, b = np.intersect1d(first.ids, seen.ids, return_indices=True)
+    assert len(ids) > 5
+    wanted = (first.left_px[a] - [30.4, 90.2]) * scale + at
+    assert np.median(np.abs(seen.left_px[b] - wanted)) < 0.5
+    on_board = (seen.left_px - at) / scale
+    assert np.all((on_board > -4) & (on_board < [84, 64]))
+
+
+def test_what_stands_still_behind_carries_no_region_away():
+    """A third of the region shows a still wall: the board, which moves, has more corners."""
+    follower, rng = CornerFollower(SecondConfig()), np.random.default_rng(8)
+    wall = np.repeat(np.repeat(rng.integers(60, 190, (60, 80)), 4, axis=0), 4, axis=1)
+    for k in range(6):
+        at, images = (60.4 + 3 * k, 80.2 + 4 * k), []
+        for shift in (0.0, DISPARITY_PX):
+            image = board(1.0, (at[0] - shift, at[1]))
+            edge = round(at[1]) + 20
+            image[:edge] = wall[:edge]
+            images.append(image)
+        seen = follower.take(StereoPair(k, k, k, *images), region(1.0, at),
+                             region(1.0, at) - [DISPARITY_PX, 0.0])
+    on_board = seen.left_px - at
+    assert np.all((on_board > -4) & (on_board < [84, 64]))

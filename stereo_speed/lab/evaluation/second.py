@@ -34,7 +34,8 @@ Follow = Sequence[tuple[StereoPair, TrackUpdate]]
 
 COLUMNS = ('', 'measured by the first', 'have a second', 'mean error of the second, mph',
            'sd, mph', 'max, mph', 'r.m.s. of error/σ', 'r.m.s. of difference/σ',
-           'right ones rejected', 'wrong ones rejected', 'wrong ones not compared')
+           'right ones rejected', 'wrong ones rejected', 'wrong ones not compared',
+           'wrong ones agreed with')
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -158,7 +159,6 @@ def _row(name: str, passes: Sequence[SecondRun]) -> list[Cell]:
     both = [p for p in measured if p.second_mps is not None]
     right = [p for p in measured if p.is_right]
     wrong = [found for p in right for found in p.wrong]
-    compared_ones = [found for found in wrong if found is not None]
     rows = np.array([(p.first_mps, p.first_std_mps, p.second_mps, p.second_std_mps, p.truth_mps)
                      for p in both], dtype=float).reshape(-1, 5)
     first, first_std, second, second_std, truth = rows.T
@@ -168,8 +168,7 @@ def _row(name: str, passes: Sequence[SecondRun]) -> list[Cell]:
             shown(mph(greatest(error)), 3),
             rms(error / second_std), rms(difference / np.hypot(first_std, second_std)),
             f'{sum(p.rejected for p in right)} of {len(right)}',
-            f'{sum(compared_ones)} of {len(compared_ones)}',
-            f'{len(wrong) - len(compared_ones)} of {len(wrong)}']
+            *(f'{wrong.count(found)} of {len(wrong)}' for found in (True, None, False))]
 
 
 def wrong_firsts(passes: Sequence[SecondRun]) -> tuple[int, int]:
@@ -182,6 +181,8 @@ def second_rows(passes: Sequence[SecondRun]) -> Table:
     """Return a row for every pass, for programs."""
     kinds = list(passes[0].kinds) if passes else []
     return Table(title='', columns=(*kinds, 'truth_mps', 'first_mps', 'first_std_mps',
-                                    'second_mps', 'second_std_mps', 'rejected'),
+                                    'second_mps', 'second_std_mps', 'rejected',
+                                    'wrong_rejected', 'wrong_not_compared'),
                  rows=[[*(p.kinds[k] for k in kinds), p.truth_mps, p.first_mps, p.first_std_mps,
-                        p.second_mps, p.second_std_mps, int(p.rejected)] for p in passes])
+                        p.second_mps, p.second_std_mps, int(p.rejected),
+                        list(p.wrong).count(True), list(p.wrong).count(None)] for p in passes])

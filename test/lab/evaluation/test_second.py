@@ -30,8 +30,9 @@ def test_figures_by_hand():
     assert row['mean error of the second, mph'] == '+0.150'
     assert row['max, mph'] == '0.500'
     assert row['right ones rejected'] == '1 of 4'
-    assert row['wrong ones rejected'] == '5 of 6'
+    assert row['wrong ones rejected'] == '5 of 8'
     assert row['wrong ones not compared'] == '2 of 8'
+    assert row['wrong ones agreed with'] == '1 of 8'
     assert [r[0] for r in table.rows] == ['all', 'path: circle', 'path: straight']
     assert wrong_firsts(passes) == (1, 1)
 
