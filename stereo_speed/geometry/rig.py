@@ -156,11 +156,11 @@ class StereoRig:
         lr = np.sum(left * right_in_left, axis=-1)
         lc, rc = left @ centre, right_in_left @ centre
         det = ll * rr - lr * lr
-        with np.errstate(divide='ignore', invalid='ignore'):
+        with np.errstate(divide='ignore', invalid='ignore', over='ignore'):
             a, b = (lc * rr - lr * rc) / det, (lr * lc - ll * rc) / det
-            bad = ~((a > 0) & (b > 0) & (det > 1e-16 * ll * rr))
-        middle = 0.5 * (a[..., None] * left + centre + b[..., None] * right_in_left)
-        return np.where(bad[..., None], np.nan, middle)
+            bad = ~((a > 0) & (b > 0) & np.isfinite(a + b) & (det > 1e-16 * ll * rr))
+        a, b = (np.where(bad, np.nan, depth)[..., None] for depth in (a, b))
+        return 0.5 * (a * left + centre + b * right_in_left)
 
     def _corrected(self, left: Array, right: Array) -> tuple[Array, Array]:
         """Move rays (..., 3) at depth 1 the least, so that ``right^T E left = 0``."""

@@ -63,6 +63,14 @@ def test_points_behind_or_at_infinity_are_nan():
     assert np.isnan(rig.triangulate(left, left + [[9, 0], [0, 0]])).all()
 
 
+@pytest.mark.filterwarnings('error')
+def test_rays_that_are_parallel_but_for_rounding_meet_nowhere():
+    """Their depth is infinite, and nothing warns of what comes of that."""
+    pixel = np.array([600.0, 383.5])
+    assert np.isnan(make_rig(r=(0, 0, 0), t=(-0.5, 0, 0), d=()).triangulate(
+        pixel, pixel - [1e-10, 0.0])).all()
+
+
 def test_epipolar_lines_hold_the_other_view():
     """The other view's pixel lies on the epipolar line."""
     rig = make_rig()
