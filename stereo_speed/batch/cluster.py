@@ -17,9 +17,9 @@ import cv2
 
 from .job import attempt, Job, Result, source_hash, Work
 from ..core.errors import InputError
+from ..core.threads import VARIABLES
 
 _CONNECT_S = 60  # longest wait for the scheduler, and for its first worker
-_THREADS = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS')
 _one_job = threading.Lock()  # of this process: a worker may have several threads
 
 
@@ -85,9 +85,9 @@ def _on_worker(job: Job, work: Work, source: str) -> Result:
         if source_hash() != source:
             return Result(key=job.key, error='worker: stereo_speed: found other code there, '
                                              'wanted the same version on all machines')
-        if not any(os.environ.get(name) == '1' for name in _THREADS):
-            return Result(key=job.key, error=f'worker: {_THREADS[0]}: found '
-                          f'{os.environ.get(_THREADS[0], "nothing")}, wanted 1, as its nanny '
+        if not any(os.environ.get(name) == '1' for name in VARIABLES):
+            return Result(key=job.key, error=f'worker: {VARIABLES[0]}: found '
+                          f'{os.environ.get(VARIABLES[0], "nothing")}, wanted 1, as its nanny '
                           'sets it')
         cv2.setNumThreads(1)
         return attempt(job, work)

@@ -10,8 +10,8 @@ import shutil
 from ..core.errors import StereoSpeedError
 from ..enforcement.chain import load_public_key, public_of, write_key
 from ..enforcement.page import speeds
-from ..enforcement.recompute import recompute, RECORD
-from ..enforcement.verify import verify
+from ..enforcement.recompute import recompute
+from ..enforcement.verify import RECORD_FILE, verify
 
 FORGED = 'evidence_forged'
 _FASTER = 10  # km/h that are written into the forged copy
@@ -27,7 +27,7 @@ def demo_key(out: Path) -> Path:
 
 def records(folder: Path) -> set[Path]:
     """Return the folders of the records that are whole."""
-    return {path.parent for path in folder.glob(f'*/{RECORD}')
+    return {path.parent for path in folder.glob(f'*/{RECORD_FILE}')
             if not path.parent.name.startswith('.')}
 
 
@@ -40,7 +40,7 @@ def show(out: Path, record_folder: Path, key: Path) -> list[str]:
     :param key: private key that signed it.
     :raises StereoSpeedError: a record that is not sound, or a forged one that is.
     """
-    record = json.loads((record_folder / RECORD).read_text())
+    record = json.loads((record_folder / RECORD_FILE).read_text())
     figures = ', '.join(f'{name} {value}' for name, value in speeds(record))
     trusted = [load_public_key(public_of(key))]
     found, again = verify(record_folder.parent, trusted=trusted), recompute(record_folder)
@@ -53,7 +53,7 @@ def show(out: Path, record_folder: Path, key: Path) -> list[str]:
     option = f'--key {public_of(key)}'
     return [
         f'violation on {record["place"]["lane"]}: {figures}',
-        f'  record   {record_folder / RECORD}', f'  report   {record_folder / "page.html"}',
+        f'  record   {record_folder / RECORD_FILE}', f'  report   {record_folder / "page.html"}',
         f'  report   {record_folder / "page.pdf"}',
         f'  measured again from its images: {again.speed_mps:.6f} m/s, stored '
         f'{again.stored_mps:.6f} m/s',
@@ -69,7 +69,7 @@ def forge(record_folder: Path, target: Path) -> Path:
     """Copy records with their chain, raise the speed of one, and return the copy."""
     shutil.rmtree(target, ignore_errors=True)
     shutil.copytree(record_folder.parent, target)
-    path = target / record_folder.name / RECORD
+    path = target / record_folder.name / RECORD_FILE
     record = json.loads(path.read_text())
     for name in ('measured', 'considered'):
         record['speed'][name] += _FASTER

@@ -12,8 +12,8 @@ from ..core.errors import InputError
 from ..core.units import KMH_MPS
 from ..enforcement.chain import load_public_key, write_key
 from ..enforcement.disclose import disclose
-from ..enforcement.recompute import recompute, RECORD
-from ..enforcement.verify import verify
+from ..enforcement.recompute import recompute
+from ..enforcement.verify import RECORD_FILE, verify
 
 NOT_SOUND = 1
 
@@ -88,7 +88,7 @@ def run_key(args: argparse.Namespace) -> int:
 
 def _folder(path: Path) -> Path:
     """Return the folder of a record."""
-    folder = path.parent if path.name == RECORD else path
-    if not (folder / RECORD).is_file():
+    folder = path.parent if path.name == RECORD_FILE else path
+    if not (folder / RECORD_FILE).is_file():
         raise InputError(path, 'record', 'no record.json', 'the folder of a record')
     return folder

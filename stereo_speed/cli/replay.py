@@ -158,8 +158,7 @@ def _run(args: argparse.Namespace, pictures: RunPictures) -> int:
 
         def observe(pair: StereoPair, step: Step) -> None:
             evidence.observe(pair, step)
-            if draw_pair is not None:
-                draw_pair(pair, step)
+            draw_pair(pair, step)
         parts = None if args.boxes is not None else Parts(
             args.out if is_kept(args) and bag.pair_count > PART_PAIRS else None,
             identity_of(args), lambda: place.pipeline(

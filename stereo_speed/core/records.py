@@ -104,7 +104,8 @@ class StereoPair:
         """
         if not 0 < abs(self.right_lag_s) <= tolerance_s:
             return self
-        return replace(self, right_stamp_ns=self.stamp_ns, stamp_error_s=self.right_lag_s)
+        return replace(self, right_stamp_ns=self.stamp_ns, stamp_error_s=self.right_lag_s,
+                       right_came_ns=self.right_stamp_ns)
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,10 +11,10 @@ from __future__ import annotations
 
 import os
 
-_VARIABLES = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS')
+VARIABLES = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS')
 
 
 def one_blas_thread() -> None:
     """Set the environment of this process and its children, before numpy is imported."""
-    for name in _VARIABLES:
+    for name in VARIABLES:
         os.environ.setdefault(name, '1')

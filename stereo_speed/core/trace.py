@@ -111,12 +111,9 @@ class TraceBuilder:
         :param particles: number of particles it was told before; None where it was told none.
         :param update: what the tracker said.
         """
-        came_ns = pair.right_came_ns
-        if came_ns is None and pair.stamp_error_s:
-            came_ns = pair.stamp_ns + round(pair.stamp_error_s * 1e9)
         self._pairs.append(TracePair(
             pair.stamp_ns, pair.right_stamp_ns, particles, pair.motion, update,
-            stamp_error_s=pair.stamp_error_s, right_came_ns=came_ns))
+            stamp_error_s=pair.stamp_error_s, right_came_ns=pair.right_came_ns))
 
     def add_others(self, stamp_ns: int, updates: list[TrackUpdate]) -> None:
         """

@@ -19,13 +19,13 @@ from numpy.typing import NDArray
 
 from .fingerprint import sha256
 from .page import DISCLOSED_NOTE, page_html, page_pdf, PageFacts
-from .recompute import read_image, read_json, RECORD
-from .ring import SIDES
-from .verify import SEAL_FILE, verify
+from .recompute import read_image, read_json
+from .verify import RECORD_FILE, SEAL_FILE, verify
 from ..core.errors import InputError
 from ..core.records import Array
 from ..io.atomic import staged
-from ..report.evidence_pictures import close_up, jpeg
+from ..io.topics import SIDES
+from ..report.evidence_pictures import close_up, jpeg, window
 
 Image = NDArray[np.uint8]
 
@@ -47,22 +47,24 @@ def disclose(folder: Path, out: Path, *, hide_plate: bool = False) -> Path:
     :raises InputError: a record that is not sound, or a folder that cannot be written.
     """
     found = verify(folder)
-    if not found.sound or not (folder / RECORD).exists():
+    if not found.sound or not (folder / RECORD_FILE).exists():
         raise InputError(folder, 'record', found.faults[0] if found.faults else 'many of them',
                          'one record as it was written')
-    record = read_json(folder / RECORD)
+    record = read_json(folder / RECORD_FILE)
     target = out / f'{record["id"]}-disclosed'
     files: dict[str, bytes] = {name: (folder / name).read_bytes() for name in _KEPT}
-    pictures = []
+    pictures, widest_px = [], 0.0
     for number, picture in enumerate(record['pictures'], 1):
         row: dict[str, Any] = {'stamp_ns': picture['stamp_ns']}
         for side in SIDES:
-            image = _hidden(_read(folder / picture[side]),
-                            np.array(picture[f'{side}_front_px']), hide_plate)
+            front_px = np.array(picture[f'{side}_front_px'])
+            image = _hidden(_read(folder / picture[side]), front_px, hide_plate)
             row[side] = f'{number}_{side}.jpg'
             files[row[side]] = jpeg(image)
+            width_px = float(np.ptp(front_px[:, 0]))
+            if side == 'left' and width_px > widest_px:
+                widest_px, files['close_up.jpg'] = width_px, jpeg(close_up(image, front_px))
         pictures.append(row)
-    files['close_up.jpg'] = _close_up(folder, record, hide_plate)
     told = _told(record, pictures, folder, hide_plate)
     facts = PageFacts({**record, 'pictures': pictures},
                       [files[row['left']] for row in pictures] + [files[pictures[-1]['right']]],
@@ -83,16 +85,8 @@ def _told(record: Mapping[str, Any], pictures: list[dict[str, Any]], folder: Pat
     return {'stereo_speed_disclosure': 1, **{key: record[key] for key in kept},
             'pictures': pictures, 'plate_hidden': hide_plate,
             'hidden': 'all but the front of the vehicle, and the upper part of that front',
-            'record_sha256': sha256((folder / RECORD).read_bytes()),
+            'record_sha256': sha256((folder / RECORD_FILE).read_bytes()),
             'seal': json.loads((folder / SEAL_FILE).read_text(encoding='utf-8'))}
-
-
-def _close_up(folder: Path, record: Mapping[str, Any], hide_plate: bool) -> bytes:
-    """Return the close-up, from the picture in which the front is widest."""
-    picture = max(record['pictures'],
-                  key=lambda p: float(np.ptp(np.array(p['left_front_px'])[:, 0])))
-    front = np.array(picture['left_front_px'])
-    return jpeg(close_up(_hidden(_read(folder / picture['left']), front, hide_plate), front))
 
 
 def _hidden(image: Image, front_px: Array, hide_plate: bool) -> Image:
@@ -104,13 +98,11 @@ def _hidden(image: Image, front_px: Array, hide_plate: bool) -> Image:
     :param hide_plate: whether that is hidden as well.
     """
     out = _coarse(image, _CELLS)
-    low, high = front_px.min(axis=0), front_px.max(axis=0)
-    x0, y0 = np.maximum(np.floor(low), 0).astype(int)
-    x1, y1 = np.minimum(np.ceil(high) + 1, image.shape[1::-1]).astype(int)
-    middle = y0 + round((y1 - y0) * _WINDSCREEN_SHARE)
-    out[y0:middle, x0:x1] = _coarse(image[y0:middle, x0:x1], _FRONT_CELLS)
-    shown = image[middle:y1, x0:x1]
-    out[middle:y1, x0:x1] = _coarse(shown, _FRONT_CELLS) if hide_plate else shown
+    rows, columns = window(image, front_px)
+    middle = rows.start + round((rows.stop - rows.start) * _WINDSCREEN_SHARE)
+    people, plate = (slice(rows.start, middle), columns), (slice(middle, rows.stop), columns)
+    out[people] = _coarse(image[people], _FRONT_CELLS)
+    out[plate] = _coarse(image[plate], _FRONT_CELLS) if hide_plate else image[plate]
     return out
 
 

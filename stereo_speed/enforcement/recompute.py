@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .instrument import config_of, place_of
+from .verify import RECORD_FILE
 from ..core.errors import InputError
 from ..core.passes import PassResult
 from ..core.records import StereoPair
@@ -27,7 +28,7 @@ from ..site.file import load_site
 from ..tracking.lane_assigner import LaneAssigner
 from ..tracking.protocol import Refusal, SharesParticles
 
-RECORD, SITE, CALIBRATION, TRACE = 'record.json', 'site.yaml', 'calibration.json', 'trace.json'
+SITE, CALIBRATION, TRACE = 'site.yaml', 'calibration.json', 'trace.json'
 
 
 @dataclass(frozen=True)
@@ -61,12 +62,12 @@ def recompute(folder: Path, within_mps: float = 0.01) -> Recomputed:
     :param within_mps: by how much the speeds may differ.
     :raises InputError: a file that is missing or cannot be read.
     """
-    record = read_json(folder / RECORD)
+    record = read_json(folder / RECORD_FILE)
     try:
         raw, stored = record['raw'], float(record['speed']['measured_mps'])
-        config = config_of(record['parameters']['measuring'], folder / RECORD)
+        config = config_of(record['parameters']['measuring'], folder / RECORD_FILE)
     except (KeyError, TypeError, ValueError) as error:
-        raise InputError(folder / RECORD, 'record', f'{type(error).__name__}: {error}',
+        raise InputError(folder / RECORD_FILE, 'record', f'{type(error).__name__}: {error}',
                          'a whole record') from None
     trace = trace_of(read_json(folder / TRACE), folder / TRACE)
     place = place_of(load_site(folder / SITE), read_json(folder / CALIBRATION), config,
@@ -113,7 +114,7 @@ def _stored_pair(folder: Path, raw: Mapping[str, Any], pair: TracePair, index: i
             x, y = (int(v) for v in raw['origins_px'][index][side])
             path = folder / str(raw['files'][index][side])
         except (KeyError, IndexError, TypeError, ValueError) as error:
-            raise InputError(folder / RECORD, f'raw.files[{index}]',
+            raise InputError(folder / RECORD_FILE, f'raw.files[{index}]',
                              f'{type(error).__name__}: {error}', 'the images of a pair') from None
         grey = read_image(path, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH)
         images.append(_pasted(grey, (x, y), (camera.height_px, camera.width_px), path))

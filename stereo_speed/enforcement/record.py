@@ -7,7 +7,6 @@ import dataclasses
 from dataclasses import dataclass
 from datetime import datetime, timezone
 import json
-import math
 from typing import Any, Mapping, Optional, Sequence
 
 import numpy as np
@@ -19,7 +18,6 @@ from .fingerprint import Approved, sha256
 from .instrument import Instrument
 from .page import page_html, page_pdf, PageFacts
 from .recompute import CALIBRATION, SITE, TRACE
-from .ring import SIDES
 from .schema import SCHEMA, schema_fault
 from ..core.passes import PassResult, SecondEstimate
 from ..core.records import Array, TrackUpdate
@@ -27,9 +25,10 @@ from ..core.sampling import evenly
 from ..core.trace import PassTrace, TracePair
 from ..core.units import SpeedUnit
 from ..io.source_image import png, SourceImage
+from ..io.topics import SIDES
 from ..io.trace_json import trace_record
 from ..pipeline.assembly import MeasuringSite
-from ..report.evidence_pictures import close_up, jpeg, marked, speed_plot
+from ..report.evidence_pictures import close_up, jpeg, marked, speed_plot, window
 
 FORMAT = 1
 Views = tuple[SourceImage, SourceImage]
@@ -186,14 +185,13 @@ def _speeds(case: Violation) -> dict[str, Any]:
 
 def _profile_row(pair: TracePair, result: PassResult) -> dict[str, Any]:
     update = pair.update
-    known = update is not None
     return {'stamp_ns': pair.stamp_ns, 'state': str(update.state) if update else 'not seen',
             'live_mps': update.speed_mps if update else None,
             'live_std_mps': update.speed_std_mps if update else None,
             'smoothed_mps': result.smoothed.get(pair.stamp_ns),
             's_m': update.s_m if update else None,
             'lateral_m': update.lateral_m if update else None,
-            'position_m': update.position_m.tolist() if update and known else []}
+            'position_m': update.position_m.tolist() if update else []}
 
 
 def _vehicle(case: Violation, setting: Setting, shown: Shown) -> dict[str, Any]:
@@ -221,9 +219,10 @@ def utc(stamp_ns: int) -> str:
 
 def _shown(case: Violation, setting: Setting) -> Shown:
     """Return index and update of the pairs that are shown, evenly spread over the pass."""
-    seen = [(k, pair.update) for k, pair in enumerate(case.trace.pairs)
-            if pair in case.trace.seen and pair.update is not None]
-    return evenly(seen, setting.config.evidence.pictures)
+    seen = set(case.trace.seen)
+    return evenly([(k, pair.update) for k, pair in enumerate(case.trace.pairs)
+                   if pair in seen and pair.update is not None],
+                  setting.config.evidence.pictures)
 
 
 def _pictures(case: Violation, setting: Setting, shown: Shown, files: dict[str, bytes]
@@ -287,10 +286,7 @@ def _crop(grey: NDArray[Any], quad_px: Array, margin: float
     """Return the part about a front, and its first column and row; all where there is no front."""
     if not np.isfinite(quad_px).all():
         return grey, (0, 0)
-    low, high = quad_px.min(axis=0), quad_px.max(axis=0)
-    reach = margin * (high - low)
-    x0, y0 = (max(math.floor(v), 0) for v in low - reach)
-    x1, y1 = (min(math.ceil(v) + 1, n) for v, n in zip(high + reach, grey.shape[::-1]))
-    if x1 - x0 < 2 or y1 - y0 < 2:
+    part = window(grey, quad_px, margin)
+    if any(side.stop - side.start < 2 for side in part):
         return grey, (0, 0)
-    return np.ascontiguousarray(grey[y0:y1, x0:x1]), (x0, y0)
+    return np.ascontiguousarray(grey[part]), (part[1].start, part[0].start)

@@ -11,11 +11,12 @@ from typing import Any, Callable, Mapping, Optional
 from .decision import ambiguity, calibration_refusal, decide, limit_mps, NoRecord
 from .recompute import recompute
 from .record import record_files, Setting, Views, Violation
-from .ring import ImageRing, SIDES
+from .ring import ImageRing
 from .store import EvidenceStore, Stored, StoreError
 from ..core.errors import InputError
 from ..core.passes import PassResult
 from ..core.trace import PassTrace
+from ..io.topics import SIDES
 
 Clock = Callable[[], Optional[Mapping[str, Any]]]
 

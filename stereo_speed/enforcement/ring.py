@@ -9,8 +9,6 @@ from typing import Optional
 from .config import EvidenceConfig
 from ..io.source_image import SourceImage
 
-SIDES = ('left', 'right')
-
 
 class ImageRing:
     """

@@ -3,7 +3,7 @@
 """An image as its camera sent it, kept as bytes: to be stored without loss, and shown."""
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -93,8 +93,8 @@ class SourceImage:
         if self.compressed:
             flags = cv2.IMREAD_IGNORE_ORIENTATION | (
                 cv2.IMREAD_COLOR if mosaic is None else cv2.IMREAD_GRAYSCALE)
-            if mosaic is None and self.grey(where).dtype == np.uint16:
-                return _three(to_eight_bits(self.grey(where)))
+            if mosaic is None and (grey := self.grey(where)).dtype == np.uint16:
+                return _three(to_eight_bits(grey))
             pixels = np.asarray(cv2.imdecode(np.frombuffer(self.data, np.uint8), flags))
         else:
             pixels = self._pixels(where)
@@ -109,8 +109,7 @@ class SourceImage:
         channels = CHANNELS.get(self.encoding)
         if channels is None:  # one number a pixel: grey, or a mosaic that stays one
             plain = 'mono16' if self.encoding == 'mono16' else 'mono8'
-            return SourceImage(plain, self.data, self.width_px, self.height_px, self.step,
-                               self.big_endian).grey(where)
+            return replace(self, encoding=plain).grey(where)
         used = self.width_px * channels
         if self.step < used or len(self.data) < self.step * (self.height_px - 1) + used:
             raise BagError(where, 'image data', f'{len(self.data)} bytes',

@@ -8,7 +8,6 @@ file is in order of stamps, so rows wait for the tracks that began before them.
 """
 from __future__ import annotations
 
-from collections import deque
 import heapq
 from pathlib import Path
 import shutil
@@ -17,11 +16,9 @@ from types import TracebackType
 from typing import Collection, Optional, Sequence
 
 from .atomic import csv_text, PathLike, prepare_folder
-from .results import fixed, TRACK_COLUMNS, track_row
+from .results import TRACK_COLUMNS, track_row
 from ..core.passes import PassResult
 from ..core.records import TrackUpdate
-
-_SMOOTHED = TRACK_COLUMNS.index('smoothed_mps')
 
 
 class TrackRows:
@@ -35,7 +32,7 @@ class TrackRows:
     def __init__(self, folder: PathLike) -> None:
         self._file = tempfile.TemporaryFile('w+b', dir=prepare_folder(folder))
         self._file.write(csv_text(TRACK_COLUMNS, ()).encode())
-        self._open: dict[int, deque[tuple[int, tuple[object, ...]]]] = {}  # by track, by stamp
+        self._open: dict[int, list[TrackUpdate]] = {}  # by track, in order of stamps
         self._final: list[tuple[int, int, str]] = []  # a heap of stamp, track, line
 
     def __enter__(self) -> TrackRows:
@@ -63,8 +60,7 @@ class TrackRows:
             among them, and is no pass, was no vehicle.
         """
         for update in updates:
-            self._open.setdefault(update.track, deque()).append(
-                (update.stamp_ns, track_row(update, None)))
+            self._open.setdefault(update.track, []).append(update)
         for result in passes:
             self._close(result)
         for track in self._open.keys() - set(open_tracks):
@@ -85,14 +81,13 @@ class TrackRows:
 
     def _close(self, result: PassResult) -> None:
         """Complete the rows of a pass by its smoothed speeds."""
-        for stamp_ns, row in self._open.pop(result.track, ()):
-            smoothed = fixed(result.smoothed.get(stamp_ns))
-            line = csv_text(tuple(map(str, row[:_SMOOTHED])) + (smoothed,)
-                            + tuple(map(str, row[_SMOOTHED + 1:])), ())
-            heapq.heappush(self._final, (stamp_ns, result.track, line))
+        for update in self._open.pop(result.track, ()):
+            row = track_row(update, result.smoothed.get(update.stamp_ns))
+            heapq.heappush(self._final, (update.stamp_ns, result.track,
+                                         csv_text([str(cell) for cell in row], ())))
 
     def _write(self) -> None:
         """Write the rows that no row to come is before."""
-        first_ns = min((rows[0][0] for rows in self._open.values()), default=None)
+        first_ns = min((rows[0].stamp_ns for rows in self._open.values()), default=None)
         while self._final and (first_ns is None or self._final[0][0] < first_ns):
             self._file.write(heapq.heappop(self._final)[2].encode())

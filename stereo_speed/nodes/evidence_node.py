@@ -31,12 +31,14 @@ from ..enforcement.config import EnforcementConfig
 from ..enforcement.decision import NoRecord
 from ..enforcement.fingerprint import Approved, load_approved
 from ..enforcement.instrument import Instrument
-from ..enforcement.recompute import read_json, RECORD
+from ..enforcement.recompute import read_json
 from ..enforcement.record import Setting, Violation, violation_text
 from ..enforcement.recorder import EvidenceRecorder
-from ..enforcement.ring import ImageRing, SIDES
+from ..enforcement.ring import ImageRing
 from ..enforcement.store import EvidenceStore, Stored
+from ..enforcement.verify import RECORD_FILE
 from ..io.source_image import SourceImage
+from ..io.topics import SIDES
 from ..io.trace_json import result_of
 
 _MOST_WAITING = 100  # passes whose trace has not come, and traces whose pass has not
@@ -198,7 +200,7 @@ class EvidenceNode(Node):
             if self.wrong:
                 self.get_logger().error(f'no record: {self.wrong}')
             elif stored is not None and stored.anew:
-                record = read_json(stored.folder / RECORD)
+                record = read_json(stored.folder / RECORD_FILE)
                 self.violations.publish(String(data=violation_text(
                     record, str(stored.folder), stored.seal.record_sha256)))
                 self.get_logger().info(

@@ -4,10 +4,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Mapping, Optional, Sequence
 
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 import numpy as np
 
@@ -15,7 +13,6 @@ from .plots import COLOURS, new_figure, show_legend
 from ..core.records import Array
 from ..core.units import MPH_MPS
 
-_DPI = 110
 _MARKS = 'osD^vPX*'
 
 
@@ -103,9 +100,3 @@ def errors_figure(title: str, what: str, curves: Sequence[ErrorCurve]) -> Figure
     axes.set(title=title, xlabel=what, ylabel='error, mph')
     show_legend(figure, axes, 2)
     return figure
-
-
-def save_figure(figure: Figure, path: Path) -> None:
-    """Write a figure; the same figure gives the same bytes."""
-    FigureCanvasAgg(figure)
-    figure.savefig(path, dpi=_DPI, metadata={'Software': None})

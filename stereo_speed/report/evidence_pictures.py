@@ -3,16 +3,14 @@
 """Pictures of one pass: the vehicle and its path marked in both views, a close-up, its speed."""
 from __future__ import annotations
 
-import io
-from typing import Mapping, Sequence
+from typing import Any, Mapping, Sequence
 
 import cv2
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 import numpy as np
 from numpy.typing import NDArray
 
-from .overlay import COLOURS, fixed_point, PATH_COLOUR, SHIFT, STEP_M, visible_runs
-from .plots import speed_figure
+from .overlay import COLOURS, fixed_point, PATH_COLOUR, path_points, SHIFT, visible_runs
+from .plots import png_of, speed_figure
 from ..core.errors import InputError
 from ..core.passes import PassResult
 from ..core.records import Array, TrackUpdate
@@ -25,8 +23,7 @@ Image = NDArray[np.uint8]
 FRONT_COLOUR = COLOURS[0]
 _CLOSE_UP_SHARE = 0.6  # of the front's size, beyond it
 _CLOSE_UP_PX = 640  # least width of a close-up
-_JPEG = (cv2.IMWRITE_JPEG_QUALITY, 92)
-_DPI = 110
+_QUALITY = 92  # of JPEG files, of 100
 
 
 def marked(views: tuple[Image, Image], fronts_px: tuple[Array, Array], path: LanePath,
@@ -40,9 +37,7 @@ def marked(views: tuple[Image, Image], fronts_px: tuple[Array, Array], path: Lan
     :param rig: the cameras.
     :param caption: a line of text at the lower edge.
     """
-    count = max(int(np.ceil(path.path.length_m / STEP_M)) + 1, 2)
-    points = path.path.position(np.linspace(0.0, path.path.length_m, count))
-    left_px, right_px, left_valid, right_valid = rig.project(points)
+    left_px, right_px, left_valid, right_valid = rig.project(path_points(path))
     return (_marked(views[0], fronts_px[0], left_px, left_valid, caption),
             _marked(views[1], fronts_px[1], right_px, right_valid, caption))
 
@@ -72,19 +67,30 @@ def close_up(view: Image, front_px: Array) -> Image:
     :param view: (H, W, 3) uint8, BGR.
     :param front_px: (4, 2) corners of its front in it.
     """
-    low, high = front_px.min(axis=0), front_px.max(axis=0)
-    reach = _CLOSE_UP_SHARE * (high - low)
-    x0, y0 = np.maximum(np.floor(low - reach), 0).astype(int)
-    x1, y1 = np.minimum(np.ceil(high + reach) + 1, view.shape[1::-1]).astype(int)
-    part = view[y0:y1, x0:x1]
+    part = view[window(view, front_px, _CLOSE_UP_SHARE)]
     scale = max(_CLOSE_UP_PX / part.shape[1], 1.0)
     return np.asarray(cv2.resize(part, None, fx=scale, fy=scale,
                                  interpolation=cv2.INTER_CUBIC), np.uint8)
 
 
-def jpeg(image: Image) -> bytes:
+def window(view: NDArray[Any], front_px: Array, beyond: float = 0.0) -> tuple[slice, slice]:
+    """
+    Return the rows and columns of the part of an image about a front.
+
+    :param view: (H, W) or (H, W, 3).
+    :param front_px: (4, 2) corners of the front in it.
+    :param beyond: share of the front's size by which the part is larger, on each side.
+    """
+    low, high = front_px.min(axis=0), front_px.max(axis=0)
+    reach = beyond * (high - low)
+    x0, y0 = np.maximum(np.floor(low - reach), 0).astype(int).tolist()
+    x1, y1 = np.minimum(np.ceil(high + reach) + 1, view.shape[1::-1]).astype(int).tolist()
+    return slice(y0, y1), slice(x0, x1)
+
+
+def jpeg(image: Image, quality: int = _QUALITY) -> bytes:
     """Return the bytes of a JPEG file of a picture for people."""
-    done, data = cv2.imencode('.jpg', image, _JPEG)
+    done, data = cv2.imencode('.jpg', image, (cv2.IMWRITE_JPEG_QUALITY, quality))
     if not done:
         raise InputError('picture', 'pixels', image.shape, 'what JPEG can hold')
     return data.tobytes()
@@ -100,8 +106,4 @@ def speed_plot(updates: Sequence[TrackUpdate], result: PassResult,
     :param lanes: for their limits.
     :param unit: of the speeds.
     """
-    figure = speed_figure(updates, [result], lanes, unit=unit)
-    FigureCanvasAgg(figure)
-    out = io.BytesIO()
-    figure.savefig(out, format='png', dpi=_DPI, metadata={'Software': None})
-    return out.getvalue()
+    return png_of(speed_figure(updates, [result], lanes, unit=unit))

@@ -22,7 +22,7 @@ COLOURS = ((0, 159, 230), (233, 180, 86), (115, 158, 0), (66, 228, 240), (167, 1
            (0, 94, 213))
 PATH_COLOUR = (178, 114, 0)
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
-STEP_M = 0.5  # between the drawn points of a path
+_STEP_M = 0.5  # between the drawn points of a path
 SHIFT = 4  # fractional bits of the coordinates given to OpenCV
 
 
@@ -86,15 +86,19 @@ def label(update: TrackUpdate) -> tuple[str, str]:
 
 def _draw_path(image: Image, lane: LanePath, rig: StereoRig, unit: float, right: bool) -> None:
     """Draw the visible runs of a lane's path, half transparent."""
-    count = max(int(np.ceil(lane.path.length_m / STEP_M)) + 1, 2)
-    s_m = np.linspace(0.0, lane.path.length_m, count)
-    views = rig.project(lane.path.position(s_m))
+    views = rig.project(path_points(lane))
     uv, valid = (views[1], views[3]) if right else (views[0], views[2])
     over = image.copy()
     for run in visible_runs(uv, valid):
         cv2.polylines(over, [fixed_point(run)], False, PATH_COLOUR, max(round(3 * unit), 1),
                       cv2.LINE_AA, SHIFT)
     cv2.addWeighted(over, 0.6, image, 0.4, 0.0, dst=image)
+
+
+def path_points(lane: LanePath) -> Array:
+    """Return the points (n, 3) of a lane's path that it is drawn through."""
+    count = max(int(np.ceil(lane.path.length_m / _STEP_M)) + 1, 2)
+    return lane.path.position(np.linspace(0.0, lane.path.length_m, count))
 
 
 def visible_runs(uv: Array, valid: NDArray[np.bool_]) -> list[Array]:

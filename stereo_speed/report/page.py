@@ -5,13 +5,13 @@ from __future__ import annotations
 
 import base64
 from dataclasses import dataclass
-import io
 from pathlib import Path
 from typing import Sequence
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+
+from .plots import png_of
 
 _TEMPLATES = Path(__file__).with_name('templates')
 _DPI = 90
@@ -39,10 +39,7 @@ class Picture:
     @classmethod
     def of(cls, caption: str, figure: Figure) -> Picture:
         """Return a plot as a picture; the same plot gives the same bytes."""
-        FigureCanvasAgg(figure)
-        out = io.BytesIO()
-        figure.savefig(out, format='png', dpi=_DPI, metadata={'Software': None})
-        return cls(caption, out.getvalue())
+        return cls(caption, png_of(figure, _DPI))
 
 
 @dataclass(frozen=True)

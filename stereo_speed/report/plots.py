@@ -7,6 +7,7 @@ The same run gives the same bytes: fixed size and resolution, no pyplot state, n
 """
 from __future__ import annotations
 
+import io
 from pathlib import Path
 from typing import Mapping, Optional, Sequence, Union
 
@@ -48,9 +49,16 @@ def write_plots(out_dir: Union[str, Path], updates: Sequence[TrackUpdate],
     figures = {'speed.png': speed_figure(updates, passes, lanes, truth, unit),
                'road.png': road_figure(updates, lanes)}
     for name, figure in figures.items():
-        FigureCanvasAgg(figure)
-        figure.savefig(Path(out_dir) / name, dpi=_DPI, metadata={'Software': None})
+        (Path(out_dir) / name).write_bytes(png_of(figure))
     return [Path(out_dir) / name for name in figures]
+
+
+def png_of(figure: Figure, dpi: int = _DPI) -> bytes:
+    """Return a figure as a PNG file; the same figure gives the same bytes."""
+    FigureCanvasAgg(figure)
+    out = io.BytesIO()
+    figure.savefig(out, format='png', dpi=dpi, metadata={'Software': None})
+    return out.getvalue()
 
 
 def colour_of(track: int) -> str:

@@ -8,9 +8,7 @@ from dataclasses import dataclass
 import json
 from typing import Any, Mapping, Optional, Sequence
 
-import cv2
-from matplotlib.figure import Figure
-
+from .evidence_pictures import jpeg
 from .overlay import Image
 from .page import page_html, Picture, Section
 from .plots import road_figure, speed_figure
@@ -100,24 +98,15 @@ def _profiles(facts: RunFacts, passes: Sequence[PassResult], unit: SpeedUnit) ->
         updates = [u for u in facts.updates if u.track == one.track]
         if updates:
             pictures.append(Picture.of(f'Vehicle {one.track}: {one.lane}, {one.verdict.value}',
-                                       _profile(updates, one, facts.lanes, unit)))
+                                       speed_figure(updates, [one], facts.lanes, unit=unit)))
     return Section('Vehicles', text=text, pictures=pictures)
-
-
-def _profile(updates: Sequence[TrackUpdate], one: PassResult, lanes: Mapping[str, LanePath],
-             unit: SpeedUnit) -> Figure:
-    return speed_figure(updates, [one], lanes, unit=unit)
 
 
 def _site(facts: RunFacts) -> Section:
     """Return the site's paths over an image, the places from above, and some images."""
-    pictures = [Picture(caption, _jpeg(image), 'jpeg') for caption, image in (
+    pictures = [Picture(caption, jpeg(image, _JPEG_QUALITY), 'jpeg') for caption, image in (
         ('Paths of the lanes, over the left image', facts.site),
         ('Some pairs of the run', facts.frames)) if image is not None]
     if facts.updates:
         pictures.insert(1, Picture.of('From above', road_figure(facts.updates, facts.lanes)))
     return Section('Site', pictures=pictures)
-
-
-def _jpeg(image: Image) -> bytes:
-    return cv2.imencode('.jpg', image, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1].tobytes()

@@ -7,11 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Sequence
 
-from matplotlib.backends.backend_agg import FigureCanvasAgg
+from .plots import COLOURS, new_figure, png_of, show_legend
 
-from .plots import COLOURS, new_figure, show_legend
-
-_DPI = 110
 _MARKS = 'osD^vPX*'
 
 
@@ -44,5 +41,4 @@ def draw_survival(path: Path, title: str, curves: Sequence[SurvivalCurve]) -> No
     axes.set(title=title, xlabel='stride: every K-th frame', ylabel='kept to the end, %',
              xticks=strides, ylim=(-3, 103))
     show_legend(figure, axes)
-    FigureCanvasAgg(figure)
-    figure.savefig(path, dpi=_DPI, metadata={'Software': None})
+    path.write_bytes(png_of(figure))

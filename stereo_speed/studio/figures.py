@@ -29,7 +29,7 @@ from ..site.file import lines_of, Site, site_of, SurveyedLine
 from ..site.lane_paths import ALIKE_PX, fit_lines, in_one_direction, lane_paths
 from ..site.refine.refiner import RefinedSite
 from ..site.refine.report import ANGLES, report
-from ..site.refine.speed_effect import heading_effect
+from ..site.refine.speed_effect import lane_speed_std
 
 WHERE = 'site'
 _CURVE_PLACES = 60  # of a drawn line
@@ -302,9 +302,7 @@ def _add_lanes(out: dict[str, Any], lanes: Mapping[str, LanePath], fits: list[Ro
         s = np.linspace(0.0, lane.path.length_m, _PATH_PLACES)
         left, right, seen_left, seen_right = rig.project(lane.path.position(s))
         width, width_std = _width(spec.lines, fits, draft)
-        heading = heading_effect(lane.path, rig, lane.heading_std_rad)
-        heading = 0.0 if math.isnan(heading) else heading
-        std = math.hypot(lane.scale_std, lane.shape_std, heading)
+        std = lane_speed_std(lane, rig)
         limit = lane.speed_limit_mps or 0.0
         out[str(spec.number)] = {
             'width_m': width, 'width_std_m': width_std, 'length_m': lane.path.length_m,

@@ -8,13 +8,14 @@ good enough where its expanded uncertainty (two of its 1-sigmas) is at most a th
 """
 from __future__ import annotations
 
+from bisect import bisect_left
 from dataclasses import dataclass
 import math
 from typing import Optional, Sequence
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
-from scipy.stats import binom
+from scipy.stats import beta, binom
 
 from .traffic import Vehicle
 from ..core.units import KMH_MPS
@@ -25,6 +26,7 @@ _LIMIT_MPS, _LIMIT_SHARE, _LIMIT_FROM_MPS = 3 * KMH_MPS, 0.03, 100 * KMH_MPS
 _MEAN_MPS = 1 * KMH_MPS  # most mean error over a series on the road
 _CONFIDENCE = 0.95
 _FAR_S = 1e6  # cost of a match that may not be
+_MOST_PASSES = 10 ** 12  # more are never wanted
 # What is claimed, and passes that it takes at least: Orden ICT/155/2020; KB 12-10-2010.
 CLAIMS = (('approval', 500), ('after installation', 50), ('yearly', 30))
 RELIABILITY = 0.998
@@ -210,27 +212,13 @@ def passes_wanted(failures: int, reliability: float = RELIABILITY,
 
     :param failures: errors beyond their limits.
     """
-    low, high = failures, max(16, 2 * failures)
-    while binom.cdf(failures, high, 1 - reliability) > 1 - confidence:
-        low, high = high, 2 * high
-    while high - low > 1:
-        middle = (low + high) // 2
-        if binom.cdf(failures, middle, 1 - reliability) > 1 - confidence:
-            low = middle
-        else:
-            high = middle
-    return high
+    return bisect_left(range(_MOST_PASSES), True, failures + 1, key=lambda n: bool(
+        binom.cdf(failures, n, 1 - reliability) <= 1 - confidence))
 
 
 def reliability_shown(counted: int, failures: int) -> float:
     """Return the reliability that so many passes show, at 95 % confidence, as a share."""
     if counted <= failures:
         return 0.0
-    low, high = 0.0, 1.0
-    for _ in range(60):
-        middle = (low + high) / 2
-        if binom.cdf(failures, counted, 1 - middle) <= 1 - _CONFIDENCE:
-            low = middle
-        else:
-            high = middle
-    return math.floor(1e6 * low) / 1e6
+    failing = float(beta.ppf(_CONFIDENCE, failures + 1, counted - failures))
+    return math.floor(1e6 * (1 - failing)) / 1e6

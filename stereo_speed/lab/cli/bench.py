@@ -13,7 +13,7 @@ import cv2
 
 from .bench_monocular import HEIGHT, rows, WIDTH
 from ..evaluation.benchmarks import (
-    decode_table, filter_table, kernel_table, likelihood_table, SCALES, Scene, size_table,
+    decode_table, filter_table, kernel_table, likelihood_table, SCALES, Scene, sgbm, size_table,
     vehicle_table)
 from ..evaluation.tables import Table
 from ...cli.options import Subparsers
@@ -56,13 +56,13 @@ def run(args: argparse.Namespace) -> int:
             return [_milliseconds(pipeline.process, pair) for pair in pairs]
         return once
 
-    matcher = cv2.StereoSGBM.create(minDisparity=0, numDisparities=64, blockSize=5)
+    matcher = sgbm()
 
-    def sgbm() -> list[float]:
+    def matched() -> list[float]:
         return [_milliseconds(matcher.compute, pair.left, pair.right) for pair in pairs[:4]]
 
     candidates = {f'constrained, {n} particles': tracker(n) for n in args.particles}
-    candidates['cv2.StereoSGBM, 64 disparities'] = sgbm
+    candidates['cv2.StereoSGBM, 64 disparities'] = matched
     times: dict[str, list[float]] = {name: [] for name in candidates}
     for _ in range(args.rounds):
         for name, once in candidates.items():

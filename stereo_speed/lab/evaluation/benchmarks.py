@@ -57,6 +57,11 @@ class Scene:
     fronts: Sequence[InitialFront]
 
 
+def sgbm(mode: int = cv2.STEREO_SGBM_MODE_SGBM) -> cv2.StereoSGBM:
+    """Return the stereo matching that all is timed beside."""
+    return cv2.StereoSGBM.create(minDisparity=0, numDisparities=64, blockSize=5, mode=mode)
+
+
 def milliseconds(job: Job) -> float:
     """Return the CPU time of a call, ms."""
     start = time.process_time()
@@ -151,10 +156,7 @@ def vehicle_table(scene: Scene, rounds: int) -> Table:
 
 def size_table(scene: Scene, rounds: int) -> Table:
     """Return the time of a pair against the size of the images, beside stereo matching."""
-    matchers = {
-        'SGBM': cv2.StereoSGBM.create(minDisparity=0, numDisparities=64, blockSize=5),
-        'SGBM, 3 ways': cv2.StereoSGBM.create(minDisparity=0, numDisparities=64, blockSize=5,
-                                              mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY)}
+    matchers = {'SGBM': sgbm(), 'SGBM, 3 ways': sgbm(cv2.STEREO_SGBM_MODE_SGBM_3WAY)}
     jobs: dict[str, Job] = {}
     for scale in SCALES:
         scaled = _scaled(scene, scale)

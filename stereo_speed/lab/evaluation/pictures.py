@@ -14,8 +14,8 @@ from .paper import PaperTable
 from .paper_tables import PaperPlan
 from .scorer import VehicleRun
 from ...core.units import MPH_MPS
-from ...report.comparison import (
-    ErrorCurve, errors_figure, Readings, save_figure, speeds_figure)
+from ...report.comparison import ErrorCurve, errors_figure, Readings, speeds_figure
+from ...report.plots import png_of
 
 
 def draw_speeds(path: Path, title: str, experiments: Sequence[Experiment], seed: int,
@@ -36,9 +36,9 @@ def draw_speeds(path: Path, title: str, experiments: Sequence[Experiment], seed:
     for run in (run for many in found.values() for run in many):
         if len(run.stamps_ns) > len(longest.get(run.vehicle, VehicleRun(vehicle=-1)).stamps_ns):
             longest[run.vehicle] = run
-    save_figure(speeds_figure(
+    path.write_bytes(png_of(speeds_figure(
         title, {name: [_live(run, origin_ns) for run in many] for name, many in found.items()},
-        [_true(run, origin_ns) for run in longest.values()]), path)
+        [_true(run, origin_ns) for run in longest.values()])))
 
 
 def _live(run: VehicleRun, origin_ns: int) -> Readings:
@@ -58,7 +58,7 @@ def _true(run: VehicleRun, origin_ns: int) -> Readings:
 
 def draw_errors(path: Path, title: str, what: str, curves: Sequence[ErrorCurve]) -> None:
     """Draw errors over what is varied."""
-    save_figure(errors_figure(title, what, curves), path)
+    path.write_bytes(png_of(errors_figure(title, what, curves)))
 
 
 def paper_curves(plan: PaperPlan, table: PaperTable, runs: Runs) -> list[ErrorCurve]:

@@ -29,7 +29,7 @@ from ...road.path import Path, SplinePath
 from ...site.file import load_site
 from ...site.lane_paths import lane_paths
 from ...site.refine.refiner import refine_site
-from ...site.refine.speed_effect import heading_effect, Setup, speed_error
+from ...site.refine.speed_effect import lane_speed_std, Setup, speed_error
 
 PAIRS = 5  # of the empty road
 SAME = 5e-4  # of the speed: errors that differ by less are equal
@@ -235,9 +235,7 @@ def _worst(scene: SimScene, exact: Mapping[str, Path],
                 lane = lanes[name]
                 here[f'{way}_error'] = speed_error(
                     Setup(truth, scene.seen_rig), Setup(lane.path, rig))
-                effect = heading_effect(lane.path, rig, lane.heading_std_rad)
-                here[f'{way}_std'] = math.hypot(
-                    lane.scale_std, lane.shape_std, 0.0 if math.isnan(effect) else effect)
+                here[f'{way}_std'] = lane_speed_std(lane, rig)
         key = f'{list(used)[-1]}_error'
         if not best or abs(here.get(key, 0.0)) > abs(best.get(key, 0.0)):
             best = here

@@ -21,7 +21,7 @@ from .empty_road import Background, backgrounds
 from .extrinsic_drift import decide_drift, Drift, Shown
 from .markings import locate, LocatedLine
 from .rig_check import Epipolar, epipolar_check
-from .speed_effect import heading_effect, Setup, speed_error
+from .speed_effect import lane_speed_std, Setup, speed_error
 from ..extras import RigCorrection
 from ..file import PickedLine, Site
 from ..lane_paths import (
@@ -207,17 +207,11 @@ def _disagreement(lanes: Mapping[str, LanePath], clicked: Site, rig: StereoRig, 
         ways = Setup(lane.path, rig), Setup(rough[name].path, rig)
         change = max((speed_error(a, b) for a, b in (ways, ways[::-1])),
                      key=lambda value: abs(np.nan_to_num(value)))
-        std = math.hypot(*(_speed_std(one, rig) for one in (lane, rough[name])))
+        std = math.hypot(*(lane_speed_std(one, rig) for one in (lane, rough[name])))
         if abs(change) > config.disagreement_sigmas * std:
             return (f'on {name} the markings that were found and the clicks differ by '
                     f'{100 * change:+.2f} % of the speed, {abs(change) / std:.1f} sigmas of both')
     return ''
-
-
-def _speed_std(lane: LanePath, rig: StereoRig) -> float:
-    """Return the 1-sigma of speeds on a lane by all that is uncertain of it, as a share."""
-    heading = float(np.nan_to_num(heading_effect(lane.path, rig, lane.heading_std_rad)))
-    return math.hypot(lane.scale_std, lane.shape_std, heading)
 
 
 def _as_clicked(refined: RefinedSite, rig: StereoRig, why: str) -> RefinedSite:

@@ -11,7 +11,7 @@ import numpy as np
 
 from .known_lengths import check_lengths, LengthCheck
 from .refiner import RefinedSite
-from .speed_effect import heading_effect, Setup, speed_error
+from .speed_effect import lane_speed_std, Setup, speed_error
 from ..lane_paths import lane_paths
 from ...core.errors import SiteError
 from ...core.units import MPH_MPS
@@ -135,10 +135,8 @@ def _lanes(refined: RefinedSite) -> list[LaneFigures]:
         if spec.name in rough:
             change = speed_error(Setup(lane.path, refined.rig),
                                  Setup(rough[spec.name].path, before))
-        heading = heading_effect(lane.path, refined.rig, lane.heading_std_rad)
-        heading = 0.0 if math.isnan(heading) else heading
         out.append(LaneFigures(spec.name, *width, spec.speed_limit_mps, change,
-                               math.hypot(lane.scale_std, lane.shape_std, heading)))
+                               lane_speed_std(lane, refined.rig)))
     return out
 
 

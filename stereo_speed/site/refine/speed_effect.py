@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from ...core.records import Array
 from ...geometry.rig import StereoRig
+from ...road.lanes import LanePath
 from ...road.path import Path, SplinePath
 
 _PLACES, _FEWEST = 13, 4  # at which the point is seen; fewer make no speed
@@ -94,6 +95,12 @@ def heading_effect(path: Path, rig: StereoRig, heading_std_rad: Array) -> float:
             (points - middle) @ rotation.T + middle, frames[..., 2] @ rotation.T)
         out.append(speed_error(Setup(path, rig), Setup(rotated, rig)))
     return math.hypot(*out)
+
+
+def lane_speed_std(lane: LanePath, rig: StereoRig) -> float:
+    """Return the 1-sigma of speeds on a lane by all that is uncertain of it, as a share."""
+    heading = float(np.nan_to_num(heading_effect(lane.path, rig, lane.heading_std_rad)))
+    return math.hypot(lane.scale_std, lane.shape_std, heading)
 
 
 def _seen(setup: Setup) -> Array:
