@@ -4,8 +4,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+import fcntl
 import os
 from pathlib import Path
+import tempfile
 import time
 from typing import Any, Callable, Optional
 
@@ -37,10 +39,20 @@ def circle():
 
 @pytest.fixture(scope='session')
 def private_graph():
-    """Keep to a domain of our own on this machine; node processes inherit it."""
-    os.environ['ROS_DOMAIN_ID'] = str(20 + os.getpid() % 80)
+    """Keep to a domain that no other tests on this machine have; node processes inherit it."""
+    for n in range(80):
+        domain = 20 + (os.getpid() + n) % 80
+        lock = (Path(tempfile.gettempdir()) / f'stereo_speed_domain_{domain}').open('w')
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            break
+        except OSError:  # other tests hear each other there
+            lock.close()
+    os.environ['ROS_DOMAIN_ID'] = str(domain)
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'] = str(ROOT / 'config' / 'fastdds.xml')
+    yield
+    lock.close()
 
 
 @pytest.fixture()

@@ -190,7 +190,7 @@ def test_a_cluster_gives_the_same_bytes_though_a_worker_is_killed(
     # Both workers are at work when one bag is done: its worker has taken the next.
     wait_for(lambda: list(out.glob('*/summary.json')), run)
     os.kill(first.pid, signal.SIGKILL)
-    told, errors = run.communicate(timeout=120)
+    told, errors = run.communicate(timeout=300)
     assert (run.returncode, errors) == (0, '')
     assert '5 of 5 bags, 5 passes' in told
     assert second.poll() is None

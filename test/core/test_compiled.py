@@ -96,6 +96,7 @@ def test_whatever_arrays_are_like_one_compiled_loop_serves_them(other):
     assert total(other(values), np.float32(0.5)) == wanted
 
 
+@pytest.mark.slow
 def test_bits_depend_neither_on_history_nor_on_who_compiled(fresh_process, tmp_path, monkeypatch):
     pytest.importorskip('numba')
     monkeypatch.setenv('NUMBA_CACHE_DIR', str(tmp_path))
@@ -136,6 +137,7 @@ for one, args in (
 """
 
 
+@pytest.mark.slow
 def test_after_warming_up_no_pair_waits_for_the_compiler(fresh_process):
     pytest.importorskip('numba')
     told = fresh_process(WARM).split()

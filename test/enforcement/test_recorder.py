@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from dataclasses import fields, replace
 from datetime import date
+from functools import cache
 import json
 from pathlib import Path
 
@@ -88,6 +89,7 @@ def test_speed_of_other_images_is_another_one(evidence):
     assert again.speed_mps is None or abs(again.speed_mps - again.stored_mps) > 2e-5
 
 
+@pytest.mark.slow
 def test_whole_images_are_kept_where_crops_are_too_small(sample, tmp_path):
     config = EnforcementConfig(evidence=EvidenceConfig(crop_margin=0.0))
     recorder = sample.recorder(tmp_path, config)
@@ -115,8 +117,8 @@ def frozen(sample):
     (lambda s: (s._replace(ring=ImageRing(1, 1)), s.result), 'images_missing'),
     (lambda s: (s, replace(s.result, lane='nowhere')), 'no_limit'),
     (lambda s: (s, s.result.rejected('too_far')), 'not_measured'),
-    (lambda s: (s, replace(s.result, speed_mps=23.0, second=replace(
-        s.result.second, speed_mps=23.0))), 'not_reproducible'),
+    pytest.param(lambda s: (s, replace(s.result, speed_mps=23.0, second=replace(
+        s.result.second, speed_mps=23.0))), 'not_reproducible', marks=pytest.mark.slow),
 ], ids=['frozen', 'no trace', 'no images', 'no limit', 'rejected', 'wrong speed'])
 def test_reasons_are_counted_and_nothing_is_left(sample, tmp_path, change, counted):
     changed, result = change(sample)
@@ -171,20 +173,30 @@ def test_parameters_are_read_from_a_file(sample, tmp_path):
         load_enforcement_config(path)
 
 
-@pytest.mark.parametrize(('name', 'value'), [
-    ('pictures', 2), ('crop_margin', 0.5), ('instrument_name', 'S-17'), ('place', 'A 1, km 3')])
-def test_what_is_kept_follows_the_parameters(sample, name, value):
-    result, config = sample.result, EnforcementConfig()
-    decision, _ = decide(result, 45 * 0.44704, config.decision)
+@pytest.fixture(scope='module')
+def recorded(sample):
+    """Give what is recorded of the sample by some parameters, but for its lists of parameters."""
+    result = sample.result
+    decision, _ = decide(result, 45 * 0.44704, EnforcementConfig().decision)
     images = [tuple(sample.ring.get(side, ns) for side, ns in zip(
         ('left', 'right'), (pair.stamp_ns, pair.right_image_ns))) for pair in result.trace.pairs]
     case = Violation(NAME, result, result.trace, decision, images)
+
+    @cache
+    def record(config):
+        setting = replace(sample.setting, config=config)
+        out = json.loads(record_files(case, 1, setting, whole=False)[1])
+        del out['parameters'], out['files']['page.html'], out['files']['page.pdf']
+        return out
+    return record
+
+
+@pytest.mark.parametrize(('name', 'value'), [
+    ('pictures', 2), ('crop_margin', 0.5), ('instrument_name', 'S-17'), ('place', 'A 1, km 3')])
+def test_what_is_kept_follows_the_parameters(recorded, name, value):
+    config = EnforcementConfig()
     changed = replace(config, evidence=replace(config.evidence, **{name: value}))
-    records = [json.loads(record_files(case, 1, replace(sample.setting, config=one), whole=False
-                                       )[1]) for one in (config, changed)]
-    for record in records:
-        del record['parameters'], record['files']['page.html'], record['files']['page.pdf']
-    assert records[0] != records[1]
+    assert recorded(config) != recorded(changed)
 
 
 def test_every_parameter_of_the_evidence_is_tested():

@@ -46,6 +46,7 @@ def test_what_was_written_is_sound(three, written):
     assert any('nothing is signed' in note for note in verify(written).notes)
 
 
+@pytest.mark.slow
 def test_every_byte_of_small_records_counts(three):
     """All of the chain, the head and a seal; the record by a sample."""
     folder, trusted = three
@@ -62,6 +63,7 @@ def test_every_byte_of_small_records_counts(three):
     assert faults(folder, trusted) == ''
 
 
+@pytest.mark.slow
 def test_each_file_of_a_real_record_counts(evidence):
     for path in [p for p in evidence.rglob('*') if p.is_file()]:
         data = path.read_bytes()

@@ -58,6 +58,7 @@ def test_a_right_camera_that_turns_under_way_is_corrected():
     assert result.speed_mps is not None or result.reason == 'rig_uncertain'
 
 
+@pytest.mark.slow
 def test_a_site_is_refined_by_steadied_pairs():
     sequence = simulated_sequence(replace(SMALL, sway_deg=0.05), (4,), LineKnowledge.PICKED)
     rough = sequence.site

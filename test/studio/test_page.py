@@ -183,6 +183,7 @@ def tab_to(page, name, most=80):
     raise AssertionError(f'{name} is not reached by Tab')
 
 
+@pytest.mark.slow
 def test_a_whole_site_by_keys_alone(visit, drawing, space, sample):
     """Lines, lanes, names, a limit, the calibration's day and a save; no mouse at any time."""
     hands = visit(drawing)

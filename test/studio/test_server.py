@@ -15,8 +15,10 @@ from stereo_speed.io.pass_log import PassLog
 from stereo_speed.studio.live import LiveReading, LiveState
 from stereo_speed.studio.opening import open_runs
 
+WAIT_S = 60.0
 
-def wait(condition, seconds=20.0):
+
+def wait(condition, seconds=WAIT_S):
     """Wait for what the server does by itself."""
     end = time.monotonic() + seconds
     while not condition() and time.monotonic() < end:
@@ -89,17 +91,17 @@ def test_pages_are_told_what_others_draw(client):
         address = f'http://127.0.0.1:{client.guard.port}/api/socket'
         async with aiohttp.ClientSession(headers=headers) as session:
             async with session.ws_connect(address) as one, session.ws_connect(address) as two:
-                assert (await one.receive_json(timeout=10))['kind'] == 'state'
-                await two.receive_json(timeout=10)
+                assert (await one.receive_json(timeout=WAIT_S))['kind'] == 'state'
+                await two.receive_json(timeout=WAIT_S)
                 await asyncio.to_thread(client.step, 'add_line')
                 for page in (one, two):
-                    told = await page.receive_json(timeout=10)
+                    told = await page.receive_json(timeout=WAIT_S)
                     assert told['kind'] == 'draft'
                     assert told['workspace']['draft']['lines'][0]['name'] == 'line_0'
-                    assert (await page.receive_json(timeout=10))['kind'] == 'figures'
+                    assert (await page.receive_json(timeout=WAIT_S))['kind'] == 'figures'
             # one that comes later sees all of it
             async with session.ws_connect(address) as late:
-                state = await late.receive_json(timeout=10)
+                state = await late.receive_json(timeout=WAIT_S)
                 assert state['workspace']['version'] == 1
     asyncio.run(watch())
 
@@ -143,7 +145,7 @@ def test_what_is_live_is_told(serving):
                     f'http://127.0.0.1:{client.guard.port}/api/socket') as page:
                 live.add_reading(LiveReading('vehicle_0', 5, 24.5, 0.1))
                 for _ in range(20):
-                    told = await page.receive_json(timeout=10)
+                    told = await page.receive_json(timeout=WAIT_S)
                     if told['kind'] == 'live' and told['readings']:
                         return told
     with serving(live=live) as client:

@@ -27,12 +27,14 @@ def measured_with(make_scene):
     return config, scene.site, rig, lane_paths(scene.site, rig), scene.sequence.pairs
 
 
+@pytest.mark.slow
 def test_a_rig_that_stands_is_not_off(measured_with):
     _, site, rig, lanes, pairs = measured_with
     state = rig_state(site, rig, lanes, pairs)
     assert state.share is not None and not state.is_off(0.01), state
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('changes', [
     {'rig_moved_deg': (0.1, 0.0, 0.0)},  # the right camera pans
     {'camera_yaw_deg': 3.0},  # the pole turns
