@@ -83,8 +83,8 @@ class NoiseConfig(CheckedRecord):
         0.0125, 0.0, 1.0, 'px', 'systematic error of matching one observation between the views, '
         'which no number of samples averages away')
     match_floor_pairs: float = parameter(
-        1.0, 0.0, 1e6, 'pairs', 'observations that the error above is worth, beside those of the '
-        'pass that show a greater scatter')
+        4.0, 0.0, 1e6, 'pairs', 'observations that the error above is worth, beside those of the '
+        'pass that show a greater scatter: as many as the shortest pass that is measured has')
     scatter_levels: int = parameter(
         5, 1, 10, '', 'scatters of disparities that are weighed against each other in each pass, '
         'each twice the one before; 1 for the error above alone')

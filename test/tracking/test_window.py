@@ -106,6 +106,22 @@ def test_disparities_that_are_off_are_no_braking_and_no_climbing(textured, textu
         assert abs(mean[3] - MPS) < 3.5 * np.sqrt(covariance[3, 3]), k
 
 
+@pytest.mark.parametrize('noise', [1.0, 4.0])
+def test_what_is_known_of_the_speed_does_not_depend_on_where_a_pair_was_guessed(textured, noise):
+    """What observations far from their place say of the scatter counts no more, once in place."""
+    front = replace(textured, noise=noise)
+    pairs, poses = front.drive(7, 5.0, 30.0)
+    near, far = (window_of(front, poses[0]) for _ in range(2))
+    wrong = np.array([2.0, 0.08, -0.08, 4.0])
+    for pair, pose in zip(pairs, poses):
+        guess = np.append(pose, 30.0)
+        one, other = (window.add(pair, at).at(-1)
+                      for window, at in ((near, guess), (far, guess + wrong)))
+        std, std_from_afar = (np.sqrt(covariance[3, 3]) for _, covariance in (one, other))
+        assert std_from_afar == pytest.approx(std, rel=0.25)
+        assert abs(one[0][3] - other[0][3]) < 0.5 * std
+
+
 def test_hard_braking_is_followed_within_its_sigma(textured):
     """6 m/s^2 from the seventh pair on."""
     times_s = np.arange(14) / 10
