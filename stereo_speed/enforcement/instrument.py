@@ -13,7 +13,7 @@ from functools import cached_property
 import json
 from pathlib import Path
 import tempfile
-from typing import Any, Mapping
+from typing import Any, Mapping, Optional
 
 from .fingerprint import canonical, sha256, software_fingerprint
 from ..core.config import record_of, TrackerConfig
@@ -43,6 +43,8 @@ class Instrument:
     :param site_yaml: text of the site file; of a refined site, of the refined one.
     :param calibration: the rig as it was measured with, as :func:`..io.trace_json.rig_record`
         gives it.
+    :param self_test: when the newest self-test was passed, ``passed_utc`` by the system's clock,
+        and by how much its stored pass was off, ``off_percent``; None where there was none.
     """
 
     run: str
@@ -52,6 +54,7 @@ class Instrument:
     site_name: str
     site_yaml: str
     calibration: Mapping[str, Any]
+    self_test: Optional[Mapping[str, Any]] = None
 
     @classmethod
     def of(cls, run: str, place: MeasuringSite, config: PipelineConfig) -> Instrument:

@@ -7,7 +7,7 @@ import base64
 from dataclasses import dataclass
 from html import escape
 import io
-from typing import Any, Mapping, Sequence
+from typing import Any, Mapping, Optional, Sequence
 
 from reportlab.lib import colors
 from reportlab.lib.pagesizes import A4
@@ -110,8 +110,17 @@ def rows(record: Mapping[str, Any]) -> list[tuple[str, str]]:
         ('instrument', f'{instrument["name"]}; stereo_speed '
          f'{instrument["versions"]["stereo_speed"]}; {approved[instrument["approved"]]}'),
         ('calibrated', instrument['calibrated'] or 'on a day that is not known'),
+        ('self-test', _self_test(instrument.get('self_test'))),
         *((f'fingerprint, {kind}', value)
           for kind, value in sorted(instrument['fingerprints'].items()))]
+
+
+def _self_test(passed: Optional[Mapping[str, Any]]) -> str:
+    """Return when the newest self-test was passed, and how far off it was."""
+    if passed is None:
+        return 'none was asked for'
+    off = passed['off_percent']
+    return f'passed {passed["passed_utc"]}' + ('' if off is None else f', {off:+.2f} % off')
 
 
 def _class(vehicle: Mapping[str, Any]) -> str:

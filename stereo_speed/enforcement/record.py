@@ -156,6 +156,7 @@ def _record(case: Violation, number: int, setting: Setting, raw: dict[str, Any],
         'instrument': {
             'name': evidence.instrument_name,
             'calibrated': None if calibrated is None else calibrated.isoformat(),
+            'self_test': None if instrument.self_test is None else dict(instrument.self_test),
             'versions': dict(instrument.versions),
             'fingerprints': instrument.fingerprints, 'not_approved': unknown,
             'approved': 'no' if unknown else 'yes' if setting.approved.of else 'not asked'},

@@ -264,6 +264,7 @@ class Measuring:
             raise self._failure
         self.calibration.settle()
         self.self_test.poll()
+        self.outputs.tell_self_test(self.self_test.newest)
 
     # -- in the thread that measures --------------------------------------------------------
 

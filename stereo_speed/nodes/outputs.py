@@ -3,7 +3,9 @@
 """What the measuring nodes publish: tracks, speeds, passes, markers, frames and the overlay."""
 from __future__ import annotations
 
-from typing import Any, Sequence
+from dataclasses import replace
+import threading
+from typing import Any, Mapping, Optional, Sequence
 
 import cv2
 from geometry_msgs.msg import TwistWithCovarianceStamped
@@ -48,6 +50,10 @@ class Outputs:
         self.log, self.run = node.get_logger(), new_run()
         self._frames = StaticFrames(node, p)
         self._last_ns = 0
+        # Told by two threads: that which measures, and that which runs self-tests.
+        self._telling = threading.Lock()
+        self._instrument: Optional[Instrument] = None
+        self._self_test: Optional[Mapping[str, Any]] = None
 
         def publisher(kind: type, topic: str) -> Any:
             return node.create_publisher(kind, topic, RELIABLE,
@@ -75,10 +81,24 @@ class Outputs:
         :param place: the site as it is measured at.
         :param config: the parameters.
         """
-        self.instrument.publish(String(data=Instrument.of(self.run, place, config).text()))
+        with self._telling:
+            self._tell_instrument(Instrument.of(self.run, place, config))
         self.paths.publish(MarkerArray(markers=path_markers(
             pipeline.lanes, pipeline.rig.frame_id)))
         self._frames.publish(pipeline.rig, pipeline.lanes)
+
+    def tell_self_test(self, newest: Optional[Mapping[str, Any]]) -> None:
+        """Tell once more what measures, where a self-test was passed since; see Instrument."""
+        with self._telling:
+            if newest is self._self_test:
+                return
+            self._self_test = newest
+            if self._instrument is not None:
+                self._tell_instrument(self._instrument)
+
+    def _tell_instrument(self, instrument: Instrument) -> None:
+        self._instrument = replace(instrument, self_test=self._self_test)
+        self.instrument.publish(String(data=self._instrument.text()))
 
     def tell(self, pipeline: SpeedPipeline, pair: StereoPair, step: Step) -> None:
         """Publish what came of a pair."""

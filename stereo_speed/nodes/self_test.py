@@ -9,6 +9,7 @@ measured and ``/diagnostics`` has an ERROR.
 from __future__ import annotations
 
 from dataclasses import asdict
+from datetime import datetime, timezone
 from pathlib import Path
 import subprocess
 import sys
@@ -23,6 +24,7 @@ from .common import Parameters
 from .health import ERROR, State
 from ..core.errors import InputError
 from ..pipeline.config import PipelineConfig
+from ..pipeline.self_test import off_percent
 
 _LONGEST_S = 300.0  # a test that takes longer has failed
 _FILES = ('site.yaml', 'truth.csv', 'bag')
@@ -46,6 +48,7 @@ class SelfTestWatch:
                                 '[s]', 10.0, 1e6)
         self.log, self.folder, self.fault = node.get_logger(), folder, ''
         self.passed = self.failed = 0
+        self.newest: Optional[dict[str, Any]] = None  # of those passed, for records
         self._process: Optional[subprocess.Popen[str]] = None
         self._begun_s = 0.0
         self._due_s = time.monotonic()
@@ -93,6 +96,8 @@ class SelfTestWatch:
     def _ended(self, status: int, line: str) -> None:
         if status == 0:
             self.passed, self.fault = self.passed + 1, ''
+            self.newest = {'passed_utc': f'{datetime.now(timezone.utc):%Y-%m-%dT%H:%M:%SZ}',
+                           'off_percent': off_percent(line)}
             self.log.info(line)
         else:
             self.failed += 1

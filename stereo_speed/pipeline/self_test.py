@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+import re
 from typing import Iterable, Optional
 
 from .assembly import MeasuringSite
@@ -16,6 +17,7 @@ from ..geometry.rig import StereoRig
 from ..site.file import Site
 
 LIMIT_SHARE = 0.01  # OIML R 91, 7.5: within 1 % of the speed that is simulated
+_PASSED = re.compile(r'self-test passed: ([+-]\d+\.\d+) % off')
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,22 @@ class SelfTest:
     def passed(self) -> bool:
         """Return whether the instrument may measure."""
         return not self.found
+
+    @property
+    def line(self) -> str:
+        """Return what came of it as one line; :func:`off_percent` reads it."""
+        if not self.passed or self.first_mps is None:
+            return f'self-test failed: {self.found}'
+        second = 'no second estimate' if self.second_mps is None else (
+            f'second estimate {100 * (self.second_mps / self.known_mps - 1):+.2f} %')
+        return (f'self-test passed: {100 * (self.first_mps / self.known_mps - 1):+.2f} % off, '
+                f'{second}')
+
+
+def off_percent(line: str) -> Optional[float]:
+    """Return by how much the stored pass was off, from a line of one passed; None of another."""
+    found = _PASSED.match(line)
+    return None if found is None else float(found[1])
 
 
 def self_test(site: Site, rig: StereoRig, pairs: Iterable[StereoPair], known_mps: float,

@@ -8,6 +8,7 @@ import shutil
 
 import pytest
 from stereo_speed.cli.main import main
+from stereo_speed.pipeline.self_test import off_percent
 
 
 @pytest.fixture()
@@ -28,12 +29,15 @@ def stored(sample, tmp_path):
 
 def test_the_sample_passes(sample, capsys):
     assert main(['self-test', str(sample)]) == 0
-    assert capsys.readouterr().out.startswith('self-test passed: +0.')
+    line = capsys.readouterr().out
+    assert line.startswith('self-test passed: +0.')
+    assert 0.0 < off_percent(line) < 1.0
 
 
 def test_what_is_off_by_more_than_a_hundredth_fails(stored, capsys):
     assert main(['self-test', str(stored(1.015))]) == 1
-    assert 'self-test failed: the stored pass of' in capsys.readouterr().out
+    line = capsys.readouterr().out
+    assert 'self-test failed: the stored pass of' in line and off_percent(line) is None
 
 
 def test_a_folder_without_a_stored_pass_ends_in_one_line(tmp_path, capsys):

@@ -21,6 +21,7 @@ from stereo_speed.enforcement.config import (
 from stereo_speed.enforcement.decision import decide
 from stereo_speed.enforcement.disclose import disclose
 from stereo_speed.enforcement.fingerprint import Approved, load_approved, software_fingerprint
+from stereo_speed.enforcement.instrument import Instrument
 from stereo_speed.enforcement.recompute import recompute
 from stereo_speed.enforcement.record import record_files, Violation
 from stereo_speed.enforcement.ring import ImageRing
@@ -55,6 +56,24 @@ def test_record_says_what_was_measured_where_when_and_by_what(written, sample):
     assert record['instrument']['approved'] == 'not asked'
     assert len(speed['profile']) == len(sample.result.trace.pairs)
     assert len({p['stamp_ns'] for p in record['pictures']}) == 3
+
+
+@pytest.mark.parametrize(('passed', 'shown'), [
+    (None, 'none was asked for'),
+    ({'passed_utc': '2026-11-22T10:00:00Z', 'off_percent': -0.31},
+     'passed 2026-11-22T10:00:00Z, -0.31 % off')])
+def test_record_says_when_the_self_test_was_passed_and_how_far_off(sample, passed, shown):
+    told = replace(sample.setting.instrument, self_test=passed).text()  # as on its topic
+    setting = replace(sample.setting, instrument=Instrument.of_text(told, 'instrument'))
+    trace = sample.result.trace
+    limit = sample.setting.place.site.lanes[0].speed_limit_mps
+    figures, _ = decide(sample.result, limit, DecisionConfig())
+    images = [(sample.ring.get('left', pair.stamp_ns),
+               sample.ring.get('right', pair.right_image_ns)) for pair in trace.pairs]
+    files, data = record_files(Violation(NAME, sample.result, trace, figures, images), 1, setting,
+                               whole=False)
+    assert json.loads(data)['instrument']['self_test'] == passed
+    assert f'<td>self-test</td><td>{shown}</td>' in files['page.html'].decode()
 
 
 def test_originals_are_as_they_came_and_marked_ones_beside_them(written, sample):

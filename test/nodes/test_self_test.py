@@ -3,6 +3,7 @@
 """Nothing may be measured from the start of a node until its self-test is passed."""
 from __future__ import annotations
 
+from datetime import datetime, timezone
 import time
 from types import SimpleNamespace
 
@@ -37,9 +38,10 @@ def poll_until(watch, condition):
 
 
 def test_all_is_withheld_until_it_is_passed(sample):
-    watch = make_watch(sample)
+    watch, begun = make_watch(sample), datetime.now(timezone.utc).replace(microsecond=0)
     try:
         before = watch.state()
+        assert watch.newest is None
         assert (before.level, before.message) == (ERROR, 'self-test under way') and watch.withholds
         watch.poll()  # has begun
         assert watch.withholds
@@ -48,6 +50,9 @@ def test_all_is_withheld_until_it_is_passed(sample):
         watch.close()
     after = watch.state()
     assert (after.level, after.message, after.values['passed']) == (OK, 'passed', 1)
+    assert abs(watch.newest['off_percent']) < 1.0  # what records say of it
+    passed = datetime.strptime(watch.newest['passed_utc'], '%Y-%m-%dT%H:%M:%S%z')
+    assert begun <= passed <= datetime.now(timezone.utc)
 
 
 def test_one_that_cannot_be_run_withholds_too(sample, tmp_path):

@@ -12,6 +12,7 @@ import os
 from pathlib import Path
 import shutil
 import signal
+import stat
 import tempfile
 from typing import Callable, Iterator, Sequence
 from unittest import mock
@@ -23,7 +24,8 @@ from ...enforcement.chain import seal_of
 from ...enforcement.store import EvidenceStore, StoreError
 from ...enforcement.verify import CHAIN_FILE, RECORD_FILE, SEAL_FILE, verify
 
-_MOST_STEPS = 400  # of writing a record of many files; a writer is stopped at any of them
+_ANEW_EVERY = 5  # stops: then with an empty store
+_DISK_FULL = 28  # exit status of a writer that found it so
 _JOIN_S = 120.0
 
 
@@ -117,8 +119,9 @@ def stopped_writers(folder: Path, times: int, rng: np.random.Generator, *, kill:
     """
     Stop a writer of records at random steps, by SIGKILL or by a full disk, again and again.
 
-    After each the store must be sound, hold every record that was finished, no half one, and take
-    the next.
+    A step is a sync or a renaming. Of a file that is about to be synced half may be missing, as
+    after a power cut or on a full disk. After each stop the store must be sound, hold every
+    record that was finished, no half one, and take the next.
 
     :param folder: of sound records, whose contents are written anew.
     :param times: how often.
@@ -126,20 +129,49 @@ def stopped_writers(folder: Path, times: int, rng: np.random.Generator, *, kill:
     :param kill: by SIGKILL; else the disk is full from that step on.
     """
     contents = [_contents(p) for p in sorted(folder.iterdir()) if p.is_dir()]
-    missed = 0
+    stopped = missed = 0
     with tempfile.TemporaryDirectory(dir=folder.parent) as aside:
+        steps = _write(Path(aside) / 'whole', contents, _Stop())
+        (Path(aside) / 'finished').unlink()
         for number in range(times):
             target = Path(aside) / 'store'
             with EvidenceStore(target):
                 pass
+            stop = _Stop(int(rng.integers(1, steps + 1)), kill, bool(rng.integers(2)))
             process = multiprocessing.get_context('fork').Process(
-                target=_write, args=(target, contents, int(rng.integers(1, _MOST_STEPS)), kill))
+                target=_write, args=(target, contents, stop))
             process.start()
             process.join(_JOIN_S)
+            stopped += process.exitcode != 0
             missed += not _recovers(target, contents)
-            if number % 10 == 9:  # now and then begin with nothing
+            if number % _ANEW_EVERY == _ANEW_EVERY - 1:
                 shutil.rmtree(target)
-    return Outcome('writer killed' if kill else 'disk full', times, missed)
+    return Outcome('writer killed' if kill else 'disk full', stopped, missed)
+
+
+@dataclass(frozen=True)
+class _Stop:
+    """
+    How a writer is stopped.
+
+    :param at: the step, from 1; 0 for never.
+    :param kill: by SIGKILL; else the disk is full from that step on.
+    :param torn: half of a file that is about to be synced is missing.
+    """
+
+    at: int = 0
+    kill: bool = False
+    torn: bool = False
+
+    def before(self, step: int, args: Sequence[object]) -> None:
+        """Stop at this step, if it is that one."""
+        if not self.at or (step != self.at if self.kill else step < self.at):
+            return
+        if self.torn and isinstance(args[0], int) and stat.S_ISREG(os.fstat(args[0]).st_mode):
+            os.ftruncate(args[0], os.fstat(args[0]).st_size // 2)
+        if self.kill:
+            os.kill(os.getpid(), signal.SIGKILL)
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
 def _contents(folder: Path) -> dict[str, bytes]:
@@ -155,35 +187,36 @@ def _named(content: dict[str, bytes], name: str) -> tuple[dict[str, bytes], byte
     return files, (text[:start] + name + text[text.index('"', start):]).encode()
 
 
-def _write(target: Path, contents: Sequence[dict[str, bytes]], at: int, kill: bool) -> None:
-    """Write records until stopped; each that was finished is told in a file beside the store."""
-    seen = 0
+def _write(target: Path, contents: Sequence[dict[str, bytes]], stop: _Stop) -> int:
+    """
+    Write records until stopped, and return how many steps that took.
 
-    def step() -> None:
-        nonlocal seen
-        seen += 1
-        if kill and seen == at:
-            os.kill(os.getpid(), signal.SIGKILL)
-        if not kill and seen >= at:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    Each one that was finished is told in a file beside the store. A full disk ends the process.
+    """
+    seen = 0
 
     def wrapped(real: Callable[..., object]) -> Callable[..., object]:
         def call(*args: object, **options: object) -> object:
-            step()
+            nonlocal seen
+            seen += 1
+            stop.before(seen, args)
             return real(*args, **options)
         return call
     told = target.parent / 'finished'
     with EvidenceStore(target) as store:
         with mock.patch.multiple(os, fsync=wrapped(os.fsync), rename=wrapped(os.rename),
                                  replace=wrapped(os.replace)):
-            for content in [*contents, *contents]:
+            for content in contents:
                 name = f'r{store.next_number:05d}'
                 try:
                     store.add(name, *_named(content, name))
-                except StoreError:
-                    return
+                except StoreError as error:
+                    raise SystemExit(_DISK_FULL) from error
                 with told.open('a') as stream:
                     stream.write(f'{name}\n')
+    if 0 < stop.at <= seen:  # the last record was finished all the same
+        raise SystemExit(_DISK_FULL)
+    return seen
 
 
 def _recovers(target: Path, contents: Sequence[dict[str, bytes]]) -> bool:

@@ -1,0 +1,66 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""What a measuring node tells of itself, held in this process."""
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import replace
+from types import SimpleNamespace
+
+import pytest
+
+pytest.importorskip('rclpy')
+
+from rclpy.clock import Clock  # noqa: E402, I100
+from stereo_speed.enforcement.instrument import Instrument  # noqa: E402
+from stereo_speed.io.bags import StereoBag  # noqa: E402
+from stereo_speed.nodes.outputs import Outputs  # noqa: E402
+from stereo_speed.pipeline.assembly import MeasuringSite  # noqa: E402
+from stereo_speed.pipeline.config import PipelineConfig  # noqa: E402
+from stereo_speed.site.file import load_site  # noqa: E402
+
+PASSED = {'passed_utc': '2026-11-22T10:00:00Z', 'off_percent': 0.23}
+LATER = {**PASSED, 'passed_utc': '2026-11-22T11:00:00Z'}
+
+
+@pytest.fixture()
+def told():
+    """Return what is published, by topic."""
+    return defaultdict(list)
+
+
+@pytest.fixture()
+def outputs(told):
+    """Return the outputs of a node that is none."""
+    node = SimpleNamespace(
+        create_publisher=lambda kind, topic, *_, **__: SimpleNamespace(publish=told[topic].append),
+        get_logger=lambda: SimpleNamespace(info=lambda line: None), get_clock=Clock)
+    return Outputs(node, SimpleNamespace(get=lambda name, default, *_: default))
+
+
+@pytest.fixture()
+def place(sample):
+    with StereoBag(sample / 'bag') as bag:
+        return MeasuringSite.of(load_site(sample / 'site.yaml'), bag.rig)
+
+
+def test_the_instrument_is_told_again_with_each_self_test_and_calibration(told, outputs, place):
+    pipeline = place.pipeline(PipelineConfig())
+    outputs.tell_self_test(None)
+    outputs.begin(pipeline, place, PipelineConfig())
+    for newest in (None, PASSED, PASSED, LATER):
+        outputs.tell_self_test(newest)
+    outputs.begin(pipeline, place, PipelineConfig())  # with another calibration, say
+
+    found = [Instrument.of_text(message.data, 'instrument') for message in told['instrument']]
+    assert [one.self_test for one in found] == [None, PASSED, LATER, LATER]
+    assert {replace(one, self_test=None).text() for one in found} == {found[0].text()}
+    assert len(told['lane_markers']) == 2  # the lanes stand as they did
+
+
+def test_a_self_test_that_is_passed_before_the_rig_is_known_is_told_with_it(told, outputs, place):
+    outputs.tell_self_test(PASSED)
+    assert not told['instrument']
+    outputs.begin(place.pipeline(PipelineConfig()), place, PipelineConfig())
+    message, = told['instrument']
+    assert Instrument.of_text(message.data, 'instrument').self_test == PASSED
