@@ -4,32 +4,33 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import lru_cache
 import json
-from typing import Any, Mapping, Optional
+from typing import Any, get_args, get_origin, get_type_hints, Mapping, Optional, Union
 
 import numpy as np
 
 from .pass_json import pass_id
+from ..core.config import ConfigRecord, Record
 from ..core.errors import InputError
 from ..core.passes import (
-    Direction, PassResult, SecondEstimate, SpeedBudget, TrackEnd, VehicleClass, VehicleKind,
-    Verdict)
-from ..core.records import Array, InitialFront, RigMotion, TrackState, TrackUpdate
-from ..core.trace import OtherFront, PassTrace, TracePair
+    Direction, PassResult, SecondEstimate, SpeedBudget, TrackEnd, VehicleKind, Verdict)
+from ..core.records import TrackUpdate
+from ..core.trace import PassTrace, TracePair
 from ..geometry.camera import Camera
 from ..geometry.rig import StereoRig
 
 FORMAT = 1
+# Fields that follow from the pair that an update is of; a calibrated camera stands still.
+_LEFT_OUT: Mapping[type, tuple[str, ...]] = {
+    TrackUpdate: ('stamp_ns', 'track'), Camera: ('rotation',)}
+_SHAPES = {'position_m': (3,), 'position_cov_m2': (3, 3), 'axes': (3, 3), **dict.fromkeys(
+    ('left_px', 'right_px', 'quad_left_px', 'quad_right_px'), (4, 2))}
 
 
 def trace_record(trace: PassTrace) -> dict[str, Any]:
     """Return a trace as plain values; floats come back the same."""
-    return {'track': trace.track, 'seed': trace.seed, 'lane': trace.lane,
-            'front': {'frame': trace.front.frame, 'std_px': trace.front.std_px,
-                      'left_px': trace.front.left_px.tolist(),
-                      'right_px': trace.front.right_px.tolist()},
-            'particles': trace.particles, 'seen_mps': trace.seen_mps,
-            'pairs': [_pair_record(pair) for pair in trace.pairs]}
+    return _values(trace)
 
 
 def trace_of(data: Any, where: object) -> PassTrace:
@@ -41,16 +42,18 @@ def trace_of(data: Any, where: object) -> PassTrace:
     :raises InputError: values that are none.
     """
     try:
-        front = data['front']
-        return PassTrace(
-            int(data['track']), int(data['seed']), str(data['lane']),
-            InitialFront(int(front['frame']), _array(front['left_px'], (4, 2)),
-                         _array(front['right_px'], (4, 2)), float(front['std_px'])),
-            int(data['particles']), _optional(data['seen_mps']),
-            tuple(_pair_of(pair, int(data['track'])) for pair in data['pairs']))
+        track = int(data['track'])
+        return _record(PassTrace, data, pairs=tuple(_pair_of(pair, track)
+                                                    for pair in data['pairs']))
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(where, 'trace', f'{type(error).__name__}: {error}',
                          'how a pass came about') from None
+
+
+def _pair_of(data: Mapping[str, Any], track: int) -> TracePair:
+    update = None if data['update'] is None else _record(
+        TrackUpdate, data['update'], stamp_ns=int(data['stamp_ns']), track=track)
+    return _record(TracePair, data, update=update)
 
 
 def trace_text(run: str, result: PassResult) -> str:
@@ -91,28 +94,19 @@ def result_of(told: str, traced: str, where: object) -> PassResult:
             budget=None if budget is None else SpeedBudget(
                 *(float(budget[key]) for key in ('matching', 'path', 'stamps', 'calibration'))),
             end=TrackEnd(data['end']),
-            second=None if second is None else SecondEstimate(
-                _optional(second['speed_mps']), _optional(second['speed_std_mps']),
-                int(second['pairs'])),
+            second=None if second is None else _record(SecondEstimate, second),
             direction=None if direction is None else Direction(direction),
-            vehicle=None if vehicle is None else _vehicle_of(vehicle),
+            vehicle=None if vehicle is None else _record(
+                VehicleKind, {**vehicle, 'name': vehicle['class']}),
             trace=None if more['trace'] is None else trace_of(more['trace'], where))
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(where, 'pass', f'{type(error).__name__}: {error}',
                          'a pass and its trace as JSON') from None
 
 
-def _vehicle_of(data: Mapping[str, Any]) -> VehicleKind:
-    return VehicleKind(
-        VehicleClass(data['class']), float(data['probability']), float(data['width_m']),
-        float(data['width_std_m']), _optional(data['height_m']), _optional(data['height_std_m']))
-
-
 def rig_record(rig: StereoRig) -> dict[str, Any]:
     """Return a rig as plain values; floats come back the same."""
-    return {'left': _camera_record(rig.left), 'right': _camera_record(rig.right),
-            'R': rig.R.tolist(), 't': rig.t.tolist(), 'frame_id': rig.frame_id,
-            'drift_rad': list(rig.drift_rad)}
+    return _values(rig)
 
 
 def rig_of(data: Any, where: object) -> StereoRig:
@@ -124,75 +118,57 @@ def rig_of(data: Any, where: object) -> StereoRig:
     :raises InputError: values that are none.
     """
     try:
-        pan, tilt, roll = (float(angle) for angle in data['drift_rad'])
-        return StereoRig(_camera_of(data['left']), _camera_of(data['right']),
-                         np.array(data['R'], dtype=np.float64), np.array(data['t']),
-                         str(data['frame_id']), (pan, tilt, roll))
+        return _record(StereoRig, data)
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(where, 'calibration', f'{type(error).__name__}: {error}',
                          'a calibrated rig') from None
 
 
-def _camera_record(camera: Camera) -> dict[str, Any]:
-    return {'name': camera.name, 'width_px': camera.width_px, 'height_px': camera.height_px,
-            'K': camera.K.tolist(), 'D': camera.D.tolist(), 'model': camera.model}
+def _values(record: ConfigRecord) -> dict[str, Any]:
+    """Return the fields of a record as JSON knows them, but for ``_LEFT_OUT``."""
+    return {f.name: _plain(getattr(record, f.name)) for f in dataclasses.fields(record)
+            if f.name not in _LEFT_OUT.get(type(record), ())}
 
 
-def _camera_of(data: Mapping[str, Any]) -> Camera:
-    return Camera(str(data['name']), int(data['width_px']), int(data['height_px']),
-                  np.array(data['K'], dtype=np.float64), np.array(data['D'], dtype=np.float64),
-                  str(data['model']))
+def _plain(value: Any) -> Any:
+    if hasattr(value, '__dataclass_fields__'):
+        return _values(value)
+    if isinstance(value, tuple):
+        return [_plain(item) for item in value]
+    return value.tolist() if isinstance(value, np.ndarray) else value
 
 
-def _pair_record(pair: TracePair) -> dict[str, Any]:
-    return {'stamp_ns': pair.stamp_ns, 'right_stamp_ns': pair.right_stamp_ns,
-            'right_came_ns': pair.right_came_ns, 'stamp_error_s': pair.stamp_error_s,
-            'particles': pair.particles,
-            'motion': None if pair.motion is None else dataclasses.asdict(pair.motion),
-            'update': None if pair.update is None else _update_record(pair.update),
-            'others': [{'track': o.track, 'left_px': o.left_px.tolist(),
-                        'right_px': o.right_px.tolist()} for o in pair.others]}
+def _record(kind: type[Record], data: Mapping[str, Any], **known: Any) -> Record:
+    """
+    Return the record that plain values describe.
+
+    :param kind: of record.
+    :param data: as of :func:`_values`.
+    :param known: fields that are known already.
+    """
+    of = _types(kind)
+    return kind(**known, **{
+        f.name: _value(of[f.name], data[f.name], f.name) for f in dataclasses.fields(kind)
+        if f.name not in known and f.name not in _LEFT_OUT.get(kind, ())})
 
 
-def _pair_of(data: Mapping[str, Any], track: int) -> TracePair:
-    motion = data['motion']
-    return TracePair(
-        int(data['stamp_ns']), int(data['right_stamp_ns']),
-        None if data['particles'] is None else int(data['particles']),
-        None if motion is None else RigMotion(tuple(motion['sway_rad']),
-                                              tuple(motion['drift_rad'])),
-        None if data['update'] is None else _update_of(
-            data['update'], int(data['stamp_ns']), track),
-        tuple(OtherFront(int(o['track']), _array(o['left_px'], (4, 2)),
-                         _array(o['right_px'], (4, 2))) for o in data['others']),
-        float(data['stamp_error_s']),
-        None if data['right_came_ns'] is None else int(data['right_came_ns']))
+_types = lru_cache(maxsize=None)(get_type_hints)  # of the fields of a record
 
 
-def _update_record(update: TrackUpdate) -> dict[str, Any]:
-    return {'lane': update.lane, 'state': str(update.state),
-            'speed_mps': update.speed_mps, 'speed_std_mps': update.speed_std_mps,
-            's_m': update.s_m, 'lateral_m': update.lateral_m,
-            **{name: getattr(update, name).tolist() for name, _ in _ARRAYS}}
-
-
-_ARRAYS = (('position_m', (3,)), ('position_cov_m2', (3, 3)), ('axes', (3, 3)),
-           ('quad_left_px', (4, 2)), ('quad_right_px', (4, 2)))
-
-
-def _update_of(data: Mapping[str, Any], stamp_ns: int, track: int) -> TrackUpdate:
-    return TrackUpdate(
-        stamp_ns=stamp_ns, track=track, lane=str(data['lane']), state=TrackState(data['state']),
-        speed_mps=float(data['speed_mps']), speed_std_mps=float(data['speed_std_mps']),
-        s_m=float(data['s_m']), lateral_m=float(data['lateral_m']),
-        **{name: _array(data[name], shape) for name, shape in _ARRAYS})
-
-
-def _array(values: Any, shape: tuple[int, ...]) -> Array:
-    array = np.array(values, dtype=np.float64)
-    if array.shape != shape:
-        raise ValueError(f'an array {array.shape} instead of {shape}')
-    return array
+def _value(kind: Any, value: Any, name: str) -> Any:
+    """Return a value of the type that a field of a record has."""
+    origin, inner = get_origin(kind), get_args(kind)
+    if origin is Union:
+        return None if value is None else _value(inner[0], value, name)
+    if origin is np.ndarray:
+        array = np.array(value, dtype=np.float64)
+        if array.shape != _SHAPES.get(name, array.shape):
+            raise ValueError(f'an array {array.shape} instead of {_SHAPES[name]}')
+        return array
+    if origin is tuple:
+        kinds = inner[:1] * len(value) if Ellipsis in inner else inner
+        return tuple(_value(one, item, name) for one, item in zip(kinds, value, strict=True))
+    return _record(kind, value) if hasattr(kind, '__dataclass_fields__') else kind(value)
 
 
 def _optional(value: Any) -> Optional[float]:
