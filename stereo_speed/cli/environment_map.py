@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from .options import number_in, Subparsers
 from ..core.errors import InputError
 from ..io.atomic import write_whole
-from ..io.decoding import decode_image
+from ..io.decoding import read_image
 from ..io.scene_map import load_regions
 from ..io.video import IMAGE_SUFFIXES, read_frames
 from ..monocular.distance import DistanceField
@@ -87,11 +87,7 @@ def _map_size(args: argparse.Namespace, image: Optional[NDArray[np.uint8]]) -> t
 def _first_image(path: Path) -> NDArray[np.uint8]:
     """Read an image, or the first frame of a video."""
     if path.is_file() and path.suffix.lower() in IMAGE_SUFFIXES:
-        data = np.fromfile(path, dtype=np.uint8)
-        image, why = decode_image(data, cv2.IMREAD_COLOR)
-        if image is None:
-            raise InputError(path, 'image', why, 'a complete image')
-        return np.asarray(image, dtype=np.uint8)
+        return np.asarray(read_image(path, cv2.IMREAD_COLOR, 'a complete image'), np.uint8)
     return next(read_frames(path)).image
 
 

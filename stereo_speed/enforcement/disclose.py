@@ -19,11 +19,12 @@ from numpy.typing import NDArray
 
 from .fingerprint import sha256
 from .page import DISCLOSED_NOTE, page_html, page_pdf, PageFacts
-from .recompute import read_image, read_json
+from .recompute import PICTURE, read_json
 from .verify import RECORD_FILE, SEAL_FILE, verify
 from ..core.errors import InputError
 from ..core.records import Array
 from ..io.atomic import staged
+from ..io.decoding import read_image
 from ..io.topics import SIDES
 from ..report.evidence_pictures import close_up, jpeg, window
 
@@ -119,5 +120,5 @@ def _coarse(image: Image, cells: int) -> Image:
 
 
 def _read(path: Path) -> Image:
-    image = read_image(path, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+    image = read_image(path, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION, PICTURE)
     return np.asarray(image, np.uint8)

@@ -18,7 +18,7 @@ from ..core.errors import InputError
 from ..core.passes import PassResult
 from ..core.records import StereoPair
 from ..core.trace import PassTrace, TracePair
-from ..io.decoding import decode_image
+from ..io.decoding import read_image
 from ..io.trace_json import trace_of
 from ..pipeline.assembly import MeasuringSite
 from ..pipeline.config import PipelineConfig
@@ -29,6 +29,7 @@ from ..tracking.lane_assigner import LaneAssigner
 from ..tracking.protocol import Refusal, SharesParticles
 
 SITE, CALIBRATION, TRACE = 'site.yaml', 'calibration.json', 'trace.json'
+PICTURE = 'a whole JPEG or PNG image'
 
 
 @dataclass(frozen=True)
@@ -116,7 +117,7 @@ def _stored_pair(folder: Path, raw: Mapping[str, Any], pair: TracePair, index: i
         except (KeyError, IndexError, TypeError, ValueError) as error:
             raise InputError(folder / RECORD_FILE, f'raw.files[{index}]',
                              f'{type(error).__name__}: {error}', 'the images of a pair') from None
-        grey = read_image(path, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH)
+        grey = read_image(path, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH, PICTURE)
         images.append(_pasted(grey, (x, y), (camera.height_px, camera.width_px), path))
     return StereoPair(index, pair.stamp_ns, pair.right_stamp_ns, images[0], images[1],
                       stamp_error_s=pair.stamp_error_s, motion=pair.motion)
@@ -131,25 +132,6 @@ def _pasted(crop: NDArray[Any], at: tuple[int, int], shape: tuple[int, int], pat
                          f'a part of a {shape[1]}x{shape[0]} px image')
     image = np.full(shape, int(crop.mean()), crop.dtype)
     image[y:y + height, x:x + width] = crop
-    return image
-
-
-def read_image(path: Path, flags: int) -> NDArray[Any]:
-    """
-    Read an image of a record.
-
-    :param path: of a JPEG or PNG file.
-    :param flags: of ``cv2.imdecode``.
-    :raises InputError: no such file, or one that makes no image.
-    """
-    wanted = 'a whole JPEG or PNG image'
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise InputError(path, 'image', error.strerror or error, wanted) from None
-    image, why = decode_image(np.frombuffer(data, np.uint8), flags)
-    if image is None:
-        raise InputError(path, 'image', why, wanted)
     return image
 
 

@@ -20,6 +20,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from .atomic import PathLike
+from ..core.errors import InputError
+
 MOST_BYTES = 1 << 27  # of decoded pixels: 33 megapixels in colour, 67 of 16-bit grey
 _JPEG_START, _PNG_START = b'\xff\xd8\xff', b'\x89PNG\r\n\x1a\n'
 # Lines of the decoders, by how they begin; what others write meanwhile is passed on.
@@ -56,6 +59,25 @@ def decode_image(data: NDArray[np.uint8], flags: int) -> tuple[Optional[NDArray[
         told = f' ({damage[0]})' if damage else ''
         return None, f'{data.size} bytes that cannot be decoded{told}'
     return np.asarray(image), ''
+
+
+def read_image(path: PathLike, flags: int, wanted: str, what: str = 'image') -> NDArray[Any]:
+    """
+    Read the image of a file.
+
+    :param flags: of ``cv2.imdecode``.
+    :param wanted: kind of image, for errors.
+    :param what: it is, for errors.
+    :raises InputError: no such file, or one that makes no image.
+    """
+    try:
+        data = np.fromfile(path, np.uint8)
+    except OSError as error:
+        raise InputError(path, what, error.strerror or error, wanted) from None
+    image, why = decode_image(data, flags)
+    if image is None:
+        raise InputError(path, what, why, wanted)
+    return image
 
 
 def stated_size(head: bytes) -> Optional[tuple[int, int, int]]:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .atomic import PathLike
-from .decoding import decode_image
+from .decoding import read_image
 from ..core.errors import InputError
 from ..core.strict_yaml import load_yaml, StrictMapping
 from ..monocular.distance import KINDS, Labels
@@ -22,13 +22,7 @@ def load_map(path: PathLike) -> Labels:
     :raises InputError: unreadable, or anything else in it.
     """
     wanted = 'an 8-bit grey image of 255 pathway, 128 accessible, 0 inaccessible'
-    try:
-        data = np.fromfile(path, dtype=np.uint8)
-    except OSError as error:
-        raise InputError(path, 'map', error.strerror, wanted) from None
-    image, why = decode_image(data, cv2.IMREAD_UNCHANGED)
-    if image is None:
-        raise InputError(path, 'map', why, wanted)
+    image = read_image(path, cv2.IMREAD_UNCHANGED, wanted, 'map')
     if image.dtype != np.uint8 or image.ndim != 2:
         raise InputError(path, 'map', f'{image.dtype} of shape {image.shape}', wanted)
     strange = sorted(set(np.unique(image).tolist()) - set(KINDS))

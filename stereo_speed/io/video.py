@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from .colour import bgr_from_message, Colour
-from .decoding import caught_chatter, decode_image
+from .decoding import caught_chatter, read_image
 from .recording import hash_files, Recording
 from .topics import IMAGE_TYPES
 from ..core.errors import BagError, InputError
@@ -134,10 +134,8 @@ def _file_frames(path: Path) -> Iterator[Frame]:
 
 def _folder_frames(folder: Path) -> Iterator[Frame]:
     for number, path in enumerate(image_files(folder), 1):
-        data = np.fromfile(path, dtype=np.uint8)
-        image, why = decode_image(data, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
-        if image is None:
-            raise InputError(path, 'image', why, 'a complete image')
+        image = read_image(path, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION,
+                           'a complete image')
         yield Frame(number, None, np.asarray(image, dtype=np.uint8))
 
 
