@@ -202,10 +202,9 @@ def verification(references: Sequence[ReferenceSpeed], vehicles: Sequence[Vehicl
         within=within, claims=claims)
 
 
-def passes_wanted(failures: int, reliability: float = RELIABILITY,
-                  confidence: float = _CONFIDENCE) -> int:
+def passes_wanted(failures: int) -> int:
     """
-    Return the passes that show a reliability, so many of them having failed.
+    Return the passes that show ``RELIABILITY``, so many of them having failed.
 
     The fewest n with P(failures or fewer of n | reliability) <= 1 - confidence (Clopper and
     Pearson 1934, one side).
@@ -213,7 +212,7 @@ def passes_wanted(failures: int, reliability: float = RELIABILITY,
     :param failures: errors beyond their limits.
     """
     return bisect_left(range(_MOST_PASSES), True, failures + 1, key=lambda n: bool(
-        binom.cdf(failures, n, 1 - reliability) <= 1 - confidence))
+        binom.cdf(failures, n, 1 - RELIABILITY) <= 1 - _CONFIDENCE))
 
 
 def reliability_shown(counted: int, failures: int) -> float:

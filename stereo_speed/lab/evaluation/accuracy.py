@@ -46,8 +46,7 @@ class PassRun:
 
 
 def accuracy_jobs(passes: int, *, seed: int, lines: LineKnowledge, pan_deg: float,
-                  tolerances: bool, changes: Mapping[str, Any],
-                  tracker: str = 'constrained', sway_deg: float = 0.0,
+                  tolerances: bool, changes: Mapping[str, Any], sway_deg: float = 0.0,
                   outdoors: Optional[Mapping[str, str]] = None,
                   detect: bool = False) -> list[Job]:
     """
@@ -59,14 +58,13 @@ def accuracy_jobs(passes: int, *, seed: int, lines: LineKnowledge, pan_deg: floa
     :param pan_deg: by which the right camera has turned since its calibration.
     :param tolerances: whether calibration and stamps are off within the tracker's tolerances.
     :param changes: parameters of the tracker that differ from the defaults.
-    :param tracker: name of the tracker.
     :param sway_deg: 1-sigma of each angle of the rig in each pair.
     :param outdoors: as of ``draw_pass``.
     :param detect: vehicles are detected, not annotated.
     """
     return [Job(key=f'pass{number:04d}', parameters={
         'number': number, 'seed': seed, 'lines': lines.value, 'pan_deg': pan_deg,
-        'sway_deg': sway_deg, 'tolerances': tolerances, 'tracker': tracker,
+        'sway_deg': sway_deg, 'tolerances': tolerances, 'tracker': 'constrained',
         'changes': dict(changes),
         'outdoors': None if outdoors is None else dict(outdoors), 'detect': detect})
         for number in range(passes)]

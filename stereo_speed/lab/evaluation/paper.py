@@ -39,7 +39,6 @@ class PaperTable:
 
     :param name: its number.
     :param sequence: the sequence, ours in the place of the paper's.
-    :param truth_mph: the true speed.
     :param varies: heading of what it varies.
     :param particles: fixed number of particles; None where they are what varies.
     :param parts: fixed number of parts N_p; None where they are what varies.
@@ -49,7 +48,6 @@ class PaperTable:
 
     name: str
     sequence: str
-    truth_mph: float
     varies: str
     rows: tuple[PaperRow, ...]
     particles: Optional[int] = None
@@ -58,24 +56,24 @@ class PaperTable:
 
 
 TABLE_1A = PaperTable(
-    name='Table I(a)', sequence='straight55', truth_mph=55.0, varies='particles N',
+    name='Table I(a)', sequence='straight55', varies='particles N',
     parts=10, step_mps=0.05, rows=(
         PaperRow(100, 54.50, 0.82, 127.5), PaperRow(200, 54.93, 0.33, 213.1),
         PaperRow(400, 54.95, 0.28, 405.3), PaperRow(600, 55.01, 0.31, 575.2),
         PaperRow(800, 54.95, 0.25, 761.4)))
 TABLE_1B = PaperTable(
-    name='Table I(b)', sequence='straight55', truth_mph=55.0, varies='parts N_p',
+    name='Table I(b)', sequence='straight55', varies='parts N_p',
     particles=200, step_mps=0.05, rows=(
         PaperRow(4, 54.01, 2.72), PaperRow(6, 54.24, 1.33), PaperRow(8, 54.71, 0.65),
         PaperRow(10, 54.93, 0.33), PaperRow(12, 54.95, 0.35), PaperRow(16, 55.05, 0.52)))
 TABLE_2A = PaperTable(
-    name='Table II(a)', sequence='curve28', truth_mph=28.0, varies='particles N',
+    name='Table II(a)', sequence='curve28', varies='particles N',
     parts=10, step_mps=0.15, rows=(
         PaperRow(100, 27.03, 3.129, 142.5), PaperRow(200, 27.16, 1.892, 233.2),
         PaperRow(400, 27.86, 0.961, 415.7), PaperRow(600, 27.83, 0.665, 598.0),
         PaperRow(800, 27.87, 0.575, 790.7)))
 TABLE_2B = PaperTable(
-    name='Table II(b)', sequence='curve28', truth_mph=28.0, varies='noise, m/s per frame',
+    name='Table II(b)', sequence='curve28', varies='noise, m/s per frame',
     particles=400, parts=10, rows=(
         PaperRow(0.05, 27.63, 0.601), PaperRow(0.10, 27.71, 0.731), PaperRow(0.15, 27.86, 0.961),
         PaperRow(0.20, 27.69, 1.409), PaperRow(0.25, 27.89, 1.513)))

@@ -44,15 +44,13 @@ class Outcome:
     missed: int
 
 
-def flipped_bytes(folder: Path, positions: int, rng: np.random.Generator,
-                  trusted: Sequence[str] = ()) -> Outcome:
+def flipped_bytes(folder: Path, positions: int, rng: np.random.Generator) -> Outcome:
     """
     Flip one bit of one stored byte at a time; the bytes are drawn from all that are stored.
 
     :param folder: of sound records; left as it was.
     :param positions: how many.
     :param rng: source of all randomness.
-    :param trusted: public keys, hex.
     """
     files = sorted(p for p in folder.rglob('*') if p.is_file())
     ends = np.cumsum([p.stat().st_size for p in files])
@@ -64,7 +62,7 @@ def flipped_bytes(folder: Path, positions: int, rng: np.random.Generator,
         offset = int(at - ends[number] + len(data))
         spoilt = bytes([data[offset] ^ 1 << int(rng.integers(8))])
         path.write_bytes(data[:offset] + spoilt + data[offset + 1:])
-        missed += verify(folder, trusted=trusted).sound
+        missed += verify(folder).sound
         path.write_bytes(data)
     return Outcome('one bit of one stored byte flipped', positions, missed)
 
@@ -101,7 +99,7 @@ def damages(folder: Path) -> Iterator[tuple[str, Callable[[Path], None]]]:
     yield 'entry doubled', partial(_keep, [*range(lines), lines - 1])
 
 
-def spoilt_files(folder: Path, trusted: Sequence[str] = ()) -> list[Outcome]:
+def spoilt_files(folder: Path) -> list[Outcome]:
     """Return what came of each kind of :func:`damages`, done to copies of some records."""
     counts: dict[str, list[int]] = {}
     with tempfile.TemporaryDirectory(dir=folder.parent) as aside:
@@ -110,7 +108,7 @@ def spoilt_files(folder: Path, trusted: Sequence[str] = ()) -> list[Outcome]:
             spoil(copy)
             count = counts.setdefault(kind, [0, 0])
             count[0] += 1
-            count[1] += verify(copy, trusted=trusted).sound
+            count[1] += verify(copy).sound
             shutil.rmtree(copy)
     return [Outcome(kind, *count) for kind, count in counts.items()]
 

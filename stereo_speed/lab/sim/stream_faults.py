@@ -18,10 +18,11 @@ from numpy.typing import NDArray
 from .traffic import TrafficPair
 from ...core.pair_matcher import Match, PairMatcher
 from ...core.records import StereoPair
+from ...io.topics import SIDES
 
 JUMP_NS = 1_000_000_000  # a stamp this far back is time starting anew, not a late image
 LATE_TOLERANCE_NS = 60_000_000  # of the pairing, where right stamps are late
-SIDES = ('left', 'right')
+_PAUSE_S, _MOST_S = 5.0, 2.0  # mean time between two times of the fault, longest of one
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,16 +175,13 @@ class FaultyStream:
     :param stream: the traffic.
     :param fault: one of ``FAULTS``.
     :param rng: source of all randomness of the fault.
-    :param pause_s: mean time between two times of the fault, s.
-    :param most_s: longest time that it holds, s.
 
     ``images`` has the images that came out since it was last cleared, in the order of coming.
     """
 
-    def __init__(self, stream: Iterable[TrafficPair], fault: str, rng: np.random.Generator, *,
-                 pause_s: float = 5.0, most_s: float = 2.0) -> None:
+    def __init__(self, stream: Iterable[TrafficPair], fault: str, rng: np.random.Generator
+                 ) -> None:
         self._stream, self._name, self._rng = stream, fault, rng
-        self._pause_s, self._most_s = pause_s, most_s
         self._matcher = PairMatcher(LATE_TOLERANCE_NS if fault in APPROXIMATE else 0)
         self._last_ns = dict.fromkeys(SIDES, -1)
         self._anew = False
@@ -211,10 +209,10 @@ class FaultyStream:
                     yield from self._paired(sent)
 
     def _next(self, at_s: float) -> float:
-        return at_s + float(self._rng.exponential(self._pause_s))
+        return at_s + float(self._rng.exponential(_PAUSE_S))
 
     def _length(self) -> float:
-        return float(self._rng.uniform(0.1, self._most_s))
+        return float(self._rng.uniform(0.1, _MOST_S))
 
     def _paired(self, image: SentImage) -> Iterator[FaultyPair]:
         """Take an image as ``nodes/pairing.py`` does; yield the pairs that are now certain."""

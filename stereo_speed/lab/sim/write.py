@@ -82,15 +82,13 @@ def write_bag(sequence: SimSequence, folder: Union[str, Path], storage: str = 'm
     return Path(folder)
 
 
-def write_traffic_bag(stream: TrafficStream, folder: Union[str, Path], storage: str = 'mcap',
-                      encoding: str = 'mono8', compressed: bool = False,
-                      jpeg_quality: int = 95) -> Path:
+def write_traffic_bag(stream: TrafficStream, folder: Union[str, Path], compressed: bool = False
+                      ) -> Path:
     """
-    Write a stream of traffic as it comes: ``bag/``, ``site.yaml`` and ``truth.csv``.
+    Write a stream of traffic as it comes: ``bag/`` (MCAP), ``site.yaml`` and ``truth.csv``.
 
     The parameters, the result and the errors are those of :func:`write_bag`.
     """
-    _check(storage, encoding)
     truth: list[TrafficRow] = []
 
     def pairs() -> Iterator[StereoPair]:
@@ -98,15 +96,14 @@ def write_traffic_bag(stream: TrafficStream, folder: Union[str, Path], storage: 
             truth.extend(one.truth)
             yield one.pair
     with _aside(folder) as work:
-        _write_messages(stream.rig, pairs(), work, storage,
-                        encoding if not compressed else '', jpeg_quality)
+        _write_messages(stream.rig, pairs(), work, 'mcap', '' if compressed else 'mono8')
         _write_yaml(stream.site, work / 'site.yaml')
         write_truth(truth, work / 'truth.csv', TRAFFIC_COLUMNS)
     return Path(folder)
 
 
 def write_pairs(rig: StereoRig, pairs: Iterable[StereoPair], folder: Union[str, Path],
-                storage: str = 'mcap', encoding: str = 'mono8', compressed: bool = False) -> Path:
+                storage: str = 'mcap', compressed: bool = False) -> Path:
     """
     Write ``bag/`` (``bag.bag`` for ROS 1) alone.
 
@@ -115,9 +112,8 @@ def write_pairs(rig: StereoRig, pairs: Iterable[StereoPair], folder: Union[str, 
 
     The other parameters, the result and the errors are those of :func:`write_bag`.
     """
-    _check(storage, encoding)
     with _aside(folder) as work:
-        _write_messages(rig, pairs, work, storage, '' if compressed else encoding, 95)
+        _write_messages(rig, pairs, work, storage, '' if compressed else 'mono8')
     return Path(folder)
 
 
@@ -150,7 +146,7 @@ def _write_yaml(content: Mapping[str, object], path: Path) -> None:
 
 
 def _write_messages(rig: StereoRig, pairs: Iterable[StereoPair], folder: Path, storage: str,
-                    encoding: str, quality: int) -> None:
+                    encoding: str, quality: int = 95) -> None:
     """Write the bag; an empty encoding means compressed images."""
     store = get_typestore(Stores.ROS1_NOETIC if storage == 'ros1' else Stores.ROS2_JAZZY)
     make = _Messages(rig, store.types, storage == 'ros1', encoding, quality)

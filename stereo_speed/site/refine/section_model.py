@@ -10,7 +10,6 @@ together with the levels, all cross-sections at once.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Optional
 
 import numpy as np
 from scipy.optimize import minimize
@@ -143,14 +142,10 @@ def _ridge(shape: Shape, size: int, level: Array, noise_grey: float) -> Array:
 
 
 def tuned(shape: Shape, across_m: Array, grey: Array, px_per_m: Array, start_m: Array,
-          noise_grey: float, width_m: Optional[float] = None) -> Shape:
-    """
-    Return the shape, with width and blur, that the cross-sections of a line agree on.
-
-    :param width_m: the width, where it is known.
-    """
+          noise_grey: float) -> Shape:
+    """Return the shape, with width and blur, that the cross-sections of a line agree on."""
     def of(x: Array) -> Shape:
-        width = float(np.exp(x[1])) if len(x) > 1 else (width_m or 0.0)
+        width = float(np.exp(x[1])) if len(x) > 1 else 0.0
         return replace(shape, blur_px=float(np.exp(x[0])), width_m=width)
 
     window = np.abs(across_m - start_m[:, None]) <= shape.half_window_m(px_per_m)[:, None]
@@ -164,7 +159,7 @@ def tuned(shape: Shape, across_m: Array, grey: Array, px_per_m: Array, start_m: 
         return float(np.mean(np.log(places.rms**2 + _FLOOR_VARIANCE)))
 
     start = [np.log(shape.blur_px)]
-    if shape.kind == BAND and width_m is None:
+    if shape.kind == BAND:
         start.append(np.log(shape.width_m))
     found = minimize(cost, start, method='Nelder-Mead', options={
         'maxfev': 45, 'xatol': 0.01, 'fatol': 1e-4, 'initial_simplex': _simplex(start)})
