@@ -31,6 +31,11 @@ class FrontConfig(CheckedRecord):
         0.40, 0.05, 2.0, 'm', 'height of the lower edge of the quad on lorries')
     tall_high_m: float = parameter(1.25, 0.3, 3.0, 'm', 'height of its upper edge there')
     tall_width_m: float = parameter(2.14, 1.5, 2.5, 'm', 'what is narrower is no lorry')
+    raised_low_m: float = parameter(
+        0.45, 0.05, 2.0, 'm', 'height of the lower edge of the quad on cars and vans that show '
+        'nothing but their lamps, as by night')
+    raised_high_m: float = parameter(
+        1.0, 0.3, 3.0, 'm', 'height of its upper edge there')
     least_width_m: float = parameter(
         1.0, 0.5, 2.0, 'm', 'what is narrower is no vehicle')
     narrow_low_m: float = parameter(
@@ -41,6 +46,14 @@ class FrontConfig(CheckedRecord):
         0.4, 0.2, 1.0, 'm', 'what is narrower is no two-wheeler')
     narrow_most_m: float = parameter(
         1.2, 0.6, 2.0, 'm', 'what is wider is no two-wheeler')
+    narrow_length_m: float = parameter(
+        1.5, 0.0, 4.0, 'm', 'how far behind the front of a two-wheeler its rider and luggage '
+        'reach: seen aslant, they are beside it')
+    narrow_behind_m: float = parameter(
+        18.0, 0.0, 30.0, 'm', 'so far behind a front, as lorries are long, what is narrow and at '
+        'the side of that vehicle is part of it')
+    narrow_side_m: float = parameter(
+        0.5, 0.0, 2.0, 'm', 'what is so near to the side of a vehicle, across the lane, is at it')
     reach_m: float = parameter(
         1.9, 0.3, 6.0, 'm', 'how far beside the path of a lane the middle of a vehicle may be')
     least_cross_ncc: float = parameter(
@@ -59,6 +72,7 @@ class FrontConfig(CheckedRecord):
         super().__post_init__()
         check_order('low_m', self.low_m, 'high_m', self.high_m)
         check_order('tall_low_m', self.tall_low_m, 'tall_high_m', self.tall_high_m)
+        check_order('raised_low_m', self.raised_low_m, 'raised_high_m', self.raised_high_m)
         check_order('narrow_low_m', self.narrow_low_m, 'narrow_high_m', self.narrow_high_m)
         check_order('narrow_least_m', self.narrow_least_m, 'narrow_most_m', self.narrow_most_m)
 

@@ -4,9 +4,10 @@
 Finds vehicles by itself: upright, symmetric fronts that come along a lane.
 
 Proposals come from a plane sweep along each lane (``plane_sweep``); what both views and an earlier
-pair must show of them is in ``front_search``.  A front is symmetric besides: the lower part of a
-vehicle is.  So vehicles are found from the second pair on, whatever the light, without anything to
-be learned first.
+pair must show of them is in ``front_search``.  A front
+is symmetric besides: the lower part of a vehicle is; that of a two-wheeler need not be, for it is
+outlined by what moves.  So vehicles are found from the second pair on, whatever the light, without
+anything to be learned first.
 """
 from __future__ import annotations
 

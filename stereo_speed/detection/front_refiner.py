@@ -44,10 +44,10 @@ _SAME_X_M = 0.3  # and nearer across it, are one
 _ALIKE = 0.5  # edges of a front are alike by more than this, mirrored and in the other view
 _WEAK_SHARE = 0.5  # weaker edges, as a share of the strongest, do not count
 _LEAST_HALF_M = 0.45  # edges nearer to the axis are not those of a front
-FLANK_HALF_M = 0.3  # half of what must be no part of a vehicle on either side of a narrow front
 _NARROW_SHARE = 0.4  # of the least width of a narrow front, as far from its axis
 _BEYOND_M = 0.06  # a front ends a little beyond its outermost strong edges, often those of lamps
 _OFF_SHIFTS = 1  # road or front may be a little higher or nearer than path or refinement say
+AS_SHARP = 0, 0  # levels of the pyramids below the usual one, left and right
 _LEAST_RATE = 0.2  # of depth, as a share of that at rest: below it the motion hides the depth
 
 
@@ -67,14 +67,6 @@ class FrontKind:
     high_m: float
     least_width_m: float
     narrow_m: Optional[float] = None
-
-    @property
-    def flanks_m(self) -> tuple[float, ...]:
-        """Return the offsets of the middles of what is beside a narrow front."""
-        if self.narrow_m is None:
-            return ()
-        beside_m = self.narrow_m / 2 + FLANK_HALF_M
-        return -beside_m, beside_m
 
     @property
     def half(self) -> int:
@@ -191,19 +183,27 @@ class FrontRefiner:
             batch = batch.take(np.array(_distinct(batch, symmetric), dtype=np.int64))
         return out
 
-    def standing_ncc(self, front: FrontHypothesis, now: PairPyramids) -> float:
-        """Return the correlation of the views of what stands at a place, a little off or not."""
-        return self._views_ncc(front, now, False)
+    def standing_ncc(self, front: FrontHypothesis, now: PairPyramids,
+                     coarser: tuple[int, int] = AS_SHARP) -> float:
+        """
+        Return the correlation of the views of what stands at a place, a little off or not.
 
-    def lying_ncc(self, front: FrontHypothesis, now: PairPyramids) -> float:
+        :param coarser: levels of the pyramids below the usual one, of the left and the right view.
+        """
+        return self._views_ncc(front, now, False, coarser)
+
+    def lying_ncc(self, front: FrontHypothesis, now: PairPyramids,
+                  coarser: tuple[int, int] = AS_SHARP) -> float:
         """Return the correlation of the views as if what is seen of a front lay on the road."""
-        return self._views_ncc(front, now, True)
+        return self._views_ncc(front, now, True, coarser)
 
-    def _views_ncc(self, front: FrontHypothesis, now: PairPyramids, lying: bool) -> float:
+    def _views_ncc(self, front: FrontHypothesis, now: PairPyramids, lying: bool,
+                   coarser: tuple[int, int]) -> float:
         s, x, ahead = (np.array([v]) for v in (front.s_m, front.x_m, front.ahead_m))
         half = round(front.half_m / GRID_M)
-        left = level_rows(self.sampler.left(s, x, half, now))
-        right = self.sampler.right(s, x, half + _OFF_SHIFTS, now, ahead, lying=lying)
+        left = level_rows(self.sampler.left(s, x, half, now, coarser=coarser[0]))
+        right = self.sampler.right(s, x, half + _OFF_SHIFTS, now, ahead, lying=lying,
+                                   coarser=coarser[1])
         width = left.shape[2]
         return max(float(plain_correlate(left, level_rows(right[:, :, k:k + width]))[0])
                    for k in range(2 * _OFF_SHIFTS + 1))

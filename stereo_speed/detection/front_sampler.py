@@ -9,7 +9,7 @@ import numpy as np
 
 from .lane_geometry import LaneGeometry
 from .patch_kernels import Floats
-from .pyramid import level_of, PairPyramids, Patches, Pyramid
+from .pyramid import level_of, LEVELS, PairPyramids, Patches, Pyramid
 from ..core.records import Array
 
 GRID_M = 0.03  # between samples across
@@ -50,8 +50,8 @@ class FrontSampler:
         self.geometry = geometry
         self.heights_m = np.linspace(high_m, low_m, ROWS)
 
-    def left(self, s_m: Floats, x_m: Floats, half: int, pair: PairPyramids, stride: int = 1
-             ) -> Patches:
+    def left(self, s_m: Floats, x_m: Floats, half: int, pair: PairPyramids, stride: int = 1,
+             coarser: int = 0) -> Patches:
         """
         Return windows of planes in the left view.
 
@@ -59,13 +59,14 @@ class FrontSampler:
         :param x_m: (n,) middles.
         :param half: samples from the middle to the edge, a multiple of the stride.
         :param stride: 2 takes every other sample of both axes.
+        :param coarser: how many levels of the pyramid below the one that suits the samples.
         :return: (n, rows, 2 half + 1), or as many as the stride leaves.
         """
         uv = self.geometry.left_pixels(s_m, x_m, _reach(half, stride), self.heights_m[::stride])
-        return self._sampled(s_m, uv, pair.left)
+        return self._sampled(s_m, uv, pair.left, coarser)
 
     def right(self, s_m: Floats, x_m: Floats, half: int, pair: PairPyramids, ahead_m: Floats,
-              stride: int = 1, lying: bool = False) -> Patches:
+              stride: int = 1, lying: bool = False, coarser: int = 0) -> Patches:
         """
         Return windows of planes in the right view.
 
@@ -76,10 +77,11 @@ class FrontSampler:
         """
         uv = self.geometry.right_pixels(s_m, x_m, _reach(half, stride), self.heights_m[::stride],
                                         ahead_m, lying)
-        return self._sampled(s_m, uv, pair.right)
+        return self._sampled(s_m, uv, pair.right, coarser)
 
-    def _sampled(self, s_m: Floats, uv: Patches, view: Pyramid) -> Patches:
-        levels = level_of(self.geometry.rates(s_m).px_per_m * GRID_M)
+    def _sampled(self, s_m: Floats, uv: Patches, view: Pyramid, coarser: int) -> Patches:
+        levels = np.minimum(
+            level_of(self.geometry.rates(s_m).px_per_m * GRID_M) + coarser, LEVELS - 1)
         out = np.empty(uv.shape[:3], np.float32)
         for level in np.unique(levels):
             out[levels == level] = view.sample(uv[levels == level], int(level))

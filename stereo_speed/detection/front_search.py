@@ -15,15 +15,16 @@ from typing import Mapping, Optional, Protocol, Sequence
 import numpy as np
 
 from .config import FrontConfig, MotionConfig, SpacingConfig
-from .front_refiner import FLANK_HALF_M, FrontKind, FrontRefiner
-from .front_sampler import FrontHypothesis, FrontSampler
+from .front_refiner import AS_SHARP, FrontKind, FrontRefiner
+from .front_sampler import FrontHypothesis, FrontSampler, GRID_M
 from .lane_geometry import LaneGeometry
+from .outline import going_width, moving_outline
 from .plane_sweep import Proposal
 from .protocol import Detection, EarlierFront
 from .pyramid import PairPyramids
 from .spacing import Place, Spacing
 from .temporal_match import (
-    find_motion, find_travel, goes_along, Interval, Motion, moved, moving_half)
+    find_motion, find_travel, Interval, Motion, moved, moving_half)
 from ..core.records import Array, StereoPair
 from ..geometry.camera import Camera
 from ..geometry.rig import StereoRig
@@ -31,6 +32,9 @@ from ..road.lanes import LanePath
 
 _MARGIN_PX = 2.0  # a quad nearer to the edge of an image cannot be sampled about its corners
 _LEAST_DOUBT = 0.005  # no two views agree better than this, whatever their correlation
+# Coarser levels of one view look as the other does out of focus; those of both show less noise.
+_SHARPNESSES = AS_SHARP, (1, 1), (1, 0), (0, 1), (2, 0), (0, 2)
+_BLUR_M = 0.15  # what goes with a front seems wider by this
 _NOISE_SHARE = 0.2  # of each pair in the running estimate of the noise
 _NOISE_STEP = 8  # pixels between those that the noise is estimated from
 _FIRST_NOISE = 2.0  # grey levels, before two pairs have been seen
@@ -130,6 +134,7 @@ class FrontSearch:
         front = config.front
         kinds = (FrontKind(front.low_m, front.high_m, front.least_width_m),
                  FrontKind(front.tall_low_m, front.tall_high_m, front.tall_width_m),
+                 FrontKind(front.raised_low_m, front.raised_high_m, front.least_width_m),
                  FrontKind(front.narrow_low_m, front.narrow_high_m, front.narrow_least_m,
                            front.narrow_most_m))
         self._refiners = {
@@ -153,8 +158,11 @@ class FrontSearch:
             held = [*taken, *(f.place for f in out)]
             free = [p for p in proposals if not self.spacing.meet(
                 lane, self._place(lane, p.s_m, p.x_m, 0.0), held)][:most]
-            fronts = refiner.refine(free, Interval(moment.now, moment.past[0]), moment.noise,
-                                    symmetric)
+            interval = Interval(moment.now, moment.past[0])
+            fronts = refiner.refine(free, interval, moment.noise, symmetric)
+            if refiner.kind.narrow_m is not None and symmetric:
+                fronts += refiner.refine(self._outlined(free, refiner, interval, moment.noise),
+                                         interval, moment.noise, False)
             for front in sorted(fronts, key=lambda f: -min(f.cross_ncc, f.symmetry)):
                 found = self._verified(lane, refiner, front, moment,
                                        [*taken, *(f.place for f in out)])
@@ -162,12 +170,28 @@ class FrontSearch:
                     out.append(found)
         return out
 
+    def _outlined(self, proposals: Sequence[Proposal], refiner: FrontRefiner, interval: Interval,
+                  noise: float) -> list[Proposal]:
+        """Return proposals with middle and width of what moves there, if it is narrow."""
+        out = []
+        for one in proposals:
+            found = moving_outline(refiner.sampler, one.x_m, one.s_m,
+                                   2 * refiner.kind.half * GRID_M, interval, noise,
+                                   self.config.motion)
+            if found is not None and 2 * found[1] >= refiner.kind.least_width_m:
+                out.append(replace(one, x_m=found[0], half_m=found[1]))
+        return out
+
     def _verified(self, lane: str, refiner: FrontRefiner, front: FrontHypothesis, moment: Moment,
                   others: Sequence[Place]) -> Optional[FoundFront]:
         """Return a front that stands upright and was further back in one of the earlier pairs."""
         place = self._place(lane, front.s_m, front.x_m, front.half_m)
-        if self.spacing.meet(lane, place, others) or not self._is_upright(
-                front, refiner, moment.now):
+        limits = self.config.front
+        if self.spacing.meet(lane, place, others) or (
+                refiner.kind.narrow_m is not None and self.spacing.is_at_side(
+                    lane, place, others, limits.narrow_behind_m, limits.narrow_side_m)):
+            return None
+        if not self._is_upright(front, refiner, moment.now):
             return None
         for before in moment.past:
             interval = Interval(moment.now, before)
@@ -177,7 +201,7 @@ class FrontSearch:
                 continue
             half_m = moving_half(refiner.sampler, front, motion, interval, moment.noise,
                                  self.config.motion)
-            if half_m > 0 and not self._is_part(front, motion, refiner, interval):
+            if half_m > 0 and not self._is_part(front, motion, refiner, interval, moment.noise):
                 return FoundFront(lane, replace(front, half_m=half_m), motion, place,
                                   refiner.sampler, before)
         return None
@@ -185,30 +209,36 @@ class FrontSearch:
     def _is_upright(self, front: FrontHypothesis, refiner: FrontRefiner, now: PairPyramids
                     ) -> bool:
         """Return whether a front stands on its plane and looks like one."""
+        looks_like_one = (self.least_symmetry is None or refiner.kind.narrow_m is not None
+                          or front.symmetry >= self.least_symmetry)
+        return (looks_like_one and abs(front.x_m) < self.config.front.reach_m
+                and any(self._stands(front, refiner, now, k) for k in _SHARPNESSES))
+
+    def _stands(self, front: FrontHypothesis, refiner: FrontRefiner, now: PairPyramids,
+                coarser: tuple[int, int]) -> bool:
+        """
+        Return whether the views of a front agree on its plane, and much less so on the road.
+
+        :param coarser: levels of the pyramids below the usual one, of the left and the right view.
+        """
         limits = self.config.front
-        doubt = max(1 - front.cross_ncc, _LEAST_DOUBT)
-        return (front.cross_ncc >= limits.least_cross_ncc
-                and (self.least_symmetry is None or refiner.kind.narrow_m is not None
-                     or front.symmetry >= self.least_symmetry)
-                and abs(front.x_m) < limits.reach_m
-                and 1 - refiner.lying_ncc(front, now) > limits.upright_factor * doubt)
+        stands = refiner.standing_ncc(front, now, coarser)
+        if coarser == AS_SHARP:  # between the samples they agree still better
+            stands = max(stands, front.cross_ncc)
+        doubt = max(1 - stands, _LEAST_DOUBT)
+        return (stands >= limits.least_cross_ncc
+                and 1 - refiner.lying_ncc(front, now, coarser) > limits.upright_factor * doubt)
 
     def _is_part(self, front: FrontHypothesis, motion: Motion, refiner: FrontRefiner,
-                 interval: Interval) -> bool:
-        """Return whether something beside a narrow front stands as it does, or goes with it."""
-        limits = self.config.front
-        for beside_m in refiner.kind.flanks_m:
-            flank = replace(front, x_m=front.x_m + beside_m, half_m=FLANK_HALF_M)
-            stands, lies = (ncc(flank, interval.now)
-                            for ncc in (refiner.standing_ncc, refiner.lying_ncc))
-            if stands >= max(limits.least_cross_ncc, lies):
-                return True
-            # A line on the road looks alike all along; the views show that it lies.
-            on_road = 1 - stands > limits.upright_factor * max(1 - lies, _LEAST_DOUBT)
-            if not on_road and goes_along(refiner.sampler, flank, motion, interval,
-                                          self.config.motion):
-                return True
-        return False
+                 interval: Interval, noise: float) -> bool:
+        """Return whether a narrow front is part of a wider one, which goes with it."""
+        kind, limits = refiner.kind, self.config
+        if kind.narrow_m is None:
+            return False
+        aslant = refiner.sampler.geometry.aslant(front.s_m, front.x_m)
+        most_m = kind.narrow_m + limits.front.narrow_length_m * abs(aslant) + _BLUR_M
+        return going_width(refiner.sampler, front, motion, interval, noise,
+                           limits.motion) > most_m
 
     def _place(self, lane: str, s_m: float, x_m: float, half_m: float) -> Place:
         front = self.config.front

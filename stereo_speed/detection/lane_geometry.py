@@ -124,6 +124,17 @@ class LaneGeometry:
         x, _ = self._met(np.full(len(uv_px), s_m), self.rig.left.rays(uv_px))
         return x
 
+    def aslant(self, s_m: float, x_m: float) -> float:
+        """
+        Return how far to its left the left camera sees what is a metre behind a place.
+
+        :param s_m: arc length of the place.
+        :param x_m: its offset to the left of the path.
+        """
+        frame = self.lane.path.frame(np.array(s_m))
+        along, left, _ = (self.lane.path.position(np.array(s_m)) + x_m * frame[:, 1]) @ frame
+        return float(left / along) if along else 0.0
+
     def on_road(self, uv_px: Array) -> float:
         """
         Return the arc length at which a ray of the left camera meets the road; NaN if nowhere.

@@ -58,9 +58,28 @@ class Spacing:
         along_m = self.config.along_m + self.config.headway_s * speed_mps
         return any(self._near(lane, one, other, along_m) for other in others)
 
+    def is_at_side(self, lane: str, one: Place, others: Iterable[Place], behind_m: float,
+                   side_m: float) -> bool:
+        """
+        Return whether a place is at the side of a vehicle, behind its front.
+
+        :param lane: of the place.
+        :param behind_m: so far behind it at most.
+        :param side_m: so near to its side, across the lane.
+        """
+        for other in others:
+            along_m, across_m, _ = self._apart(lane, one, other)
+            if -behind_m < along_m < 0 and abs(abs(across_m) - other.half_m) < side_m:
+                return True
+        return False
+
     def _near(self, lane: str, one: Place, other: Place, along_m: float) -> bool:
-        path = self.lanes[lane].path
-        frame = path.frame(path.arc_length(other.centre_m))
-        apart = np.abs(frame.T @ (one.centre_m - other.centre_m))
+        apart = np.abs(self._apart(lane, one, other))
         across_m = max(one.half_m + other.half_m, self.config.across_m)
         return bool(apart[0] < along_m and apart[1] < across_m)
+
+    def _apart(self, lane: str, one: Place, other: Place) -> Array:
+        """Return how far one place is ahead of another, to its left and above it, m."""
+        path = self.lanes[lane].path
+        return np.asarray(path.frame(path.arc_length(other.centre_m)).T
+                          @ (one.centre_m - other.centre_m))

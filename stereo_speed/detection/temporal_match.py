@@ -23,7 +23,7 @@ _NEAR_SHARE = 0.2  # either way, as a share of that way
 _STEP_PX = 1.0  # between the places tried
 _STRIDE = 2  # every other sample is enough at first
 _SURE_HALF_M = 0.6  # half of the middle of a front, which must not change
-_OFF_SAMPLES = 0.5  # two samplings of a front may be displaced by so much
+OFF_SAMPLES = 0.5  # two samplings of a front may be displaced by so much
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,26 +137,6 @@ def moved(motion: Motion, config: MotionConfig) -> bool:
             and motion.ncc > motion.still_ncc + config.still_margin)
 
 
-def goes_along(sampler: FrontSampler, front: FrontHypothesis, motion: Motion, interval: Interval,
-               config: MotionConfig) -> bool:
-    """
-    Return whether what is seen at a place goes with a front, rather than standing still.
-
-    :param sampler: of its lane.
-    :param front: the place, in the pair.
-    :param motion: of the front, from the earlier pair.
-    :param interval: the pair and the earlier one.
-    :param config: parameters.
-    """
-    half = round(front.half_m / GRID_M)
-    s, x = np.array([front.s_m]), np.array([front.x_m])
-    mine, still, gone = (v - v.mean() for v in (
-        sampler.left(s, x, half, interval.now), sampler.left(s, x, half, interval.before),
-        sampler.left(s - motion.gone_m, x + motion.aside_m, half, interval.before)))
-    ncc = float(correlate(mine, gone)[0])
-    return ncc >= config.least_ncc and ncc > float(correlate(mine, still)[0]) + config.still_margin
-
-
 def moving_half(sampler: FrontSampler, front: FrontHypothesis, motion: Motion,
                 interval: Interval, noise: float, config: MotionConfig) -> float:
     """
@@ -185,7 +165,7 @@ def moving_half(sampler: FrontSampler, front: FrontHypothesis, motion: Motion,
         b = (b - b[:, middle].mean()) * gain + a[:, middle].mean()
         steep = np.square(np.gradient(a)).sum(axis=0)
         change += np.square(a - b).sum(axis=0)
-        allowed += (2 * noise ** 2 + _OFF_SAMPLES ** 2 * steep).sum(axis=0)
+        allowed += (2 * noise ** 2 + OFF_SAMPLES ** 2 * steep).sum(axis=0)
     change, allowed = (np.convolve(v, np.ones(3), 'same') for v in (change, allowed))
     bad = change > config.change_factor * allowed
     if bad[middle].mean() > config.occluded_share:

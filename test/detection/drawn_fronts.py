@@ -44,8 +44,9 @@ class Front:
     :param x_m: offset of its middle to the left of travel, m.
     :param symmetric: whether it is its own mirror image.
     :param lying: it is painted on the road.
-    :param half_m: half of its width, m.
     :param pole_m: half the width of a pole before its middle, m.
+    :param half_m: half of its width, m.
+    :param low_m: height of its lower edge above the road, m.
     """
 
     s_m: float
@@ -54,6 +55,7 @@ class Front:
     lying: bool = False
     pole_m: float = 0.0
     half_m: float = HALF_M
+    low_m: float = LOW_M
 
 
 def drawn(camera, centre_m, fronts, rng):
@@ -71,7 +73,7 @@ def drawn(camera, centre_m, fronts, rng):
         column = (np.abs(x) if front.symmetric else 0.7 * x) / CELL_M
         values = ndimage.map_coordinates(_FRONT, np.stack([h / CELL_M, column + 2]), order=1,
                                          mode='reflect')
-        here = (np.abs(x) <= front.half_m) & (h >= LOW_M) & (h <= HIGH_M)
+        here = (np.abs(x) <= front.half_m) & (h >= front.low_m) & (h <= HIGH_M)
         image = np.where(here, values, image)
         image = np.where(here & (np.abs(x) < front.pole_m), 128.0, image)
     noisy = image + rng.normal(0, NOISE, image.shape)

@@ -12,6 +12,8 @@ from stereo_speed.detection.config import DetectorConfig, FrontConfig, MotionCon
 @pytest.mark.parametrize(('kind', 'values', 'named'), [
     (FrontConfig, {'low_m': 0.8, 'high_m': 0.8}, 'low_m: found 0.8, wanted less than high_m'),
     (FrontConfig, {'tall_low_m': 1.3}, 'tall_low_m: found 1.3, wanted less than tall_high_m'),
+    (FrontConfig, {'raised_low_m': 1.1},
+     'raised_low_m: found 1.1, wanted less than raised_high_m'),
     (FrontConfig, {'tall_width_m': 3.0}, 'tall_width_m'),
     (MotionConfig, {'reference_s': 0.8}, 'reference_s: found 0.8'),
     (MotionConfig, {'least_speed_mps': 12.0, 'greatest_speed_mps': 12.0}, 'least_speed_mps'),

@@ -184,7 +184,9 @@ def test_only_vehicles_are_found_in_traffic(traffic):
             gaps = {row['vehicle']: offset_m(one, row, traffic) for row in rows}
             vehicle = min(gaps, key=lambda v: np.abs(gaps[v][:2]).sum())
             along, across, _ = gaps[vehicle]
-            assert abs(across) < 0.5 and abs(along) < bound_m(one, traffic)
+            whole = next(row['visible'] for row in rows if row['vehicle'] == vehicle) > 0.98
+            # What covers part of a front in one view displaces the other part that both match.
+            assert abs(across) < 0.5 and abs(along) < bound_m(one, traffic) * (1 if whole else 2)
             found.setdefault(vehicle, set()).add(one.lane)
     assert all(len(lanes) == 1 for lanes in found.values())
     counted = {row['vehicle']: row['lane'] for rows in traffic.truth.values() for row in rows

@@ -3,10 +3,12 @@
 """Two-wheelers: fronts that are narrow, and alone on the road."""
 from __future__ import annotations
 
-from drawn_fronts import Front, LANES, pair_of, RIG, SPEED_MPS, STEP_NS
+from drawn_fronts import Front, LANE_M, LANES, pair_of, RIG, SPEED_MPS, START_M, STEP_NS
+import numpy as np
 import pytest
 from stereo_speed.detection.config import DetectorConfig, FrontConfig
 from stereo_speed.detection.detector import PlaneSweepDetector
+from stereo_speed.detection.protocol import TrackedRegion
 
 STEP_M = SPEED_MPS * STEP_NS * 1e-9
 
@@ -42,3 +44,47 @@ def test_part_of_a_wide_front_is_no_two_wheeler():
     detector = PlaneSweepDetector(RIG, LANES, DetectorConfig())
     wide = [Front(20.0 + k * STEP_M, symmetric=False) for k in range(3)]
     assert not any(detector.update(pair_of([front], k)) for k, front in enumerate(wide))
+
+
+def test_a_narrow_front_need_not_be_symmetric():
+    detector = PlaneSweepDetector(RIG, LANES, DetectorConfig())
+    found = [detector.update(pair_of([Front(20.0 + k * STEP_M, half_m=0.35, symmetric=False)], k))
+             for k in range(2)]
+    (one,) = found[1]
+    assert one.width_m == pytest.approx(0.7, abs=0.2)
+    assert one.lateral_m == pytest.approx(0, abs=0.1)
+
+
+def held(width_m, s_m, x_m=0.0):
+    """Return what a track holds of a vehicle."""
+    return TrackedRegion(lane='lane', s_m=s_m, lateral_m=x_m, width_m=width_m, height_m=0.6,
+                         left_px=np.zeros((4, 2)), right_px=np.zeros((4, 2)))
+
+
+@pytest.mark.parametrize(('ahead_m', 'x_m', 'width_m', 'limits', 'is_found'), [
+    (14.0, 1.2, 2.5, {}, False),  # at the side of a lorry
+    (14.0, 1.2, 2.5, {'narrow_behind_m': 12.0}, True),
+    (14.0, 1.9, 2.5, {'narrow_side_m': 0.8}, False),
+    (14.0, 1.9, 2.5, {}, True),
+    (14.0, 0.0, 2.5, {}, True),  # behind its middle
+    (25.0, 1.2, 2.5, {}, True)])
+def test_what_is_at_the_side_of_a_long_vehicle_is_part_of_it(
+        ahead_m, x_m, width_m, limits, is_found):
+    detector = PlaneSweepDetector(RIG, LANES, DetectorConfig(front=FrontConfig(**limits)))
+    for k in range(2):
+        s_m = 12.0 + k * STEP_M
+        found = detector.update(pair_of([Front(s_m, half_m=0.35)], k),
+                                [held(width_m, s_m + ahead_m, x_m)])
+    assert bool(found) == is_found
+
+
+def test_a_rider_behind_the_front_is_seen_aslant():
+    """So far aside as the camera is, what is behind a front looks wider by some of its depth."""
+    def found(length_m):
+        detector = PlaneSweepDetector(RIG, LANES, DetectorConfig(
+            front=FrontConfig(narrow_length_m=length_m, narrow_most_m=0.6,
+                              least_width_m=1.5)))
+        return [d for k in range(2) for d in detector.update(
+            pair_of([Front(20.0 + k * STEP_M, half_m=0.42)], k))]
+    assert LANE_M / (START_M - 20.0 - STEP_M) > 0.1
+    assert not found(0.0) and found(1.5)

@@ -426,6 +426,7 @@ def swept(scenario: str, value: Any = None, **given: Any) -> Case:
 
 TWO = {'particles': 60, 'particle_budget': 100}
 LORRY = {'front__least_width_m': 2.0, 'front__tall_width_m': 1.5}
+HIGH = {'front__low_m': 1.0, 'front__high_m': 2.5}  # where a car shows nothing
 UNCERTAIN = {'max_speed_std_mps': 0.0, 'max_speed_std_share': 0.0}
 AT_ONCE = {'visibility.confirm_pairs': 1}
 ANY_STD = {'max_speed_std_share': 1.0}
@@ -493,6 +494,8 @@ CASES: dict[str, Case] = {
     SWEEP + 'sweep.most_proposals': swept('followed', 1, spacing__headway_s=0.0),
     SWEEP + 'sweep.most_refined': swept('followed', 1, spacing__headway_s=0.0),
     SWEEP + 'front.low_m': swept('swept', 0.4),
+    SWEEP + 'front.raised_low_m': swept('swept', 0.3, **HIGH),
+    SWEEP + 'front.raised_high_m': swept('swept', 0.9, **HIGH),
     SWEEP + 'front.tall_low_m': swept('swept', 0.3, **LORRY),
     SWEEP + 'front.tall_high_m': swept('swept', 1.0, **LORRY),
     SWEEP + 'front.tall_width_m': swept('swept', 1.5, front__least_width_m=2.0),

@@ -1,0 +1,86 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""What of a window moves: middles and widths without symmetry, and parts of something wider."""
+from __future__ import annotations
+
+from dataclasses import replace
+
+from drawn_fronts import Front, LANE, pair_of, pyramids_of, RIG, SPEED_MPS, STEP_NS
+import pytest
+from stereo_speed.detection.config import MotionConfig
+from stereo_speed.detection.front_sampler import FrontHypothesis, FrontSampler
+from stereo_speed.detection.lane_geometry import LaneGeometry
+from stereo_speed.detection.outline import going_width, moving_outline
+from stereo_speed.detection.pyramid import Pyramid
+from stereo_speed.detection.temporal_match import find_motion, Interval
+
+STEP_M = SPEED_MPS * STEP_NS * 1e-9
+S_M = 30.0
+SAMPLER = FrontSampler(LaneGeometry(RIG, LANE), 0.4, 1.25)
+GRID_M = 0.03
+
+
+def interval_of(now, before):
+    return Interval(pyramids_of(pair_of(now, 1)), pyramids_of(pair_of(before, 0)))
+
+
+def came(x_m=0.0, half_m=0.35, gone_m=STEP_M, **how):
+    """Return a front that moved, symmetric or not, in its pair and the one before."""
+    return interval_of([Front(S_M, x_m, half_m=half_m, **how)],
+                       [Front(S_M - gone_m, x_m, half_m=half_m, **how)])
+
+
+@pytest.mark.parametrize('symmetric', [True, False])
+@pytest.mark.parametrize('x_m', [-0.3, 0.4])
+def test_the_outline_of_what_moves_needs_no_symmetry(x_m, symmetric):
+    interval = came(x_m, symmetric=symmetric)
+    middle_m, half_m = moving_outline(SAMPLER, 0.0, S_M, 1.2, interval, 1.0, MotionConfig())
+    # Road that one view sees beside the front and the other does not is 12 cm wide at its top.
+    assert middle_m == pytest.approx(x_m, abs=0.06 + GRID_M)
+    assert half_m == pytest.approx(0.35, abs=0.06 + GRID_M)
+
+
+def test_what_stands_still_has_no_outline():
+    still = [Front(S_M, half_m=0.35)]
+    assert moving_outline(SAMPLER, 0.0, S_M, 1.2, interval_of(still, still), 1.0,
+                          MotionConfig()) is None
+
+
+def test_darker_pairs_have_the_same_outline():
+    interval = came()
+    dark = Pyramid(tuple(0.85 * level for level in interval.before.left.levels),
+                   interval.before.left.origin_px)
+    darker = Interval(interval.now, replace(interval.before, left=dark))
+    bright, dim = (moving_outline(SAMPLER, 0.0, S_M, 1.2, one, 1.0, MotionConfig())
+                   for one in (interval, darker))
+    assert dim == pytest.approx(bright, abs=2 * GRID_M)
+
+
+def width_of(interval, x_m=0.0, half_m=0.35):
+    front = FrontHypothesis(S_M, x_m, half_m)
+    motion = find_motion(SAMPLER, front, interval, MotionConfig())
+    return going_width(SAMPLER, front, motion, interval, 1.0, MotionConfig())
+
+
+@pytest.mark.parametrize('gone_m', [1.0, STEP_M])
+def test_what_goes_with_a_narrow_front_is_as_wide(gone_m):
+    """Neither the road nor what the front has uncovered of it counts."""
+    assert width_of(came(gone_m=gone_m)) == pytest.approx(0.7, abs=4 * GRID_M)
+
+
+@pytest.mark.parametrize('x_m', [-0.5, 0.0, 0.5])
+def test_what_goes_with_part_of_a_wide_front_is_wider_than_a_two_wheeler(x_m):
+    assert width_of(came(half_m=0.9, symmetric=False), x_m) > 1.6
+
+
+def test_what_stands_beside_a_narrow_front_does_not_go_with_it():
+    post = Front(S_M + 1.0, 1.0, half_m=0.2)
+    both = interval_of([Front(S_M, half_m=0.35), post], [Front(S_M - STEP_M, half_m=0.35), post])
+    assert width_of(both) == pytest.approx(0.7, abs=4 * GRID_M)
+
+
+def test_a_shadow_that_goes_along_does_not_count():
+    def pair(s_m):  # the shadow lies beside and behind the front, where its window shows it
+        return [Front(s_m - 4.0, 1.2, half_m=0.4, lying=True), Front(s_m, half_m=0.35)]
+    alone, shaded = width_of(came()), width_of(interval_of(pair(S_M), pair(S_M - STEP_M)))
+    assert shaded == pytest.approx(alone, abs=4 * GRID_M)

@@ -1,0 +1,54 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Fronts in views that are not equally sharp, and fronts of which little is seen."""
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+from drawn_fronts import Front, LANES, pair_of, RIG, SPEED_MPS, STEP_NS
+import numpy as np
+import pytest
+from stereo_speed.detection.config import DetectorConfig, FrontConfig
+from stereo_speed.detection.detector import PlaneSweepDetector
+
+STEP_M = SPEED_MPS * STEP_NS * 1e-9
+
+
+def out_of_focus(pair, side, blur_px, rng):
+    """Return a pair one view of which is blurred, before the noise of its sensor."""
+    view = cv2.GaussianBlur(getattr(pair, side), (0, 0), blur_px).astype(float)
+    noisy = np.clip(np.round(view + rng.normal(0, 1.0, view.shape)), 0, 255).astype(np.uint8)
+    return replace(pair, **{side: noisy})
+
+
+def found_in(fronts, change=lambda pair: pair, config=DetectorConfig()):
+    """Return what is found of fronts (one list for each pair) in each pair."""
+    detector = PlaneSweepDetector(RIG, LANES, config)
+    return [detector.update(change(pair_of(one, k))) for k, one in enumerate(fronts)]
+
+
+@pytest.mark.parametrize('side', ['left', 'right'])
+@pytest.mark.parametrize('blur_px', [0.8, 1.5])
+def test_a_front_is_found_though_one_view_is_out_of_focus(side, blur_px):
+    rng = np.random.default_rng(5)
+    found = found_in([[Front(20.0 + k * STEP_M)] for k in range(2)],
+                     lambda pair: out_of_focus(pair, side, blur_px, rng))
+    (one,) = found[1]
+    assert one.s_m == pytest.approx(20.0 + STEP_M, abs=1.0)
+
+
+@pytest.mark.parametrize('side', ['left', 'right'])
+def test_what_lies_on_the_road_is_no_front_out_of_focus_either(side):
+    rng = np.random.default_rng(6)
+    found = found_in([[Front(20.0 + k * STEP_M, lying=True)] for k in range(3)],
+                     lambda pair: out_of_focus(pair, side, 2.0, rng))
+    assert not any(found)
+
+
+def test_a_front_that_shows_nothing_but_what_is_high_up_is_found():
+    """By night lamps are all there is of a van, above where the fronts of cars are looked for."""
+    fronts = [[Front(20.0 + k * STEP_M, low_m=0.85)] for k in range(2)]
+    assert len(found_in(fronts)[1]) == 1
+    low = FrontConfig(raised_low_m=0.2, raised_high_m=0.6, narrow_most_m=0.6)
+    assert not found_in(fronts, config=DetectorConfig(front=low))[1]
