@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Mapping, Optional, Sequence
 
 import numpy as np
@@ -55,8 +54,7 @@ class RunPictures:
         """Return itself."""
         return self
 
-    def __exit__(self, kind: Optional[type[BaseException]], value: Optional[BaseException],
-                 trace: Optional[TracebackType]) -> None:
+    def __exit__(self, *_: object) -> None:
         """Remove a video that is not finished."""
         if self._video is not None:
             self._video.close()

@@ -18,11 +18,12 @@ from .options import number_in, Subparsers
 from ..core.config import load_config
 from ..core.errors import InputError
 from ..io.atomic import prepare_folder
+from ..io.recording import hash_files
 from ..io.results import file_sha256, software_versions
 from ..io.scene_map import check_map_size, load_map
 from ..io.target_results import ANNOTATED, SUMMARY, write_targets
 from ..io.targets_file import check_targets, load_targets
-from ..io.video import frames_missing, read_frames, video_hash
+from ..io.video import frames_missing, read_frames
 from ..io.video_writer import VideoWriter
 from ..monocular.boxes import Target, TargetEnd, TargetEstimate
 from ..monocular.config import MonocularConfig
@@ -166,5 +167,5 @@ def summary(args: argparse.Namespace, config: MonocularConfig,
     return {'versions': software_versions(), 'tracker': args.tracker, 'seed': args.seed,
             'stride': args.stride, 'parameters': asdict(config), 'frames': result.frames,
             'frames_missing': result.missing, 'ends': ends,
-            'input_sha256': video_hash(args.video), 'map_sha256': file_sha256(args.map),
+            'input_sha256': hash_files(args.video), 'map_sha256': file_sha256(args.map),
             'init_sha256': file_sha256(args.init)}

@@ -230,7 +230,7 @@ def _pictures(case: Violation, setting: Setting, shown: Shown, files: dict[str, 
               ) -> list[dict[str, Any]]:
     """Add whole pairs, plain and marked, and the close-up; return what they are."""
     place, out = setting.place, []
-    widest = max(_width(update.quad_left_px) for _, update in shown)
+    widest = max(shown, key=lambda one: float(np.ptp(one[1].quad_left_px[:, 0])))[0]
     for number, (index, update) in enumerate(shown, 1):
         where = f'pair at {update.stamp_ns} ns'
         pair = case.trace.pairs[index]
@@ -247,13 +247,9 @@ def _pictures(case: Violation, setting: Setting, shown: Shown, files: dict[str, 
             row[f'{side}_front_px'] = np.round(quad, 3).tolist()
             files[row[side]], files[row[f'{side}_marked']] = data, jpeg(view)
         out.append(row)
-        if _width(update.quad_left_px) >= widest:
+        if index == widest:
             files['close_up.jpg'] = jpeg(close_up(views[0], update.quad_left_px))
     return out
-
-
-def _width(quad_px: Array) -> float:
-    return float(np.ptp(quad_px[:, 0]))
 
 
 def _plot(case: Violation, setting: Setting) -> bytes:

@@ -54,7 +54,7 @@ def verify(folder: Path, head: Optional[Path] = None, trusted: Sequence[str] = (
     """
     if not folder.is_dir():
         raise InputError(folder, 'evidence', 'no such folder', 'a folder of records, or of one')
-    if (folder / RECORD_FILE).exists() or (folder / SEAL_FILE).exists():
+    if _is_record(folder):
         return _verify_one(folder, trusted)
     if not (folder / CHAIN_FILE).exists() and not (folder / HEAD_FILE).exists() \
             and not any(_is_record(p) for p in folder.iterdir() if p.is_dir()):

@@ -12,7 +12,6 @@ from __future__ import annotations
 import json
 from pathlib import Path
 import sqlite3
-from types import TracebackType
 from typing import Any, Mapping, Optional, Sequence, Union
 
 from .pass_json import FORMAT, pass_text
@@ -64,8 +63,7 @@ class PassLog:
         """Return itself."""
         return self
 
-    def __exit__(self, kind: Optional[type[BaseException]], value: Optional[BaseException],
-                 trace: Optional[TracebackType]) -> None:
+    def __exit__(self, *_: object) -> None:
         """Keep what was added, and close the file."""
         self.close()
 

@@ -12,8 +12,7 @@ import heapq
 from pathlib import Path
 import shutil
 import tempfile
-from types import TracebackType
-from typing import Collection, Optional, Sequence
+from typing import Collection, Sequence
 
 from .atomic import csv_text, PathLike, prepare_folder
 from .results import TRACK_COLUMNS, track_row
@@ -39,8 +38,7 @@ class TrackRows:
         """Return itself."""
         return self
 
-    def __exit__(self, kind: Optional[type[BaseException]], value: Optional[BaseException],
-                 trace: Optional[TracebackType]) -> None:
+    def __exit__(self, *_: object) -> None:
         """Let go of the file."""
         self._file.close()
 

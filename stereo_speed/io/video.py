@@ -16,7 +16,7 @@ import numpy as np
 
 from .colour import bgr_from_message, Colour
 from .decoding import caught_chatter, read_image
-from .recording import hash_files, Recording
+from .recording import Recording
 from .topics import IMAGE_TYPES
 from ..core.errors import BagError, InputError
 
@@ -92,11 +92,6 @@ def image_files(folder: Path) -> list[Path]:
     found = [p for p in folder.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES]
     return sorted(found, key=lambda p: [int(t) if t.isdecimal() else t
                                         for t in re.split(r'(\d+)', p.name)])
-
-
-def video_hash(path: Union[str, Path]) -> str:
-    """Return the SHA-256, hex, of the video's files; see :func:`.recording.hash_files`."""
-    return hash_files(Path(path))
 
 
 def _checked(frames: Iterator[Frame], path: Path) -> Iterator[Frame]:

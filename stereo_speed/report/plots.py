@@ -15,7 +15,6 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ..core.passes import PassResult, Verdict
 from ..core.records import Array, TrackState, TrackUpdate
@@ -89,13 +88,9 @@ def speed_figure(updates: Sequence[TrackUpdate], passes: Sequence[PassResult],
              ylabel=f'speed, {unit.name}')
     other = SpeedUnit('mph' if unit.name == 'km/h' else 'km/h')
     ratio = unit.mps / other.mps
-
-    def to_other(speed: ArrayLike) -> Array:
-        return np.asarray(speed, float) * ratio
-
-    def from_other(speed: ArrayLike) -> Array:
-        return np.asarray(speed, float) / ratio
-    right = axes.secondary_yaxis('right', functions=(to_other, from_other))
+    right = axes.secondary_yaxis('right', functions=(
+        lambda speed: np.asarray(speed, float) * ratio,
+        lambda speed: np.asarray(speed, float) / ratio))
     right.set_ylabel(f'speed, {other.name}')
     show_legend(figure, axes, columns=3)
     return figure

@@ -14,6 +14,7 @@ from typing import Any, Iterable, Mapping, Optional, TypeVar
 import numpy as np
 
 from ..core.records import Array, InitialFront
+from ..geometry.rig import StereoRig
 from ..road.problem import RoadPrior
 from ..site.extras import DashPeriod, LinesApart, PointsApart, RigCorrection
 from ..site.file import PickedLine, Site, SurveyedLine
@@ -220,6 +221,11 @@ class Draft:
             return None
         return RigCorrection(np.array(self.correction[:3]),
                              np.array(self.correction[3:]).reshape(3, 3))
+
+    def rig_now(self, rig: StereoRig) -> StereoRig:
+        """Return the rig as the draft has it stand, given as it was calibrated."""
+        known = self.rig_correction
+        return rig if known is None else rig.drifted(known.drift_rad)
 
 
 def as_numbers(correction: Optional[RigCorrection]) -> Optional[tuple[float, ...]]:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from concurrent.futures import Executor, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Callable, Optional, TypeVar
 
@@ -49,25 +49,20 @@ class Scene:
     def __init__(self, path: Path, left: Optional[str] = None, right: Optional[str] = None
                  ) -> None:
         self.path = path
-        self._thread = ThreadPoolExecutor(1, 'bag')
+        self.thread = ThreadPoolExecutor(1, 'bag')  # where to run what reads the bag
         self._bag = StereoBag(path, left=left, right=right)
         self._kept: OrderedDict[int, StereoPair] = OrderedDict()
         try:
-            self._thread.submit(self._open).result()
+            self.thread.submit(self._open).result()
         except BaseException:
             self.close()
             raise
 
-    @property
-    def thread(self) -> Executor:
-        """Return where to run what reads the bag."""
-        return self._thread
-
     def close(self) -> None:
         """Close the bag."""
         if hasattr(self, 'pair_count'):
-            self._thread.submit(self._bag.close).result()
-        self._thread.shutdown()
+            self.thread.submit(self._bag.close).result()
+        self.thread.shutdown()
 
     def _open(self) -> None:
         bag = self._bag.__enter__()

@@ -280,11 +280,7 @@ class Studio:
         space, scene = self._drawing(), self._filmed()
         step = Step(await _body(request), ('view', 'at'))
         view, at = step.choice('view', VIEWS), step.pixel()
-        rig = scene.rig
-        correction = space.draft.rig_correction
-        if correction is not None:
-            rig = rig.drifted(correction.drift_rad)
-        plane = space.figures.plane
+        rig, plane = space.draft.rig_now(scene.rig), space.figures.plane
         place = None if plane is None else on_plane(rig, plane, view, at)
         return web.json_response({
             'curve': epipolar_curve(rig, view, at).round(2).tolist(),

@@ -222,10 +222,8 @@ class Workspace:
         """Write where vehicles were marked in several pairs; :raises InputError: none was."""
         if self.scene is None:
             raise InputError(WHERE, 'bag', 'none', 'a bag, for its cameras and stamps')
-        site = self.draft.rig_correction
-        rig = self.scene.rig if site is None else self.scene.rig.drifted(site.drift_rad)
         return self._write('truth', self.truth_path, truth_csv(
-            self.draft, rig, self.scene.stamp_of), overwrite)
+            self.draft, self.draft.rig_now(self.scene.rig), self.scene.stamp_of), overwrite)
 
     def _write(self, kind: str, path: Path, text: str, overwrite: bool) -> Path:
         if not overwrite and _digest(path) != self._on_disk[path]:

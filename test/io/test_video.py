@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from stereo_speed.core.errors import BagError, InputError
-from stereo_speed.io.video import (
-    frames_missing, image_files, is_bag, read_frames, video_hash)
+from stereo_speed.io.recording import hash_files
+from stereo_speed.io.video import frames_missing, image_files, is_bag, read_frames
 from stereo_speed.io.video_writer import VideoWriter
 
 COUNT = 12
@@ -181,9 +181,9 @@ def test_bag_by_its_name_or_content(tmp_path, bags, frames):
 
 def test_hash_is_of_the_content(tmp_path, frames):
     one, two = as_folder(tmp_path / 'a', frames[:2]), as_folder(tmp_path / 'b', frames[:2])
-    assert video_hash(one) == video_hash(two)
+    assert hash_files(one) == hash_files(two)
     cv2.imwrite(str(two / 'frame_2.png'), frames[3])
-    assert video_hash(one) != video_hash(two)
+    assert hash_files(one) != hash_files(two)
 
 
 def test_video_appears_when_whole(tmp_path, frames):

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Optional, Sequence
 
@@ -41,9 +42,9 @@ def add_parser(subparsers: Subparsers) -> None:
     add('--truth', type=Path, help='truth.csv of a bag')
     add('--left', metavar='TOPIC', help='topic of the left images')
     add('--right', metavar='TOPIC', help='topic of the right images')
-    add('--sequences', type=_sequences, default=[], metavar='NAMES',
+    add('--sequences', type=partial(_names, known=tuple(SEQUENCES)), default=[], metavar='NAMES',
         help='simulated sequences, with commas, or all: ' + ', '.join(SEQUENCES))
-    add('--trackers', type=_trackers, default=None, metavar='NAMES',
+    add('--trackers', type=partial(_names, known=TRACKERS.names), default=None, metavar='NAMES',
         help='with commas (default: all): ' + ', '.join(TRACKERS.names))
     add('--seeds', type=number_in(int, 1, 1000), default=None, metavar='K',
         help='runs of each (default: 10; 20 of each cell of the tables of the paper)')
@@ -56,14 +57,6 @@ def add_parser(subparsers: Subparsers) -> None:
     add_job_options(parser)
     evaluate_monocular.add_options(parser)
     parser.set_defaults(run=run)
-
-
-def _sequences(text: str) -> list[str]:
-    return _names(text, tuple(SEQUENCES))
-
-
-def _trackers(text: str) -> list[str]:
-    return _names(text, TRACKERS.names)
 
 
 def _names(text: str, known: Sequence[str]) -> list[str]:

@@ -22,9 +22,10 @@ from ...batch.job import Job, Result
 from ...core.errors import InputError
 from ...core.records import Array
 from ...io.mot import load_truth
+from ...io.recording import hash_files
 from ...io.scene_map import check_map_size, load_map
 from ...io.targets_file import load_targets
-from ...io.video import read_frames, video_hash
+from ...io.video import read_frames
 from ...monocular.boxes import overlap, Target, TargetEstimate
 from ...monocular.config import MonocularConfig
 from ...monocular.distance import DistanceField
@@ -123,7 +124,7 @@ def plan_jobs(scene: VideoScene, settings: Sequence[Setting], seeds: int,
     files = hashlib.sha256(b''.join(Path(p).read_bytes() for p in (
         scene.map, scene.init, scene.truth))).hexdigest()
     common = {'scene': asdict(scene), 'settings': [asdict(s) for s in settings],
-              'config': asdict(config), 'input': [video_hash(scene.video), files]}
+              'config': asdict(config), 'input': [hash_files(Path(scene.video)), files]}
     name = Path(scene.video).name
     return [Job(key=f'{name}, seed {seed}', parameters={**common, 'seed': seed}, group=f'{seed}')
             for seed in range(seeds)]
