@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .distortion import Lens, LENSES
-from .projection import NEAREST_M, project, Projection
+from .projection import NEAREST_M, projected, Projection
 from ..core.errors import CalibrationError
 from ..core.records import Array
 
@@ -83,7 +83,8 @@ class Camera:
         return LENSES[self.model](self.D)
 
     @cached_property
-    def _projection(self) -> Projection:
+    def projection(self) -> Projection:
+        """Return the camera as the kernels of projection take it."""
         return Projection.of(self.lens, self.K, (self.width_px, self.height_px), self.rotation)
 
     def distort(self, xy: Array) -> Array:
@@ -130,10 +131,8 @@ class Camera:
         :param points_m: (..., 3) in this camera's frame, or in that which ``rotation`` is from.
         """
         points_m = np.asarray(points_m, dtype=np.float64)
-        if self._projection.known:
-            flat = np.ascontiguousarray(points_m.reshape(-1, 3))
-            uv_px, valid = project(flat, *self._projection)
-            return uv_px.reshape(*points_m.shape[:-1], 2), valid.reshape(points_m.shape[:-1])
+        if self.projection.known:
+            return projected(points_m, self.projection)
         if self.rotation is not None:
             points_m = points_m @ self.rotation.T
         front = points_m[..., 2] > NEAREST_M

@@ -28,6 +28,7 @@ class Projection(NamedTuple):
     :param centre: (2,) principal point, px.
     :param size: (2,) width and height of the image, px.
     :param rotation: (3, 3) from the points' frame to the camera's.
+    :param offset_m: (3,) origin of the points' frame in the camera's.
     """
 
     kind: int
@@ -37,6 +38,7 @@ class Projection(NamedTuple):
     centre: Array
     size: Array
     rotation: Array
+    offset_m: Array
 
     @classmethod
     def of(cls, lens: Lens, K: Array, size: tuple[int, int], rotation: Array | None
@@ -53,7 +55,17 @@ class Projection(NamedTuple):
         coefficients[:lens.size] = lens.coefficients
         return cls(kind, coefficients, lens.limit, np.array([K[0, 0], K[1, 1], K[0, 1]]),
                    np.array([K[0, 2], K[1, 2]]), np.array(size, dtype=np.float64),
-                   np.eye(3) if rotation is None else np.ascontiguousarray(rotation))
+                   np.eye(3) if rotation is None else np.ascontiguousarray(rotation), np.zeros(3))
+
+    def seen_from(self, R: Array, t: Array) -> Projection:
+        """
+        Return the same camera for points of another frame.
+
+        :param R: (3, 3) from that frame to that of the points so far.
+        :param t: (3,) its origin in that of the points so far.
+        """
+        return self._replace(rotation=self.rotation @ R,
+                             offset_m=self.rotation @ t + self.offset_m)
 
     @property
     def known(self) -> bool:
@@ -63,8 +75,8 @@ class Projection(NamedTuple):
 
 def _plain(points_m: Array, *camera: Any) -> tuple[Array, NDArray[np.bool_]]:
     """Return the pixels (n, 2) of points (n, 3), NaN behind the camera, and which are valid."""
-    kind, k, limit, focal, centre, size, rotation = camera
-    points_m = points_m @ rotation.T
+    kind, k, limit, focal, centre, size, rotation, offset_m = camera
+    points_m = points_m @ rotation.T + offset_m
     front = points_m[:, 2] > NEAREST_M
     xy = points_m[:, :2] / np.where(front, points_m[:, 2], np.nan)[:, None]
     lens = Equidistant(k[:4]) if kind == _EQUIDISTANT else RationalPolynomial(k)
@@ -77,20 +89,20 @@ def _plain(points_m: Array, *camera: Any) -> tuple[Array, NDArray[np.bool_]]:
     return uv, valid
 
 
-@kernel(_plain, '(f8[:,::1], i8, f8[::1], f8, f8[::1], f8[::1], f8[::1], f8[:,::1])')
+@kernel(_plain, '(f8[:,::1], i8, f8[::1], f8, f8[::1], f8[::1], f8[::1], f8[:,::1], f8[::1])')
 def project(points_m: Any, kind: int, k: Any, limit: float, focal: Any, centre: Any, size: Any,
-            rotation: Any) -> Any:
+            rotation: Any, offset_m: Any) -> Any:
     """Return pixels (n, 2) of points (n, 3), NaN behind the camera, and which (n,) are valid."""
     n = len(points_m)
     uv, valid = np.empty((n, 2)), np.zeros(n, np.bool_)
     for i in range(n):
         p, q, r = points_m[i, 0], points_m[i, 1], points_m[i, 2]
-        z = rotation[2, 0] * p + rotation[2, 1] * q + rotation[2, 2] * r
+        z = rotation[2, 0] * p + rotation[2, 1] * q + rotation[2, 2] * r + offset_m[2]
         if not z > NEAREST_M:
             uv[i, 0] = uv[i, 1] = np.nan
             continue
-        x = (rotation[0, 0] * p + rotation[0, 1] * q + rotation[0, 2] * r) / z
-        y = (rotation[1, 0] * p + rotation[1, 1] * q + rotation[1, 2] * r) / z
+        x = (rotation[0, 0] * p + rotation[0, 1] * q + rotation[0, 2] * r + offset_m[0]) / z
+        y = (rotation[1, 0] * p + rotation[1, 1] * q + rotation[1, 2] * r + offset_m[1]) / z
         r2 = x * x + y * y
         a, b = x, y
         if kind == _RATIONAL:
@@ -113,3 +125,10 @@ def project(points_m: Any, kind: int, k: Any, limit: float, focal: Any, centre: 
         valid[i] = (u >= -0.5 and u <= size[0] - 0.5 and v >= -0.5 and v <= size[1] - 0.5
                     and r2 <= limit * limit)
     return uv, valid
+
+
+def projected(points_m: Array, camera: Projection) -> tuple[Array, NDArray[np.bool_]]:
+    """Return the pixels (..., 2) of points (..., 3) in a known camera, and which are valid."""
+    shape = points_m.shape[:-1]
+    uv_px, valid = project(np.ascontiguousarray(points_m.reshape(-1, 3)), *camera)
+    return uv_px.reshape(*shape, 2), valid.reshape(shape)

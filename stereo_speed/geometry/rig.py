@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from .camera import Camera
+from .projection import projected, Projection
 from ..core.errors import CalibrationError
 from ..core.records import Array, RigMotion
 
@@ -118,16 +119,26 @@ class StereoRig:
         """
         return np.asarray(points_m, dtype=np.float64) @ self.R.T + self.t
 
-    def project(self, points_m: Array
+    def project(self, points_m: Array, later_m: Optional[Array] = None
                 ) -> tuple[Array, Array, NDArray[np.bool_], NDArray[np.bool_]]:
         """
         Return the raw pixels of points, left and right, and their validity, left and right.
 
         :param points_m: (..., 3) in the left camera's frame.
+        :param later_m: (..., 3) where they are when the right view is exposed; None for there.
         """
-        uv_left, valid_left = self.left.project(points_m)
-        uv_right, valid_right = self.right.project(self.to_right(points_m))
-        return uv_left, uv_right, valid_left, valid_right
+        left, in_left = self.left.project(points_m)
+        later_m = points_m if later_m is None else later_m
+        if self._right.known:
+            right, in_right = projected(np.asarray(later_m, dtype=np.float64), self._right)
+        else:
+            right, in_right = self.right.project(self.to_right(later_m))
+        return left, right, in_left, in_right
+
+    @cached_property
+    def _right(self) -> Projection:
+        """Return the right camera, for points of the left one's frame."""
+        return self.right.projection.seen_from(self.R, self.t)
 
     def epipolar_lines_right(self, uv_left: Array) -> Array:
         """

@@ -5,14 +5,16 @@ What each model of motion makes of what the images say: a kernel.
 
 In plain numpy each model is one system of normal equations, as ``motion_prior`` writes it down.
 The loop solves the same in parts.  The motion along the path, across it and above it are made once
-for all models that share them.  In each of these, what the images do not see is eliminated: speeds
-and accelerations, and the errors of the path.  What is left for each model are the poses alone.
+for all models that share them, whatever the images say.  In each of these, what the images do not
+see is eliminated: speeds and accelerations, and the errors of the path.  What is left for each
+model are the poses alone.
 """
 from __future__ import annotations
 
 from typing import NamedTuple, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .motion_prior import MotionModel, normal_equations, PassMotion, Processes
 from ..core.compiled import inlined, kernel
@@ -35,36 +37,38 @@ class Answers(NamedTuple):
 
 
 def answers(motion: PassMotion, times_s: Array, state: Array, models: Sequence[MotionModel],
-            H: Array, right: Array, *, covariances: bool = False) -> Answers:
+            said: Sequence[int], H: Array, right: Array, *, covariances: bool = False) -> Answers:
     """
     Return what models of motion make of what the images say.
 
     :param motion: priors of a pass.
     :param times_s: (n,) stamps, s.
     :param state: (n, 4) s, a, b and speed as known so far; for what is not linear.
-    :param H: (3 n, 3 n) information of the images about the poses, and
-    :param right: (3 n,) information times measurement.
+    :param said: (m,) for each model, which of what the images may say it is held to.
+    :param H: (k, 3 n, 3 n) information of the images about the poses, and
+    :param right: (k, 3 n) information times measurement, of all that they may say.
     :param covariances: whether to return these.
     :raises numpy.linalg.LinAlgError: the equations cannot be solved.
     """
     begun = motion.beginning(len(times_s))
     table = np.array([[np.nan if m.speed_rate_std is None else m.speed_rate_std,
                        m.changes_lanes, m.ride_std_m] for m in models])
+    held = np.array(said, dtype=np.int64)
     found = Answers(*_answers(H, right, begun.H, begun.g, begun.log_rows, times_s, state, table,
-                              np.array(motion.processes), int(covariances)))
+                              held, np.array(motion.processes), int(covariances)))
     if not np.isfinite(found.log_evidence).all():
         raise np.linalg.LinAlgError('information matrix not positive definite')
     return found
 
 
 def plain_answers(H: Array, right: Array, begun: Array, begun_right: Array, log_rows: float,
-                  times_s: Array, state: Array, models: Array, processes: Array,
-                  covariances: int) -> tuple[Array, Array, Array]:
+                  times_s: Array, state: Array, models: Array, said: NDArray[np.int64],
+                  processes: Array, covariances: int) -> tuple[Array, Array, Array]:
     """
     Return the answers, each from the normal equations of all unknowns.
 
-    :param H: (3 n, 3 n) information of the images about the poses.
-    :param right: (3 n,) information times measurement.
+    :param H: (k, 3 n, 3 n) information of the images about the poses.
+    :param right: (k, 3 n) information times measurement.
     :param begun: (5 n + 3, 5 n + 3) information about how the pass begins.
     :param begun_right: (5 n + 3,) information times measurement.
     :param log_rows: as that of ``NormalEquations``.
@@ -72,6 +76,7 @@ def plain_answers(H: Array, right: Array, begun: Array, begun_right: Array, log_
     :param state: (n, 4).
     :param models: (m, 3) rate of the speed, NaN where the acceleration has one; whether it
         changes lanes; ride, m.
+    :param said: (m,) which H and right each is held to.
     :param processes: those of ``Processes``.
     :param covariances: whether to return these, else the array of them is empty.
     """
@@ -80,8 +85,8 @@ def plain_answers(H: Array, right: Array, begun: Array, begun_right: Array, log_
     steady = 4 * len(times_s) + 3
     kinds = [MotionModel(1.0, None if np.isnan(rate) else float(rate), bool(changes), float(ride))
              for rate, changes, ride in models]
-    found = [condition(prior, H, right, chain=True) for prior in normal_equations(
-        start, Processes(*processes), times_s, state, kinds)]
+    found = [condition(prior, H[k], right[k], chain=True) for k, prior in zip(
+        said, normal_equations(start, Processes(*processes), times_s, state, kinds))]
     return (np.array([one.log_evidence for one in found]),
             np.array([one.mean[:steady] for one in found]),
             np.array([one.covariance[:steady, :steady] for one in found]) if covariances
@@ -278,10 +283,10 @@ def _above(times, ways, moves, ride, drift):  # type: ignore
     return equations, log_rows
 
 
-@kernel(plain_answers, '(f8[:,::1], f8[::1], f8[:,::1], f8[::1], f8, f8[::1], f8[:,::1], '
-        'f8[:,::1], f8[::1], i8)')
+@kernel(plain_answers, '(f8[:,:,::1], f8[:,::1], f8[:,::1], f8[::1], f8, f8[::1], f8[:,::1], '
+        'f8[:,::1], i8[::1], f8[::1], i8)')
 def _answers(H, right, begun, begun_right, log_rows, times, state, models,  # type: ignore
-             processes, covariances):
+             said, processes, covariances):
     n, count = len(times), len(models)
     stamp_std, jerk, first_acceleration = processes[0], processes[1], processes[2]
     drift, lane_std, lane_s = processes[3], processes[4], processes[5]
@@ -344,8 +349,8 @@ def _answers(H, right, begun, begun_right, log_rows, times, state, models,  # ty
         total = np.zeros((3 * n + 1, 3 * n + 1))
         for i in range(3 * n):
             for j in range(i + 1):
-                total[i, j] = H[i, j] + begun[i, j]
-            total[3 * n, i] = right[i] + begun_right[i]
+                total[i, j] = H[said[m], i, j] + begun[i, j]
+            total[3 * n, i] = right[said[m], i] + begun_right[i]
         log = log_rows
         for axis in range(3):
             part = parts[kinds[m, axis]]
@@ -384,12 +389,7 @@ def _answers(H, right, begun, begun_right, log_rows, times, state, models,  # ty
                         share = by[kind][i, j]
                         for k in range(3 * n):
                             root[first[axis] + i, k] += share * root[3 * j + axis, k]
-            for i in range(size):
-                for j in range(i + 1):
-                    entry = 0.0
-                    for k in range(3 * n):
-                        entry += root[i, k] * root[j, k]
-                    covariance[m, i, j] = covariance[m, j, i] = entry
+            np.dot(root, root.T, covariance[m])
             for axis in range(3):
                 kind = kinds[m, axis]
                 for i in range(kept[kind]):

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .front import Front, plane_points
-from .observation_kernels import spread, View, view
+from .observation_kernels import Spread, spread, Views, views
 from .relief import relief_basis
 from ..core.config import NoiseConfig
 from ..core.records import Array, StereoPair
@@ -116,30 +116,22 @@ class ObservationSampler:
         points = plane_points(self.front.path, poses, self._plane_m, heading_rad, depth)
         later = points if lag == 0 else plane_points(
             self.front.path, poses + lag * velocity_mps, self._plane_m, heading_rad, depth)
-        rig = self.rig.as_taken(pair.motion)
-        left, in_left = rig.left.project(points)
-        right, in_right = rig.right.project(rig.to_right(later))
+        left, right, in_left, in_right = self.rig.as_taken(pair.motion).project(points, later)
         if not (in_left[0].all() and in_right[0].all()):
             return None
-        spreads = [spread(uv, *self.grid_shape, _STEP_M) for uv in (left, right)]
-        parting = spreads[0][0] - spreads[1][0]
-        views = [self._patch(image, uv[0, :n], np.concatenate([motion, parting]), bounds,
-                             np.hypot(_BLUR_STEPS * apart, blur_px))
-                 for image, uv, (motion, _, bounds, apart, _), blur_px in
-                 zip((pair.left, pair.right), (left, right), spreads, self.blur_px)]
-        patches, jacobian, alone, outlines = (np.array(part) for part in zip(*views))
-        centre = np.array([s[1] for s in spreads])  # (2, 3, 2)
+        lie = Spread(*spread(left, right, *self.grid_shape, _STEP_M))
+        crops = [self._cropped(image, bounds, np.hypot(_BLUR_STEPS * apart, blur_px).tolist())
+                 for image, bounds, apart, blur_px in zip(
+                     (pair.left, pair.right), lie.bounds, lie.apart, self.blur_px)]
+        origins = np.array([origin for _, _, origin in crops], dtype=np.float64)
+        seen = Views(*views(*crops[0][:2], *crops[1][:2], origins, lie.at, lie.motion))
+        per_m = np.hypot(lie.centre[..., 0], lie.centre[..., 1])
         return Observation(
-            pose=pose, heading_rad=heading_rad, relief=relief, patches=patches,
-            jacobian=np.ascontiguousarray(jacobian[:, :3]),
-            relief_jacobian=np.ascontiguousarray(alone[:, 0]), outlines=outlines,
-            apart_jacobian=jacobian[:, 3:].mean(axis=0),
-            apart_relief=alone[:, 1].mean(axis=0),
-            pixels=min(0.5 * (spreads[0][4] + spreads[1][4]), float(n)),
-            shift_px=np.hypot(centre[..., 0], centre[..., 1]),
-            disparity_px=centre[0, :, 0] - centre[1, :, 0],
+            pose=pose, heading_rad=heading_rad, relief=relief, **seen._asdict(),
+            pixels=min(0.5 * float(lie.area.sum()), float(n)), shift_px=per_m,
+            disparity_px=lie.centre[0, :, 0] - lie.centre[1, :, 0],
             right_m=lag * float(velocity_mps[0]),
-            skew_px=float(np.linalg.norm(velocity_mps @ centre[1]) * abs(pair.stamp_error_s)))
+            skew_px=float(np.linalg.norm(velocity_mps @ lie.centre[1]) * abs(pair.stamp_error_s)))
 
     def blurred_patches(self, pair: StereoPair, pose: Array, velocity_mps: Array,
                         blurs_px: Sequence[tuple[float, float]]
@@ -172,23 +164,19 @@ class ObservationSampler:
                 out[k, side] = cv2.remap(smooth, at[:, :1], at[:, 1:], cv2.INTER_CUBIC)[:, 0]
         return out, pixels
 
-    def _patch(self, image: NDArray[Any], uv: Array, motion: Array, bounds: Array, blur_px: Array
-               ) -> View:
+    def _cropped(self, image: NDArray[Any], bounds: Array, sigma: Sequence[float]
+                 ) -> tuple[Patches, Patches, Patches]:
         """
-        Return the samples of one view, low-passed to the grid's spacing.
+        Return what samples need of one view, low-passed to the grid's spacing.
 
-        :param uv: (G, 2) px.
-        :param motion: (3, G, 2) their derivatives by the pose, px/m.
-        :param bounds: (2, 2) the least and the greatest of them, px.
-        :param blur_px: (2,) 1-sigma of the low-pass down and across, px.
+        :param bounds: (2, 2) the least and the greatest of their pixels.
+        :param sigma: 1-sigma of the low-pass down and across, px.
+        :return: the part of the view; where it is clipped, (0, 0) for nowhere; (2,) its origin.
         """
-        sigma = blur_px.tolist()
         crop, origin = low_pass_crop(image, bounds[0] - _BORDER_PX, bounds[1] + _BORDER_PX, 1.0)
-        smooth = _blurred(crop, sigma)
-        u, v = np.ascontiguousarray((uv - origin).T)
         near = _clipped(crop, image.dtype, self.noise)
-        near = _NOTHING if near is None else _blurred(near, sigma)
-        return View(*view(smooth, near, u, v, motion))
+        return (_blurred(crop, sigma), _NOTHING if near is None else _blurred(near, sigma),
+                origin)
 
 
 def _blurred(image: Patches, sigma: Sequence[float]) -> Patches:

@@ -44,68 +44,129 @@ def points(positions: Any, frames: Any, beside: Any, on_vehicle: Any) -> Any:
     return out
 
 
-def plain_spread(uv: Array, rows: int, columns: int, step_m: float
-                 ) -> tuple[Array, Array, Array, Array, float]:
+class Spread(NamedTuple):
     """
-    Return how the samples of a view lie and move, and how large its front is.
+    How the samples of both views lie and move, and how large the front is in them.
 
-    :param uv: (4, G + 4, 2) pixels of samples and corners at a pose, and a step further along
-        each of its axes.
+    :param at: (2, 2, G) columns and rows of the samples, px.
+    :param motion: (2, 6, G, 2) derivatives of the samples by s, a and b, px/m, and of those of the
+        left view less those of the right one.
+    :param centre: (2, 3, 2) means of the first three.
+    :param bounds: (2, 2, 2) of the samples, least and greatest, px.
+    :param apart: (2, 2) distance of neighbours, down and across, px.
+    :param area: (2,) of the quad of the corners, px^2.
+    """
+
+    at: Array
+    motion: Array
+    centre: Array
+    bounds: Array
+    apart: Array
+    area: Array
+
+
+def plain_spread(left: Array, right: Array, rows: int, columns: int, step_m: float
+                 ) -> tuple[Array, ...]:
+    """
+    Return what :class:`Spread` holds.
+
+    :param left: (4, G + 4, 2) pixels of samples and corners at a pose in the left view, and a step
+        further along each of its axes.
+    :param right: (4, G + 4, 2) the same in the right one.
     :param rows: of the grid of samples.
     :param columns: of it.
     :param step_m: the step.
-    :return: (3, G, 2) derivatives of the samples, px/m; (3, 2) their means; (2, 2) bounds of the
-        samples, least and greatest; (2,) distance of neighbours, down and across; area of the
-        quad of the corners, px^2.
     """
-    samples = rows * columns
-    motion = (uv[1:, :samples] - uv[0, :samples]) / step_m
-    at, (x, y) = uv[0, :samples], uv[0, samples:].T
-    grid = at.reshape(rows, columns, 2)
-    apart = np.array([np.linalg.norm(np.diff(grid, axis=k), axis=-1).mean() for k in (0, 1)])
-    area = abs(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))) / 2
-    return motion, motion.mean(axis=1), np.stack([at.min(axis=0), at.max(axis=0)]), apart, area
+    uv, samples = np.stack([left, right]), rows * columns
+    motion = (uv[:, 1:, :samples] - uv[:, :1, :samples]) / step_m
+    at, (x, y) = uv[:, 0, :samples], np.moveaxis(uv[:, 0, samples:], -1, 0)
+    grid = at.reshape(2, rows, columns, 2)
+    apart = np.stack([np.linalg.norm(np.diff(grid, axis=k), axis=-1).mean(axis=(1, 2))
+                      for k in (1, 2)], axis=-1)
+    area = np.abs(np.sum(x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1), axis=1)) / 2
+    parting = np.broadcast_to(motion[0] - motion[1], motion.shape)
+    return (np.moveaxis(at, -1, 1), np.concatenate([motion, parting], axis=1),
+            motion.mean(axis=2), np.stack([at.min(axis=1), at.max(axis=1)], axis=1), apart, area)
 
 
-@kernel(plain_spread, '(f8[:,:,::1], i8, i8, f8)')
-def spread(uv: Any, rows: Any, columns: Any, step_m: Any) -> Any:
+@kernel(plain_spread, '(f8[:,:,::1], f8[:,:,::1], i8, i8, f8)')
+def spread(left: Any, right: Any, rows: Any, columns: Any, step_m: Any) -> Any:
     """Return how samples lie; arguments as :func:`plain_spread`."""
     samples = rows * columns
-    motion, centre = np.empty((3, samples, 2)), np.zeros((3, 2))
-    bounds, apart = np.empty((2, 2)), np.zeros(2)
-    bounds[0], bounds[1] = np.inf, -np.inf
-    for d in range(2):
+    at, motion, centre = np.empty((2, 2, samples)), np.empty((2, 6, samples, 2)), np.zeros(
+        (2, 3, 2))
+    bounds, apart, area = np.empty((2, 2, 2)), np.zeros((2, 2)), np.zeros(2)
+    for side in range(2):
+        uv = left if side == 0 else right
+        bounds[side, 0], bounds[side, 1] = np.inf, -np.inf
+        for d in range(2):
+            for g in range(samples):
+                at[side, d, g] = uv[0, g, d]
+                bounds[side, 0, d] = min(bounds[side, 0, d], uv[0, g, d])
+                bounds[side, 1, d] = max(bounds[side, 1, d], uv[0, g, d])
+        for c in range(3):
+            for g in range(samples):
+                for d in range(2):
+                    slope = (uv[c + 1, g, d] - uv[0, g, d]) / step_m
+                    motion[side, c, g, d] = slope
+                    centre[side, c, d] += slope
+            for d in range(2):
+                centre[side, c, d] /= samples
+        for i in range(rows):
+            for j in range(columns):
+                g = i * columns + j
+                if i + 1 < rows:
+                    h = g + columns
+                    apart[side, 0] += np.hypot(uv[0, h, 0] - uv[0, g, 0],
+                                               uv[0, h, 1] - uv[0, g, 1])
+                if j + 1 < columns:
+                    h = g + 1
+                    apart[side, 1] += np.hypot(uv[0, h, 0] - uv[0, g, 0],
+                                               uv[0, h, 1] - uv[0, g, 1])
+        apart[side, 0] /= (rows - 1) * columns
+        apart[side, 1] /= rows * (columns - 1)
+        for k in range(4):
+            a, b = samples + k, samples + (k + 1) % 4
+            area[side] += uv[0, a, 0] * uv[0, b, 1] - uv[0, a, 1] * uv[0, b, 0]
+        area[side] = abs(area[side]) / 2
+    for c in range(3):
         for g in range(samples):
-            bounds[0, d] = min(bounds[0, d], uv[0, g, d])
-            bounds[1, d] = max(bounds[1, d], uv[0, g, d])
-            for c in range(3):
-                motion[c, g, d] = (uv[c + 1, g, d] - uv[0, g, d]) / step_m
-                centre[c, d] += motion[c, g, d] / samples
-    for i in range(rows):
-        for j in range(columns):
-            g = i * columns + j
-            if i + 1 < rows:
-                h = g + columns
-                apart[0] += np.hypot(uv[0, h, 0] - uv[0, g, 0], uv[0, h, 1] - uv[0, g, 1])
-            if j + 1 < columns:
-                h = g + 1
-                apart[1] += np.hypot(uv[0, h, 0] - uv[0, g, 0], uv[0, h, 1] - uv[0, g, 1])
-    apart[0] /= (rows - 1) * columns
-    apart[1] /= rows * (columns - 1)
-    area = 0.0
-    for k in range(4):
-        a, b = samples + k, samples + (k + 1) % 4
-        area += uv[0, a, 0] * uv[0, b, 1] - uv[0, a, 1] * uv[0, b, 0]
-    return motion, centre, bounds, apart, abs(area) / 2
+            for d in range(2):
+                parting = motion[0, c, g, d] - motion[1, c, g, d]
+                motion[0, 3 + c, g, d] = motion[1, 3 + c, g, d] = parting
+    return at, motion, centre, bounds, apart, area
 
 
-class View(NamedTuple):
-    """What one view adds to an observation, as documented there."""
+class Views(NamedTuple):
+    """What both views add to an observation, as documented there."""
 
-    patch: Array
+    patches: Array
     jacobian: Array
     relief_jacobian: Array
-    outline: Array
+    outlines: Array
+    apart_jacobian: Array
+    apart_relief: Array
+
+
+def plain_views(left: Patches, left_near: Patches, right: Patches, right_near: Patches,
+                origins: Array, at: Array, motion: Array) -> tuple[Array, ...]:
+    """
+    Return what :class:`Views` holds.
+
+    :param left: (h, w) a crop of the left view, low-passed.
+    :param left_near: (h, w) where it is clipped, low-passed as well; (0, 0) where nothing is.
+    :param right: as ``left``, of the right view.
+    :param right_near: as ``left_near``, of it.
+    :param origins: (2, 2) columns and rows of the images where the crops begin.
+    :param at: (2, 2, G) as of :class:`Spread`.
+    :param motion: (2, 6, G, 2) as of :class:`Spread`.
+    """
+    seen = [plain_view(smooth, near, u - origin[0], v - origin[1], moves)
+            for smooth, near, origin, (u, v), moves in zip(
+                (left, right), (left_near, right_near), origins, at, motion)]
+    patches, jacobian, alone, outlines = (np.array(part) for part in zip(*seen))
+    return (patches, jacobian[:, :3], alone[:, 0], outlines, jacobian[:, 3:].mean(axis=0),
+            alone[:, 1].mean(axis=0))
 
 
 def plain_view(smooth: Patches, near: Patches, u: Array, v: Array, motion: Array
@@ -225,20 +286,18 @@ def _settle(change, patch):  # type: ignore
         change[g] -= along * patch[g]
 
 
-@kernel(plain_view, '(f4[:,::1], f4[:,::1], f8[::1], f8[::1], f8[:,:,::1])')
-def view(smooth: Any, near: Any, u: Any, v: Any, motion: Any) -> Any:
-    """Return what a view shows; arguments as :func:`plain_view`."""
+@inlined
+def _view(smooth, near, left, top, at, motion, patch, outline, change, alone):  # type: ignore
+    """Put what :func:`plain_view` returns of one view into the last four arrays."""
     height, width = smooth.shape
     spline = _down(_down(smooth))  # as high and wide as the crop again, turned over twice
-    samples = len(u)
-    patch, outline = np.empty(samples), np.zeros(samples)
-    rows = len(motion)
-    change, alone = np.empty((rows, samples)), np.empty(((rows + 2) // 3, samples))
+    samples, rows = len(patch), len(motion)
     wu, wv = np.empty(4), np.empty(4)
     mean = 0.0
     for g in range(samples):
-        j, i = int(np.floor(u[g])), int(np.floor(v[g]))
-        for w, t in ((wu, u[g] - j), (wv, v[g] - i)):
+        x, y = at[0, g] - left, at[1, g] - top
+        j, i = int(np.floor(x)), int(np.floor(y))
+        for w, t in ((wu, x - j), (wv, y - i)):
             r = 1 - t
             w[0] = r * r * r / 6
             w[1] = (4 - 6 * t * t + 3 * t * t * t) / 6
@@ -267,7 +326,8 @@ def view(smooth: Any, near: Any, u: Any, v: Any, motion: Any) -> Any:
     scale = max(np.sqrt(square / samples), _LEAST_SCALE)
     for g in range(samples):
         patch[g] /= scale
-        x, y = min(max(u[g], 0.0), width - 1.0), min(max(v[g], 0.0), height - 1.0)
+        x = min(max(at[0, g] - left, 0.0), width - 1.0)
+        y = min(max(at[1, g] - top, 0.0), height - 1.0)
         j, i = min(int(np.floor(x)), width - 2), min(int(np.floor(y)), height - 2)
         p, q = x - j, y - i
         by_u = by_v = edge = 0.0
@@ -301,4 +361,26 @@ def view(smooth: Any, near: Any, u: Any, v: Any, motion: Any) -> Any:
                 along += change[c, g] * outline[g]
             for g in range(samples):
                 change[c, g] -= along * outline[g]
-    return patch, change, alone, outline
+
+
+@kernel(plain_views, '(f4[:,::1], f4[:,::1], f4[:,::1], f4[:,::1], f8[:,::1], f8[:,:,::1], '
+        'f8[:,:,:,::1])')
+def views(left, left_near, right, right_near, origins, at, motion):  # type: ignore
+    """Return what both views show; arguments as :func:`plain_views`."""
+    samples = at.shape[2]
+    patches, outlines = np.empty((2, samples)), np.zeros((2, samples))
+    change, alone = np.empty((2, 6, samples)), np.empty((2, 2, samples))
+    for side in range(2):
+        smooth, near = (left, left_near) if side == 0 else (right, right_near)
+        _view(smooth, near, origins[side, 0], origins[side, 1], at[side], motion[side],
+              patches[side], outlines[side], change[side], alone[side])
+    jacobian, by_relief = np.empty((2, 3, samples)), np.empty((2, samples))
+    apart, apart_relief = np.empty((3, samples)), np.empty(samples)
+    for c in range(3):
+        for g in range(samples):
+            jacobian[0, c, g], jacobian[1, c, g] = change[0, c, g], change[1, c, g]
+            apart[c, g] = 0.5 * (change[0, 3 + c, g] + change[1, 3 + c, g])
+    for g in range(samples):
+        by_relief[0, g], by_relief[1, g] = alone[0, 0, g], alone[1, 0, g]
+        apart_relief[g] = 0.5 * (alone[0, 1, g] + alone[1, 1, g])
+    return patches, jacobian, by_relief, outlines, apart, apart_relief

@@ -393,21 +393,19 @@ class PhotometricWindow:
     def _answers(self, window: _Window, hypotheses: Sequence[_Hypothesis], motion: PassMotion,
                  said: Mapping[float, _PoseEquations], *, covariances: bool) -> list[Moments]:
         """
-        Return the answers of hypotheses, in the order of their scatters, as they are listed.
+        Return the answers of hypotheses, as they are listed.
 
         :param said: what the images say, by the scatter.
         :param covariances: whether these are asked for; else they are empty.
         """
-        out: list[Moments] = []
-        for more_px, one in said.items():
-            models = [h.motion for h in hypotheses if h.more_px == more_px]
-            if models:
-                found = answers(motion, window.times_s, window.state, models, one.H, one.right,
-                                covariances=covariances)
-                around = found.covariances if covariances else np.zeros((len(models), 0, 0))
-                out += [Moments(mean, covariance, float(evidence)) for mean, covariance, evidence
-                        in zip(found.means, around, found.log_evidence)]
-        return out
+        levels, all_ = list(said), said.values()
+        found = answers(
+            motion, window.times_s, window.state, [h.motion for h in hypotheses],
+            [levels.index(h.more_px) for h in hypotheses], np.array([one.H for one in all_]),
+            np.array([one.right for one in all_]), covariances=covariances)
+        around = found.covariances if covariances else np.zeros((len(hypotheses), 0, 0))
+        return [Moments(mean, covariance, float(evidence)) for mean, covariance, evidence in zip(
+            found.means, around, found.log_evidence)]
 
     def _with_onsets(self, answer: Moments, motion: MotionModel, window: _Window) -> Moments:
         """Return an answer where a vehicle that keeps its speed may begin to change it."""

@@ -113,7 +113,7 @@ import hashlib
 import sys
 import numpy as np
 from stereo_speed.detection.patch_kernels import shifted
-from stereo_speed.tracking.observation_kernels import view
+from stereo_speed.tracking.observation_kernels import views
 
 def strided(value):
     if not isinstance(value, np.ndarray):
@@ -126,8 +126,8 @@ rng = np.random.default_rng(1)
 crop = rng.uniform(0, 255, (90, 160)).astype(np.float32)
 wide = rng.uniform(0, 255, (3, 9, 113)).astype(np.float32)
 for one, args in (
-        (view, (crop, crop / 255, rng.uniform(-2, 162, 640), rng.uniform(-2, 92, 640),
-                rng.standard_normal((3, 640, 2)))),
+        (views, (crop, crop / 255, crop + 1, crop / 128, np.zeros((2, 2)),
+                 rng.uniform(-2, 92, (2, 2, 640)), rng.standard_normal((2, 6, 640, 2)))),
         (shifted, (wide, wide[::-1].copy(), np.full(3, 14), np.ones((3, 85), bool), 4))):
     if sys.argv[2]:
         one(*map(strided, args))

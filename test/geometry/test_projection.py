@@ -8,6 +8,7 @@ import pytest
 
 from stereo_speed.geometry.camera import Camera
 from stereo_speed.geometry.projection import project, Projection
+from stereo_speed.geometry.rig import StereoRig
 
 pytest.importorskip('numba')
 K = np.array([[800.0, 0.4, 500.0], [0, 810.0, 390.0], [0, 0, 1]])
@@ -44,3 +45,24 @@ def test_a_tilted_sensor_is_left_to_the_lens():
     uv, valid = camera.project(np.array([[0.1, 0.0, 5.0], [0.1, 0.0, -5.0]]))
     assert np.isfinite(uv[0]).all() and np.isnan(uv[1]).all()
     np.testing.assert_array_equal(valid, [True, False])
+
+
+@pytest.mark.parametrize('model', ['ideal', *LENSES, 'tilted'])
+def test_both_views_are_those_of_each_camera(model):
+    """Of points that go on until the right view is exposed."""
+    rng = np.random.default_rng(9)
+    kind = {'ideal': 'plumb_bob', 'tilted': 'rational_polynomial'}.get(model, model)
+    D = [0.0] * 12 + [0.01, 0.02] if model == 'tilted' else LENSES.get(model, [])
+    left, right = (Camera(side, 1024, 768, K, np.array(D), kind) for side in ('left', 'right'))
+    angle = 0.03
+    R = np.array([[np.cos(angle), 0, np.sin(angle)], [0, 1, 0],
+                  [-np.sin(angle), 0, np.cos(angle)]])
+    rig = StereoRig(left, right, R, np.array([-0.5, 0.02, 0.01]))
+    points = rng.uniform([-9, -9, -2], [9, 9, 20], (4, 75, 3))
+    later = points + [0.1, 0.0, -0.4]
+    for exposed in (points, later):
+        got = rig.project(points, None if exposed is points else later)
+        wanted = (*left.project(points), *right.project(exposed @ R.T + rig.t))
+        for a, b in zip(got, (wanted[0], wanted[2], wanted[1], wanted[3])):
+            np.testing.assert_allclose(a, b, rtol=1e-9)
+        assert 0 < got[3].sum() < got[3].size

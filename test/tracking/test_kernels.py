@@ -65,24 +65,29 @@ def test_cross_terms(observations, outlined):
 
 
 @pytest.mark.parametrize('first', [4.2, -1.5])
-@pytest.mark.parametrize('lit', [False, True])
-@pytest.mark.parametrize('motions', [3, 6])
-def test_views(first, lit, motions):
+@pytest.mark.parametrize('lit', ['', 'left', 'right', 'both'])
+def test_views(first, lit):
     """Places within the crop, and some beyond it, as at the edge of an image."""
-    image = cv2.GaussianBlur(RNG.uniform(0, 255, (40, 60)).astype(np.float32), (0, 0), 1.2)
-    near = cv2.GaussianBlur((image > 160).astype(np.float32), (0, 0), 2.0)
+    origins = np.array([[100.0, 20.0], [60.0, 25.0]])
     v, u = (a.ravel() for a in np.meshgrid(
         np.linspace(first, 41.0, ROWS), np.linspace(first, 61.5, COLUMNS), indexing='ij'))
-    agree(observation_kernels.view, image, near if lit else np.zeros((0, 0), np.float32), u, v,
-          100 * RNG.standard_normal((motions, G, 2)), atol=1e-7)  # slopes are of single precision
+    args = []
+    for side in ('left', 'right'):
+        image = cv2.GaussianBlur(RNG.uniform(0, 255, (40, 60)).astype(np.float32), (0, 0), 1.2)
+        near = cv2.GaussianBlur((image > 160).astype(np.float32), (0, 0), 2.0)
+        args += [image, near if lit in (side, 'both') else np.zeros((0, 0), np.float32)]
+    agree(observation_kernels.views, *args, origins, np.stack([u, v]) + origins[:, :, None],
+          100 * RNG.standard_normal((2, 6, G, 2)), atol=1e-7)  # slopes are of single precision
 
 
 def test_spread():
     y, x = np.mgrid[:ROWS, :COLUMNS]
     at = np.stack([x.ravel() * 3.1 + y.ravel(), y.ravel() * 2.2 + 50], axis=-1)
-    uv = np.concatenate([at, [[0, 50], [33, 52], [31, 70], [1, 66]]])
-    uv = uv + 1e-3 * RNG.standard_normal((4, 1, 2)) + 1e-5 * RNG.standard_normal((4, G + 4, 2))
-    agree(observation_kernels.spread, uv, ROWS, COLUMNS, 1e-4)
+    left, right = (
+        np.concatenate([at, [[0, 50], [33, 52], [31, 70], [1, 66]]]) * scale
+        + 1e-3 * RNG.standard_normal((4, 1, 2)) + 1e-5 * RNG.standard_normal((4, G + 4, 2))
+        for scale in (1.0, 0.7))
+    agree(observation_kernels.spread, left, right, ROWS, COLUMNS, 1e-4)
 
 
 def test_points_of_fronts():
@@ -95,7 +100,7 @@ def test_points_of_fronts():
 @pytest.mark.parametrize('changes', [
     {}, {'manoeuvre_across_std_m': 0.0, 'acceleration_std_mps2': 0.0, 'cruise_rate_std': 0.0}])
 def test_answers_of_models_of_motion(count, changes):
-    """In parts, and as one system of equations: each in its own 1-sigmas."""
+    """In parts, and as one system of equations: each in its own 1-sigmas, whatever is said."""
     rng = np.random.default_rng(count)
     motion = PassMotion(
         PassPrior(s_m=1.0, s_std_m=2.0, offset_m=np.array([0.1, 0.2]),
@@ -108,8 +113,10 @@ def test_answers_of_models_of_motion(count, changes):
     H, begun = rows @ rows.T, motion.beginning(count)
     models = np.array([[np.nan if m.speed_rate_std is None else m.speed_rate_std,
                         m.changes_lanes, m.ride_std_m] for m in motion_models(motion.config)])
-    args = (H, H @ state[:, :3].ravel(), begun.H, begun.g, begun.log_rows, times, state, models,
-            np.array(motion.processes), 1)
+    levels = np.stack([H, 0.5 * H])
+    said = np.arange(len(models)) % 2
+    args = (levels, levels @ state[:, :3].ravel(), begun.H, begun.g, begun.log_rows, times, state,
+            models, said, np.array(motion.processes), 1)
     got, wanted = motion_answers._answers.compiled()(*args), motion_answers.plain_answers(*args)
     std = np.sqrt(np.diagonal(wanted[2], axis1=1, axis2=2))
     np.testing.assert_allclose(got[0], wanted[0], atol=1e-4)

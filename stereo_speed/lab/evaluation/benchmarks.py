@@ -205,7 +205,7 @@ def _arguments() -> dict[str, tuple[Any, ...]]:
         np.linspace(4, 85, _GRID[0]), np.linspace(4, 155, _GRID[1]), indexing='ij'))
     wide = rng.uniform(0, 255, (3, 18, 113)).astype(np.float32)
     window = np.ascontiguousarray(wide[:, :9, 14:99])
-    mask = np.ones((3, 85), bool)
+    mask, none = np.ones((3, 85), bool), np.zeros((0, 0), np.float32)
     terms, seen, found = (m.__name__ for m in (
         photometric_terms, observation_kernels, patch_kernels))
     return {
@@ -214,8 +214,8 @@ def _arguments() -> dict[str, tuple[Any, ...]]:
                                0.02),
         f'{terms}._cross': (patches[0], jacobian[0, 0], by_relief[0, 0], outlines[0], relief[0],
                             400.0, 3.0, 0.3),
-        f'{seen}.view': (crop, np.zeros((0, 0), np.float32), u, v,
-                         100 * rng.standard_normal((3, samples, 2))),
+        f'{seen}.views': (crop, none, crop, none, np.zeros((2, 2)), np.array([[u, v], [u, v]]),
+                          100 * rng.standard_normal((2, 6, samples, 2))),
         f'{found}.shifted': (wide[:, :9].copy(), wide[:, 9:].copy(), np.full(3, 14), mask, 4),
         f'{found}.mirrored': (np.ascontiguousarray(wide), 85),
         f'{found}.edges': (window, window + 1),
