@@ -25,17 +25,50 @@ from ..geometry.rig import StereoRig
 from ..road.lanes import LanePath
 from ..vision.ncc import ncc
 
-_FARTHER = 1.12  # a view shows enough of a change beside another that is so many times as near
-_MOST_VIEWS = 4  # that are kept of a pass
-_STEP_M = 0.1  # from strip to strip
-_STRIPS_M = np.arange(0.2, 4.6, _STEP_M)  # their heights above the road, as if on the front
-_BEHIND_M = np.array([0, 0.25, 0.5, 0.8, 1.2, 1.6, 2, 2.5, 3, 4, 5, 6, 8])  # the front
-_HALF_HEIGHT_M = 0.15  # of a strip
-_WIDTH_SHARE = 0.8  # of a strip, of that of the front
-_ACROSS, _DOWN = 20, 6  # samples of a strip
-_STRIP = np.stack([x.ravel() for x in np.meshgrid(
-    np.linspace(-0.5, 0.5, _ACROSS) * _WIDTH_SHARE,
-    np.linspace(-_HALF_HEIGHT_M, _HALF_HEIGHT_M, _DOWN))], axis=1)  # shares of the width; m
+@dataclass(frozen=True)
+class HeightSearch:
+    """
+    Where the top of a vehicle is looked for, and in which pairs.
+
+    :param least_m: height of the lowest strip above the road, as if on the front: below bumpers
+        there is nothing of a vehicle.
+    :param most_m: height of the highest, above all that may drive on most roads: 4 m to 4.3 m.
+    :param step_m: from strip to strip, a third of a strip, so that they overlap.
+    :param behind_m: depths behind the front at which a strip may stand: a roof begins as far behind
+        it as bonnet and windscreen are long, the box of a lorry behind its cab; where it is near,
+        a wrong depth is seen sooner, so the steps grow.
+    :param half_height_m: half of the height of a strip, which shows some texture then.
+    :param width_share: of a strip, of that of the front: roofs are narrower than bumpers.
+    :param across: samples of a strip across.
+    :param down: and down.
+    :param farther: a view shows enough of a change beside another that is so many times as near.
+    :param most_views: that are kept of a pass, the nearest ones; two are used, the others replace
+        those that do not show the top.
+    """
+
+    least_m: float = 0.2
+    most_m: float = 4.5
+    step_m: float = 0.1
+    behind_m: tuple[float, ...] = (0, 0.25, 0.5, 0.8, 1.2, 1.6, 2, 2.5, 3, 4, 5, 6, 8)
+    half_height_m: float = 0.15
+    width_share: float = 0.8
+    across: int = 20
+    down: int = 6
+    farther: float = 1.12
+    most_views: int = 4
+
+    @property
+    def heights_m(self) -> Array:
+        """Return the heights of the middles of the strips above the road."""
+        count = round((self.most_m - self.least_m) / self.step_m) + 1
+        return np.asarray(self.least_m + self.step_m * np.arange(count), np.float64)
+
+    @property
+    def strip(self) -> Array:
+        """Return the samples of a strip: across in shares of the front's width, and up in m."""
+        x, up = np.meshgrid(np.linspace(-0.5, 0.5, self.across) * self.width_share,
+                            np.linspace(-self.half_height_m, self.half_height_m, self.down))
+        return np.stack([x.ravel(), up.ravel()], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,12 +100,14 @@ class VehicleSize:
     :param config: sizes of the classes, and what counts.
     :param marked_std_px: 1-sigma of the corners of the front that a person marked, px; None for
         one that was detected.
+    :param search: where its top is looked for.
     """
 
     def __init__(self, rig: StereoRig, lane: LanePath, config: ClassConfig,
-                 marked_std_px: Optional[float] = None) -> None:
+                 marked_std_px: Optional[float] = None,
+                 search: HeightSearch = HeightSearch()) -> None:
         self.rig, self.lane, self.config = rig, lane, config
-        self._marked_std_px = marked_std_px
+        self._marked_std_px, self._search = marked_std_px, search
         self._views: list[_View] = []
         self._first_px = 0.0  # width of the front where the track began
 
@@ -81,11 +116,11 @@ class VehicleSize:
         self._first_px = self._first_px or float(np.ptp(update.quad_left_px[:, 0]))
         road = self.lane.path.position(np.array(update.s_m)) - update.position_m
         view = _View(pair, update, float(road @ update.axes[:, 2]))
-        if len(self._views) > 1 and not _apart(self._views[-1], self._views[-2]):
+        if len(self._views) > 1 and not self._apart(self._views[-1], self._views[-2]):
             self._views[-1] = view
         else:
             self._views.append(view)
-        if len(self._views) > _MOST_VIEWS:
+        if len(self._views) > self._search.most_views:
             self._views.remove(max(self._views, key=lambda v: v.range_m))
 
     def measured(self) -> Optional[VehicleKind]:
@@ -113,13 +148,13 @@ class VehicleSize:
         views = sorted(self._views, key=lambda v: v.range_m)
         found: Optional[float] = None
         for k, view in enumerate(views[:-1]):
-            others = [other for other in views[k + 1:] if _apart(other, view)]
+            others = [other for other in views[k + 1:] if self._apart(other, view)]
             if not others:
                 continue
             seen, height_m = self._strips(view, others[0], width_m)
             # The highest strip that shows its upper edge reaches above it by half itself.
-            found = float(height_m.max()) - _HALF_HEIGHT_M + _STEP_M / 2 \
-                if len(height_m) else None
+            below_m = self._search.half_height_m - self._search.step_m / 2
+            found = float(height_m.max()) - below_m if len(height_m) else None
             if seen[-1].any():
                 break
         return found
@@ -134,20 +169,19 @@ class VehicleSize:
         """
         here, there = view.update, other.update
         rig, before = (self.rig.as_taken(v.pair.motion) for v in (view, other))
-        up = view.road_m + _STRIPS_M
-        on_front = np.zeros((len(up), len(_STRIP), 3))
-        on_front[..., 1] = _STRIP[:, 0] * width_m
-        on_front[..., 2] = up[:, None] + _STRIP[:, 1]
+        up, strip = view.road_m + self._search.heights_m, self._search.strip
+        on_front = np.zeros((len(up), len(strip), 3))
+        on_front[..., 1] = strip[:, 0] * width_m
+        on_front[..., 2] = up[:, None] + strip[:, 1]
         facing = here.position_m + on_front @ here.axes.T
-        depth = 1 + _BEHIND_M / abs(float(here.position_m @ here.axes[:, 0]))
+        depth = 1 + np.array(self._search.behind_m) / abs(float(here.position_m @ here.axes[:, 0]))
         points = facing[:, None] * depth[:, None, None]  # (strips, depths, samples, 3)
         on_vehicle = (points - here.position_m) @ here.axes
         later = points + here.axes[:, 0] * here.speed_mps * view.pair.right_lag_s
         px = (rig.left.project(points), rig.right.project(rig.to_right(later)),
               before.left.project(there.position_m + on_vehicle @ there.axes.T))
-        left, right, along, still = (_samples(image, uv) for image, uv in (
-            (view.pair.left, px[0][0]), (view.pair.right, px[1][0]), (other.pair.left, px[2][0]),
-            (other.pair.left, px[0][0])))
+        (left,), (right,) = _samples(view.pair.left, px[0][0]), _samples(view.pair.right, px[1][0])
+        along, still = _samples(other.pair.left, px[2][0], px[0][0])
         seen = np.all([valid.all(axis=-1) for _, valid in px], axis=0)
         goes = np.where(seen, np.minimum(ncc(left, right), ncc(left, along)), -1.0)
         best = np.argmax(goes, axis=1)[:, None]
@@ -156,15 +190,17 @@ class VehicleSize:
         moves = (goes > self.config.least_ncc) & (goes > stays + self.config.still_margin)
         return seen, height_m[moves] - view.road_m
 
+    def _apart(self, one: _View, other: _View) -> bool:
+        """Return whether two views are of ranges that differ enough."""
+        near, far = sorted((one.range_m, other.range_m))
+        return far >= self._search.farther * near
 
-def _apart(one: _View, other: _View) -> bool:
-    """Return whether two views are of ranges that differ enough."""
-    near, far = sorted((one.range_m, other.range_m))
-    return far >= _FARTHER * near
 
-
-def _samples(image: NDArray[Any], uv_px: Array) -> Array:
-    """Return the grey values (..., G) at pixels (..., G, 2); what is nowhere is 0."""
-    flat = np.nan_to_num(uv_px.reshape(-1, uv_px.shape[-2], 2), nan=-1e4).astype(np.float32)
-    grey = cv2.remap(image.astype(np.float32), flat[..., 0], flat[..., 1], cv2.INTER_LINEAR)
-    return np.asarray(grey.reshape(uv_px.shape[:-1]), dtype=np.float64)
+def _samples(image: NDArray[Any], *uv_px: Array) -> list[Array]:
+    """Return the grey values (..., G) at each of some pixels (..., G, 2); what is nowhere is 0."""
+    grey, out = image.astype(np.float32), []
+    for uv in uv_px:
+        flat = np.nan_to_num(uv.reshape(-1, uv.shape[-2], 2), nan=-1e4).astype(np.float32)
+        found = cv2.remap(grey, flat[..., 0], flat[..., 1], cv2.INTER_LINEAR)
+        out.append(np.asarray(found.reshape(uv.shape[:-1]), dtype=np.float64))
+    return out

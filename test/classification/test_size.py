@@ -8,7 +8,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from stereo_speed.classification.size import VehicleSize
+from stereo_speed.classification.size import HeightSearch, VehicleSize
 from stereo_speed.core.config import ClassConfig
 from stereo_speed.core.passes import VehicleClass
 from stereo_speed.core.records import TrackState, TrackUpdate
@@ -97,6 +97,20 @@ def test_what_stands_still_has_no_height():
     found = measured(rig, lane, [(replace(still, stamp_ns=pair.stamp_ns), update)
                                  for pair, update in rows])
     assert found.height_m is None
+
+
+def test_the_top_is_no_higher_than_it_is_looked_for():
+    rig, lane, rows = drawn('van')
+    found = measured(rig, lane, rows, search=HeightSearch(most_m=1.2))
+    assert 1.0 < found.height_m < 1.2 + HeightSearch().step_m
+
+
+def test_strips_overlap_and_reach_from_the_lowest_to_the_highest():
+    search = HeightSearch()
+    assert search.heights_m[[0, -1]] == pytest.approx([search.least_m, search.most_m])
+    assert np.diff(search.heights_m) == pytest.approx(search.step_m)
+    assert np.ptp(search.strip, axis=0) == pytest.approx(
+        [search.width_share, 2 * search.half_height_m])
 
 
 def test_the_width_of_a_marked_front_is_as_certain_as_its_corners():
