@@ -25,6 +25,7 @@ from ..geometry.rig import StereoRig
 from ..road.lanes import LanePath
 from ..vision.ncc import ncc
 
+
 @dataclass(frozen=True)
 class HeightSearch:
     """
@@ -32,9 +33,9 @@ class HeightSearch:
 
     :param least_m: height of the lowest strip above the road, as if on the front: below bumpers
         there is nothing of a vehicle.
-    :param most_m: height of the highest, above all that may drive on most roads: 4 m to 4.3 m.
+    :param most_m: height of the highest, above what may drive on most roads: 4.0 to 4.3 m.
     :param step_m: from strip to strip, a third of a strip, so that they overlap.
-    :param behind_m: depths behind the front at which a strip may stand: a roof begins as far behind
+    :param behind_m: depths behind the front at which a strip may be: a roof begins as far behind
         it as bonnet and windscreen are long, the box of a lorry behind its cab; where it is near,
         a wrong depth is seen sooner, so the steps grow.
     :param half_height_m: half of the height of a strip, which shows some texture then.

@@ -427,12 +427,19 @@ class SpeedPipeline:
                     f'{camera.width_px}x{camera.height_px} as calibrated')
 
     def _collect(self, *, everything: bool) -> None:
-        """Measure the passes that are over; what was never confirmed was no vehicle."""
+        """
+        Measure the passes that are over.
+
+        A vehicle that left the view before it was confirmed is rejected; what was lost, or had
+        just come when the stream ended, was no vehicle as far as is known.
+        """
         state = self._state
         for track in [t for t in state.tracks if everything or t.tracker.ended]:
             state.tracks.remove(track)
             if track.confirmed or track.detection is None:
                 self._conclude(track)
+            elif track.tracker.ended and _holds(track.last):
+                self._conclude(track, Reason.TOO_FEW_PAIRS)
 
     def _same_speed(self, update: TrackUpdate, front: Detection, change_mps: float = 0.0) -> bool:
         """

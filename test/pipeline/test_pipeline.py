@@ -7,8 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from stereo_speed.core.config import EffortConfig, NoParameters, TrackerConfig, VerdictConfig
-from stereo_speed.core.passes import PassResult, Verdict
+from stereo_speed.core.config import (
+    EffortConfig, NoParameters, TrackerConfig, VerdictConfig, VisibilityConfig)
+from stereo_speed.core.passes import PassResult, Reason, Verdict
 from stereo_speed.core.records import TrackState, TrackUpdate
 from stereo_speed.detection.protocol import Detection, EarlierFront
 from stereo_speed.lab.sim import simulate, straight_config, VehicleConfig
@@ -196,6 +197,17 @@ def test_what_is_never_confirmed_is_no_vehicle(scene):
     pipeline, _ = automatic(scene, marks[:1], {0})
     for pair in sequence.pairs[:2]:
         assert [u.state for u in pipeline.process(pair).updates] == [TrackState.TENTATIVE]
+    assert pipeline.finish() == []
+
+
+def test_a_vehicle_that_leaves_before_it_is_confirmed_is_rejected_with_a_reason(scene):
+    sequence, _, marks = scene
+    config = TrackerConfig(visibility=VisibilityConfig(least_width_px=500.0))
+    pipeline, _ = automatic(scene, marks[:1], {0}, config)
+    steps = [pipeline.process(pair) for pair in sequence.pairs[:3]]
+    assert [u.state for step in steps for u in step.updates] == [TrackState.TENTATIVE]
+    one, = [result for step in steps for result in step.passes]
+    assert (one.verdict, one.reason) == (Verdict.REJECTED, Reason.TOO_FEW_PAIRS)
     assert pipeline.finish() == []
 
 
