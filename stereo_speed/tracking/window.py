@@ -226,6 +226,22 @@ def _hypotheses(config: TrackerConfig) -> list[_Hypothesis]:
             for more_px, share in scatters for motion in motion_models(config)]
 
 
+def _with_onset_to_come(hypotheses: Sequence[_Hypothesis], weights: Array) -> Array:
+    """
+    Return the greatest weights that hypotheses may have once their onsets are put in.
+
+    A vehicle that keeps its speed until it brakes is explained about as well as one that changes
+    its speed all the time, and before its onset is known not at all.
+
+    :param weights: of the hypotheses before that.
+    """
+    changing = {(h.more_px, h.motion.changes_lanes, h.motion.ride_std_m): float(w)
+                for h, w in zip(hypotheses, weights) if h.motion.speed_rate_std is None}
+    return np.array([
+        max(float(w), changing.get((h.more_px, h.motion.changes_lanes, h.motion.ride_std_m), 0.0))
+        for h, w in zip(hypotheses, weights)])
+
+
 @dataclass(frozen=True, eq=False)
 class _Solution:
     """
@@ -376,7 +392,9 @@ class PhotometricWindow:
         before = np.array([math.log(h.share) + said[h.more_px].log_density for h in hypotheses])
         evidence = np.array([a.log_evidence for a in self._answers(
             window, hypotheses, motion, said, covariances=False)])
-        counts = np.flatnonzero(normalise_log_weights(before + evidence) > _NEGLIGIBLE)
+        counts = np.flatnonzero(
+            _with_onset_to_come(hypotheses, normalise_log_weights(before + evidence))
+            > _NEGLIGIBLE)
         some = [hypotheses[int(k)] for k in counts]
         found = [self._with_onsets(answer, h.motion, window) for h, answer in zip(
             some, self._answers(window, some, motion, said, covariances=True))]

@@ -136,6 +136,23 @@ def test_hard_braking_is_followed_within_its_sigma(textured):
     assert stds[-1] < 0.3
 
 
+@pytest.mark.parametrize('fps', [5.0, 10.0])
+def test_braking_that_has_lasted_for_a_while_is_known_to_a_twentieth(textured, fps):
+    """A steady speed until an onset seems out of the question before the onset is put in."""
+    began_s, until_s, braking = 0.6 if fps == 10 else 0.8, 1.2, 6.0
+    times_s = np.arange(0.0, until_s + 1e-9, 1 / fps)
+    braked_s = np.maximum(times_s - began_s, 0.0)
+    poses = np.array([6.0, 0.1, 1.9]) + np.outer(
+        MPS * times_s - braking / 2 * braked_s ** 2, [1, 0, 0])
+    pairs = [textured.pair(k, round(t * SECOND), pose)
+             for k, (t, pose) in enumerate(zip(times_s, poses))]
+    speeds = [posterior.at(-1)[0][3] for posterior in feed(
+        window_of(textured, poses[0]), pairs, poses)]
+    for speed, lost in zip(speeds, braking * braked_s):
+        if lost > braking * 0.35:
+            assert abs(speed - (MPS - lost)) < lost / 20, lost
+
+
 def behind_a_post(pair, share=0.35):
     """Return a pair with a striped post before a share of the front's image, from the left."""
     images = []
