@@ -3,13 +3,12 @@
 """The journal of a run: a line of JSON for each finished job, kept through a crash."""
 from __future__ import annotations
 
-import fcntl
 import json
 from pathlib import Path
 from typing import Any, Mapping, Optional, TextIO, Union
 
-from ..core.errors import InputError
 from ..io.atomic import prepare_folder
+from ..io.exclusive import open_alone
 
 JOURNAL = 'runs.jsonl'
 
@@ -27,13 +26,7 @@ class Journal:
         if out_dir is None:
             return
         self.path = prepare_folder(out_dir) / JOURNAL
-        self._file = self.path.open('a+', encoding='utf-8')
-        try:
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            self._file.close()
-            raise InputError(self.path, 'journal', 'another run that is writing it',
-                             'a folder for each run') from None
+        self._file = open_alone(self.path, 'journal')
 
     def __enter__(self) -> Journal:
         """Return itself."""

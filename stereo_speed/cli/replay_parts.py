@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
-import fcntl
 import hashlib
 import json
 import os
@@ -27,6 +26,7 @@ from numpy.typing import NDArray
 from ..batch.job import source_hash
 from ..core.errors import InputError
 from ..core.records import StereoPair
+from ..io.exclusive import open_alone
 from ..io.record_json import record_of, record_text
 from ..io.results import file_sha256, software_versions
 from ..pipeline.pipeline import SpeedPipeline, Step
@@ -81,13 +81,7 @@ class Parts:
         if self._folder is not None:
             self._folder.mkdir(parents=True, exist_ok=True)
             path = self._folder / _STEPS
-            self._file = path.open('a+', encoding='utf-8')
-            try:
-                fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError:
-                self._file.close()
-                raise InputError(self._folder, 'folder', 'another run that is writing it',
-                                 'a folder for each run') from None
+            self._file = open_alone(path, 'folder')
             self.done = self._last_cut(path)
             self._file.truncate(0 if self.done is None else self.done.size)
             if self.done is None:

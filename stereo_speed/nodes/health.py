@@ -183,39 +183,45 @@ class StampGaps:
         self._last_ns = None
 
 
+class Repeats:
+    """Tells an image that is the last one once more: by every eighth pixel, then by all."""
+
+    def __init__(self) -> None:
+        self._last: Optional[NDArray[np.generic]] = None
+
+    def add(self, grey: NDArray[np.generic]) -> bool:
+        """Take an image (H, W); return whether it is the last one once more."""
+        last, self._last = self._last, grey
+        return last is not None and last.shape == grey.shape and last.dtype == grey.dtype \
+            and np.array_equal(_some(last), _some(grey)) and np.array_equal(last, grey)
+
+
+def _some(grey: NDArray[np.generic]) -> NDArray[np.generic]:
+    return grey[::8, ::8]
+
+
 class Look:
-    """
-    Tells a camera that gives the same picture again and again, or one without contrast.
+    """Tells a camera that gives the same picture again and again, or one without contrast."""
 
-    It looks at every eighth pixel, and at all of them only where those are equal.
-    """
-
-    _STRIDE = 8
     _LEAST_S, _LEAST = 1.0, 3  # a fault lasts longer, and for more images
     _FLAT, _DARK = 2.0, 16.0  # standard deviation and mean, of 255 grey levels
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
-        self._clock = clock
-        self._last: Optional[NDArray[np.generic]] = None
+        self._clock, self._repeats = clock, Repeats()
         self._same_since: Optional[float] = None
         self._flat_since: Optional[float] = None
         self._same = self._flat = 0
         self._dark = False
 
-    def add(self, grey: NDArray[np.generic]) -> bool:
-        """Take an image (H, W); return whether it is the last one once more."""
-        now_s, some = self._clock(), grey[::self._STRIDE, ::self._STRIDE]
-        last, self._last = self._last, grey
-        same = last is not None and last.shape == grey.shape and last.dtype == grey.dtype \
-            and np.array_equal(last[::self._STRIDE, ::self._STRIDE], some) \
-            and np.array_equal(last, grey)
+    def add(self, grey: NDArray[np.generic]) -> None:
+        """Take an image (H, W)."""
+        now_s, same = self._clock(), self._repeats.add(grey)
         self._same, self._same_since = _run(same, self._same, self._same_since, now_s)
         levels = 255.0 / (255.0 if grey.itemsize == 1 else 65535.0)
-        values = some.astype(np.float64) * levels
+        values = _some(grey).astype(np.float64) * levels
         self._dark = bool(values.mean() < self._DARK)
         flat = bool(values.std() < self._FLAT)
         self._flat, self._flat_since = _run(flat, self._flat, self._flat_since, now_s)
-        return same
 
     def tell(self, state: State, side: str) -> None:
         """Add what is wrong with the pictures to a state."""

@@ -29,7 +29,7 @@ from .boxes import boxes_from_message, BOXES_TOPIC
 from .calibration import CalibrationWatch
 from .common import Parameters, qos_options, RELIABLE, stamp_ns
 from .diagnostics import Task
-from .health import Arrivals, ERROR, Look, Refusals, State, Tally, WARN
+from .health import Arrivals, ERROR, Refusals, Repeats, State, Tally, WARN
 from .outputs import Outputs
 from .pair_queue import PairQueue
 from .rig_watch import RigWatch
@@ -153,7 +153,7 @@ class Measuring:
         self._waiting: deque[_Arrival] = deque(maxlen=max(_WAITING_PAIRS, self.refine_pairs))
         self._boxes: deque[tuple[int, list[ImageBox]]] = deque(maxlen=_WAITING_PAIRS)
         self._index, self._offered_ns, self._last_ns = 0, -1, -1
-        self._looks, self.arrivals = (Look(), Look()), Arrivals()
+        self._repeats, self.arrivals = (Repeats(), Repeats()), Arrivals()
         self._steps, self._known_steps = Tally(), 0
         self._crossed, self._ordered_s = False, -_ORDER_S
         self._latencies_s: deque[float] = deque(maxlen=_LATENCIES)
@@ -407,7 +407,7 @@ class Measuring:
 
     def _is_withheld(self, pair: StereoPair) -> bool:
         """Return whether a pair tells nothing: an image is the last one again, or the rig moot."""
-        same = [look.add(image) for look, image in zip(self._looks, (pair.left, pair.right))]
+        same = [r.add(image) for r, image in zip(self._repeats, (pair.left, pair.right))]
         self.frozen.add(any(same))
         if not any(same):
             self.rig_watch.take(pair)

@@ -10,19 +10,13 @@ rclpy = pytest.importorskip('rclpy')
 from stereo_speed.nodes.diagnostics import Diagnostics  # noqa: E402, I100
 from stereo_speed.nodes.health import ERROR, OK, State  # noqa: E402
 
-pytestmark = pytest.mark.usefixtures('private_graph')
 
-
-def test_a_task_that_fails_costs_only_its_own_state():
-    rclpy.init(args=[])
-    node, told = rclpy.create_node('rig'), []
-    try:
+def test_a_task_that_fails_costs_only_its_own_state(in_process):
+    told = []
+    with in_process(lambda: rclpy.create_node('rig')) as node:
         diagnostics = Diagnostics(node, {'broken': lambda: 1 // 0, 'sound': lambda: State('well')})
         diagnostics.publisher = type('Heard', (), {'publish': staticmethod(told.append)})
         diagnostics.publish()
-    finally:
-        node.destroy_node()
-        rclpy.try_shutdown()
     broken, sound = told[0].status
     assert (broken.level, broken.name) == (ERROR, 'rig: broken')
     assert 'ZeroDivisionError' in broken.message

@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 from stereo_speed.nodes.health import (
-    Arrivals, ERROR, Look, OK, Refusals, StampGaps, State, Tally, WARN, WINDOW_S)
+    Arrivals, ERROR, Look, OK, Refusals, Repeats, StampGaps, State, Tally, WARN, WINDOW_S)
 
 PERIOD_NS = 33_333_333
 
@@ -145,21 +145,21 @@ def picture(seed, mean=100.0):
 
 def test_frozen_images_are_told_and_forgotten(clock):
     look = Look(clock)
-    assert not look.add(picture(0))
-    for _ in range(5):
+    for _ in range(6):
         clock.s += 0.3
-        assert look.add(picture(0))
+        look.add(picture(0))
     assert level_of(look.tell, 'left') == ERROR
     clock.s += 0.3
-    assert not look.add(picture(1))
+    look.add(picture(1))
     assert level_of(look.tell, 'left') == OK
 
 
-def test_one_pixel_tells_a_new_image(clock):
-    look, other = Look(clock), picture(0)
-    look.add(picture(0))
+def test_one_pixel_tells_a_new_image():
+    repeats, other = Repeats(), picture(0)
+    assert not repeats.add(picture(0)) and repeats.add(picture(0))
     other[3, 5] ^= 1
-    assert not look.add(other)
+    assert not repeats.add(other) and repeats.add(other.copy())
+    assert not repeats.add(other.astype(np.uint16)) and not repeats.add(other[1:])
 
 
 @pytest.mark.parametrize('changing', [1, 2])

@@ -7,31 +7,20 @@ import sqlite3
 
 import pytest
 
-rclpy = pytest.importorskip('rclpy')
+pytest.importorskip('rclpy')
 
 from nav_msgs.msg import Odometry  # noqa: E402, I100
 
 from stereo_speed.nodes.health import ERROR, OK  # noqa: E402
 from stereo_speed.nodes.log_node import LogNode  # noqa: E402
 
-pytestmark = pytest.mark.usefixtures('private_graph')
 
-
-@pytest.fixture()
-def node(tmp_path):
-    rclpy.init(args=['--ros-args', '-p', f'file:={tmp_path / "passes.sqlite"}'])
-    node = LogNode()
-    yield node
-    node.close()
-    node.destroy_node()
-    rclpy.try_shutdown()
-
-
-def test_readings_that_are_written_again_end_the_fault(node):
-    node.failed(sqlite3.OperationalError('database or disk is full'))
-    node.sync()  # with nothing to write, which tells nothing of the disk
-    assert node.state().level == ERROR
-    node.on_track(Odometry(child_frame_id='vehicle_0'))
-    assert node.state().level == ERROR
-    node.sync()
-    assert node.state().level == OK
+def test_readings_that_are_written_again_end_the_fault(in_process, tmp_path):
+    with in_process(LogNode, f'file:={tmp_path / "passes.sqlite"}') as node:
+        node.failed(sqlite3.OperationalError('database or disk is full'))
+        node.sync()  # with nothing to write, which tells nothing of the disk
+        assert node.state().level == ERROR
+        node.on_track(Odometry(child_frame_id='vehicle_0'))
+        assert node.state().level == ERROR
+        node.sync()
+        assert node.state().level == OK

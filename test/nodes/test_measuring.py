@@ -7,22 +7,16 @@ from types import SimpleNamespace
 
 import pytest
 
-rclpy = pytest.importorskip('rclpy')
+pytest.importorskip('rclpy')
 
 from stereo_speed.nodes.health import WARN  # noqa: E402, I100
 from stereo_speed.nodes.tracker_node import TrackerNode  # noqa: E402
 
-pytestmark = pytest.mark.usefixtures('private_graph')
-
 
 @pytest.fixture()
-def node(sample):
-    rclpy.init(args=['--ros-args', '-p', f'site:={sample / "site.yaml"}'])
-    node = TrackerNode()
-    yield node
-    node.close()
-    node.destroy_node()
-    rclpy.try_shutdown()
+def node(in_process, sample):
+    with in_process(TrackerNode, f'site:={sample / "site.yaml"}') as node:
+        yield node
 
 
 def test_each_state_and_a_jump_of_time_are_told(node):
