@@ -237,22 +237,17 @@ class FrontRefiner:
         all that counts.
         """
         aside, half = round(_ASIDE_M / GRID_M / _STRIDE), self.kind.half // _STRIDE
-        both = np.log(np.maximum(self._both(batch, (half + aside) * _STRIDE, now, _STRIDE), 0.0)
-                      + _DARK)
+        both = self.sampler.both(batch.s_m, batch.x_m, (half + aside) * _STRIDE, now,
+                                 batch.ahead_m, _STRIDE)
+        both = np.log(np.maximum(both, 0.0) + _DARK)
         energy, _ = mirrored(both, 2 * half + 1)
         return np.asarray(batch.x_m + (np.argmax(energy, axis=1) - aside) * _STRIDE * GRID_M)
-
-    def _both(self, batch: FrontBatch, half: int, now: PairPyramids, stride: int) -> Patches:
-        """Sample both views, the rows of the right one below those of the left."""
-        place = batch.s_m, batch.x_m, half, now
-        return np.concatenate([self.sampler.left(*place, stride),
-                               self.sampler.right(*place, batch.ahead_m, stride)], axis=1)
 
     def _observe(self, batch: FrontBatch, now: PairPyramids, noise: float, symmetric: bool
                  ) -> FrontBatch:
         """Return the batch with what both views show of it."""
         aside = round(_CLOSE_M / GRID_M)
-        both = self._both(batch, HALF + aside + _SHIFTS, now, 1)
+        both = self.sampler.both(batch.s_m, batch.x_m, HALF + aside + _SHIFTS, now, batch.ahead_m)
         moved = np.full(len(batch), aside)
         if symmetric:
             beside = HALF + _SHIFTS - self.kind.middle

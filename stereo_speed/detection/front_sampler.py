@@ -6,6 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .lane_geometry import LaneGeometry
 from .patch_kernels import Floats
@@ -63,7 +64,7 @@ class FrontSampler:
         :return: (n, rows, 2 half + 1), or as many as the stride leaves.
         """
         uv = self.geometry.left_pixels(s_m, x_m, _reach(half, stride), self.heights_m[::stride])
-        return self._sampled(s_m, uv, pair.left, coarser)
+        return _sampled(self._levels(s_m, coarser), uv, pair.left)
 
     def right(self, s_m: Floats, x_m: Floats, half: int, pair: PairPyramids, ahead_m: Floats,
               stride: int = 1, lying: bool = False, coarser: int = 0) -> Patches:
@@ -77,15 +78,31 @@ class FrontSampler:
         """
         uv = self.geometry.right_pixels(s_m, x_m, _reach(half, stride), self.heights_m[::stride],
                                         ahead_m, lying)
-        return self._sampled(s_m, uv, pair.right, coarser)
+        return _sampled(self._levels(s_m, coarser), uv, pair.right)
 
-    def _sampled(self, s_m: Floats, uv: Patches, view: Pyramid, coarser: int) -> Patches:
-        levels = np.minimum(
-            level_of(self.geometry.rates(s_m).px_per_m * GRID_M) + coarser, LEVELS - 1)
-        out = np.empty(uv.shape[:3], np.float32)
-        for level in np.unique(levels):
-            out[levels == level] = view.sample(uv[levels == level], int(level))
-        return out
+    def both(self, s_m: Floats, x_m: Floats, half: int, pair: PairPyramids, ahead_m: Floats,
+             stride: int = 1) -> Patches:
+        """Return the windows of :meth:`left` and below each, as more rows, those of the right."""
+        levels = self._levels(s_m, 0)
+        views = [_sampled(levels, uv, view) for uv, view in zip(
+            self.geometry.both_pixels(s_m, x_m, _reach(half, stride), self.heights_m[::stride],
+                                      ahead_m), (pair.left, pair.right))]
+        return np.concatenate(views, axis=1)
+
+    def _levels(self, s_m: Floats, coarser: int) -> NDArray[np.int64]:
+        """Return the levels of the pyramids (n,) that suit planes."""
+        return np.minimum(level_of(self.geometry.px_per_m(s_m) * GRID_M) + coarser, LEVELS - 1)
+
+
+def _sampled(levels: NDArray[np.int64], uv: Patches, view: Pyramid) -> Patches:
+    """Return the samples of a view at pixels (n, rows, w, 2), each plane at its level."""
+    several = set(levels.tolist())
+    if len(several) == 1:
+        return view.sample(uv, several.pop())
+    out = np.empty(uv.shape[:3], np.float32)
+    for level in several:
+        out[levels == level] = view.sample(uv[levels == level], level)
+    return out
 
 
 def _reach(half: int, stride: int) -> Array:

@@ -154,10 +154,11 @@ class FrontSearch:
         :param symmetric: find middle and width of fronts by their symmetry.
         """
         out: list[FoundFront] = []
+        places = self._places(lane, proposals)
         for refiner in self._refiners[lane]:
             held = [*taken, *(f.place for f in out)]
-            free = [p for p in proposals if not self.spacing.meet(
-                lane, self._place(lane, p.s_m, p.x_m, 0.0), held)][:most]
+            free = [p for p, place in zip(proposals, places) if not self.spacing.meet(
+                lane, place, held)][:most]
             interval = Interval(moment.now, moment.past[0])
             fronts = refiner.refine(free, interval, moment.noise, symmetric)
             if refiner.kind.narrow_m is not None and symmetric:
@@ -241,10 +242,19 @@ class FrontSearch:
                            limits.motion) > most_m
 
     def _place(self, lane: str, s_m: float, x_m: float, half_m: float) -> Place:
+        return Place(self._middles(lane, np.array([s_m]), np.array([x_m]))[0], half_m)
+
+    def _places(self, lane: str, proposals: Sequence[Proposal]) -> list[Place]:
+        """Return where proposals are, as of something without a width."""
+        middles = self._middles(lane, np.array([p.s_m for p in proposals]),
+                                np.array([p.x_m for p in proposals]))
+        return [Place(middle, 0.0) for middle in middles]
+
+    def _middles(self, lane: str, s_m: Array, x_m: Array) -> Array:
+        """Return the middles (n, 3) of fronts, m."""
         front = self.config.front
         height = np.array([(front.low_m + front.high_m) / 2])
-        return Place(self.geometry[lane].points(
-            np.array([s_m]), np.array([x_m]), height)[0, 0, 0], half_m)
+        return self.geometry[lane].points(s_m, x_m[:, None], height)[:, 0, 0]
 
     def followed(self, found: FoundFront, then: PairPyramids, now: PairPyramids
                  ) -> Optional[FoundFront]:

@@ -115,6 +115,20 @@ class LaneGeometry:
         uv = self.rig.right.project(self.rig.to_right(points))[0]
         return _interpolated(uv, len(h_m), len(reach_m))
 
+    def both_pixels(self, s_m: Array, x_m: Array, reach_m: Array, h_m: Array, ahead_m: Array
+                    ) -> tuple[Patches, Patches]:
+        """
+        Project a small grid on each of many planes into both views.
+
+        :return: what :meth:`left_pixels` and :meth:`right_pixels` do of the same arguments.
+        """
+        points, later = self._nodes(s_m, x_m, reach_m, h_m), None
+        if ahead_m.any():
+            later = self._nodes(s_m + ahead_m, x_m, reach_m, h_m)
+        both = _interpolated(np.concatenate(self.rig.project(points, later)[:2]), len(h_m),
+                             len(reach_m))
+        return both[:len(s_m)], both[len(s_m):]
+
     def across(self, s_m: float, uv_px: Array) -> Array:
         """
         Return the offsets x (n,) at which rays of the left camera meet one plane; NaN behind it.
@@ -181,6 +195,10 @@ class LaneGeometry:
         turned = path.frame(there) @ np.swapaxes(path.frame(s_m), 1, 2)
         return np.asarray(path.position(there)[:, None, None] + np.einsum(
             'nij,nmwj->nmwi', turned, points - path.position(s_m)[:, None, None]))
+
+    def px_per_m(self, s_m: Array) -> Array:
+        """Return that of :meth:`rates` alone."""
+        return np.interp(s_m, self._s_m, self._rates.px_per_m)
 
     def rates(self, s_m: Array) -> Rates:
         """
