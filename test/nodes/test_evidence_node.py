@@ -1,0 +1,84 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""``evidence_node`` in this process, on a disk that fills up and is emptied again."""
+from __future__ import annotations
+
+from collections import namedtuple
+import json
+import shutil
+import time
+
+import pytest
+
+rclpy = pytest.importorskip('rclpy')
+
+from std_msgs.msg import String  # noqa: E402, I100
+from stereo_speed.enforcement.instrument import Instrument  # noqa: E402
+from stereo_speed.enforcement.verify import verify  # noqa: E402
+from stereo_speed.io.bags import StereoBag  # noqa: E402
+from stereo_speed.io.pass_json import pass_text  # noqa: E402
+from stereo_speed.io.trace_json import trace_text  # noqa: E402
+from stereo_speed.nodes.evidence_node import EvidenceNode  # noqa: E402
+from stereo_speed.nodes.health import ERROR  # noqa: E402
+from stereo_speed.pipeline.assembly import MeasuringSite  # noqa: E402
+from stereo_speed.pipeline.config import PipelineConfig  # noqa: E402
+from stereo_speed.pipeline.run import run  # noqa: E402
+from stereo_speed.site.file import load_site  # noqa: E402
+
+LONGEST_S = 180.0
+PASSED = {'passed_utc': '2026-11-22T10:00:00Z', 'off_percent': 0.23}
+
+pytestmark = pytest.mark.usefixtures('private_graph')
+
+
+@pytest.fixture()
+def node(tmp_path):
+    rclpy.init(args=['--ros-args', '-p', f'out:={tmp_path / "evidence"}'])
+    node = EvidenceNode()
+    yield node
+    node.close()
+    node.destroy_node()
+    rclpy.try_shutdown()
+
+
+def wait(node, condition):
+    """Let the node tell what its writer has done, until the condition holds."""
+    end_s = time.monotonic() + LONGEST_S
+    while not condition() and time.monotonic() < end_s:
+        node.tell()
+        time.sleep(0.02)
+    assert condition()
+
+
+@pytest.mark.slow
+def test_a_full_disk_is_an_error_until_a_record_is_written_again(
+        node, sample, tmp_path, monkeypatch):
+    """A pass that is told again is the same one; its record says what the instrument told."""
+    with StereoBag(sample / 'bag') as bag:
+        place = MeasuringSite.of(load_site(sample / 'site.yaml'), bag.rig)
+        bag.watcher = lambda pair, left, right: (
+            node.ring.add('left', pair.stamp_ns, left),
+            node.ring.add('right', pair.right_stamp_ns, right))
+        result, = run(place.pipeline(PipelineConfig()), bag.pairs()).passes
+    usage = namedtuple('usage', 'total used free')
+    monkeypatch.setattr(shutil, 'disk_usage', lambda path: usage(1 << 40, 1 << 40, 99))
+    instrument = json.loads(Instrument.of('run', place, PipelineConfig()).text())
+    node.on_instrument(String(data=json.dumps({**instrument, 'self_test': PASSED})))
+
+    def tell():
+        node.on_trace(String(data=trace_text('run', result)))
+        node.on_pass(String(data=pass_text('run', result)))
+    tell()
+    wait(node, lambda: node.wrong)
+    state = node.state()
+    assert state.level == ERROR and 'no records: ' in state.message
+    assert 'free space' in state.message
+    assert state.values['no_record_not_stored'] == 1 and state.values['records'] == 0
+
+    monkeypatch.undo()
+    tell()
+    wait(node, lambda: len(node.store.chain) == 1 and not node.wrong)
+    assert 'no records' not in node.state().message and node.state().values['records'] == 1
+    path, = (tmp_path / 'evidence').glob('*/record.json')
+    assert json.loads(path.read_text())['instrument']['self_test'] == PASSED
+    assert verify(tmp_path / 'evidence').sound
