@@ -33,7 +33,7 @@ from ..road.lanes import LanePath
 _MARGIN_PX = 2.0  # a quad nearer to the edge of an image cannot be sampled about its corners
 _LEAST_DOUBT = 0.005  # no two views agree better than this, whatever their correlation
 # Coarser levels of one view look as the other does out of focus; those of both show less noise.
-_SHARPNESSES = AS_SHARP, (1, 1), (1, 0), (0, 1), (2, 0), (0, 2)
+_SHARPNESSES = (AS_SHARP, (1, 0), (0, 1), (2, 0), (0, 2)), ((1, 1),)
 _BLUR_M = 0.15  # what goes with a front seems wider by this
 _NOISE_SHARE = 0.2  # of each pair in the running estimate of the noise
 _NOISE_STEP = 8  # pixels between those that the noise is estimated from
@@ -132,8 +132,9 @@ class FrontSearch:
         self.spacing = Spacing(self.lanes, config.spacing)
         self.geometry = {name: LaneGeometry(rig, lane) for name, lane in self.lanes.items()}
         front = config.front
-        kinds = (FrontKind(front.low_m, front.high_m, front.least_width_m),
-                 FrontKind(front.tall_low_m, front.tall_high_m, front.tall_width_m),
+        # The bumper of a lorry is the front of a car as well, so lorries come first.
+        kinds = (FrontKind(front.tall_low_m, front.tall_high_m, front.tall_width_m),
+                 FrontKind(front.low_m, front.high_m, front.least_width_m),
                  FrontKind(front.raised_low_m, front.raised_high_m, front.least_width_m),
                  FrontKind(front.narrow_low_m, front.narrow_high_m, front.narrow_least_m,
                            front.narrow_most_m))
@@ -213,22 +214,23 @@ class FrontSearch:
         looks_like_one = (self.least_symmetry is None or refiner.kind.narrow_m is not None
                           or front.symmetry >= self.least_symmetry)
         return (looks_like_one and abs(front.x_m) < self.config.front.reach_m
-                and any(self._stands(front, refiner, now, k) for k in _SHARPNESSES))
+                and any(self._stands(front, refiner, now, some) for some in _SHARPNESSES))
 
     def _stands(self, front: FrontHypothesis, refiner: FrontRefiner, now: PairPyramids,
-                coarser: tuple[int, int]) -> bool:
+                sharpnesses: Sequence[tuple[int, int]]) -> bool:
         """
         Return whether the views of a front agree on its plane, and much less so on the road.
 
-        :param coarser: levels of the pyramids below the usual one, of the left and the right view.
+        :param sharpnesses: levels of the pyramids below the usual one, of the left and the right
+            view; each explanation has those that suit it best.
         """
         limits = self.config.front
-        stands = refiner.standing_ncc(front, now, coarser)
-        if coarser == AS_SHARP:  # between the samples they agree still better
+        stands, lies = (max(ncc(front, now, coarser) for coarser in sharpnesses)
+                        for ncc in (refiner.standing_ncc, refiner.lying_ncc))
+        if AS_SHARP in sharpnesses:  # between the samples they agree still better
             stands = max(stands, front.cross_ncc)
-        doubt = max(1 - stands, _LEAST_DOUBT)
         return (stands >= limits.least_cross_ncc
-                and 1 - refiner.lying_ncc(front, now, coarser) > limits.upright_factor * doubt)
+                and 1 - lies > limits.upright_factor * max(1 - stands, _LEAST_DOUBT))
 
     def _is_part(self, front: FrontHypothesis, motion: Motion, refiner: FrontRefiner,
                  interval: Interval, noise: float) -> bool:

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Fronts in views that are not equally sharp, and fronts of which little is seen."""
+"""Fronts in views that are not equally sharp, of which little is seen, or of several kinds."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -52,3 +52,10 @@ def test_a_front_that_shows_nothing_but_what_is_high_up_is_found():
     assert len(found_in(fronts)[1]) == 1
     low = FrontConfig(raised_low_m=0.2, raised_high_m=0.6, narrow_most_m=0.6)
     assert not found_in(fronts, config=DetectorConfig(front=low))[1]
+
+
+@pytest.mark.parametrize(('half_m', 'height_m'), [(0.9, 0.51), (1.2, 0.85)])
+def test_a_front_of_a_lorry_is_not_taken_for_the_bumper_of_a_car(half_m, height_m):
+    (one,) = found_in([[Front(20.0 + k * STEP_M, half_m=half_m)] for k in range(2)])[1]
+    assert one.width_m == pytest.approx(2 * half_m, abs=0.2)
+    assert one.height_m == pytest.approx(height_m)
