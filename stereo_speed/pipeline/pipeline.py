@@ -20,7 +20,8 @@ from ..classification.size import VehicleSize
 from ..core.config import TrackerConfig
 from ..core.errors import InputError
 from ..core.passes import Direction, PassResult, Reason
-from ..core.records import Array, InitialFront, StereoPair, TrackState, TrackUpdate
+from ..core.records import (
+    Array, InitialFront, RigMotion, StereoPair, TrackState, TrackUpdate)
 from ..core.stamp_watch import StampWatch
 from ..core.trace import PassTrace, TraceBuilder
 from ..detection.protocol import Detection, Detector, TrackedRegion
@@ -66,6 +67,7 @@ class _Track:
     :param confirmed: whether it ever was.
     :param lag_changes_s: of the time between the views, before it began.
     :param clock_stepped: whether the clock of the stamps has stepped since.
+    :param drift_rad: (3,) how far the right camera was taken to have turned in its first pair.
     """
 
     tracker: Tracker
@@ -79,6 +81,7 @@ class _Track:
     confirmed: bool = False
     lag_changes_s: float = 0.0
     clock_stepped: bool = False
+    drift_rad: Array = field(default_factory=lambda: np.zeros(3))
 
 
 @dataclass
@@ -165,7 +168,8 @@ class SpeedPipeline:
         tracks = {track.tracker.track: track for track in state.tracks}
         told = [self._timed(u, tracks[u.track]) for u in seen if u.track in tracks]
         if self.steadier is not None:
-            told = [self._doubt.update(update, self.steadier) for update in told]
+            told = [self._doubt.update(update, self.steadier, tracks[update.track].drift_rad)
+                    for update in told]
         return Step(told, self.concluded())
 
     def concluded(self, *, everything: bool = False) -> list[PassResult]:
@@ -250,7 +254,8 @@ class SpeedPipeline:
                            front.std_px if detection is None else None)
         tracks.append(_Track(tracker, LaneAssigner(self.lanes, self.config.verdict), detection,
                              newest.stamp_ns, TraceBuilder(trace), size, second,
-                             lag_changes_s=self.view_lag.changes_s))
+                             lag_changes_s=self.view_lag.changes_s,
+                             drift_rad=np.array((pair.motion or RigMotion()).drift_rad)))
         return tracks[-1]
 
     def _share(self, tracks: int) -> int:
@@ -460,7 +465,8 @@ class SpeedPipeline:
         :param reason: why it is rejected whatever comes out; None where it is not.
         """
         lag_share = 0.0 if track.last is None else self._lag_share(track, track.last)
-        rig_shares = {} if self.steadier is None else self._doubt.shares(self.steadier)
+        rig_shares = {} if self.steadier is None else self._doubt.shares(
+            self.steadier, track.drift_rad)
         self._concluding.add(track.tracker.track)
         self._conclusions.add(partial(self._attempted, track, partial(
             self._measured, track, lag_share, rig_shares, reason)))
