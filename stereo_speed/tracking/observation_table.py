@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from .observation import Observation
 from .photometric_terms import cross
+from .relief import NodeSums
 from ..core.config import NoiseConfig
 from ..core.records import Array
 
@@ -72,7 +73,7 @@ class ObservationTable:
     """
 
     def __init__(self, basis: Array, noise: NoiseConfig) -> None:
-        self.basis, self.noise = basis, noise
+        self.basis, self.node_sums, self.noise = basis, NodeSums(basis), noise
         self._rows: dict[Observation, int] = {}
         self._columns: list[Array] = []
 
@@ -117,5 +118,5 @@ class ObservationTable:
             pixels=np.asarray(o.pixels), shift_px=o.shift_px[0, 1],
             disparity_px=o.disparity_px[0], poses=share * terms.block,
             mixed=share * terms.mixed @ self.basis.T,
-            nodes=(share * terms.relief * self.basis) @ self.basis.T,
+            nodes=self.node_sums(share * terms.relief),
             right=share * terms.right, nodes_right=self.basis @ (share * terms.relief_right))

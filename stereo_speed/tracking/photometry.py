@@ -210,7 +210,7 @@ class PassPhotometry:
         H[poses, poses] -= terms.shared @ terms.shared.T
         _add_blocks(H[poses, poses], terms.blocks)
         H[poses, nodes] += terms.mixed @ self.basis.T
-        H[nodes, nodes] += (terms.relief * self.basis) @ self.basis.T
+        H[nodes, nodes] += self._table.node_sums(terms.relief)
         g[poses] += terms.right
         g[nodes] += self.basis @ terms.relief_right
         return ncc

@@ -9,7 +9,10 @@ front does not change its shape, so its relief is a static unknown of the pass.
 """
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
+from scipy.sparse import csr_matrix
 
 from ..core.records import Array
 
@@ -27,3 +30,28 @@ def relief_basis(unit_xy: Array) -> Array:
                                           - np.arange(count)), 0)
                     for axis, count in enumerate(NODES))
     return np.asarray((down[:, :, None] * across[:, None, :]).reshape(len(unit_xy), -1))
+
+
+class NodeSums:
+    """
+    Sums over samples of weights times the shares of any two nodes.
+
+    A sample has a share of four nodes at most, so almost all products of two shares are 0.
+
+    :param basis: (m, G) share of each node in the relief at each sample.
+    """
+
+    def __init__(self, basis: Array) -> None:
+        self._count = len(basis)
+        self._products = _products(basis.tobytes(), *basis.shape)
+
+    def __call__(self, weights: Array) -> Array:
+        """Return the sums (m, m) for weights (G,) of the samples."""
+        return np.asarray(self._products @ weights).reshape(self._count, self._count)
+
+
+@lru_cache(maxsize=8)
+def _products(basis: bytes, nodes: int, samples: int) -> csr_matrix:
+    """Return the products (m m, G) of the shares of two nodes in each sample."""
+    shares = np.frombuffer(basis).reshape(nodes, samples)
+    return csr_matrix((shares[:, None] * shares).reshape(nodes * nodes, samples))

@@ -10,7 +10,7 @@ import pytest
 from scipy import stats
 from stereo_speed.core.config import NoiseConfig, TrackerConfig
 from stereo_speed.lab.sim import simulate, straight_config, VehicleConfig
-from stereo_speed.tracking.relief import NODES, relief_basis
+from stereo_speed.tracking.relief import NODES, NodeSums, relief_basis
 
 
 def test_basis_interpolates_its_nodes_and_sums_to_one():
@@ -19,6 +19,16 @@ def test_basis_interpolates_its_nodes_and_sums_to_one():
     np.testing.assert_allclose(at_nodes, np.eye(NODES[0] * NODES[1]), atol=1e-12)
     anywhere = relief_basis(np.random.default_rng(0).uniform(0, 1, (50, 2)))
     np.testing.assert_allclose(anywhere.sum(axis=1), 1.0)
+
+
+@pytest.mark.parametrize('dense', [False, True])
+def test_sums_over_samples_are_those_of_matrices(dense):
+    rng = np.random.default_rng(1)
+    basis = rng.standard_normal((5, 70)) if dense else np.ascontiguousarray(
+        relief_basis(rng.uniform(0, 1, (70, 2))).T)
+    weights = rng.uniform(-1, 2, 70)
+    np.testing.assert_allclose(NodeSums(basis)(weights), basis @ np.diag(weights) @ basis.T,
+                               atol=1e-12)
 
 
 @pytest.mark.slow
