@@ -34,6 +34,7 @@ _MARGIN_PX = 2.0  # a quad nearer to the edge of an image cannot be sampled abou
 _LEAST_DOUBT = 0.005  # no two views agree better than this, whatever their correlation
 # Coarser levels of one view look as the other does out of focus; those of both show less noise.
 _SHARPNESSES = (AS_SHARP, (1, 0), (0, 1), (2, 0), (0, 2)), ((1, 1),)
+_WHOLE_SHARE = 0.85  # what shows less of the width of a front shows part of it
 _BLUR_M = 0.15  # what goes with a front seems wider by this
 _NOISE_SHARE = 0.2  # of each pair in the running estimate of the noise
 _NOISE_STEP = 8  # pixels between those that the noise is estimated from
@@ -132,9 +133,8 @@ class FrontSearch:
         self.spacing = Spacing(self.lanes, config.spacing)
         self.geometry = {name: LaneGeometry(rig, lane) for name, lane in self.lanes.items()}
         front = config.front
-        # The bumper of a lorry is the front of a car as well, so lorries come first.
-        kinds = (FrontKind(front.tall_low_m, front.tall_high_m, front.tall_width_m),
-                 FrontKind(front.low_m, front.high_m, front.least_width_m),
+        kinds = (FrontKind(front.low_m, front.high_m, front.least_width_m),
+                 FrontKind(front.tall_low_m, front.tall_high_m, front.tall_width_m),
                  FrontKind(front.raised_low_m, front.raised_high_m, front.least_width_m),
                  FrontKind(front.narrow_low_m, front.narrow_high_m, front.narrow_least_m,
                            front.narrow_most_m))
@@ -169,8 +169,26 @@ class FrontSearch:
                 found = self._verified(lane, refiner, front, moment,
                                        [*taken, *(f.place for f in out)])
                 if found is not None:
-                    out.append(found)
+                    held = [*taken, *(f.place for f in out)]
+                    out.append(self._whole(found, moment, held) if symmetric else found)
         return out
+
+    def _whole(self, found: FoundFront, moment: Moment, others: Sequence[Place]) -> FoundFront:
+        """
+        Return a front as it stands higher up, if only part of its width shows low down.
+
+        By night the bumper of a lorry is dark, and its lamps are above.
+        """
+        low, tall = self._refiners[found.lane][:2]
+        if found.sampler is not low.sampler:
+            return found
+        proposal = Proposal(found.front.s_m, found.front.x_m, ahead_m=found.front.ahead_m)
+        for front in tall.refine([proposal], Interval(moment.now, found.before), moment.noise):
+            if found.front.half_m < _WHOLE_SHARE * front.half_m:
+                higher = self._verified(found.lane, tall, front, moment, others)
+                if higher is not None:
+                    return higher
+        return found
 
     def _outlined(self, proposals: Sequence[Proposal], refiner: FrontRefiner, interval: Interval,
                   noise: float) -> list[Proposal]:

@@ -54,8 +54,17 @@ def test_a_front_that_shows_nothing_but_what_is_high_up_is_found():
     assert not found_in(fronts, config=DetectorConfig(front=low))[1]
 
 
-@pytest.mark.parametrize(('half_m', 'height_m'), [(0.9, 0.51), (1.2, 0.85)])
-def test_a_front_of_a_lorry_is_not_taken_for_the_bumper_of_a_car(half_m, height_m):
+def test_a_front_of_which_only_part_shows_low_down_is_taken_higher_up():
+    """The bumper of a lorry by night is dark but for its middle."""
+    def lorry(s_m):
+        return [Front(s_m, half_m=0.7), Front(s_m, half_m=1.2, low_m=0.65)]
+    (one,) = found_in([lorry(20.0 + k * STEP_M) for k in range(2)])[1]
+    assert one.width_m > 2.0  # its outermost strong edges
+    assert one.height_m == pytest.approx(0.85)
+
+
+@pytest.mark.parametrize('half_m', [0.9, 1.2])
+def test_a_front_that_shows_its_width_low_down_is_taken_there(half_m):
     (one,) = found_in([[Front(20.0 + k * STEP_M, half_m=half_m)] for k in range(2)])[1]
-    assert one.width_m == pytest.approx(2 * half_m, abs=0.2)
-    assert one.height_m == pytest.approx(height_m)
+    assert (one.width_m, one.height_m) == (pytest.approx(2 * half_m, abs=0.2),
+                                           pytest.approx(0.51))
