@@ -24,6 +24,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+import math
 from typing import Optional, Sequence
 
 import numpy as np
@@ -158,11 +159,14 @@ class PassPhotometry:
         self._table = ObservationTable(self.basis, noise)
 
     def __call__(self, observations: Sequence[Observation],
-                 counts: Optional[NDArray[np.bool_]] = None) -> Photometry:
+                 counts: Optional[NDArray[np.bool_]] = None, more_px: float = 0.0
+                 ) -> Photometry:
         """
         Return the normal equations of the cross and the temporal terms.
 
         :param counts: (n,) whether each observation does, one at least; None for all.
+        :param more_px: by how much the disparities scatter beyond what is usual, as far as is
+            known, px: the texture is believed no further.
         """
         n, m = len(observations), len(self.basis)
         counts = np.ones(n, dtype=bool) if counts is None else counts
@@ -181,7 +185,7 @@ class PassPhotometry:
         along = np.zeros((n, 3 * n + m))
         along[np.arange(n)[:, None], np.arange(3 * n).reshape(n, 3)] = blocks[:, 0]
         along[:, nodes] = mixed[:, 0]
-        texture = self._add_temporal_terms(table, rows, counts, H, g)
+        texture = self._add_temporal_terms(table, rows, counts, H, g, more_px)
         H[nodes, poses] = H[poses, nodes].T
         at_poses = np.concatenate([table.pose[rows].ravel(), np.zeros(m)])
         return Photometry(
@@ -189,13 +193,15 @@ class PassPhotometry:
             table.disparity_px[rows], table.across[rows], texture, self.limits)
 
     def _add_temporal_terms(self, table: Columns, rows: NDArray[np.int64],
-                            counts: NDArray[np.bool_], H: Array, g: Array) -> Array:
+                            counts: NDArray[np.bool_], H: Array, g: Array, more_px: float
+                            ) -> Array:
         """
         Add the agreement with the texture to H and g; return each observation's NCC with it.
 
         Of the relief and the poses together only the upper triangle of H is filled.
         """
         n, noise = len(rows), self.noise
+        texture_floor_px = math.hypot(noise.texture_floor_px, more_px)
         pixels, both = np.where(counts, table.pixels[rows], 0.0), table.both[rows]
         ncc = correlation(both, pixels @ both / pixels.sum())
         pixels[ncc < self.limits.least_ncc] = 0.0
@@ -205,7 +211,7 @@ class PassPhotometry:
         terms = temporal(
             rows, table.patches, table.jacobian, table.relief_jacobian, table.outlines,
             table.relief, pixels, table.shift_px, noise.tail_dof, noise.independent_share,
-            noise.texture_floor_px)
+            texture_floor_px)
         poses, nodes = slice(0, 3 * n), slice(3 * n, None)
         H[poses, poses] -= terms.shared @ terms.shared.T
         _add_blocks(H[poses, poses], terms.blocks)

@@ -146,6 +146,7 @@ class _Window:
     :param inactive: pairs that wait for the end of the pass, in order of stamps.
     :param occluded_ns: stamps of the pairs, active or not, that do not count.
     :param changing_lanes: probability that the vehicle does.
+    :param more_px: scatter of the disparities beyond what is usual, px.
     """
 
     keyframes: tuple[_Keyframe, ...]
@@ -154,6 +155,7 @@ class _Window:
     inactive: tuple[StereoPair, ...] = ()
     occluded_ns: frozenset[int] = frozenset()
     changing_lanes: float = 0.0
+    more_px: float = 0.0
 
     @property
     def pairs(self) -> list[StereoPair]:
@@ -355,13 +357,14 @@ class PhotometricWindow:
         for done in range(1, effort.most + 1):
             solution = self._solve(window, all_, self.motion)
             weights = solution.weights
-            window = replace(window, changing_lanes=float(sum(
-                w for h, w in zip(all_, weights) if h.motion.changes_lanes)))
+            window = replace(
+                window, changing_lanes=float(sum(
+                    w for h, w in zip(all_, weights) if h.motion.changes_lanes)),
+                more_px=math.sqrt(sum(w * h.more_px ** 2 for h, w in zip(all_, weights))))
+            all_ = [h for h, w in zip(all_, weights) if w > _NEGLIGIBLE]
             window, moved_px = self._moved(window, solution, effort)
             if moved_px <= (effort.near_px if done < effort.iterations else _FAR_PX):
                 break
-            if moved_px <= _FAR_PX:  # what is far from where it was taken misjudges them
-                all_ = [h for h, w in zip(all_, weights) if w > _NEGLIGIBLE]
         window = window.judged(solution.photometry.unoccluded)
         return window, self._posterior(window, solution)
 
@@ -384,7 +387,7 @@ class PhotometricWindow:
         moments of the mixture, so that a steady pass is not made noisy for the sake of a braking
         one, nor a braking one biased.
         """
-        seen = self.photometry(window.observations, window.counts())
+        seen = self.photometry(window.observations, window.counts(), window.more_px)
         # The relief is the same whatever the motion: it is eliminated once.
         said = {more_px: _without_relief(seen.scattered(more_px), len(window.keyframes),
                                          self.config.noise.relief_std_m)
