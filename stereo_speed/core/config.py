@@ -233,6 +233,9 @@ class AssociationConfig(CheckedRecord):
     same_speed_sigmas: float = parameter(
         3.0, 0.1, 100.0, '', 'a new track whose speed differs by more sigmas from what its '
         'detector saw is doubted: a front occluded in part misleads one of them')
+    moving_sigmas: float = parameter(
+        3.0, 0.0, 100.0, '', 'a new track whose speed is off zero by fewer sigmas stays '
+        'tentative: a detector may take road that a vehicle has uncovered for what moves')
     doubt_s: float = parameter(
         1.0, 0.0, 60.0, 's', 'time for which a doubted track stays tentative, whatever it does')
     braking_mps2: float = parameter(

@@ -332,12 +332,15 @@ class SpeedPipeline:
 
     def _is_doubtful(self, track: _Track, update: TrackUpdate) -> bool:
         """
-        Return whether a young track sees another speed than its detector saw.
+        Return whether a young track sees another speed than its detector saw, or none.
 
         After a while the vehicle may have changed its speed, but by no more than it can brake.
+        What a detector saw move beside a vehicle may be road that this has uncovered.
         """
         if track.detection is None or update.state is not TrackState.CONFIRMED:
             return False
+        if update.speed_mps < self.config.association.moving_sigmas * update.speed_std_mps:
+            return True
         limits, age_s = self.config.association, (update.stamp_ns - track.found_ns) * 1e-9
         change_mps = 0.0 if age_s < limits.doubt_s else limits.braking_mps2 * age_s
         return not self._same_speed(update, track.detection, change_mps)

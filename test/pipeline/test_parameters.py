@@ -469,11 +469,13 @@ CASES: dict[str, Case] = {
     'effort.fewest_particles': Case('twice', 20, TWO),
     'association.catch_up_pairs': Case('detected late', 1),
     'association.same_speed_sigmas': Case('detected at 20', 100.0),
+    'association.moving_sigmas': Case('detected late', 100.0),
     'classes.width_std_m': Case('detected at 20'),
     'classes.heavy_width_m': Case('short', 2.0), 'classes.still_margin': Case('passing', 1.0),
     'association.doubt_s': Case('detected at 20', 0.3),
     'association.braking_mps2': Case('detected at 20', 0.0, {'association.doubt_s': 0.3}),
-    'association.gone_s': Case('found again', 0.0, AT_ONCE | {'visibility.least_width_px': 48.0}),
+    'association.gone_s': Case('found again', 0.0, AT_ONCE | {
+        'visibility.least_width_px': 48.0, 'association.moving_sigmas': 0.0}),
     'association.same_vehicle_m': Case('detected again', 0.1),
     **{f'second.{name}': Case('longer', value, {'second.most_std_share': 0.1} if name !=
                               'most_std_share' else {}) for name, value in {

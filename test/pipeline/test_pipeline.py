@@ -34,7 +34,7 @@ class ScriptedFinder:
 
     def __init__(self, marks, lane, pairs):
         self.marks, self.lane, self.pairs, self.occupied = marks, lane, pairs, []
-        self.earlier, self.speed_mps = None, 20.0
+        self.earlier, self.speed_mps, self.std_share = None, 20.0, 0.05
 
     def update(self, pair, occupied):
         """Give the scripted fronts of this pair."""
@@ -44,7 +44,7 @@ class ScriptedFinder:
             return []
         return [Detection(lane=self.lane, left_px=m.left_px, right_px=m.right_px, std_px=0.7,
                           s_m=0.0, lateral_m=0.0, width_m=1.8, height_m=0.8,
-                          speed_mps=self.speed_mps, speed_std_mps=0.05 * self.speed_mps,
+                          speed_mps=self.speed_mps, speed_std_mps=self.std_share * self.speed_mps,
                           earlier=self.earlier)
                 for m in self.marks]
 
@@ -154,6 +154,20 @@ def test_a_track_that_saw_another_speed_than_its_finder_waits_until_it_may_have_
     assert ages[-1] > 2.0
     assert all((u.state is TrackState.TENTATIVE) == (age < 1.8) for u, age in zip(updates, ages)
                if abs(age - 1.8) > 0.15)
+
+
+def test_what_stands_is_no_vehicle_though_a_detector_saw_it_move(scene):
+    """As road that a vehicle has just uncovered may be taken to move; it is nowhere told."""
+    sequence, _, marks = scene
+    pipeline, finder = automatic(scene, marks[:1], {0})
+    finder.speed_mps, finder.std_share = 1.8, 1.0
+    first = sequence.pairs[0]
+    pairs = [replace(first, index=k, stamp_ns=first.stamp_ns + k * 10**8,
+                     right_stamp_ns=first.right_stamp_ns + k * 10**8) for k in range(8)]
+    updates = [u for pair in pairs for u in pipeline.process(pair).updates]
+    assert len(updates) == 8 and abs(updates[-1].speed_mps) < 0.5
+    assert {u.state for u in updates} == {TrackState.TENTATIVE}
+    assert pipeline.finish() == []
 
 
 def test_of_two_tracks_on_a_vehicle_that_which_sees_it_stays(scene):
