@@ -31,6 +31,18 @@ import yaml
 ROOT = Path(__file__).resolve().parents[1]
 
 
+def pytest_collection_modifyitems(items):
+    """
+    Try tests of several processes again: a busy machine may keep these apart for too long.
+
+    What one sends over DDS before another has discovered it is lost, and a browser gives up.
+    """
+    for item in items:
+        if 'private_graph' in item.fixturenames or {'integration', 'studio'} & set(
+                item.path.relative_to(ROOT).parts):
+            item.add_marker(pytest.mark.flaky(reruns=2))
+
+
 @pytest.fixture(scope='session')
 def circle():
     """36 mph on a circle of 41 m radius."""
