@@ -61,15 +61,20 @@ class Spacing:
     def is_at_side(self, lane: str, one: Place, others: Iterable[Place], behind_m: float,
                    side_m: float) -> bool:
         """
-        Return whether a place is at the side of a vehicle, behind its front.
+        Return whether a place is at the side of a vehicle, beyond what faces the cameras of it.
+
+        That is its front where it comes, and its rear where it goes away.
 
         :param lane: of the place.
-        :param behind_m: so far behind it at most.
+        :param behind_m: so far beyond at most.
         :param side_m: so near to its side, across the lane.
         """
+        path = self.lanes[lane].path
         for other in others:
             along_m, across_m, _ = self._apart(lane, one, other)
-            if -behind_m < along_m < 0 and abs(abs(across_m) - other.half_m) < side_m:
+            ahead = path.frame(path.arc_length(other.centre_m))[:, 0]
+            beyond_m = along_m if ahead @ other.centre_m > 0 else -along_m
+            if 0 < beyond_m < behind_m and abs(abs(across_m) - other.half_m) < side_m:
                 return True
         return False
 

@@ -9,6 +9,7 @@ import json
 from typing import Any, get_args, get_origin, get_type_hints, Mapping, Optional, Union
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .pass_json import pass_id
 from ..core.config import ConfigRecord, Record
@@ -45,7 +46,7 @@ def trace_of(data: Any, where: object) -> PassTrace:
         track = int(data['track'])
         return _record(PassTrace, data, pairs=tuple(_pair_of(pair, track)
                                                     for pair in data['pairs']))
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise InputError(where, 'trace', f'{type(error).__name__}: {error}',
                          'how a pass came about') from None
 
@@ -99,7 +100,7 @@ def result_of(told: str, traced: str, where: object) -> PassResult:
             vehicle=None if vehicle is None else _record(
                 VehicleKind, {**vehicle, 'name': vehicle['class']}),
             trace=None if more['trace'] is None else trace_of(more['trace'], where))
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise InputError(where, 'pass', f'{type(error).__name__}: {error}',
                          'a pass and its trace as JSON') from None
 
@@ -119,7 +120,7 @@ def rig_of(data: Any, where: object) -> StereoRig:
     """
     try:
         return _record(StereoRig, data)
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise InputError(where, 'calibration', f'{type(error).__name__}: {error}',
                          'a calibrated rig') from None
 
@@ -160,7 +161,7 @@ def _value(kind: Any, value: Any, name: str) -> Any:
     origin, inner = get_origin(kind), get_args(kind)
     if origin is Union:
         return None if value is None else _value(inner[0], value, name)
-    if origin is np.ndarray:
+    if origin in (np.ndarray, NDArray):  # by the version of numpy and Python
         array = np.array(value, dtype=np.float64)
         if array.shape != _SHAPES.get(name, array.shape):
             raise ValueError(f'an array {array.shape} instead of {_SHAPES[name]}')

@@ -83,8 +83,9 @@ def window(view: NDArray[Any], front_px: Array, beyond: float = 0.0) -> tuple[sl
     """
     low, high = front_px.min(axis=0), front_px.max(axis=0)
     reach = beyond * (high - low)
-    x0, y0 = np.maximum(np.floor(low - reach), 0).astype(int).tolist()
-    x1, y1 = np.minimum(np.ceil(high + reach) + 1, view.shape[1::-1]).astype(int).tolist()
+    size = view.shape[1::-1]
+    x0, y0 = np.clip(np.floor(low - reach), 0, size).astype(int).tolist()
+    x1, y1 = np.clip(np.ceil(high + reach) + 1, 0, size).astype(int).tolist()
     return slice(y0, y1), slice(x0, x1)
 
 

@@ -6,9 +6,12 @@ from __future__ import annotations
 from drawn_fronts import Front, LANE_M, LANES, pair_of, RIG, SPEED_MPS, START_M, STEP_NS
 import numpy as np
 import pytest
-from stereo_speed.detection.config import DetectorConfig, FrontConfig
+from stereo_speed.detection.config import DetectorConfig, FrontConfig, SpacingConfig
 from stereo_speed.detection.detector import PlaneSweepDetector
 from stereo_speed.detection.protocol import TrackedRegion
+from stereo_speed.detection.spacing import Place, Spacing
+from stereo_speed.road.lanes import LanePath
+from stereo_speed.road.path import StraightPath
 
 STEP_M = SPEED_MPS * STEP_NS * 1e-9
 
@@ -76,6 +79,19 @@ def test_what_is_at_the_side_of_a_long_vehicle_is_part_of_it(
         found = detector.update(pair_of([Front(s_m, half_m=0.35)], k),
                                 [held(width_m, s_m + ahead_m, x_m)])
     assert bool(found) == is_found
+
+
+@pytest.mark.parametrize('goes_away', [False, True])
+def test_the_side_of_a_vehicle_lies_beyond_what_faces_the_camera(goes_away):
+    """Of one that goes away the rear is tracked: who rides ahead of it is at its side."""
+    sense = 1.0 if goes_away else -1.0
+    path = StraightPath(np.array([0.0, 2.0, 50.0 - 40 * sense]), np.array([0.0, 0.0, sense]),
+                        80.0, np.array([0.0, -1.0, 0.0]))
+    spacing = Spacing({'lane': LanePath('lane', path, None, np.zeros(2), 0.0)}, SpacingConfig())
+    lorry = Place(np.array([0.0, 2.0, 40.0]), 1.25)
+    found = [spacing.is_at_side('lane', Place(np.array([1.2, 2.0, z_m]), 0.35), [lorry], 18.0, 0.5)
+             for z_m in (30.0, 50.0)]
+    assert found == [False, True]
 
 
 def test_a_rider_behind_the_front_is_seen_aslant():
