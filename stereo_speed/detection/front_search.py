@@ -156,8 +156,8 @@ class FrontSearch:
         """
         out: list[FoundFront] = []
         places = self._places(lane, proposals)
+        held = list(taken)
         for refiner in self._refiners[lane]:
-            held = [*taken, *(f.place for f in out)]
             free = [p for p, place in zip(proposals, places) if not self.spacing.meet(
                 lane, place, held)][:most]
             interval = Interval(moment.now, moment.past[0])
@@ -166,11 +166,10 @@ class FrontSearch:
                 fronts += refiner.refine(self._outlined(free, refiner, interval, moment.noise),
                                          interval, moment.noise, False)
             for front in sorted(fronts, key=lambda f: -min(f.cross_ncc, f.symmetry)):
-                found = self._verified(lane, refiner, front, moment,
-                                       [*taken, *(f.place for f in out)])
+                found = self._verified(lane, refiner, front, moment, held)
                 if found is not None:
-                    held = [*taken, *(f.place for f in out)]
                     out.append(self._whole(found, moment, held) if symmetric else found)
+                    held.append(out[-1].place)
         return out
 
     def _whole(self, found: FoundFront, moment: Moment, others: Sequence[Place]) -> FoundFront:

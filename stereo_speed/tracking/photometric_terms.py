@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.compiled import kernel
+from ..core.compiled import inlined, kernel
 from ..core.records import Array
 from ..estimation.student import student_weights
 
@@ -100,6 +100,22 @@ def _plain_temporal(*args: Any) -> tuple[Array, ...]:
     return tuple(plain_temporal(*args))
 
 
+@inlined
+def _brightness(weights, texture, patch):  # type: ignore
+    """Return the gain of a patch against a texture, and the means of texture and patch."""
+    one = of_t = of_p = tt = tp = 0.0
+    for g in range(len(weights)):
+        w, t, p = weights[g], texture[g], patch[g]
+        one += w
+        of_t += w * t
+        of_p += w * p
+        tt += w * t * t
+        tp += w * t * p
+    of_t /= one
+    of_p /= one
+    return (tp / one - of_t * of_p) / max(tt / one - of_t * of_t, 1e-12), of_t, of_p
+
+
 @kernel(_plain_temporal, '(i8[::1], f8[:,:,::1], f8[:,:,:,::1], f8[:,:,::1], f8[:,:,::1], '
         'f8[:,::1], f8[::1], f8[::1], f8, f8, f8)')
 def _temporal(rows, patches, jacobian, by_relief, outlines, relief, pixels,  # type: ignore
@@ -127,17 +143,7 @@ def _temporal(rows, patches, jacobian, by_relief, outlines, relief, pixels,  # t
             if not pixels[i] > 0:
                 continue
             for v in range(views):
-                one = of_t = of_p = tt = tp = 0.0
-                for g in range(samples):
-                    w, t, p = weights[i, v, g], texture[g], patches[at, v, g]
-                    one += w
-                    of_t += w * t
-                    of_p += w * p
-                    tt += w * t * t
-                    tp += w * t * p
-                of_t /= one
-                of_p /= one
-                gain = (tp / one - of_t * of_p) / max(tt / one - of_t * of_t, 1e-12)
+                gain, of_t, of_p = _brightness(weights[i, v], texture, patches[at, v])
                 along = length = 0.0
                 for g in range(samples):
                     r = patches[at, v, g] - of_p - gain * (texture[g] - of_t)
@@ -352,17 +358,7 @@ def _cross(patches, jacobian, by_relief, outlines, relief, pixels,  # type: igno
     weights, r, still = np.ones(samples), np.zeros(samples), np.empty(samples)
     variance = 1.0
     for _ in range(_ROUNDS):
-        one = of_t = of_p = tt = tp = 0.0
-        for g in range(samples):
-            w, t, p = weights[g], right[g], left[g]
-            one += w
-            of_t += w * t
-            of_p += w * p
-            tt += w * t * t
-            tp += w * t * p
-        of_t /= one
-        of_p /= one
-        gain = (tp / one - of_t * of_p) / max(tt / one - of_t * of_t, 1e-12)
+        gain, of_t, of_p = _brightness(weights, right, left)
         for g in range(samples):
             r[g] = left[g] - of_p - gain * (right[g] - of_t)
         for k in range(spans):
