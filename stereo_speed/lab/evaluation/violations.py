@@ -50,7 +50,8 @@ BEFORE_S = 14.0  # from where vehicles enter to the camera, at a pace of 1
 WEATHERS = (('day', False), ('day', True), ('dusk', False), ('overcast', True),
             ('wet_night', True))  # light, and whether bodies have depth
 COLUMNS = ('fault', 'passes', 'measured', 'violations', 'recorded', 'share', 'records', 'of none',
-           'wrong speed', 'wrong vehicle', 'worst error, km/h', 'no record')
+           'wrong speed', 'wrong vehicle', 'worst error, km/h', 'no record', 'compared',
+           'rejected')
 _BELOW = (str(NoRecord.BELOW_LIMIT), str(NoRecord.NOT_MEASURED))
 
 
@@ -70,6 +71,8 @@ class ViolationRun:
     :param not_violating: records of vehicles that were not above the limit.
     :param errors_kmh: error of each record's speed.
     :param no_record: reasons, with how many passes there were of each.
+    :param compared: passes with a second estimate, agreed or not.
+    :param rejected: reasons of rejected passes, with how many there were of each.
     :param details: a line for each record that is wrong.
     """
 
@@ -84,6 +87,8 @@ class ViolationRun:
     not_violating: int = 0
     errors_kmh: Sequence[float] = ()
     no_record: Mapping[str, int] = field(default_factory=dict)
+    compared: int = 0
+    rejected: Mapping[str, int] = field(default_factory=dict)
     details: Sequence[str] = ()
 
 
@@ -185,7 +190,11 @@ class DecidedStream:
             'wrong_vehicle': sum(s.wrong_vehicle for s in scores),
             'not_violating': sum(s.true_mps <= limit for s in scores),
             'errors_kmh': [s.error_mps / KMH_MPS for s in scores],
-            'no_record': dict(self.no_record), 'details': [s.line for s in wrong]}
+            'no_record': dict(self.no_record), 'details': [s.line for s in wrong],
+            'compared': sum(p.second is not None and p.second.speed_mps is not None
+                            for p in self.passes),
+            'rejected': dict(Counter(
+                str(p.reason) for p in self.passes if p.verdict is Verdict.REJECTED))}
 
 
 def decide_stream(stream: FaultyStream, pipeline: SpeedPipeline, recorder: EvidenceRecorder
@@ -281,11 +290,16 @@ def _row(name: str, runs: Sequence[ViolationRun]) -> list[Cell]:
     def total(of: str) -> int:
         return sum(getattr(run, of) for run in runs)
     errors = [abs(error) for run in runs for error in run.errors_kmh]
-    reasons = sum((Counter(dict(run.no_record)) for run in runs), Counter[str]())
-    told = ', '.join(f'{reason} {count}' for reason, count in sorted(reasons.items())
-                     if reason not in _BELOW)
     wanted = total('violations')
     return [name, total('passes'), total('measured'), wanted, total('recorded'),
             f'{100 * total("recorded") / wanted:.0f} %' if wanted else None,
             total('records'), total('not_violating'), total('wrong_speed'), total('wrong_vehicle'),
-            max(errors, default=math.nan), told or '-']
+            max(errors, default=math.nan), _told((run.no_record for run in runs), _BELOW),
+            total('compared'), _told((run.rejected for run in runs), ())]
+
+
+def _told(counts: Iterable[Mapping[str, int]], but: Sequence[str]) -> str:
+    """Return reasons with their numbers."""
+    total = sum((Counter(dict(one)) for one in counts), Counter[str]())
+    return ', '.join(f'{reason} {count}' for reason, count in sorted(total.items())
+                     if reason not in but) or '-'

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from stereo_speed.batch.job import Result
-from stereo_speed.core.passes import PassResult, Verdict
+from stereo_speed.core.passes import PassResult, SecondEstimate, Verdict
 from stereo_speed.core.records import InitialFront, TrackState, TrackUpdate
 from stereo_speed.core.trace import PassTrace, TracePair
 from stereo_speed.core.units import KMH_MPS
@@ -82,3 +82,14 @@ def test_every_fault_has_its_streams_and_its_row():
     assert rows['all'][columns.index('wrong speed')] == 1
     assert rows['`none`'][columns.index('worst error, km/h')] == pytest.approx(4.0)
     assert rows['all'][columns.index('share')] == '50 %'
+
+
+def test_what_the_second_estimate_rejects_is_counted():
+    stream = decided(72.0)
+    apart = replace(stream.passes[0], second=SecondEstimate(18.0, 0.2, 8))
+    none = replace(stream.passes[0], second=SecondEstimate(None, None, 2))
+    stream.passes = [apart.rejected('second_estimate'), none.rejected('uncertain'), none]
+    found = stream.scored('none', TRUTH, LIMIT_MPS)
+    assert found['compared'] == 1
+    row = violations_table([*gather_violations([Result(key='0', value=found)])]).rows[-1]
+    assert row[-2:] == [1, 'second_estimate 1, uncertain 1']
