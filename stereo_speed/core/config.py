@@ -260,6 +260,9 @@ class SecondConfig(CheckedRecord):
         '1-sigmas')
     most_difference_mps: float = parameter(
         0.5555555555555556, 0.0, 100.0, 'm/s', 'or by more than this, which is 2 km/h')
+    least_sigmas: float = parameter(
+        3.0, 0.0, 100.0, '', 'a difference above most_difference_mps of fewer of their combined '
+        '1-sigmas tells nothing of the first one: there is no second estimate')
     most_std_share: float = parameter(
         0.009, 0.0, 1.0, '', 'a second estimate whose 1-sigma is a greater share of its speed is '
         'none')

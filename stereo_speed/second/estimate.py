@@ -135,18 +135,19 @@ def compared(result: PassResult, config: SecondConfig) -> PassResult:
     """
     Return a pass with its second estimate, rejected where the two disagree.
 
-    Where the second came to none there is nothing to compare: the pass stays as it is.
+    Where the second came to none there is nothing to compare: the pass stays as it is.  Where it
+    is so uncertain that what differs too much may be its own error, it is none.
     """
-    return result.rejected(Reason.SECOND_ESTIMATE) if _disagree(result, config) else result
-
-
-def _disagree(result: PassResult, config: SecondConfig) -> bool:
-    second: Optional[SecondEstimate] = result.second
+    second = result.second
     if result.speed_mps is None or second is None or second.speed_mps is None:
-        return False
+        return result
     off_mps = abs(result.speed_mps - second.speed_mps)
     std_mps = math.hypot(result.speed_std_mps or 0.0, second.speed_std_mps or 0.0)
-    return off_mps > min(config.most_sigmas * std_mps, config.most_difference_mps)
+    if off_mps <= min(config.most_sigmas * std_mps, config.most_difference_mps):
+        return result
+    if off_mps < min(config.least_sigmas, config.most_sigmas) * std_mps:
+        return replace(result, second=SecondEstimate(None, None, second.pairs))
+    return result.rejected(Reason.SECOND_ESTIMATE)
 
 
 def with_second(result: PassResult, opinion: SecondOpinion, config: SecondConfig) -> PassResult:

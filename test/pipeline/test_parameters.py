@@ -483,6 +483,8 @@ CASES: dict[str, Case] = {
         'least_pairs': 7, 'most_pairs': 4, 'most_points': 6, 'least_quality': 0.2,
         'most_round_trip_px': 0.05, 'match_std_px': 0.5, 'match_floor_px': 0.01,
         'tail_dof': 30.0}.items()},
+    'second.least_sigmas': Case('longer', 0.0, {
+        'second.most_std_share': 0.1, 'second.most_difference_mps': 0.0}),
     'second.least_points': Case('longer', 190, {
         'second.most_points': 200, 'second.most_std_share': 0.1}),
     SWEEP + 'interval_s': swept('swept', 0.3),

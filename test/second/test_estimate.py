@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
 from stereo_speed.core.config import SecondConfig, TrackerConfig
@@ -80,11 +81,34 @@ def a_pass(first_mps, second_mps, std_mps):
 
 @pytest.mark.parametrize(('second_mps', 'std_mps', 'agree'), [
     (20.19, 0.04, True), (20.21, 0.04, False),  # 4 sigmas of 0.05 m/s
-    (20.55, 0.4, True), (20.56, 0.4, False),  # 2 km/h
-    (19.44, 0.4, False), (None, 0.4, True)])
+    (20.55, 0.14, True), (20.56, 0.14, False),  # 2 km/h
+    (19.44, 0.14, False), (None, 0.4, True)])
 def test_the_limits_of_agreement(second_mps, std_mps, agree):
-    result = compared(a_pass(20.0, second_mps, std_mps), SecondConfig())
+    before = a_pass(20.0, second_mps, std_mps)
+    result = compared(before, SecondConfig())
     assert (result.verdict is Verdict.MEASURED) == agree
+    assert result.second == before.second
+
+
+@pytest.mark.parametrize(('second_mps', 'reason', 'there'), [
+    (20.55, '', True),  # within 2 km/h: agreed
+    (20.56, '', False), (20.89, '', False),  # may be its own error: below 3 sigmas of 0.3 m/s
+    (20.91, 'second_estimate', True), (19.09, 'second_estimate', True)])
+def test_an_uncertain_second_estimate_rejects_only_what_it_can_tell(second_mps, reason, there):
+    result = compared(a_pass(20.0, second_mps, 0.24), SecondConfig())
+    assert result.reason == reason
+    assert (result.second.speed_mps is not None) == there
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.floats(10, 40), st.floats(0.01, 1.0), st.floats(-5, 5))
+def test_no_pass_keeps_a_second_estimate_that_differs_too_much(first, std, sigmas):
+    """However uncertain: what is kept beside a measured pass agrees with it."""
+    config, before = SecondConfig(), a_pass(first, first + sigmas * std, std)
+    result = compared(before, config)
+    if result.verdict is Verdict.MEASURED and result.second.speed_mps is not None:
+        assert abs(result.second.speed_mps - first) <= min(
+            config.most_difference_mps, config.most_sigmas * 1.25 * std) + 1e-9
 
 
 def test_rejected_passes_stay_rejected_for_their_own_reason():

@@ -34,8 +34,8 @@ Follow = Sequence[tuple[StereoPair, TrackUpdate]]
 
 COLUMNS = ('', 'measured by the first', 'have a second', 'mean error of the second, mph',
            'sd, mph', 'max, mph', 'r.m.s. of error/σ', 'r.m.s. of difference/σ',
-           'right ones rejected', 'wrong ones rejected', 'wrong ones not compared',
-           'wrong ones agreed with')
+           'right ones rejected', 'right ones not compared', 'wrong ones rejected',
+           'wrong ones not compared', 'wrong ones agreed with')
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,7 +49,7 @@ class SecondRun:
     :param truth_mps: mean over the same pairs.
     :param second_mps: None where it came to none.
     :param second_std_mps: its 1-sigma.
-    :param rejected: whether the two disagree.
+    :param rejected: whether the two disagree; None where they are not compared.
     :param wrong: for each first estimate made wrong: whether it was rejected; None where there
         was no second one to compare with.
     """
@@ -60,7 +60,7 @@ class SecondRun:
     truth_mps: float = np.nan
     second_mps: Optional[float] = None
     second_std_mps: Optional[float] = None
-    rejected: bool = False
+    rejected: Optional[bool] = None
     wrong: Sequence[Optional[bool]] = ()
 
     @property
@@ -116,7 +116,7 @@ def wrong_is_rejected(result: PassResult, follow: Follow, sequence: LabeledSeque
         regions = moved_region(rig, lane, update, share * (update.s_m - start_m))
         opinion.take(pair.triggered(config.trigger_tolerance_s), *regions)
     second = opinion.estimate(sorted(result.smoothed))
-    if second.speed_mps is None or result.speed_mps is None:
+    if result.speed_mps is None:
         return None
     return _is_rejected(replace(result, second=second, speed_mps=(1 + share) * result.speed_mps),
                         config)
@@ -139,8 +139,12 @@ def moved_region(rig: StereoRig, lane: LanePath, update: TrackUpdate, ahead_m: f
     return left, right
 
 
-def _is_rejected(result: PassResult, config: TrackerConfig) -> bool:
-    return compared(result, config.second).verdict is Verdict.REJECTED
+def _is_rejected(result: PassResult, config: TrackerConfig) -> Optional[bool]:
+    """Return whether the estimates disagree; None where the second tells nothing."""
+    told = compared(result, config.second)
+    if told.second is None or told.second.speed_mps is None:
+        return None
+    return told.verdict is Verdict.REJECTED
 
 
 def gather_second(jobs: Sequence[Job], results: Sequence[Result]) -> list[SecondRun]:
@@ -167,14 +171,15 @@ def _row(name: str, passes: Sequence[SecondRun]) -> list[Cell]:
             signed(mean(error)), shown(mph(std(error)), 3),
             shown(mph(greatest(error)), 3),
             rms(error / second_std), rms(difference / np.hypot(first_std, second_std)),
-            f'{sum(p.rejected for p in right)} of {len(right)}',
+            *(f'{sum(p.rejected is found for p in right)} of {len(right)}'
+              for found in (True, None)),
             *(f'{wrong.count(found)} of {len(wrong)}' for found in (True, None, False))]
 
 
 def wrong_firsts(passes: Sequence[SecondRun]) -> tuple[int, int]:
     """Return how many first estimates are beyond the limits of error, and rejected of these."""
     wrong = [p for p in passes if p.first_mps is not None and not p.is_right]
-    return len(wrong), sum(p.rejected for p in wrong)
+    return len(wrong), sum(p.rejected is True for p in wrong)
 
 
 def second_rows(passes: Sequence[SecondRun]) -> Table:
@@ -184,5 +189,5 @@ def second_rows(passes: Sequence[SecondRun]) -> Table:
                                     'second_mps', 'second_std_mps', 'rejected',
                                     'wrong_rejected', 'wrong_not_compared'),
                  rows=[[*(p.kinds[k] for k in kinds), p.truth_mps, p.first_mps, p.first_std_mps,
-                        p.second_mps, p.second_std_mps, int(p.rejected),
+                        p.second_mps, p.second_std_mps, int(p.rejected is True),
                         list(p.wrong).count(True), list(p.wrong).count(None)] for p in passes])

@@ -21,7 +21,8 @@ def a_run(first, second, *, rejected=False, wrong=(True, True), path='straight')
 
 def test_figures_by_hand():
     passes = [a_run(0.0, 0.2), a_run(0.0, -0.1, wrong=(True, False)),
-              a_run(0.1, None, wrong=(None, None), path='circle'), a_run(None, None, wrong=()),
+              a_run(0.1, None, rejected=None, wrong=(None, None), path='circle'),
+              a_run(None, None, wrong=()),
               a_run(5.0, 0.0, rejected=True, wrong=()), a_run(0.0, 0.5, rejected=True)]
     table = second_table(passes)
     row = dict(zip(table.columns, next(r for r in table.rows if r[0] == 'all')))
@@ -30,6 +31,7 @@ def test_figures_by_hand():
     assert row['mean error of the second, mph'] == '+0.150'
     assert row['max, mph'] == '0.500'
     assert row['right ones rejected'] == '1 of 4'
+    assert row['right ones not compared'] == '1 of 4'
     assert row['wrong ones rejected'] == '5 of 8'
     assert row['wrong ones not compared'] == '2 of 8'
     assert row['wrong ones agreed with'] == '1 of 8'
