@@ -3,6 +3,7 @@
 """What tests share: a pass on a bend, roads as picked, small bags, a ROS graph of their own."""
 from __future__ import annotations
 
+from contextlib import ExitStack
 from dataclasses import dataclass
 import fcntl
 import os
@@ -55,17 +56,21 @@ def private_graph():
     for n in range(80):
         domain = 20 + (os.getpid() + n) % 80
         name = f'stereo_speed_domain_{os.getuid()}_{domain}'
-        lock = (Path(tempfile.gettempdir()) / name).open('w')
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        with ExitStack() as tried:
+            try:
+                lock = tried.enter_context((Path(tempfile.gettempdir()) / name).open('w'))
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:  # other tests hear each other there
+                continue
+            held = tried.pop_all()
             break
-        except OSError:  # other tests hear each other there
-            lock.close()
+    else:
+        pytest.fail('no domain is free')
     os.environ['ROS_DOMAIN_ID'] = str(domain)
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'] = str(ROOT / 'config' / 'fastdds.xml')
-    yield
-    lock.close()
+    with held:
+        yield
 
 
 @pytest.fixture()

@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 import json
+import math
 from pathlib import Path
 import tempfile
 from typing import Any, Mapping, Optional
@@ -28,6 +29,8 @@ from ..site.lane_paths import lane_paths
 from ..site.write import site_text
 
 FORMAT = 1
+_KINDS = {'run': str, 'software': str, 'versions': dict, 'parameters': dict, 'site_name': str,
+          'site_yaml': str, 'calibration': dict}
 
 
 @dataclass(frozen=True)
@@ -84,6 +87,7 @@ class Instrument:
             data = json.loads(text)
             if data.pop('stereo_speed_instrument') != FORMAT:
                 raise ValueError('another format')
+            _check(data)
             return cls(**data)
         except (ValueError, TypeError, KeyError, AttributeError) as error:
             raise InputError(where, 'instrument', f'{type(error).__name__}: {error}',
@@ -112,6 +116,23 @@ class Instrument:
         """Return the fingerprints of software, parameters, site and calibration."""
         return {'software': self.software, 'parameters': sha256(canonical(self.parameters)),
                 'site': sha256(self.site_yaml), 'calibration': sha256(canonical(self.calibration))}
+
+
+def _check(fields: Mapping[str, Any]) -> None:
+    """
+    Check what a record takes from a message as it is.
+
+    :raises ValueError: a field of another type.
+    """
+    wrong = [name for name, kind in _KINDS.items() if not isinstance(fields[name], kind)]
+    passed = fields['self_test']
+    if passed is not None:
+        off = passed['off_percent']
+        if len(passed) != 2 or not isinstance(passed['passed_utc'], str) or not (
+                off is None or isinstance(off, (int, float)) and math.isfinite(off)):
+            wrong.append('self_test')
+    if wrong:
+        raise ValueError(f'another type of {", ".join(wrong)}')
 
 
 def config_of(parameters: Mapping[str, Any], where: object) -> PipelineConfig:

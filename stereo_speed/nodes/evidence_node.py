@@ -9,6 +9,7 @@ is a violation, and a thread of its own writes the record, so that no image is m
 from __future__ import annotations
 
 from collections import Counter, deque, OrderedDict
+from dataclasses import replace
 from functools import partial
 import json
 from pathlib import Path
@@ -40,6 +41,7 @@ from ..enforcement.verify import RECORD_FILE
 from ..io.source_image import SourceImage
 from ..io.topics import SIDES
 from ..io.trace_json import result_of
+from ..pipeline.assembly import MeasuringSite
 
 _MOST_WAITING = 100  # passes whose trace has not come, and traces whose pass has not
 _MOST_VIOLATIONS = 20  # that wait to be written, each with its images
@@ -112,8 +114,8 @@ class EvidenceNode(Node):
         """Take what a program that measures says of itself."""
         try:
             instrument = Instrument.of_text(msg.data, 'instrument')
-            setting = Setting(instrument, instrument.place('instrument'), self.config,
-                              self.approved, 'header stamps')
+            setting = Setting(instrument, self._place(instrument), self.config, self.approved,
+                              'header stamps')
             recorder = EvidenceRecorder(self.store, setting, self.ring, clock_state)
         except StereoSpeedError as error:
             self._refuse('bad_instrument', error)
@@ -127,6 +129,14 @@ class EvidenceNode(Node):
         if unknown:
             self.get_logger().error(f'not as approved: {", ".join(unknown)}')
         self._join()
+
+    def _place(self, instrument: Instrument) -> MeasuringSite:
+        """Return the site as it is measured at; another self-test does not change it."""
+        known = self.recorders.get(instrument.run)
+        if known is not None and known.setting.instrument == replace(
+                instrument, self_test=known.setting.instrument.self_test):
+            return known.setting.place
+        return instrument.place('instrument')
 
     def on_pass(self, msg: String) -> None:
         """Take a finished pass; its trace may come before or after."""

@@ -13,7 +13,7 @@ from functools import partial
 import json
 import logging
 from pathlib import Path
-from typing import Any, Awaitable, Callable, Optional, Sequence
+from typing import Any, Awaitable, Callable, Mapping, Optional, Sequence
 
 from aiohttp import web, WSMsgType
 import numpy as np
@@ -124,10 +124,11 @@ class Studio:
         return web.Response(body=path.read_bytes(), content_type=TYPES[path.suffix],
                             charset='utf-8')
 
-    def _whole_state(self) -> dict[str, Any]:
-        """Return all that a page begins with."""
+    async def _whole_state(self) -> dict[str, Any]:
+        """Return all that a page begins with, as it is when this returns."""
+        runs = await self._overviews()
         out: dict[str, Any] = {'kind': 'state', 'busy': self.busy, 'has_live': bool(self.live),
-                               'runs': self._overviews(),
+                               'runs': runs,
                                'workspace': None, 'figures': None, 'scene': None}
         if self.workspace is not None:
             out['workspace'] = self.workspace.state()
@@ -141,24 +142,25 @@ class Studio:
                 'spread': len(self.scene.spread)}
         return out
 
-    def _overviews(self) -> list[dict[str, Any]]:
-        found = []
-        for number, run in self.runs.items():
-            try:
-                found.append({'number': number, **run.overview()})
-            except (StereoSpeedError, OSError):  # gone since; the others are shown
-                _log.warning('%s cannot be read now', run.name, exc_info=True)
+    async def _overviews(self) -> list[dict[str, Any]]:
+        """Return a line on each run, read beside what else the server does."""
+        asked: dict[int, Run] = {}
+        found: list[dict[str, Any]] = []
+        while asked != self.runs:  # another one was measured meanwhile
+            asked = dict(self.runs)
+            found = await asyncio.to_thread(_overviews, asked)
         return found
 
     async def _state(self, request: web.Request) -> web.StreamResponse:
-        return web.json_response(self._whole_state())
+        return web.json_response(await self._whole_state())
 
     async def _socket(self, request: web.Request) -> web.StreamResponse:
         socket = web.WebSocketResponse(heartbeat=HEARTBEAT_S, max_msg_size=MOST_REQUEST)
         await socket.prepare(request)
-        self._sockets.add(socket)
+        state = await self._whole_state()
+        self._sockets.add(socket)  # what changes from now on is told after the state
         try:
-            await socket.send_json(self._whole_state())
+            await socket.send_json(state)
             if self.live is not None:
                 await socket.send_json({'kind': 'live', **self.live.snapshot()})
             async for message in socket:
@@ -245,7 +247,7 @@ class Studio:
         run = await self._alone('measuring the bag', lambda: measure(
             scene, site, self._free_name(draft), space.settings), scene)
         number = self._hold(run)
-        await self._tell({'kind': 'runs', 'runs': self._overviews()})
+        await self._tell({'kind': 'runs', 'runs': await self._overviews()})
         return web.json_response({'run': number})
 
     def _hold(self, run: Run) -> int:
@@ -391,6 +393,17 @@ class Studio:
         if image is None:
             raise web.HTTPNotFound(text='no image yet\n')
         return web.Response(body=image, content_type='image/jpeg')
+
+
+def _overviews(runs: Mapping[int, Run]) -> list[dict[str, Any]]:
+    """Return a line on each run that can be read."""
+    found = []
+    for number, run in runs.items():
+        try:
+            found.append({'number': number, **run.overview()})
+        except (StereoSpeedError, OSError):  # gone since; the others are shown
+            _log.warning('%s cannot be read now', run.name, exc_info=True)
+    return found
 
 
 def _in_views(row: dict[str, Any], rig: Any) -> dict[str, Any]:

@@ -76,6 +76,18 @@ def test_record_says_when_the_self_test_was_passed_and_how_far_off(sample, passe
     assert f'<td>self-test</td><td>{shown}</td>' in files['page.html'].decode()
 
 
+@pytest.mark.parametrize('change', [
+    {'self_test': wrong} for wrong in (
+        3, 'passed', [], {}, {'passed_utc': 'now'}, {'passed_utc': 5, 'off_percent': None},
+        {'passed_utc': 'now', 'off_percent': '0.2'}, {'passed_utc': 'now', 'off_percent': np.nan},
+        {'passed_utc': 'now', 'off_percent': None, 'more': 1})
+] + [{'run': 3}, {'versions': 'new'}, {'calibration': None}, {'site_yaml': ['a']}])
+def test_an_instrument_with_a_field_of_another_type_is_refused(sample, change):
+    told = {**json.loads(sample.setting.instrument.text()), **change}
+    with pytest.raises(InputError, match='wanted the state of an instrument as JSON'):
+        Instrument.of_text(json.dumps(told), 'instrument')
+
+
 def test_originals_are_as_they_came_and_marked_ones_beside_them(written, sample):
     folder, record = written / NAME, record_of(written)
     for picture in record['pictures']:

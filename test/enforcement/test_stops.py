@@ -3,17 +3,53 @@
 """Writers of small records stopped at random steps, with files torn, as ``tamper`` does it."""
 from __future__ import annotations
 
+import os
+import signal
+import time
+
 import numpy as np
 import pytest
+from stereo_speed.core.errors import StereoSpeedError
 from stereo_speed.enforcement.store import EvidenceStore
 from stereo_speed.lab.evaluation.tamper import Outcome, stopped_writers
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(('kill', 'damage'), [(True, 'writer killed'), (False, 'disk full')])
-def test_each_stop_hits_and_none_leaves_half_a_record_or_loses_one(tmp_path, small, kill, damage):
+@pytest.fixture
+def folder(tmp_path, small):
+    """Give two small records."""
     with EvidenceStore(tmp_path / 'evidence') as store:
         for number in (1, 2):
             store.add(f'r{number}', *small(f'r{number}', number))
-    found = stopped_writers(tmp_path / 'evidence', 25, np.random.default_rng(1), kill=kill)
+    return tmp_path / 'evidence'
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(('kill', 'damage'), [(True, 'writer killed'), (False, 'disk full')])
+def test_each_stop_hits_and_none_leaves_half_a_record_or_loses_one(folder, kill, damage):
+    found = stopped_writers(folder, 25, np.random.default_rng(1), kill=kill)
     assert found == Outcome(damage, 25, 0)
+
+
+def crashes():
+    raise RuntimeError('a fault of the writer')
+
+
+def hangs():
+    time.sleep(600.0)
+
+
+@pytest.mark.parametrize(('act', 'patience_s', 'status'), [
+    (crashes, 60.0, 1), (hangs, 0.3, None), (lambda: os.kill(os.getpid(), signal.SIGTERM), 60.0,
+                                             -signal.SIGTERM)])
+@pytest.mark.parametrize('kill', [True, False])
+def test_a_writer_that_ends_of_another_cause_is_no_stop(
+        folder, monkeypatch, act, patience_s, status, kill):
+    tester, real = os.getpid(), EvidenceStore.add
+
+    def add(store, *args):
+        if os.getpid() != tester:  # the writer that is to be stopped
+            act()
+        return real(store, *args)
+    monkeypatch.setattr(EvidenceStore, 'add', add)
+    with pytest.raises(StereoSpeedError, match=f'ended with {status}, not with'):
+        stopped_writers(folder, 1, np.random.default_rng(1), kill=kill, patience_s=patience_s)

@@ -3,7 +3,7 @@
 """Nodes in the process of a test."""
 from __future__ import annotations
 
-from contextlib import contextmanager
+from contextlib import contextmanager, ExitStack
 
 import pytest
 
@@ -15,16 +15,12 @@ def in_process(private_graph):
 
     @contextmanager
     def running(make, *parameters):
-        with pytest.MonkeyPatch.context() as patch:
+        with pytest.MonkeyPatch.context() as patch, ExitStack() as ends:
             patch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'OFF')
             rclpy.init(args=['--ros-args', *(w for p in parameters for w in ('-p', p))])
-            node = None
-            try:
-                node = make()
-                yield node
-            finally:
-                if node is not None:
-                    getattr(node, 'close', lambda: None)()
-                    node.destroy_node()
-                rclpy.try_shutdown()
+            ends.callback(rclpy.try_shutdown)
+            node = make()
+            ends.callback(node.destroy_node)
+            ends.callback(getattr(node, 'close', lambda: None))
+            yield node
     return running

@@ -32,13 +32,9 @@ pytestmark = pytest.mark.usefixtures('private_graph')
 
 
 @pytest.fixture()
-def node(tmp_path):
-    rclpy.init(args=['--ros-args', '-p', f'out:={tmp_path / "evidence"}'])
-    node = EvidenceNode()
-    yield node
-    node.close()
-    node.destroy_node()
-    rclpy.try_shutdown()
+def node(tmp_path, in_process):
+    with in_process(EvidenceNode, f'out:={tmp_path / "evidence"}') as node:
+        yield node
 
 
 def wait(node, condition):
@@ -48,6 +44,26 @@ def wait(node, condition):
         node.tell()
         time.sleep(0.02)
     assert condition()
+
+
+@pytest.fixture()
+def told(sample):
+    """Give what a program that measures the sample says of itself."""
+    with StereoBag(sample / 'bag') as bag:
+        place = MeasuringSite.of(load_site(sample / 'site.yaml'), bag.rig)
+    return json.loads(Instrument.of('run', place, PipelineConfig()).text())
+
+
+def test_lanes_are_fitted_again_only_where_more_than_the_self_test_is_another(node, told):
+    places = []
+    for change in ({}, {'self_test': PASSED}, {'site_name': 'another'}):
+        told.update(change)
+        node.on_instrument(String(data=json.dumps(told)))
+        setting = node.recorders['run'].setting
+        assert json.loads(setting.instrument.text()) == told
+        places.append(setting.place)
+    assert places[0] is places[1] and places[1] is not places[2]
+    assert places[2].site.name == 'another'
 
 
 @pytest.mark.slow

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import threading
 import time
 
 import aiohttp
@@ -14,6 +15,7 @@ import pytest
 from stereo_speed.io.pass_log import PassLog
 from stereo_speed.studio.live import LiveReading, LiveState
 from stereo_speed.studio.opening import open_runs
+from stereo_speed.studio.runs import Run
 
 WAIT_S = 60.0
 
@@ -114,6 +116,31 @@ def test_a_run_that_is_gone_takes_no_other_with_it(serving, tmp_path, make_run):
         assert [run['number'] for run in client.get('/api/state')['runs']] == [0, 1]
         (tmp_path / 'log.sqlite').unlink()
         assert [run['number'] for run in client.get('/api/state')['runs']] == [1]
+
+
+class Waiting(Run):
+    """A run whose database is held by a writer."""
+
+    def __init__(self):
+        super().__init__('waiting', 'log')
+        self.asked, self.free = threading.Event(), threading.Event()
+
+    def overview(self):
+        self.asked.set()
+        assert self.free.wait(WAIT_S)
+        return super().overview()
+
+
+def test_a_run_that_is_held_keeps_nobody_waiting(serving):
+    run, answers = Waiting(), []
+    with serving(runs=[run]) as client:
+        page = threading.Thread(target=lambda: answers.append(client.get('/api/state')))
+        page.start()
+        assert run.asked.wait(WAIT_S)
+        assert client.ask('GET', '/')[0] == 200 and not answers
+        run.free.set()
+        page.join(WAIT_S)
+    assert answers[0]['runs'] == [{'number': 0, 'name': 'waiting', 'kind': 'log'}]
 
 
 def test_runs_are_told(serving, tmp_path, make_run):

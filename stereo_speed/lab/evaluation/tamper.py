@@ -26,7 +26,7 @@ from ...enforcement.verify import CHAIN_FILE, RECORD_FILE, SEAL_FILE, verify
 
 _ANEW_EVERY = 5  # stops: then with an empty store
 _DISK_FULL = 28  # exit status of a writer that found it so
-_JOIN_S = 120.0
+_PATIENCE_S = 120.0
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,8 @@ def spoilt_files(folder: Path) -> list[Outcome]:
     return [Outcome(kind, *count) for kind, count in counts.items()]
 
 
-def stopped_writers(folder: Path, times: int, rng: np.random.Generator, *, kill: bool) -> Outcome:
+def stopped_writers(folder: Path, times: int, rng: np.random.Generator, *, kill: bool,
+                    patience_s: float = _PATIENCE_S) -> Outcome:
     """
     Stop a writer of records at random steps, by SIGKILL or by a full disk, again and again.
 
@@ -125,9 +126,11 @@ def stopped_writers(folder: Path, times: int, rng: np.random.Generator, *, kill:
     :param times: how often.
     :param rng: source of all randomness.
     :param kill: by SIGKILL; else the disk is full from that step on.
+    :param patience_s: longest time that a writer takes.
+    :raises StereoSpeedError: a writer that ends by itself, or does not end.
     """
     contents = [_contents(p) for p in sorted(folder.iterdir()) if p.is_dir()]
-    stopped = missed = 0
+    status, missed = -signal.SIGKILL if kill else _DISK_FULL, 0
     with tempfile.TemporaryDirectory(dir=folder.parent) as aside:
         steps = _write(Path(aside) / 'whole', contents, _Stop())
         (Path(aside) / 'finished').unlink()
@@ -139,12 +142,15 @@ def stopped_writers(folder: Path, times: int, rng: np.random.Generator, *, kill:
             process = multiprocessing.get_context('fork').Process(
                 target=_write, args=(target, contents, stop))
             process.start()
-            process.join(_JOIN_S)
-            stopped += process.exitcode != 0
+            process.join(patience_s)
+            if process.exitcode != status:  # of another cause: nothing follows from it
+                process.kill()
+                raise StereoSpeedError(f'{folder}: a writer that was to be stopped ended with '
+                                       f'{process.exitcode}, not with {status}')
             missed += not _recovers(target, contents)
             if number % _ANEW_EVERY == _ANEW_EVERY - 1:
                 shutil.rmtree(target)
-    return Outcome('writer killed' if kill else 'disk full', stopped, missed)
+    return Outcome('writer killed' if kill else 'disk full', times, missed)
 
 
 @dataclass(frozen=True)
