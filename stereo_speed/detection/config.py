@@ -52,6 +52,11 @@ class FrontConfig(CheckedRecord):
     narrow_behind_m: float = parameter(
         18.0, 0.0, 30.0, 'm', 'so far behind a front, as lorries are long, what is narrow and at '
         'the side of that vehicle is part of it')
+    narrow_behind_car_m: float = parameter(
+        6.0, 0.0, 30.0, 'm', 'the same behind the front of a car, which is shorter')
+    narrow_car_width_m: float = parameter(
+        1.95, 1.0, 3.0, 'm', 'what is as wide may be the front of a van or a lorry, of which the '
+        'outermost may not show; what is narrower is a car')
     narrow_side_m: float = parameter(
         0.5, 0.0, 2.0, 'm', 'what is so near to the side of a vehicle, across the lane, is at it')
     reach_m: float = parameter(

@@ -183,10 +183,12 @@ class FrontSearch:
             return found
         proposal = Proposal(found.front.s_m, found.front.x_m, ahead_m=found.front.ahead_m)
         for front in tall.refine([proposal], Interval(moment.now, found.before), moment.noise):
-            if found.front.half_m < _WHOLE_SHARE * front.half_m:
-                higher = self._verified(found.lane, tall, front, moment, others)
-                if higher is not None:
-                    return higher
+            if found.front.half_m >= _WHOLE_SHARE * front.half_m:
+                continue
+            higher = self._verified(found.lane, tall, front, moment, others)
+            # Both are as wide as what moves of them now.
+            if higher is not None and found.front.half_m < _WHOLE_SHARE * higher.front.half_m:
+                return higher
         return found
 
     def _outlined(self, proposals: Sequence[Proposal], refiner: FrontRefiner, interval: Interval,
@@ -205,10 +207,8 @@ class FrontSearch:
                   others: Sequence[Place]) -> Optional[FoundFront]:
         """Return a front that stands upright and was further back in one of the earlier pairs."""
         place = self._place(lane, front.s_m, front.x_m, front.half_m)
-        limits = self.config.front
         if self.spacing.meet(lane, place, others) or (
-                refiner.kind.narrow_m is not None and self.spacing.is_at_side(
-                    lane, place, others, limits.narrow_behind_m, limits.narrow_side_m)):
+                refiner.kind.narrow_m is not None and self._is_at_side(lane, place, others)):
             return None
         if not self._is_upright(front, refiner, moment.now):
             return None
@@ -224,6 +224,13 @@ class FrontSearch:
                 return FoundFront(lane, replace(front, half_m=half_m), motion, place,
                                   refiner.sampler, before)
         return None
+
+    def _is_at_side(self, lane: str, place: Place, others: Sequence[Place]) -> bool:
+        """Return whether a place is at the side of a vehicle, as long as such ones may be."""
+        limits, at_side = self.config.front, self.spacing.is_at_side
+        long = [other for other in others if 2 * other.half_m >= limits.narrow_car_width_m]
+        return (at_side(lane, place, long, limits.narrow_behind_m, limits.narrow_side_m)
+                or at_side(lane, place, others, limits.narrow_behind_car_m, limits.narrow_side_m))
 
     def _is_upright(self, front: FrontHypothesis, refiner: FrontRefiner, now: PairPyramids
                     ) -> bool:
@@ -261,13 +268,14 @@ class FrontSearch:
                            limits.motion) > most_m
 
     def _place(self, lane: str, s_m: float, x_m: float, half_m: float) -> Place:
-        return Place(self._middles(lane, np.array([s_m]), np.array([x_m]))[0], half_m)
+        middle = self._middles(lane, np.array([s_m]), np.array([x_m]))[0]
+        return Place(middle, half_m, lane)
 
     def _places(self, lane: str, proposals: Sequence[Proposal]) -> list[Place]:
         """Return where proposals are, as of something without a width."""
         middles = self._middles(lane, np.array([p.s_m for p in proposals]),
                                 np.array([p.x_m for p in proposals]))
-        return [Place(middle, 0.0) for middle in middles]
+        return [Place(middle, 0.0, lane) for middle in middles]
 
     def _middles(self, lane: str, s_m: Array, x_m: Array) -> Array:
         """Return the middles (n, 3) of fronts, m."""

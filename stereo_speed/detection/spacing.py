@@ -21,10 +21,12 @@ class Place:
 
     :param centre_m: (3,) its middle, left optical frame, m.
     :param half_m: half of its width, m.
+    :param lane: name of its lane; empty where that is not known.
     """
 
     centre_m: Array
     half_m: float
+    lane: str = ''
 
 
 class Spacing:
@@ -45,7 +47,8 @@ class Spacing:
             if region.finite and region.lane in self.lanes:
                 path, s = self.lanes[region.lane].path, np.array(region.s_m)
                 centre = path.position(s) + region.lateral_m * path.frame(s)[:, 1]
-                out.append(Place(centre, max(region.width_m / 2, self.config.least_half_m)))
+                half_m = max(region.width_m / 2, self.config.least_half_m)
+                out.append(Place(centre, half_m, region.lane))
         return out
 
     def meet(self, lane: str, one: Place, others: Iterable[Place], speed_mps: float = 0.0) -> bool:
@@ -63,20 +66,27 @@ class Spacing:
         """
         Return whether a place is at the side of a vehicle, beyond what faces the cameras of it.
 
-        That is its front where it comes, and its rear where it goes away.
+        That is its front where it comes, and its rear where it goes away.  What goes along the
+        lane is no part of a vehicle that goes the other way.
 
         :param lane: of the place.
         :param behind_m: so far beyond at most.
         :param side_m: so near to its side, across the lane.
         """
-        path = self.lanes[lane].path
         for other in others:
             along_m, across_m, _ = self._apart(lane, one, other)
-            ahead = path.frame(path.arc_length(other.centre_m))[:, 0]
+            ahead = self._ahead(lane, other)
+            if other.lane and ahead @ self._ahead(other.lane, other) < 0:
+                continue
             beyond_m = along_m if ahead @ other.centre_m > 0 else -along_m
             if 0 < beyond_m < behind_m and abs(abs(across_m) - other.half_m) < side_m:
                 return True
         return False
+
+    def _ahead(self, lane: str, place: Place) -> Array:
+        """Return the direction (3,) of a lane where a place is."""
+        path = self.lanes[lane].path
+        return np.asarray(path.frame(path.arc_length(place.centre_m))[:, 0])
 
     def _near(self, lane: str, one: Place, other: Place, along_m: float) -> bool:
         apart = np.abs(self._apart(lane, one, other))

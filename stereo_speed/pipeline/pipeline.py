@@ -9,7 +9,7 @@ same speeds everywhere.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 import math
 from typing import Callable, Mapping, Optional, Sequence, Union
 
@@ -19,7 +19,7 @@ from .conclusions import AtOnce, Conclusions, Measure
 from ..classification.size import VehicleSize
 from ..core.config import TrackerConfig
 from ..core.errors import InputError
-from ..core.passes import Direction, PassResult, Reason
+from ..core.passes import Direction, PassResult, Reason, TrackEnd
 from ..core.records import (
     Array, InitialFront, RigMotion, StereoPair, TrackState, TrackUpdate)
 from ..core.stamp_watch import StampWatch
@@ -68,6 +68,7 @@ class _Track:
     :param lag_changes_s: of the time between the views, before it began.
     :param clock_stepped: whether the clock of the stamps has stepped since.
     :param drift_rad: (3,) how far the right camera was taken to have turned in its first pair.
+    :param drift_change_rad: (3,) the greatest change of that in its pairs so far, either way.
     """
 
     tracker: Tracker
@@ -82,6 +83,23 @@ class _Track:
     lag_changes_s: float = 0.0
     clock_stepped: bool = False
     drift_rad: Array = field(default_factory=lambda: np.zeros(3))
+    drift_change_rad: Array = field(default_factory=lambda: np.zeros(3))
+
+    def see_drift(self, drift_rad: Array) -> None:
+        """Take in how far the right camera is taken to have turned, which may come and go."""
+        self.drift_change_rad = np.maximum(
+            self.drift_change_rad, np.abs(drift_rad - self.drift_rad))
+
+    @cached_property
+    def is_vehicle(self) -> bool:
+        """
+        Return whether what this track followed to its end is told as a pass.
+
+        It was confirmed, or marked by a person, or it left the view before it could be confirmed.
+        What was lost before, as in a gap of the stream, is no vehicle as far as is known.
+        """
+        return self.confirmed or self.detection is None or (
+            _holds(self.last) and self.tracker.result().end is TrackEnd.LEFT_VIEW)
 
 
 @dataclass
@@ -160,6 +178,9 @@ class SpeedPipeline:
         self._drop_missing()
         self._drop_doubles()
         updates += self._detect(pair)
+        if self.steadier is not None:
+            for track in state.tracks:
+                track.see_drift(self.steadier.drift.corrected_rad)
         seen = [u for u in updates if u is not None]
         self.view_lag.observe(pair, seen)
         for track in state.tracks:
@@ -168,8 +189,8 @@ class SpeedPipeline:
         tracks = {track.tracker.track: track for track in state.tracks}
         told = [self._timed(u, tracks[u.track]) for u in seen if u.track in tracks]
         if self.steadier is not None:
-            told = [self._doubt.update(update, self.steadier, tracks[update.track].drift_rad)
-                    for update in told]
+            told = [self._doubt.update(
+                update, self.steadier, tracks[update.track].drift_change_rad) for update in told]
         return Step(told, self.concluded())
 
     def concluded(self, *, everything: bool = False) -> list[PassResult]:
@@ -353,7 +374,7 @@ class SpeedPipeline:
         # What was lost, and so coasted before it ended, may be found again; what left may not.
         state.gone = [u for u in state.gone if (pair.stamp_ns - u.stamp_ns) * 1e-9 < gone_s] + [
             t.last for t in state.tracks if t.last is not None and t.tracker.ended
-            and t.confirmed and _holds(t.last)]
+            and _holds(t.last) and t.is_vehicle]
         regions = [self._region(t.last) for t in state.tracks
                    if t.last is not None and not t.tracker.ended]
         regions += [self._region(_moved_on(u, pair.stamp_ns)) for u in state.gone]
@@ -446,7 +467,7 @@ class SpeedPipeline:
             state.tracks.remove(track)
             if track.confirmed or track.detection is None:
                 self._conclude(track)
-            elif track.tracker.ended and _holds(track.last):
+            elif track.tracker.ended and track.is_vehicle:
                 self._conclude(track, Reason.TOO_FEW_PAIRS)
 
     def _same_speed(self, update: TrackUpdate, front: Detection, change_mps: float = 0.0) -> bool:
@@ -469,7 +490,7 @@ class SpeedPipeline:
         """
         lag_share = 0.0 if track.last is None else self._lag_share(track, track.last)
         rig_shares = {} if self.steadier is None else self._doubt.shares(
-            self.steadier, track.drift_rad)
+            self.steadier, track.drift_change_rad)
         self._concluding.add(track.tracker.track)
         self._conclusions.add(partial(self._attempted, track, partial(
             self._measured, track, lag_share, rig_shares, reason)))

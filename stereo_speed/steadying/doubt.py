@@ -40,7 +40,7 @@ class SpeedDoubt:
         """Return how speeds change with the angles, by lane; nobody asks unless one has turned."""
         return {name: _slopes(lane, self.rig) for name, lane in self.lanes.items()}
 
-    def share(self, lane: str, steadier: Steadier, since_rad: Array = _NONE) -> float:
+    def share(self, lane: str, steadier: Steadier, changed_rad: Array = _NONE) -> float:
         """
         Return the 1-sigma of a vehicle's speed on a lane by the turned camera, as a share.
 
@@ -48,29 +48,28 @@ class SpeedDoubt:
         infinite where it has turned too far.  What a turn is found by takes some pairs: those
         before it was found may be of either side of it, so that it counts wholly.
 
-        :param since_rad: (3,) what was corrected when the vehicle was seen first.
+        :param changed_rad: (3,) how far the correction has changed while the vehicle was seen.
         """
         drift = steadier.drift
         if drift.too_far:
             return math.inf
-        changed = np.abs(drift.corrected_rad - since_rad)
-        if not (drift.turned or changed.any()):
+        if not (drift.turned or changed_rad.any()):
             return 0.0
         slopes = self._slopes[lane]
         known = slopes**2 @ np.diag(drift.covariance_rad2) if drift.turned else 0.0
-        return math.hypot(math.sqrt(known), float(slopes @ changed))
+        return math.hypot(math.sqrt(known), float(slopes @ changed_rad))
 
-    def update(self, update: TrackUpdate, steadier: Steadier, since_rad: Array = _NONE
+    def update(self, update: TrackUpdate, steadier: Steadier, changed_rad: Array = _NONE
                ) -> TrackUpdate:
         """Return what a track says, with this doubt; tentative where it is too great."""
-        share = self.share(update.lane, steadier, since_rad)
+        share = self.share(update.lane, steadier, changed_rad)
         if steadier.lost or share >= self.most_share:
             return update.unconfirmed()
         return update.doubted(share) if share else update
 
-    def shares(self, steadier: Steadier, since_rad: Array = _NONE) -> dict[str, float]:
+    def shares(self, steadier: Steadier, changed_rad: Array = _NONE) -> dict[str, float]:
         """Return :meth:`share` of every lane, as it is now."""
-        return {lane: self.share(lane, steadier, since_rad) for lane in self.lanes}
+        return {lane: self.share(lane, steadier, changed_rad) for lane in self.lanes}
 
     def result(self, result: PassResult, share: float) -> PassResult:
         """

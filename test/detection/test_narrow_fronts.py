@@ -70,6 +70,10 @@ def held(width_m, s_m, x_m=0.0):
     (14.0, 1.9, 2.5, {'narrow_side_m': 0.8}, False),
     (14.0, 1.9, 2.5, {}, True),
     (14.0, 0.0, 2.5, {}, True),  # behind its middle
+    (14.0, 1.0, 1.8, {}, True),  # beside a car, which is not so long
+    (14.0, 1.0, 1.8, {'narrow_behind_car_m': 16.0}, False),
+    (14.0, 1.0, 1.8, {'narrow_car_width_m': 1.7}, False),
+    (5.0, 1.0, 1.8, {}, False),  # at the side of a car
     (25.0, 1.2, 2.5, {}, True)])
 def test_what_is_at_the_side_of_a_long_vehicle_is_part_of_it(
         ahead_m, x_m, width_m, limits, is_found):
@@ -92,6 +96,19 @@ def test_the_side_of_a_vehicle_lies_beyond_what_faces_the_camera(goes_away):
     found = [spacing.is_at_side('lane', Place(np.array([1.2, 2.0, z_m]), 0.35), [lorry], 18.0, 0.5)
              for z_m in (30.0, 50.0)]
     assert found == [False, True]
+
+
+@pytest.mark.parametrize(('lane', 'at_side'), [('', True), ('own', True), ('oncoming', False)])
+def test_what_goes_the_other_way_is_no_part_of_a_vehicle(lane, at_side):
+    down, up = np.array([0.0, 0.0, -1.0]), np.array([0.0, -1.0, 0.0])
+    lanes = {name: LanePath(name, StraightPath(start_m, ahead, 80.0, up), None, np.zeros(2), 0.0)
+             for name, start_m, ahead in (
+                 ('own', np.array([0.0, 2.0, 90.0]), down),
+                 ('oncoming', np.array([3.0, 2.0, 10.0]), -down))}
+    lorry = Place(np.array([1.7, 2.0, 30.0]), 1.25, lane)
+    rider = Place(np.array([0.2, 2.0, 40.0]), 0.35)
+    assert Spacing(lanes, SpacingConfig()).is_at_side(
+        'own', rider, [lorry], 18.0, 0.5) is at_side
 
 
 def test_a_rider_behind_the_front_is_seen_aslant():

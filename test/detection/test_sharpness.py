@@ -63,6 +63,14 @@ def test_a_front_of_which_only_part_shows_low_down_is_taken_higher_up():
     assert one.height_m == pytest.approx(0.85)
 
 
+def test_a_front_is_not_taken_higher_up_for_what_stands_beside_it():
+    """A wall that it passes shows beside the front, but does not move with it."""
+    def before_wall(k):
+        return [Front(20.0 + STEP_M, half_m=1.2, low_m=0.65), Front(20.0 + k * STEP_M, half_m=0.7)]
+    (one,) = found_in([before_wall(k) for k in range(2)])[1]
+    assert one.height_m == pytest.approx(0.51) and one.width_m < 1.6
+
+
 @pytest.mark.parametrize('half_m', [0.9, 1.2])
 def test_a_front_that_shows_its_width_low_down_is_taken_there(half_m):
     (one,) = found_in([[Front(20.0 + k * STEP_M, half_m=half_m)] for k in range(2)])[1]

@@ -217,12 +217,39 @@ def test_what_is_never_confirmed_is_no_vehicle(scene):
 def test_a_vehicle_that_leaves_before_it_is_confirmed_is_rejected_with_a_reason(scene):
     sequence, _, marks = scene
     config = TrackerConfig(visibility=VisibilityConfig(least_width_px=500.0))
-    pipeline, _ = automatic(scene, marks[:1], {0}, config)
+    pipeline, finder = automatic(scene, marks[:1], {0}, config)
     steps = [pipeline.process(pair) for pair in sequence.pairs[:3]]
     assert [u.state for step in steps for u in step.updates] == [TrackState.TENTATIVE]
     one, = [result for step in steps for result in step.passes]
     assert (one.verdict, one.reason) == (Verdict.REJECTED, Reason.TOO_FEW_PAIRS)
+    assert [len(held) for held in finder.occupied] == [0, 1, 1]  # so that it is not found again
     assert pipeline.finish() == []
+
+
+def test_what_a_gap_of_the_stream_has_lost_before_it_was_confirmed_may_be_found_again(scene):
+    sequence, _, marks = scene
+    config = TrackerConfig(visibility=VisibilityConfig(lost_after_s=0.25))
+    pipeline, finder = automatic(scene, marks[:1], {0}, config)
+    for pair in sequence.pairs[:2]:
+        pipeline.process(pair)
+    stamp_ns, blank = pair.stamp_ns + 300_000_000, np.zeros_like(pair.left)
+    for k in range(2):
+        stamp_ns += k
+        assert pipeline.process(replace(
+            pair, index=9 + k, stamp_ns=stamp_ns, right_stamp_ns=stamp_ns, left=blank,
+            right=blank)).passes == []
+    assert [len(held) for held in finder.occupied] == [0, 1, 0, 0]
+    assert pipeline.finish() == []
+
+
+def test_a_correction_that_comes_and_goes_while_a_vehicle_is_seen_has_changed(scene):
+    sequence, _, marks = scene
+    pipeline, _ = automatic(scene, marks[:1], {0})
+    pipeline.process(sequence.pairs[0])
+    track, = pipeline._state.tracks
+    for pan_rad in (0.0, 3e-4, -1e-4, 0.0):
+        track.see_drift(np.array([pan_rad, 0.0, 0.0]))
+    assert track.drift_change_rad.tolist() == [3e-4, 0.0, 0.0]
 
 
 def test_a_found_front_on_which_the_views_disagree_is_left_alone(scene):

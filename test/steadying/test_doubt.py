@@ -53,12 +53,12 @@ def test_a_rig_that_stands_still_changes_nothing(doubt):
 
 def test_the_uncertain_angle_of_a_turned_camera_is_in_every_sigma(doubt):
     watch = steadier(turned=True)
-    share = doubt.share('a', watch, TURN_RAD)
+    share = doubt.share('a', watch)
     # A pan of one rad changes lengths at range Z by 2 Z / b; near observations weigh most.
     pan = np.radians(0.0005)
     assert 2 * 20 / 0.5 * pan < share < 2 * 60 / 0.5 * pan
-    update, result = doubt.update(UPDATE, watch, TURN_RAD), doubt.result(RESULT, share)
-    assert doubt.shares(watch, TURN_RAD) == {'a': share}
+    update, result = doubt.update(UPDATE, watch), doubt.result(RESULT, share)
+    assert doubt.shares(watch) == {'a': share}
     assert update.speed_std_mps == pytest.approx(math.hypot(0.1, 20 * share))
     assert update.state is TrackState.CONFIRMED and result.verdict is Verdict.MEASURED
     assert result.speed_std_mps == pytest.approx(math.hypot(0.05, 20 * share))
@@ -70,19 +70,19 @@ def test_the_uncertain_angle_of_a_turned_camera_is_in_every_sigma(doubt):
                                    steadier(turned=True, std_deg=0.005)],
                          ids=['too far', 'too uncertain'])
 def test_what_cannot_be_corrected_is_withheld(watch, doubt):
-    assert doubt.update(UPDATE, watch, TURN_RAD).state is TrackState.TENTATIVE
-    result = doubt.result(RESULT, doubt.share('a', watch, TURN_RAD))
+    assert doubt.update(UPDATE, watch).state is TrackState.TENTATIVE
+    result = doubt.result(RESULT, doubt.share('a', watch))
     assert result.verdict is Verdict.REJECTED and result.reason == Reason.RIG_UNCERTAIN
     assert result.speed_mps is None
 
 
-@pytest.mark.parametrize('watch, since_rad', [
-    (steadier(turned=True), np.zeros(3)), (steadier(), TURN_RAD)], ids=['found', 'taken back'])
-def test_a_vehicle_seen_before_and_after_a_turn_was_found_is_withheld(watch, since_rad, doubt):
+@pytest.mark.parametrize('watch', [steadier(turned=True), steadier()],
+                         ids=['found', 'taken back'])
+def test_a_vehicle_seen_before_and_after_a_turn_was_found_is_withheld(watch, doubt):
     """Its pairs may be of either side of the turn, whatever was corrected in them."""
-    assert doubt.update(UPDATE, watch, since_rad).state is TrackState.TENTATIVE
-    assert doubt.share('a', watch, since_rad) > 2 * 20 / 0.5 * TURN_RAD[0]
-    result = doubt.result(RESULT, doubt.share('a', watch, since_rad))
+    assert doubt.update(UPDATE, watch, TURN_RAD).state is TrackState.TENTATIVE
+    assert doubt.share('a', watch, TURN_RAD) > 2 * 20 / 0.5 * TURN_RAD[0]
+    result = doubt.result(RESULT, doubt.share('a', watch, TURN_RAD))
     assert result.reason == Reason.RIG_UNCERTAIN
 
 
