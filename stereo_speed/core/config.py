@@ -150,6 +150,10 @@ class VisibilityConfig(CheckedRecord):
         3.0, 0.0, 100.0, '', 'a reading is held back when it differs from the last one by so '
         'many sigmas more than most_acceleration_mps2 allows')
 
+    def is_sure(self, speed_mps: float, std_mps: float) -> bool:
+        """Return whether a speed is known well enough, by its 1-sigma, to be a reading."""
+        return std_mps <= max(self.reading_std_mps, self.reading_std_share * abs(speed_mps))
+
 
 @dataclass(frozen=True)
 class StartConfig(CheckedRecord):
@@ -216,6 +220,10 @@ class EffortConfig(CheckedRecord):
     fewest_particles: int = parameter(
         100, 20, 20000, '', 'particles that a track keeps however many tracks share the budget; '
         'never more than particles')
+    solve_interval_s: float = parameter(
+        0.06, 0.0, 1.0, 's', 'a reading is solved for when so much time has passed since the last '
+        'one that was: nearer ones rest on nearly the same pairs, and pairs between are kept and '
+        'solved for with the next one; 0 solves for every reading')
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -288,6 +296,9 @@ class SecondConfig(CheckedRecord):
     tail_dof: float = parameter(
         3.0, 1.0, 1e6, '', 'degrees of freedom of the t distribution of the residuals: the '
         'fewer, the less count corners that do not move along')
+    interval_s: float = parameter(
+        0.06, 0.0, 1.0, 's', 'time from one of these pairs to the next, at least: corners are '
+        'followed from pair to pair, and each step adds its error')
 
     def __post_init__(self) -> None:
         super().__post_init__()

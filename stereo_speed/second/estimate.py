@@ -42,14 +42,19 @@ class SecondOpinion:
         self._corners = CornerFollower(config.second)
         self._taken: list[Rays] = []
         self._first_ns: Optional[int] = None
+        self._taken_ns: Optional[int] = None
 
     def take(self, pair: StereoPair, left_region: Array, right_region: Array) -> None:
         """
-        Take in the next pair.
+        Take in the next pair, unless it follows the last one too soon to tell anything new.
 
         :param left_region: (4, 2) outline of the vehicle in the raw left view, px.
         :param right_region: (4, 2) the same in the right one.
         """
+        if self._taken_ns is not None and \
+                seconds(pair.stamp_ns, self._taken_ns) < self.config.second.interval_s:
+            return
+        self._taken_ns = pair.stamp_ns
         seen = self._corners.take(pair, left_region, right_region)
         if seen is None:
             return

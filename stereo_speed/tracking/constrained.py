@@ -104,6 +104,7 @@ class ConstrainedTracker:
         self.cloud = _Cloud(first_states(start, placed, s_std_m), np.zeros(self.config.particles))
         self.posterior: Optional[Posterior] = None
         self.reference: Optional[Reference] = None
+        self._cloud_ns = start.pair.stamp_ns  # stamp of the pair that the cloud is of
         self._reported: Optional[TrackUpdate] = None
 
     @property
@@ -126,7 +127,11 @@ class ConstrainedTracker:
         """Predict, weigh, resample, refine (2012, Section III)."""
         if self.ended:
             return None
-        self.cloud = self._predicted(self.life.advance_s(pair))
+        carried = self._carried(pair)
+        if carried is not None:
+            return carried
+        self.cloud = self._predicted((pair.stamp_ns - self._cloud_ns) * 1e-9)
+        self._cloud_ns = pair.stamp_ns
         if self._leaves_view(pair):
             return None
         last = self._reported
@@ -136,13 +141,14 @@ class ConstrainedTracker:
         if measured is None or not measured[1].unoccluded[-1]:
             if not self.life.coasts(pair, partly_seen=measured is not None):
                 return None
-            return self._report(pair, TrackState.COASTING)
+            return self._report(pair, TrackState.COASTING, self.cloud.moments())
         self._update_reference(pair)
         state = self.life.seen(pair, self._quads(self.cloud.mean[None], pair)[0][0])
         # What braked out of sight shows its speed only in the second pair that it is seen in.
-        update = self._report(pair, TrackState.TENTATIVE if _coasts(last) else state)
+        update = self._report(pair, TrackState.TENTATIVE if _coasts(last) else state,
+                              self.cloud.moments())
         if last is not None and not may_follow(update, last, self.config):
-            return update.unconfirmed()
+            update = self._reported = update.unconfirmed()
         return update
 
     def result(self) -> PassResult:
@@ -153,6 +159,27 @@ class ConstrainedTracker:
                      solved=solved, width_px=self.life.width_px,
                      end=self.life.end or TrackEnd.STREAM_ENDED)
         return conclude(found, self.rig, self.config)
+
+    def _carried(self, pair: StereoPair) -> Optional[TrackUpdate]:
+        """
+        Return how the vehicle goes on since its last solution; None where it is to be solved for.
+
+        Readings of a fast camera share nearly all the pairs that they rest on: what is known is
+        carried on to a pair that shows nothing else, and solved for with the next one.
+        """
+        posterior, last = self.posterior, self._reported
+        after_s = (pair.stamp_ns - self._cloud_ns) * 1e-9
+        if last is None or posterior is None or after_s >= self.config.effort.solve_interval_s:
+            return None
+        if _coasts(last):
+            return self._report(pair, TrackState.COASTING, self._predicted(after_s).moments())
+        if last.state is not TrackState.CONFIRMED or len(posterior.stamps_s) < 2:
+            return None
+        moments = posterior.ahead(after_s, self.config)
+        if not self.window.keep(pair, moments[0]):
+            return None
+        state = self.life.seen(pair, self._quads(moments[0][None], pair)[0][0])
+        return self._report(pair, state, moments)
 
     # -- the filter's steps ---------------------------------------------------------------
 
@@ -238,8 +265,14 @@ class ConstrainedTracker:
             self.life.end = TrackEnd.LEFT_VIEW
         return self.life.leaves_view(left[0], right[0])
 
-    def _report(self, pair: StereoPair, state: TrackState) -> TrackUpdate:
-        mean, cov = self.cloud.moments()
+    def _report(self, pair: StereoPair, state: TrackState, moments: tuple[Array, Array]
+                ) -> TrackUpdate:
+        """
+        Return what is said of a pair.
+
+        :param moments: mean (4,) and covariance (4, 4) of s, a, b, v.
+        """
+        mean, cov = moments
         frame = self.lane.path.frame(np.array(mean[0]))
         left, right = self._quads(mean[None], pair)
         ground = self.front.ground_speed(mean[:3], float(mean[3]), self._lateral_mps())

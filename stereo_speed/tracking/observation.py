@@ -75,6 +75,11 @@ class Observation:
     right_m: float
     skew_px: float
 
+    @property
+    def cross_ncc(self) -> float:
+        """Return the correlation of its two patches."""
+        return float(self.patches[0] @ self.patches[1] / self.patches.shape[1])
+
 
 class ObservationSampler:
     """

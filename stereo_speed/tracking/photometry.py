@@ -122,9 +122,24 @@ class Photometry:
 
 def _lack(ncc: Array, limits: VisibilityConfig) -> Array:
     """Return by how much observations (n,) lack more than noise makes the best ones lack."""
-    lack = 1 - ncc
-    noise = np.quantile(lack, limits.occlusion_best_share)
-    return np.asarray(lack - limits.occlusion_noise_factor * noise)
+    return np.asarray(1 - ncc - _explained(ncc, limits))
+
+
+def _explained(ncc: Array, limits: VisibilityConfig) -> float:
+    """Return what observations (n,) may lack by noise, as the best of them show it."""
+    return limits.occlusion_noise_factor * float(
+        np.quantile(1 - ncc, limits.occlusion_best_share))
+
+
+def views_agree(cross_ncc: float, others: Array, limits: VisibilityConfig) -> bool:
+    """
+    Return whether the views of one more observation agree as well as noise lets the best do.
+
+    :param cross_ncc: left-right NCC of it, and
+    :param others: (n,) of those so far.
+    :param limits: when an observation shows the vehicle, and the whole of it.
+    """
+    return cross_ncc >= limits.least_ncc and 1 - cross_ncc <= _explained(others, limits)
 
 
 def scatters_px(noise: NoiseConfig) -> list[tuple[float, float]]:

@@ -29,7 +29,8 @@ from .motion_prior import (
     walk_rate)
 from .observation import Observation, ObservationSampler
 from .onset import Moments, with_onsets
-from .photometry import Equations, PassPhotometry, Photometry, scatters_px
+from .photometry import (
+    Equations, PassPhotometry, Photometry, scatters_px, views_agree)
 from .sharpness import equal_blurs_px, trial_blurs_px
 from ..core.config import TrackerConfig
 from ..core.records import Array, StereoPair
@@ -80,6 +81,8 @@ class Posterior:
     :param cross_ncc: (n,) left-right NCC of each observation.
     :param unoccluded: (n,) whether the observation shows the whole front; others do not count.
     :param seen: (n,) whether it shows the vehicle at all.
+    :param speed_rate_std: random walk of the speed, r.m.s. of those of the motion models by their
+        weights, m/s/sqrt(s).
     """
 
     first_ns: int
@@ -92,12 +95,36 @@ class Posterior:
     cross_ncc: Array
     unoccluded: NDArray[np.bool_]
     seen: NDArray[np.bool_]
+    speed_rate_std: float
 
     def at(self, k: int) -> tuple[Array, Array]:
         """Return the mean (4,) and the covariance (4, 4) of pair ``k``."""
         n = range(len(self.mean))[k]
         block = slice(4 * n, 4 * n + 4)
         return self.mean[n], self.covariance[block, block]
+
+    def ahead(self, after_s: float, config: TrackerConfig) -> tuple[Array, Array]:
+        """
+        Return the mean (4,) and the covariance (4, 4) some time after the newest pair.
+
+        The vehicle goes on as it does from the last pair but one to the last: it may brake.  What
+        it may do otherwise is the random walk of its speed and its drift (eq. 24, 27).
+
+        :param after_s: time since the newest of two pairs or more, s.
+        :param config: rates of the random walks.
+        """
+        share = after_s / float(self.stamps_s[-1] - self.stamps_s[-2])
+        goes: Array = np.zeros((4, 8))  # by the last two states
+        goes[:, 4:] = np.eye(4)
+        goes[0, [3, 7]] = after_s * np.array([-0.5 * share, 1 + 0.5 * share])
+        goes[3, [3, 7]] = -share, 1 + share
+        mean = goes @ self.mean[-2:].ravel()
+        mean[1] += after_s * self.lateral_mps[-1]
+        walk = self.speed_rate_std ** 2 * after_s
+        strays = np.diag([walk * after_s ** 2 / 3, config.drift_across_std_m ** 2 * after_s,
+                          config.drift_up_std_m ** 2 * after_s, walk])
+        strays[0, 3] = strays[3, 0] = walk * after_s / 2
+        return mean, goes @ self.covariance[-8:, -8:] @ goes.T + strays
 
     def ground_speeds(self) -> Array:
         """Return the speeds (n,) over ground, m/s."""
@@ -254,6 +281,7 @@ class _Solution:
     :param weights: of all hypotheses.
     :param likely: weight and answer of each that counts.
     :param photometry: what the images say.
+    :param speed_rate_std: random walk of the speed, r.m.s. by the weights, m/s/sqrt(s).
     """
 
     mean: Array
@@ -261,6 +289,7 @@ class _Solution:
     weights: Array
     likely: Sequence[tuple[float, Moments]]
     photometry: Photometry
+    speed_rate_std: float
 
     @cached_property
     def covariance(self) -> Array:
@@ -287,6 +316,7 @@ class PhotometricWindow:
         self.exact_motion = PassMotion(prior, config, 0.0)
         self.hypotheses = _hypotheses(config)
         self._window = _Window((), np.zeros((0, 4)), np.zeros(nodes))
+        self._agreement: Array = np.zeros(0)  # left-right NCC of what was solved for last
 
     def add(self, pair: StereoPair, guess: Array, *, reacquires: bool = False
             ) -> Optional[Posterior]:
@@ -301,21 +331,45 @@ class PhotometricWindow:
         """
         if not self._window.keyframes:
             self._judge_sharpness(pair, guess)
-        rate, heading = self._newest_drift()
-        observation = self.sampler.observe(
-            pair, guess[:3], np.array([guess[3], rate, 0.0]), heading, self._window.relief)
+        observation = self._observed(pair, guess)
         if observation is None:
             return None
-        n, effort = len(self._window.keyframes), self.config.effort
-        window = self._window.inserted(n, _Keyframe(pair, observation), guess)
-        if n + 1 > effort.live_observations:
-            # Neither the first nor one of the newest two.
-            window = window.deactivated(_least_gap(window.pairs[:-1]),
-                                        effort.pass_observations - effort.live_observations)
-        window, posterior = self._refined(window, _REACQUIRED if reacquires else _LIVE)
+        window, posterior = self._refined(
+            self._grown(_Keyframe(pair, observation), guess), _REACQUIRED if reacquires else _LIVE)
         if posterior.unoccluded[-1]:
-            self._window = window
+            self._window, self._agreement = window, posterior.cross_ncc
         return posterior
+
+    def keep(self, pair: StereoPair, guess: Array) -> bool:
+        """
+        Take in a pair that is solved for together with the next one.
+
+        :param guess: (4,) s, a, b, v where earlier pairs say the front is.
+        :return: whether it was taken in: it shows the whole front, and its views agree as those
+            of the pairs that were solved for do.
+        """
+        observation = self._observed(pair, guess)
+        if observation is None or not views_agree(
+                observation.cross_ncc, self._agreement, self.config.visibility):
+            return False
+        self._window = self._grown(_Keyframe(pair, observation), guess)
+        return True
+
+    def _observed(self, pair: StereoPair, guess: Array) -> Optional[Observation]:
+        """Return the observation at a guess (4,) of s, a, b, v; None where it is not seen."""
+        rate, heading = self._newest_drift()
+        return self.sampler.observe(
+            pair, guess[:3], np.array([guess[3], rate, 0.0]), heading, self._window.relief)
+
+    def _grown(self, keyframe: _Keyframe, state: Array) -> _Window:
+        """Return the window with its newest keyframe and the state (4,) of it."""
+        n, effort = len(self._window.keyframes), self.config.effort
+        window = self._window.inserted(n, keyframe, state)
+        if n + 1 <= effort.live_observations:
+            return window
+        # Neither the first nor one of the newest two.
+        return window.deactivated(_least_gap(window.pairs[:-1]),
+                                  effort.pass_observations - effort.live_observations)
 
     def _judge_sharpness(self, pair: StereoPair, guess: Array) -> None:
         """Ask the first pair which view is the sharper one; arguments as for :meth:`add`."""
@@ -376,7 +430,7 @@ class PhotometricWindow:
         return Posterior(
             window.pairs[0].stamp_ns, window.times_s, window.state.copy(),
             solution.covariance[np.ix_(order, order)], rates, heading, path_scale,
-            seen.cross_ncc, seen.unoccluded, seen.seen)
+            seen.cross_ncc, seen.unoccluded, seen.seen, solution.speed_rate_std)
 
     def _solve(self, window: _Window, hypotheses: Sequence[_Hypothesis], motion: PassMotion
                ) -> _Solution:
@@ -409,7 +463,9 @@ class PhotometricWindow:
         mean = _total(w * answer.mean for w, answer in likely)
         relief = _total(w * said[h.more_px].relief(answer.mean[window.index.poses.ravel()])
                         for w, h, answer in zip(shares, some, found) if w > 0)
-        return _Solution(mean, relief, weights, likely, seen)
+        rate = math.sqrt(sum(
+            float(w) * (h.motion.speed_rate_std or 0.0) ** 2 for w, h in zip(shares, some)))
+        return _Solution(mean, relief, weights, likely, seen, rate)
 
     def _answers(self, window: _Window, hypotheses: Sequence[_Hypothesis], motion: PassMotion,
                  said: Mapping[float, _PoseEquations], *, covariances: bool) -> list[Moments]:

@@ -467,6 +467,7 @@ CASES: dict[str, Case] = {
     'effort.live_observations': Case('passing', 4),
     'effort.pass_observations': Case('passing', 4, {'effort.live_observations': 4}),
     'effort.fewest_particles': Case('twice', 20, TWO),
+    'effort.solve_interval_s': Case('longer', 0.5),
     'association.catch_up_pairs': Case('detected late', 1),
     'association.same_speed_sigmas': Case('detected at 20', 100.0),
     'association.moving_sigmas': Case('detected late', 100.0),
@@ -482,7 +483,7 @@ CASES: dict[str, Case] = {
         'enabled': False, 'most_sigmas': 0.0, 'most_difference_mps': 0.0, 'most_std_share': 0.1,
         'least_pairs': 7, 'most_pairs': 4, 'most_points': 6, 'least_quality': 0.2,
         'most_round_trip_px': 0.05, 'match_std_px': 0.5, 'match_floor_px': 0.01,
-        'tail_dof': 30.0}.items()},
+        'tail_dof': 30.0, 'interval_s': 0.5}.items()},
     'second.least_sigmas': Case('longer', 0.0, {
         'second.most_std_share': 0.1, 'second.most_difference_mps': 0.0}),
     'second.least_points': Case('longer', 190, {

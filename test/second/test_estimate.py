@@ -68,6 +68,16 @@ def test_where_the_first_one_is_wrong_the_second_is_not(followed, share, off_px)
         assert rejected.speed_mps is None and rejected.second == found
 
 
+def test_pairs_that_follow_too_soon_tell_nothing_new(followed):
+    place, _, rows = followed
+    opinion = SecondOpinion(place.rig, place.lanes['lane_0'], CONFIG)
+    for pair, update in rows:
+        for later_ns in (0, 50_000_000):
+            again = replace(pair, stamp_ns=pair.stamp_ns + later_ns)
+            opinion.take(again, update.quad_left_px, update.quad_right_px)
+    assert opinion.estimate([pair.stamp_ns for pair, _ in rows]) == estimate(place, rows)
+
+
 def test_too_few_pairs_give_none(followed):
     place, _, rows = followed
     assert estimate(place, rows[:3]) == SecondEstimate(None, None, 3)

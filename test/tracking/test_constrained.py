@@ -230,6 +230,59 @@ def test_braking_is_followed_and_the_profile_smooth(follow, textured):
     assert np.ptp(list(result.smoothed.values())) == pytest.approx(6.0, abs=0.7)
 
 
+def test_a_slow_camera_is_solved_for_in_every_pair(follow, steady, textured_drive):
+    pairs, poses = textured_drive
+    config = replace(QUICK, effort=EffortConfig(solve_interval_s=0.0))
+    for update, other in zip(steady[0], follow(pairs[:6], poses[0], config)[0]):
+        assert (update.speed_mps, update.speed_std_mps) == (other.speed_mps, other.speed_std_mps)
+
+
+SPARING = replace(QUICK, effort=EffortConfig(solve_interval_s=0.15))  # of 10 pairs a second
+
+
+def test_between_solutions_readings_go_on_within_their_sigma(follow, steady, textured_drive):
+    """From the third pair on every other one is solved for; all of them count."""
+    pairs, poses = textured_drive
+    updates, tracker = follow(pairs, poses[0], SPARING)
+    assert [u.state for u in updates] == [TENTATIVE] * 2 + [CONFIRMED] * 10
+    z = [(u.speed_mps - MPS) / u.speed_std_mps for u in updates]
+    assert np.abs(z).max() < at_most(0.001, len(z))
+    for update, (s, a, b) in zip(updates[2:], poses[2:]):
+        error = update.position_m - [a, 2 - b, 60 - s]
+        assert error @ np.linalg.solve(update.position_cov_m2, error) < stats.chi2.isf(
+            0.001 / 10, 3)
+    result, every = tracker.result(), steady[1].result()
+    assert list(result.smoothed) == list(every.smoothed)
+    assert abs(result.speed_mps - every.speed_mps) < 0.3 * every.speed_std_mps
+    assert result.speed_std_mps == pytest.approx(every.speed_std_mps, rel=0.1)
+
+
+@pytest.mark.parametrize('hide', [behind_a_post, blank], ids=['post', 'nothing'])
+def test_what_is_hidden_between_solutions_coasts(follow, textured_drive, hide):
+    """Pair 5 is one that would not be solved for; 7 is the next solution, 8 makes sure."""
+    pairs, poses = textured_drive
+    hidden = [hide(p) if p.index == 5 else p for p in pairs]
+    updates, tracker = follow(hidden, poses[0], SPARING)
+    assert [k for k, u in enumerate(updates) if u.state is COASTING] == [5, 6]
+    assert [u.state for u in updates[7:9]] == [TENTATIVE, CONFIRMED]
+    result = tracker.result()
+    assert pairs[5].stamp_ns not in result.smoothed and result.verdict is Verdict.MEASURED
+    assert abs(result.speed_mps - MPS) < at_most(0.001, 1) * result.speed_std_mps
+
+
+def test_braking_at_thirty_pairs_a_second_is_within_its_sigma(follow, textured):
+    """From 20 m/s by 6 m/s^2; two tenths of a second later both kinds of readings follow."""
+    times = np.arange(36) / 30
+    late = np.maximum(times - 0.5, 0)
+    poses = np.column_stack([6 + MPS * times - 3 * late ** 2, np.full(36, 0.1), np.full(36, 1.9)])
+    pairs = [textured.pair(k, round(t * SECOND), pose)
+             for k, (t, pose) in enumerate(zip(times, poses))]
+    updates, _ = follow(pairs, poses[0])
+    z = [(u.speed_mps - MPS + 6 * t) / u.speed_std_mps for u, t in zip(updates, late)
+         if u.state is CONFIRMED and not 0 < t < 0.2]
+    assert len(z) == 28 and np.abs(z).max() < at_most(0.001, len(z))
+
+
 def test_a_right_view_exposed_later_counts_at_its_own_time(follow, textured):
     """Each right image is that of 40 ms later, 0.8 m further on."""
     times = np.arange(10) / 10

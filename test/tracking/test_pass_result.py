@@ -35,7 +35,7 @@ def found(speeds=(20.0, 20.0, 20.0, 20.0, 20.0), std=0.1, **changes):
     covariance = np.zeros((4 * n, 4 * n))
     covariance[3::4, 3::4] = std ** 2 * np.eye(n)
     posterior = Posterior(0, np.arange(float(n)), mean, covariance, np.zeros(n), np.zeros(n),
-                          np.ones(n), np.full(n, 0.9), *np.ones((2, n), bool))
+                          np.ones(n), np.full(n, 0.9), *np.ones((2, n), bool), 0.3)
     lane = LanePath('right', StraightPath(np.array([0.0, 2, 60]), np.array([0.0, 0, -1]), 50.0),
                     None, np.full(2, 1e-3), 0.1)
     parts = std ** 2 * np.eye(n)

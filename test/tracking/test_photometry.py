@@ -10,7 +10,8 @@ import pytest
 from stereo_speed.core.config import NoiseConfig, VisibilityConfig
 from stereo_speed.tracking.observation import Observation
 from stereo_speed.tracking.observation_kernels import normalised_change
-from stereo_speed.tracking.photometry import PassPhotometry, Photometry, scatters_px
+from stereo_speed.tracking.photometry import (
+    PassPhotometry, Photometry, scatters_px, views_agree)
 from stereo_speed.tracking.relief import relief_basis
 from stereo_speed.vision.haar import PartGrid
 
@@ -221,6 +222,13 @@ def test_observations_occluded_in_part_are_told_from_noisy_ones(cross, unocclude
     # What the texture lacks tells the same while the views lack a little, too.
     little = np.where(np.arange(5) < 3, 0.99, 0.95)
     np.testing.assert_array_equal(seen_with(little, cross).unoccluded, wanted)
+
+
+@pytest.mark.parametrize('cross, agree', [(0.96, True), (0.95, False), (0.4, False)])
+def test_the_views_of_one_more_pair_agree_as_the_best_do(cross, agree):
+    """They lack three times the 0.014 of the best at most."""
+    assert views_agree(cross, np.array([0.99, 0.98, 0.95, 0.95, 0.4]), VisibilityConfig()) == agree
+    assert not views_agree(0.49, np.full(5, 0.5), VisibilityConfig())  # it is not the vehicle
 
 
 def test_light_that_changes_occludes_nothing():

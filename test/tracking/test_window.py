@@ -13,7 +13,7 @@ from stereo_speed.core.errors import InputError
 from stereo_speed.tracking.front import Front
 from stereo_speed.tracking.motion_prior import PassPrior
 from stereo_speed.tracking.observation import ObservationSampler
-from stereo_speed.tracking.window import PhotometricWindow
+from stereo_speed.tracking.window import PhotometricWindow, Posterior
 from stereo_speed.vision.haar import PartGrid
 
 GRID = PartGrid(10, 4)
@@ -153,6 +153,57 @@ def test_braking_that_has_lasted_for_a_while_is_known_to_a_twentieth(textured, f
     for speed, lost in zip(speeds, braking * braked_s):
         if lost > braking * 0.35:
             assert abs(speed - (MPS - lost)) < lost / 20, lost
+
+
+def ahead_by_hand(states, after_s, gap_s, lateral_mps):
+    """Return s, a, b, v after the last of two states (8,) at an even acceleration."""
+    (_, _, _, v_before), (s, a, b, v) = states.reshape(2, 4)
+    gain = (v - v_before) / gap_s
+    return np.array([s + v * after_s + gain * after_s ** 2 / 2, a + lateral_mps * after_s, b,
+                     v + gain * after_s])
+
+
+def test_between_solutions_a_vehicle_goes_on_as_it_went():
+    """From 20 to 19 m/s in 0.1 s, and so 18.5 m/s after 0.05 s more; the speed is a walk."""
+    rng, config = np.random.default_rng(3), TrackerConfig()
+    mean = np.array([[1.0, 0.2, 0.1, 21.0], [3.0, 0.2, 0.1, 20.0], [5.0, 0.3, 0.0, 19.0]])
+    root = rng.normal(size=(12, 12))
+    posterior = Posterior(0, np.array([0.0, 0.1, 0.2]), mean, root @ root.T, np.full(3, 0.4),
+                          *np.ones((3, 3)), *np.ones((2, 3), bool), 0.5)
+    at, covariance = posterior.ahead(0.05, config)
+    np.testing.assert_allclose(at, [5.0 + 0.9375, 0.32, 0.0, 18.5])
+    by = np.array([ahead_by_hand(mean[1:].ravel() + step, 0.05, 0.1, 0.4) - at
+                   for step in np.eye(8)]).T  # it is linear
+    strays = covariance - by @ posterior.covariance[4:, 4:] @ by.T
+    # Brownian motion of 0.5 m/s/sqrt(s) in the speed, and what it makes of the way.
+    np.testing.assert_allclose(np.diag(strays), np.array([
+        0.25 * 0.05 ** 2 / 3, config.drift_across_std_m ** 2, config.drift_up_std_m ** 2, 0.25]
+    ) * 0.05)
+    np.testing.assert_allclose([strays[0, 3], strays[3, 0]], 0.25 * 0.05 ** 2 / 2)
+
+
+def test_a_pair_that_is_kept_counts_when_the_next_one_is_solved_for(textured, textured_drive):
+    pairs, poses = textured_drive
+    window = window_of(textured, poses[0])
+    last = feed(window, pairs[:6], poses)[-1]
+    for k in (6, 7):
+        assert window.keep(pairs[k], last.ahead((k - 5) / 10, window.config)[0])
+    after, = feed(window, pairs[8:9], poses[8:])
+    assert len(after.mean) == 9 and after.unoccluded.all()
+    for k, pose in enumerate(poses[6:9], 6):
+        assert chi_square(after, k, np.append(pose, MPS)) < stats.chi2.ppf(0.999, 4)
+    assert len(window.solve_pass().posterior.mean) == 9
+
+
+def test_a_pair_that_shows_less_is_not_kept(textured, textured_drive):
+    pairs, poses = textured_drive
+    window = window_of(textured, poses[0])
+    feed(window, pairs[:6], poses)
+    guess, grey = np.append(poses[6], MPS), np.full_like(pairs[6].left, 1600)
+    assert not window.keep(behind_a_post(pairs[6]), guess)
+    assert not window.keep(replace(pairs[6], right=grey), guess)
+    assert not window.keep(pairs[6], np.array([20.0, 30.0, 1.9, MPS]))  # out of both images
+    assert len(window.solve_pass().posterior.mean) == 6
 
 
 def behind_a_post(pair, share=0.35):
