@@ -10,6 +10,9 @@ CORES := -n auto --dist loadfile
 # what test-fast leaves out: tests of real nodes, of commands, of whole drives, of drawn scenes
 FAST := --ignore=test/integration --ignore=test/cli --ignore=test/lab/cli --ignore=test/nodes \
 	--ignore=test/lab/sim
+# of make test-pythons: what depends on the versions of Python, numpy and OpenCV
+MEASURING := $(addprefix test/,core io geometry vision estimation road site tracking detection \
+	second pipeline survey batch)
 # of make fuzz
 CASES := 20000
 # of make soak; in its first minutes tracker_node's memory still fills
@@ -62,7 +65,7 @@ audit: venv
 	$(PY) tools/audit.py
 
 test-pythons:
-	bash tools/pythons.sh
+	bash tools/pythons.sh $(MEASURING)
 
 release-check: venv
 	$(PY) tools/release_check.py $(RELEASE)

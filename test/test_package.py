@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import ast
 import importlib
+from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
 import re
@@ -143,6 +144,16 @@ def test_lock_pins_all_that_is_asked_for():
 def test_shell_scripts_parse():
     for script in ('.ci/run', 'tools/venv.sh', 'tools/pythons.sh'):
         subprocess.run(['bash', '-n', str(ROOT / script)], check=True)
+
+
+@pytest.mark.parametrize(('pin', 'status'), [('{}', 0), ('0.{}', 1)])
+def test_versions_are_those_that_a_file_pins(tmp_path, capsys, pin, status):
+    pins = tmp_path / 'pins.txt'
+    wanted = pin.format(version('numpy'))
+    pins.write_text(f'# of some system\nnumpy=={wanted}\ntqdm=={version("tqdm")}\n')
+    assert tool('as_pinned').main(str(pins)) == status
+    told = f'numpy is {version("numpy")}, not {wanted}\n' if status else ''
+    assert capsys.readouterr().err == told
 
 
 def test_manifest_names_only_keys_that_rosdep_knows(manifest):

@@ -1,12 +1,13 @@
 #!/bin/bash
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-# Usage: pythons.sh. The fast tests on each other Python that is at hand, installed or made by
-# pyenv, and once with the versions of numpy, OpenCV and the rest that Ubuntu 24.04 has, which a
-# native ROS 2 Jazzy runs on.
+# Usage: pythons.sh TESTS... These tests, but for slow ones, on each other Python that is at hand,
+# installed or made by pyenv; on 3.12 with the versions of numpy, OpenCV and the rest that Ubuntu
+# 24.04 has, which a native ROS 2 Jazzy runs on. What cannot be had here is skipped, and said.
 set -uo pipefail
 cd "$(dirname "$0")/.."
-failed=()
+export OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 OPENCV_FOR_THREADS_NUM=1
+passed=() skipped=() failed=()
 
 at_hand() {  # at_hand VERSION: print an interpreter of it that runs
     local python
@@ -16,24 +17,31 @@ at_hand() {  # at_hand VERSION: print an interpreter of it that runs
     return 1
 }
 
-fast() {  # fast VENV
-    make --no-print-directory test-fast PYTHON="$python" VENV="$1" || failed+=("$2")
+tested() {  # tested NAME PYTHON VENV VERSIONS TESTS...
+    local name=$1 interpreter=$2 venv=$3 versions=$4
+    shift 4
+    echo "== $name ($SECONDS s)"
+    if ! bash tools/venv.sh "$interpreter" "$venv" "$versions"; then
+        skipped+=("$name: a package cannot be had here")
+    elif "$venv/bin/python" tools/as_pinned.py "$versions" &&
+            "$venv/bin/python" tools/warm_up.py &&
+            "$venv/bin/python" -m pytest -q -m 'not slow' -n auto --dist loadfile "$@"
+    then passed+=("$name")
+    else failed+=("$name")
+    fi
 }
 
-for version in 3.10 3.13 3.12; do
-    python=$(at_hand $version) || { echo "== no Python $version at hand"; continue; }
-    echo "== $python"
-    fast ".venv-$version" "Python $version"
+for version in 3.10 3.12 3.13; do
+    venv=.venv-$version versions=/dev/null
+    [ $version = 3.12 ] && venv=.venv-noble versions=tools/noble.txt
+    if python=$(at_hand $version); then
+        tested "Python $version" "$python" "$venv" "$versions" "$@"
+    else
+        skipped+=("Python $version: not at hand")
+    fi
 done
-if [ -n "$python" ]; then
-    echo "== $python with the versions of Ubuntu 24.04"
-    noble=.venv-3.12/bin/python
-    # What it installs is not what the stamp says: the environment is made anew the next time.
-    rm -f ".venv-3.12/stamp"
-    "$noble" -m pip install --quiet --disable-pip-version-check --requirement tools/noble.txt &&
-        OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 OPENCV_FOR_THREADS_NUM=1 \
-            "$noble" -m pytest -q -m 'not slow' -n auto --dist loadfile \
-            --ignore=test/integration --ignore=test/cli --ignore=test/lab --ignore=test/nodes ||
-        failed+=('Ubuntu 24.04')
-fi
-[ ${#failed[@]} -eq 0 ] || { echo "failed: ${failed[*]}" >&2; exit 1; }
+echo "== $SECONDS s"
+for name in "${passed[@]}"; do echo "passed: $name"; done
+for name in "${skipped[@]}"; do echo "skipped: $name"; done
+for name in "${failed[@]}"; do echo "failed: $name"; done
+[ ${#failed[@]} -eq 0 ]

@@ -1,11 +1,12 @@
 #!/bin/bash
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-# Usage: venv.sh PYTHON FOLDER. Make the virtual environment from requirements.lock, or keep the
-# one that is there when it fits the lock, the interpreter's version and this folder.
+# Usage: venv.sh PYTHON FOLDER [VERSIONS]. Make the virtual environment from requirements.lock, or
+# keep the one that is there when it fits the lock, the interpreter's version and this folder.
+# What the file VERSIONS pins takes the place of the lock's pins of the same packages.
 set -euo pipefail
 cd "$(dirname "$0")/.."
-python=$1 venv=$2
+python=$1 venv=$2 versions=${3:-/dev/null}
 
 fail() { echo "error: $1" >&2; exit 1; }
 
@@ -14,7 +15,11 @@ version=$("$python" -c 'import sys; print("%d.%d" % sys.version_info[:2])' 2>/de
 "$python" -c 'import sys; sys.exit(sys.version_info < (3, 10))' ||
     fail "$python is Python $version, 3.10 or newer is needed: make PYTHON=python3.12"
 
-wanted() { echo "python $version at $PWD"; cat requirements.lock; }
+pins() {
+    sed -n 's/==.*/==/; /==/s/^/^/p' "$versions" | grep --invert-match --file=- requirements.lock
+    cat "$versions"
+}
+wanted() { echo "python $version at $PWD"; pins; }
 if wanted | cmp -s - "$venv/stamp" && "$venv/bin/python" -c '' 2>/dev/null; then
     exit 0
 fi
@@ -24,8 +29,10 @@ fi
 echo "making $venv with Python $version (a minute or two)"
 rm -rf "$venv"
 "$python" -m venv "$venv"
+pins > "$venv/pins.txt"
+# The lock holds whatever its packages need, and other versions may be asked for than these allow.
 "$venv/bin/python" -m pip install --quiet --disable-pip-version-check \
-    --use-pep517 --requirement requirements.lock
+    --use-pep517 --no-deps --requirement "$venv/pins.txt"
 # The checkout itself, so that the package imports from anywhere.
 site=$("$venv/bin/python" -c 'import sysconfig; print(sysconfig.get_path("purelib"))')
 echo "$PWD" > "$site/stereo_speed.pth"

@@ -58,6 +58,7 @@ def measured(rig, lane, rows, **changes):
     return size.measured()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('kind', 'name', 'height_m'), [
     ('car', VehicleClass.CAR, (1.3, 1.65)), ('van', VehicleClass.VAN, (2.2, 2.65)),
     ('truck', VehicleClass.HEAVY_VEHICLE, (2.5, 3.7)),
@@ -69,6 +70,7 @@ def test_drawn_vehicles_are_told_by_size(kind, name, height_m):
     assert (found.name, found.probability > 0.9) == (name, True)
 
 
+@pytest.mark.slow
 def test_exposure_and_lag_of_the_right_view_change_nothing():
     """The vehicle goes on by 0.4 m until the right view is exposed."""
     found = measured(*drawn('van', right_delay_s=0.02, right_gain=0.8))
@@ -76,6 +78,7 @@ def test_exposure_and_lag_of_the_right_view_change_nothing():
     assert found.height_m == pytest.approx(2.45, abs=0.2)
 
 
+@pytest.mark.slow
 def test_a_receding_vehicle_keeps_its_height_where_its_last_pairs_are_alike_in_range():
     """The images end below the highest strip that is sought, so no pair decides by itself."""
     rig, lane, rows = drawn('car', fps=10.0, camera_height_m=2.0, camera_pitch_deg=8.0)
@@ -83,6 +86,7 @@ def test_a_receding_vehicle_keeps_its_height_where_its_last_pairs_are_alike_in_r
     assert found.height_m is not None and 1.3 < found.height_m < 1.65
 
 
+@pytest.mark.slow
 def test_the_height_is_unknown_where_no_two_pairs_differ_in_range():
     rig, lane, rows = drawn('car')
     found = measured(rig, lane, rows[-1:])
@@ -90,6 +94,7 @@ def test_the_height_is_unknown_where_no_two_pairs_differ_in_range():
     assert measured(rig, lane, []) is None
 
 
+@pytest.mark.slow
 def test_what_stands_still_has_no_height():
     """The same image again: nothing in it moves along."""
     rig, lane, rows = drawn('car')
@@ -99,6 +104,7 @@ def test_what_stands_still_has_no_height():
     assert found.height_m is None
 
 
+@pytest.mark.slow
 def test_the_top_is_no_higher_than_it_is_looked_for():
     rig, lane, rows = drawn('van')
     found = measured(rig, lane, rows, search=HeightSearch(most_m=1.2))
@@ -113,6 +119,7 @@ def test_strips_overlap_and_reach_from_the_lowest_to_the_highest():
         [search.width_share, 2 * search.half_height_m])
 
 
+@pytest.mark.slow
 def test_the_width_of_a_marked_front_is_as_certain_as_its_corners():
     rig, lane, rows = drawn('car')
     px_per_m = np.ptp(rows[0][1].quad_left_px[:, 0]) / BODIES['car'].width_m

@@ -58,6 +58,7 @@ def test_record_says_what_was_measured_where_when_and_by_what(written, sample):
     assert len({p['stamp_ns'] for p in record['pictures']}) == 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('passed', 'shown'), [
     (None, 'none was asked for'),
     ({'passed_utc': '2026-11-22T10:00:00Z', 'off_percent': -0.31},
@@ -104,12 +105,14 @@ def test_originals_are_as_they_came_and_marked_ones_beside_them(written, sample)
     assert '85 km/h' in text and 'src="data:image/jpeg' in text and NAME in text
 
 
+@pytest.mark.slow
 def test_speed_is_measured_again_from_the_folder_alone(written):
     again = recompute(written / NAME)
     assert again.agrees and again.speed_mps == pytest.approx(again.stored_mps, abs=1e-9)
     assert record_of(written)['raw']['kind'] == 'crops'
 
 
+@pytest.mark.slow
 def test_speed_of_other_images_is_another_one(evidence):
     """One pair's images in the place of another's: the recomputation tells."""
     raw = evidence / NAME / 'raw'
@@ -169,6 +172,7 @@ def test_the_same_pass_told_twice_is_one_record(sample, written, evidence):
         p.name: p.read_bytes() for p in written.rglob('*') if p.is_file()}
 
 
+@pytest.mark.slow
 def test_what_was_not_approved_is_marked_or_refused(sample, tmp_path):
     path = tmp_path / 'approved.yaml'
     path.write_text('stereo_speed_approved: 1\nsoftware: [' + 'f' * 64 + ']\nsite: ['
@@ -222,6 +226,7 @@ def recorded(sample):
     return record
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('name', 'value'), [
     ('pictures', 2), ('crop_margin', 0.5), ('instrument_name', 'S-17'), ('place', 'A 1, km 3')])
 def test_what_is_kept_follows_the_parameters(recorded, name, value):
@@ -252,6 +257,7 @@ def test_an_old_calibration_makes_no_record(sample, tmp_path):
     recorder.store.close()
 
 
+@pytest.mark.slow
 def test_disclosed_copy_shows_the_vehicle_alone(written, tmp_path):
     folder = disclose(written / NAME, tmp_path)
     told, record = json.loads((folder / 'disclosure.json').read_text()), record_of(written)
@@ -301,6 +307,7 @@ def test_a_stamp_ahead_of_the_clock_deletes_nothing(evidence, sample, monkeypatc
     recorder.store.close()
 
 
+@pytest.mark.slow
 def test_plot_is_in_the_unit_that_counts(sample):
     trace, lanes = sample.result.trace, sample.setting.place.lanes
     updates = [pair.update for pair in trace.pairs if pair.update is not None]

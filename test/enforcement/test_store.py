@@ -53,6 +53,7 @@ def names(folder):
     return sorted(p.name for p in folder.iterdir() if p.is_dir())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('at', range(1, STEPS))
 def test_a_disk_that_fills_at_any_step_leaves_no_half_record(tmp_path, small, monkeypatch, at):
     folder = tmp_path / 'evidence'

@@ -90,7 +90,9 @@ def test_a_jpeg_of_a_made_up_size_is_refused():
 @pytest.mark.parametrize(
     'data', [b'', b'\xff\xd8\xff', b'\x89PNG\r\n\x1a\n', b'GIF89a', bytes(40)])
 def test_what_is_no_image_is_refused(data):
-    assert decoded(data) == (None, f'{len(data)} bytes that cannot be decoded')
+    image, why = decoded(data)  # libpng, of some versions of OpenCV, says more
+    assert image is None and why.startswith(f'{len(data)} bytes that cannot be decoded')
+    assert '\n' not in why
     assert stated_size(data) is None
 
 

@@ -74,6 +74,7 @@ while True:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('after', [1, 8, 27])
 def test_a_killed_writer_loses_no_pass_it_has_told(tmp_path, after):
     path = tmp_path / 'log.sqlite'

@@ -58,6 +58,7 @@ def track(scene, out, *more):
                  str(scene.init), '--out', str(out), *more])
 
 
+@pytest.mark.slow
 def test_same_input_gives_the_same_files_and_they_fit_together(scene, tmp_path):
     for name in 'ab':
         assert track(scene, tmp_path / name, '--seed', '5') == 0
@@ -93,6 +94,7 @@ def test_stride_and_annotated_video(scene, tmp_path):
     assert np.abs(images[0].astype(float) - plain).max() > 60  # the box is drawn
 
 
+@pytest.mark.slow
 def test_files_of_an_older_run_do_not_outlive_it(scene, tmp_path):
     assert track(scene, tmp_path, '--annotate', '--particles', '20') == 0
     assert (tmp_path / 'annotated.avi').is_file()
@@ -109,6 +111,7 @@ def test_summary_names_what_went_in(scene, tmp_path):
     assert summary['frames_missing'] == 0
 
 
+@pytest.mark.slow
 def test_video_that_breaks_off_is_reported(scene, tmp_path, capsys):
     whole, part = tmp_path / 'whole.avi', tmp_path / 'part.avi'
     writer = VideoWriter(whole, (200, 240, 3))
@@ -127,6 +130,7 @@ def test_video_that_breaks_off_is_reported(scene, tmp_path, capsys):
         assert ('breaks off after' in error) is (path == part)
 
 
+@pytest.mark.slow
 def test_a_target_that_stays_away_is_reported_as_lost(road, tmp_path, capsys):
     away = write_scene(tmp_path, road, SimpleNamespace(RED=(40, 40, 210)), range(12, 40), 40)
     config = tmp_path / 'config.yaml'

@@ -191,6 +191,7 @@ def passing_scene(road, maps, frames):
     return images, targets, boxes
 
 
+@pytest.mark.slow
 def test_target_that_passes_behind_another_is_kept_and_leaves_it_its_pixels(road, maps):
     images, targets, boxes = passing_scene(road, maps, 33)
     kept = {}

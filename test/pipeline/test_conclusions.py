@@ -182,6 +182,7 @@ def test_other_vehicles_do_not_wait_for_the_end_of_a_pass(beside, straight):
     assert pipeline.open_tracks == set()
 
 
+@pytest.mark.slow
 def test_the_sample_measured_beside_the_pairs_reads_as_at_once(sample, beside):
     with StereoBag(sample / 'bag') as bag:
         pairs, rig = list(bag.pairs()), bag.rig

@@ -56,6 +56,7 @@ def test_what_cannot_be_had_is_named(offered, wanted, line, monkeypatch):
     assert str(caught.value).startswith(line)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     'imported', ['stereo_speed.cli.replay', 'stereo_speed.nodes.tracker_node'])
 def test_the_instrument_starts_without_the_laboratory(imported):

@@ -36,12 +36,14 @@ def still():
     return measured(SMALL)
 
 
+@pytest.mark.slow
 def test_a_rig_that_stands_still_measures_as_without_any_steadying(still):
     result, _, pipeline = still
     assert pipeline.steadier.state().swayed == 0
     assert result.speed_mps == measured(SMALL, OFF)[0].speed_mps
 
 
+@pytest.mark.slow
 def test_the_sway_of_a_rig_is_in_no_speed(still):
     moving = replace(SMALL, sway_deg=0.1)
     result, true, pipeline = measured(moving)
@@ -50,6 +52,7 @@ def test_the_sway_of_a_rig_is_in_no_speed(still):
     assert pipeline.steadier.state().swayed >= 10
 
 
+@pytest.mark.slow
 def test_a_right_camera_that_turns_under_way_is_corrected():
     turned = replace(SMALL, right_turn_deg=(0.03, 0.0, 0.0), right_turn_s=0.45)
     result, true, pipeline = measured(turned)

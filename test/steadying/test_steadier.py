@@ -32,6 +32,7 @@ def swaying(seed, drift=(0.0, 0.0, 0.0)):
     return RigMotion(tuple(float(a) for a in sway), drift)
 
 
+@pytest.mark.slow
 def test_a_rig_that_stands_still_is_left_as_it_is(rig, take):
     steadier = Steadier(rig, CONFIG)
     for k in range(8):
@@ -48,6 +49,7 @@ def test_its_state_can_be_told_before_the_first_pair_and_after_a_jump_of_time(ri
     assert steadier.state().pairs == 0 and warning(steadier) == ''
 
 
+@pytest.mark.slow
 def test_sway_is_found_in_each_pair_and_told(rig, take):
     steadier = Steadier(rig, CONFIG)
     steadier.steady(take(0))
@@ -59,6 +61,7 @@ def test_sway_is_found_in_each_pair_and_told(rig, take):
     assert steadiness_lines(state)[0].startswith('the rig swayed in 7 of 8 pairs looked at')
 
 
+@pytest.mark.slow
 def test_a_turn_of_the_right_camera_is_no_sway(rig, take):
     steadier = Steadier(rig, CONFIG)
     steadier.steady(take(0))
@@ -89,6 +92,7 @@ def test_one_view_alone_shows_the_sway(rig, take):
     assert not steadier.lost
 
 
+@pytest.mark.slow
 def test_cameras_at_rest_are_looked_at_now_and_then(rig, take):
     steadier = Steadier(rig, CONFIG)
     for k in range(12):  # at 10 a second: the first five, and one half a second later
@@ -97,6 +101,7 @@ def test_cameras_at_rest_are_looked_at_now_and_then(rig, take):
     assert (steadier.state().pairs, steadier.state().looks) == (12, 5 + 1)
 
 
+@pytest.mark.slow
 def test_a_rig_that_begins_to_sway_is_seen_within_the_interval_and_followed(rig, take):
     steadier = Steadier(rig, CONFIG)
     for k in range(6):
@@ -108,6 +113,7 @@ def test_a_rig_that_begins_to_sway_is_seen_within_the_interval_and_followed(rig,
         assert off_px(motion, swaying(k))[0] < 0.03
 
 
+@pytest.mark.slow
 def test_a_camera_turned_between_looks_is_found_by_the_next(rig, take):
     steadier = Steadier(rig, CONFIG)
     for k in range(6):
@@ -150,6 +156,7 @@ def test_a_place_that_is_gone_for_good_is_learnt_anew(rig, take):
     assert steadier.state().unknown == 2 and not steadier.lost
 
 
+@pytest.mark.slow
 def test_a_turn_found_before_is_kept_where_the_place_is_learnt_anew(rig, take):
     steadier = Steadier(rig, replace(CONFIG, renew_pairs=2))
     steadier.steady(take(0))
@@ -201,6 +208,7 @@ def test_the_rest_is_the_mean_of_the_sway(rig, take):
         assert off_px(steadier.steady(pair).motion, wanted)[0] < 0.03
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name, value, pairs', [
     ('details', 60, 3), ('least_details', 2000, 3), ('least_ncc', 0.999, 3),
     ('outlier_sigmas', 0.5, 3), ('detail_floor_px', 0.5, 3), ('independent_details', 3.0, 3),

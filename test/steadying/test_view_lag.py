@@ -87,6 +87,7 @@ def test_before_anything_moves_nothing_is_known(rig):
     assert watch.std_s == pytest.approx(0.02) and watch.state.looks == 0
 
 
+@pytest.mark.slow
 def test_stamps_that_jitter_are_told_from_exposures_that_do(rig, texture):
     gaps_s = np.abs(np.random.default_rng(2).normal(0, 8e-3, 57)) + 1e-3
     by_arrival, found = drive(rig, texture, 0.0, gaps_s)

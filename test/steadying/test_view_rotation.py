@@ -29,6 +29,7 @@ def test_a_rotation_is_found_to_a_few_hundredths_of_a_pixel(angles, view, take):
     assert abs(off_px[2]) < 0.1  # of a point as far from the middle as the focal length
 
 
+@pytest.mark.slow
 def test_its_covariance_is_that_of_its_errors(view, take):
     rng, shares = np.random.default_rng(3), []
     for number in range(10):

@@ -10,6 +10,8 @@ import pytest
 from stereo_speed.studio.evidence import EvidenceRun
 from stereo_speed.studio.opening import open_runs
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def evidence(replayed, tmp_path):

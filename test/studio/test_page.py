@@ -26,8 +26,8 @@ from stereo_speed.studio.server import Studio
 from stereo_speed.studio.workspace import Workspace
 
 headless = pytest.importorskip('headless', reason='playwright is not installed; make venv')
-pytestmark = pytest.mark.skipif(
-    not headless.find(), reason='no headless Chromium here; make browser gets one')
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(
+    not headless.find(), reason='no headless Chromium here; make browser gets one')]
 
 
 @pytest.fixture(scope='module')
@@ -76,7 +76,6 @@ def measured_mph(scene, path):
     return result.speed_mps / MPH_MPS
 
 
-@pytest.mark.slow
 def test_a_site_drawn_from_nothing_measures_as_one_made_by_hand(
         visit, drawing, space, scene, sample):
     """Clicked on the picture to half a screen pixel, at 1280x720, snapped to the markings."""
@@ -183,7 +182,6 @@ def tab_to(page, name, most=80):
     raise AssertionError(f'{name} is not reached by Tab')
 
 
-@pytest.mark.slow
 def test_a_whole_site_by_keys_alone(visit, drawing, space, sample):
     """Lines, lanes, names, a limit, the calibration's day and a save; no mouse at any time."""
     hands = visit(drawing)

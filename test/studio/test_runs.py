@@ -63,6 +63,7 @@ def test_a_folder_of_runs(tmp_path, make_run):
     assert everything.opened(1).rows == []
 
 
+@pytest.mark.slow
 def test_a_database_says_what_the_folder_says(replayed):
     folder, _ = open_runs([replayed])
     log, = open_runs([replayed / 'run.sqlite'])
@@ -123,6 +124,7 @@ def test_another_database_is_one_line(tmp_path, make, told):
         open_runs([tmp_path / 'text.db'])
 
 
+@pytest.mark.slow
 def test_a_cell_of_another_type_is_one_line(replayed, tmp_path):
     path = tmp_path / 'log.sqlite'
     shutil.copy(replayed / 'run.sqlite', path)

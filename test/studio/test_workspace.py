@@ -57,6 +57,7 @@ def judged(space):
     return space.judged(space.draft, space.refined).data
 
 
+@pytest.mark.slow
 def test_a_site_is_drawn_saved_and_opened_again(space, drawing, sample, tmp_path, scene):
     drawing.site(sample / 'site.yaml')
     drawing('lanes_between')
@@ -76,6 +77,7 @@ def test_a_site_is_drawn_saved_and_opened_again(space, drawing, sample, tmp_path
     assert site_text(again.site(again.draft)) == site_text(site)
 
 
+@pytest.mark.slow
 def test_lanes_against_the_clicks(space, drawing, sample):
     """Lines clicked from near to far; the shared line is written once for each direction."""
     drawing.site(sample / 'site.yaml', backward=True)
@@ -94,6 +96,7 @@ def test_lanes_against_the_clicks(space, drawing, sample):
                           ) < 60  # from far to near, as travel on this lane goes
 
 
+@pytest.mark.slow
 def test_faults_point_at_their_line_and_leave_the_others(space, drawing, sample):
     drawing.site(sample / 'site.yaml')
     drawing('lanes_between')
@@ -178,6 +181,7 @@ def site_parts(draw):
             {f'{view}_std_px': draw(small) for view in views})
 
 
+@pytest.mark.slow
 @settings(max_examples=20, deadline=None,
           suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(site_parts(), st.sampled_from([None, {}, {'std_m': 0.05}]),

@@ -52,6 +52,7 @@ def tracker(scene):
     return make
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('kind', [Filtering, Triangulating])
 def test_errors_are_those_of_their_covariances(tracker, kind):
     """Sums of normalised squares over many runs are below chi-square, and not far below."""

@@ -45,6 +45,7 @@ def test_a_rig_that_has_moved_is_off(measured_with, changes):
     assert rig_state(site, rig, lanes, pairs).is_off(0.01)
 
 
+@pytest.mark.slow
 def test_a_road_that_cannot_be_seen_tells_nothing(measured_with):
     _, site, rig, lanes, pairs = measured_with
     dark = [replace(p, left=np.zeros_like(p.left), right=np.zeros_like(p.right)) for p in pairs]
