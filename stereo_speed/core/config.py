@@ -11,6 +11,7 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 import math
+import operator
 from pathlib import Path
 from typing import Any, ClassVar, Iterator, Mapping, Optional, Protocol, TypeVar, Union
 
@@ -33,7 +34,8 @@ Record = TypeVar('Record', bound=ConfigRecord)
 
 
 def parameter(default: _Value, low: float = -_UNBOUNDED, high: float = _UNBOUNDED, unit: str = '',
-              doc: str = '', *, choices: tuple[Value, ...] = ()) -> _Value:
+              doc: str = '', *, choices: tuple[Value, ...] = (), below: str = '',
+              at_least: str = '') -> _Value:
     """
     Return a field of a config record that carries its unit, bounds and meaning.
 
@@ -43,8 +45,11 @@ def parameter(default: _Value, low: float = -_UNBOUNDED, high: float = _UNBOUNDE
     :param unit: of numbers.
     :param doc: what it means.
     :param choices: the only legal values, where there are few.
+    :param below: name of a parameter of the same record that must be greater.
+    :param at_least: name of one that must not be greater.
     """
-    meta = {'low': low, 'high': high, 'unit': unit, 'doc': doc, 'choices': choices}
+    meta = {'low': low, 'high': high, 'unit': unit, 'doc': doc, 'choices': choices,
+            'below': below, 'at_least': at_least}
     field: _Value = dataclasses.field(default=default, metadata=meta)
     return field
 
@@ -216,7 +221,7 @@ class EffortConfig(CheckedRecord):
         'inactive keyframes')
     pass_observations: int = parameter(
         60, 4, 1000, '', 'observations that the pass is measured from, evenly spaced; at least '
-        'live_observations')
+        'live_observations', at_least='live_observations')
     fewest_particles: int = parameter(
         100, 20, 20000, '', 'particles that a track keeps however many tracks share the budget; '
         'never more than particles')
@@ -224,12 +229,6 @@ class EffortConfig(CheckedRecord):
         0.06, 0.0, 1.0, 's', 'a reading is solved for when so much time has passed since the last '
         'one that was: nearer ones rest on nearly the same pairs, and pairs between are kept and '
         'solved for with the next one; 0 solves for every reading')
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.pass_observations < self.live_observations:
-            raise InputError('configuration', 'pass_observations', self.pass_observations,
-                             f'at least live_observations, {self.live_observations}')
 
 
 @dataclass(frozen=True)
@@ -277,11 +276,13 @@ class SecondConfig(CheckedRecord):
     least_pairs: int = parameter(
         4, 3, 1000, '', 'pairs that it rests on, at least')
     most_pairs: int = parameter(
-        40, 4, 1000, '', 'and at most, evenly spaced; at least least_pairs')
+        40, 4, 1000, '', 'and at most, evenly spaced; at least least_pairs',
+        at_least='least_pairs')
     least_points: int = parameter(
         5, 3, 1000, '', 'corners of a pair that are seen in other pairs too, at least')
     most_points: int = parameter(
-        40, 3, 1000, '', 'corners of a pair, at most; at least least_points')
+        40, 3, 1000, '', 'corners of a pair, at most; at least least_points',
+        at_least='least_points')
     least_quality: float = parameter(
         0.001, 0.0001, 1.0, '', 'strength of a corner, as a share of that of the strongest, '
         'which may be a lamp')
@@ -299,15 +300,6 @@ class SecondConfig(CheckedRecord):
     interval_s: float = parameter(
         0.06, 0.0, 1.0, 's', 'time from one of these pairs to the next, at least: corners are '
         'followed from pair to pair, and each step adds its error')
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.most_pairs < self.least_pairs:
-            raise InputError('configuration', 'most_pairs', self.most_pairs,
-                             f'at least least_pairs, {self.least_pairs}')
-        if self.most_points < self.least_points:
-            raise InputError('configuration', 'most_points', self.most_points,
-                             f'at least least_points, {self.least_points}')
 
 
 @dataclass(frozen=True)
@@ -452,7 +444,7 @@ class TrackerConfig(CheckedRecord):
 
 def check_bounds(config: ConfigRecord) -> None:
     """
-    Check each parameter of a config record against its bounds or choices.
+    Check each parameter of a config record against its bounds or choices, and against others.
 
     :raises InputError: names the field, what was found and what was wanted.
     """
@@ -463,6 +455,13 @@ def check_bounds(config: ConfigRecord) -> None:
                 raise InputError('configuration', f.name, repr(value), 'a mapping of parameters')
         elif not _is_legal(f, value):
             raise InputError('configuration', f.name, repr(value), wanted_of(f))
+    for f in dataclasses.fields(config):
+        for key, words, holds in (('below', 'less than', operator.lt),
+                                  ('at_least', 'at least', operator.ge)):
+            other = f.metadata.get(key)
+            if other and not holds(getattr(config, f.name), getattr(config, other)):
+                raise InputError('configuration', f.name, getattr(config, f.name),
+                                 f'{words} {other}, {getattr(config, other)}')
 
 
 def wanted_of(field: dataclasses.Field[Any]) -> str:

@@ -17,12 +17,13 @@ from typing import Mapping, Optional, Sequence
 import numpy as np
 
 from .box_proposals import box_proposals, BoxFitConfig, fits_box
-from .config import check_order, FrontConfig, MotionConfig, SpacingConfig
+from .config import FrontConfig, MotionConfig, SpacingConfig
 from .front_search import FoundFront, FrontSearch, Moment, NoiseEstimate
 from .protocol import Detection, ImageBox, TrackedRegion
 from .pyramid import PairPyramids, PairRegions, Region
 from .spacing import Place
 from ..core.config import CheckedRecord, parameter, section
+from ..core.errors import InputError
 from ..core.records import StereoPair
 from ..geometry.rig import StereoRig
 from ..geometry.steadied import moved_px
@@ -50,8 +51,9 @@ class BoxConfig(CheckedRecord):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_order('motion.reference_s', self.motion.reference_s,
-                    'forget_after_s', self.forget_after_s)
+        if not self.motion.reference_s < self.forget_after_s:
+            raise InputError('configuration', 'motion.reference_s', self.motion.reference_s,
+                             f'less than forget_after_s, {self.forget_after_s}')
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,17 +6,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..core.config import CheckedRecord, parameter, section
-from ..core.errors import InputError
-
-
-def check_order(low: str, low_value: float, high: str, high_value: float) -> None:
-    """
-    Check that one parameter is below another one.
-
-    :raises InputError: names the first.
-    """
-    if not low_value < high_value:
-        raise InputError('configuration', low, low_value, f'less than {high}, {high_value}')
 
 
 @dataclass(frozen=True)
@@ -24,26 +13,29 @@ class FrontConfig(CheckedRecord):
     """What a front is, and how surely both views must show one."""
 
     low_m: float = parameter(
-        0.27, 0.05, 1.0, 'm', 'height above the road of the lower edge of the quad')
+        0.27, 0.05, 1.0, 'm', 'height above the road of the lower edge of the quad',
+        below='high_m')
     high_m: float = parameter(
         0.78, 0.2, 2.5, 'm', 'height above the road of its upper edge')
     tall_low_m: float = parameter(
-        0.40, 0.05, 2.0, 'm', 'height of the lower edge of the quad on lorries')
+        0.40, 0.05, 2.0, 'm', 'height of the lower edge of the quad on lorries',
+        below='tall_high_m')
     tall_high_m: float = parameter(1.25, 0.3, 3.0, 'm', 'height of its upper edge there')
     tall_width_m: float = parameter(2.14, 1.5, 2.5, 'm', 'what is narrower is no lorry')
     raised_low_m: float = parameter(
         0.45, 0.05, 2.0, 'm', 'height of the lower edge of the quad on cars and vans that show '
-        'nothing but their lamps, as by night')
+        'nothing but their lamps, as by night', below='raised_high_m')
     raised_high_m: float = parameter(
         1.0, 0.3, 3.0, 'm', 'height of its upper edge there')
     least_width_m: float = parameter(
         1.0, 0.5, 2.0, 'm', 'what is narrower is no vehicle')
     narrow_low_m: float = parameter(
-        0.40, 0.05, 2.0, 'm', 'height of the lower edge of the quad on two-wheelers')
+        0.40, 0.05, 2.0, 'm', 'height of the lower edge of the quad on two-wheelers',
+        below='narrow_high_m')
     narrow_high_m: float = parameter(
         1.25, 0.3, 3.0, 'm', 'height of its upper edge there: the handlebars')
     narrow_least_m: float = parameter(
-        0.4, 0.2, 1.0, 'm', 'what is narrower is no two-wheeler')
+        0.4, 0.2, 1.0, 'm', 'what is narrower is no two-wheeler', below='narrow_most_m')
     narrow_most_m: float = parameter(
         1.2, 0.6, 2.0, 'm', 'what is wider is no two-wheeler')
     narrow_length_m: float = parameter(
@@ -73,14 +65,6 @@ class FrontConfig(CheckedRecord):
         0.03, 0.001, 1.0, 'm', '1-sigma of the middle of a front that is found; a track takes it '
         'for that of the corners')
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_order('low_m', self.low_m, 'high_m', self.high_m)
-        check_order('tall_low_m', self.tall_low_m, 'tall_high_m', self.tall_high_m)
-        check_order('raised_low_m', self.raised_low_m, 'raised_high_m', self.raised_high_m)
-        check_order('narrow_low_m', self.narrow_low_m, 'narrow_high_m', self.narrow_high_m)
-        check_order('narrow_least_m', self.narrow_least_m, 'narrow_most_m', self.narrow_most_m)
-
 
 @dataclass(frozen=True)
 class MotionConfig(CheckedRecord):
@@ -88,12 +72,13 @@ class MotionConfig(CheckedRecord):
 
     reference_s: float = parameter(
         0.19, 0.01, 2.0, 's', 'a vehicle must have moved since the newest earlier pair that is '
-        'at least so old, or since the oldest one kept')
+        'at least so old, or since the oldest one kept', below='long_reference_s')
     long_reference_s: float = parameter(
         0.75, 0.1, 5.0, 's', 'a slow vehicle must have moved since the newest earlier pair that '
         'is at least so old; still older ones are not kept')
     least_speed_mps: float = parameter(
-        1.5, 0.1, 20.0, 'm/s', 'what moves slower along its lane is not reported')
+        1.5, 0.1, 20.0, 'm/s', 'what moves slower along its lane is not reported',
+        below='greatest_speed_mps')
     greatest_speed_mps: float = parameter(
         70.0, 5.0, 150.0, 'm/s', 'what moves faster along its lane is not reported')
     aside_mps: float = parameter(
@@ -117,12 +102,6 @@ class MotionConfig(CheckedRecord):
     speed_std_share: float = parameter(
         0.05, 0.0, 1.0, '', '1-sigma of the speed between the two pairs a vehicle is found in, as '
         'a share of it')
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_order('reference_s', self.reference_s, 'long_reference_s', self.long_reference_s)
-        check_order('least_speed_mps', self.least_speed_mps,
-                    'greatest_speed_mps', self.greatest_speed_mps)
 
 
 @dataclass(frozen=True)
@@ -174,7 +153,8 @@ class DetectorConfig(CheckedRecord):
     """Parameters of the detector that sweeps planes; see ``detector`` for how they are used."""
 
     interval_s: float = parameter(
-        0.09, 0.0, 2.0, 's', 'least time between two searches for vehicles')
+        0.09, 0.0, 2.0, 's', 'least time between two searches for vehicles',
+        below='forget_after_s')
     long_every: int = parameter(
         3, 1, 1000, '', 'slow vehicles are looked for in one of so many searches')
     forget_after_s: float = parameter(
@@ -187,7 +167,3 @@ class DetectorConfig(CheckedRecord):
     front: FrontConfig = section(FrontConfig, 'what both views must show')
     motion: MotionConfig = section(MotionConfig, 'since an earlier pair')
     spacing: SpacingConfig = section(SpacingConfig, 'one vehicle or two')
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_order('interval_s', self.interval_s, 'forget_after_s', self.forget_after_s)

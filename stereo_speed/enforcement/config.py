@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Optional, Union
 
 from ..core.config import CheckedRecord, parameter, read_yaml_mapping, record_of, section
-from ..core.errors import InputError
 from ..pipeline.config import ENFORCEMENT
 
 UNITS = ('km/h', 'mph')
@@ -33,7 +32,8 @@ class DecisionConfig(CheckedRecord):
     threshold_kmh: float = parameter(
         0.0, 0.0, 100.0, 'km/h', 'the considered speed must be above the limit by more than this')
     least_kmh: float = parameter(
-        20.0, 0.0, 400.0, 'km/h', 'least speed of the declared interval; no record below it')
+        20.0, 0.0, 400.0, 'km/h', 'least speed of the declared interval; no record below it',
+        below='most_kmh')
     most_kmh: float = parameter(
         180.0, 1.0, 400.0, 'km/h', 'greatest speed of the declared interval; no record above it')
     demand_second_estimate: bool = parameter(
@@ -56,12 +56,6 @@ class DecisionConfig(CheckedRecord):
         'image than this share of the size of the front that was measured')
     evidence_span_s: float = parameter(
         0.15, 0.0, 10.0, 's', 'least time between the first and the last pair of the evidence')
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.most_kmh <= self.least_kmh:
-            raise InputError('configuration', 'most_kmh', self.most_kmh,
-                             f'more than least_kmh, {self.least_kmh}')
 
 
 @dataclass(frozen=True)

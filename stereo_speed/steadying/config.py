@@ -5,11 +5,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..core.config import check_bounds, parameter
+from ..core.config import CheckedRecord, parameter
 
 
 @dataclass(frozen=True)
-class SteadyingConfig:
+class SteadyingConfig(CheckedRecord):
     """How the rotation of the cameras is estimated in each pair, by details that stand still."""
 
     enabled: bool = parameter(
@@ -67,6 +67,3 @@ class SteadyingConfig:
     renew_pairs: int = parameter(
         100, 2, 100000, '', 'pairs looked at after which details are learnt anew, and those that '
         'were hidden in most of them replaced by others')
-
-    def __post_init__(self) -> None:
-        check_bounds(self)

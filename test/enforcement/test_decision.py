@@ -92,7 +92,7 @@ def test_second_estimate_is_demanded_unless_told_otherwise():
 
 
 def test_interval_must_not_be_empty():
-    with pytest.raises(InputError, match='most_kmh.*more than least_kmh'):
+    with pytest.raises(InputError, match='least_kmh: found 90.0, wanted less than most_kmh'):
         DecisionConfig(least_kmh=90.0, most_kmh=90.0)
 
 

@@ -15,6 +15,7 @@ from typing import Any, Callable, Mapping, Sequence
 import numpy as np
 
 from .labeled_sequence import read_back
+from .metrics import rms
 from .tables import Cell, Table
 from ..sim.config import RigConfig, RIGS, RoadConfig, SimConfig
 from ..sim.painter import Painter
@@ -22,7 +23,7 @@ from ..sim.scene import SimScene
 from ..sim.sequence import exact_site, picked_site
 from ...batch.job import Job, Result
 from ...core.errors import SiteError
-from ...core.records import Array, StereoPair
+from ...core.records import StereoPair
 from ...geometry.rig import StereoRig
 from ...road.lanes import LanePath
 from ...road.path import Path, SplinePath
@@ -274,17 +275,14 @@ def kinds_table(results: Sequence[Result]) -> Table:
 
 def _figures(values: Sequence[Mapping[str, Any]]) -> list[Cell]:
     """Return what a row of :func:`kinds_table` tells of some roads."""
-    clicks = [100 * v['clicks_error'] for v in values if v.get('clicks_error') is not None]
+    clicks = np.array([100 * v['clicks_error'] for v in values
+                       if v.get('clicks_error') is not None])
     refined = [v for v in values if v.get('refined_error') is not None]
     errors = np.array([100 * v['refined_error'] for v in refined])
     scores = np.array([v['refined_error'] / v['refined_std'] for v in refined])
-    return [_rms(clicks), _rms(errors), np.abs(errors).max(initial=0.0), _rms(scores),
+    return [rms(clicks), rms(errors), np.abs(errors).max(initial=0.0), rms(scores),
             int(np.sum(np.abs(scores) > _FAR_SIGMAS)), sum(map(_is_worse, refined)),
             sum(bool(v.get('turned')) for v in refined), len(values) - len(refined)]
-
-
-def _rms(values: Sequence[float] | Array) -> float:
-    return float(np.sqrt(np.mean(np.square(values)))) if len(values) else math.nan
 
 
 def _is_worse(value: Mapping[str, Any]) -> bool:
@@ -302,5 +300,5 @@ def road_figures(results: Sequence[Result]) -> str:
     return (f'{len(values)} roads: {len(refined)} refined, {len(values) - len(refined)} refused, '
             f'{sum(bool(v.get("kept_clicks")) for v in refined)} kept as clicked, '
             f'{sum(v["turned"] for v in refined)} found turned, {worse} worse than the clicks; '
-            f'r.m.s. of error/σ {np.sqrt(np.mean(np.square(scores))):.2f}' if refined
+            f'r.m.s. of error/σ {rms(np.array(scores)):.2f}' if refined
             else f'{len(values)} roads: none refined')
