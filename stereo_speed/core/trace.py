@@ -9,7 +9,7 @@ measure the pass again.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Optional
+from typing import Container, Optional
 
 import numpy as np
 
@@ -84,11 +84,16 @@ class PassTrace:
     seen_mps: Optional[float]
     pairs: tuple[TracePair, ...]
 
-    @property
-    def seen(self) -> tuple[TracePair, ...]:
-        """Return the pairs in which the vehicle was wholly seen."""
+    def shown(self, measured_ns: Container[int]) -> tuple[TracePair, ...]:
+        """
+        Return the pairs that show the vehicle where it was measured.
+
+        The front of a track that is not confirmed yet may lie metres from the vehicle's.
+
+        :param measured_ns: stamps of the pairs that its speed is measured from.
+        """
         return tuple(p for p in self.pairs if p.update is not None
-                     and p.update.state is not TrackState.COASTING)
+                     and p.update.state is TrackState.CONFIRMED and p.stamp_ns in measured_ns)
 
 
 class TraceBuilder:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from datetime import date
 import math
-from typing import Optional, Sequence
+from typing import Container, Optional, Sequence
 
 import numpy as np
 
@@ -162,7 +162,8 @@ def calibration_refusal(calibrated: Optional[date], last_ns: int, config: Decisi
     return NoRecord.CALIBRATION_EXPIRED if expired else None
 
 
-def ambiguity(trace: PassTrace, config: DecisionConfig) -> Optional[NoRecord]:
+def ambiguity(trace: PassTrace, measured_ns: Container[int], config: DecisionConfig
+              ) -> Optional[NoRecord]:
     """
     Return why the vehicle of a pass could be mistaken for another; None where it cannot.
 
@@ -170,10 +171,11 @@ def ambiguity(trace: PassTrace, config: DecisionConfig) -> Optional[NoRecord]:
     measured, in either image: what is marked in the evidence would be of both.
 
     :param trace: how the pass came about.
+    :param measured_ns: stamps of the pairs that its speed is measured from.
     :param config: how near is too near, and how long the evidence must last.
     """
-    seen = trace.seen
-    if len(seen) < 2 or (seen[-1].stamp_ns - seen[0].stamp_ns) * 1e-9 < config.evidence_span_s:
+    shown = trace.shown(measured_ns)
+    if len(shown) < 2 or (shown[-1].stamp_ns - shown[0].stamp_ns) * 1e-9 < config.evidence_span_s:
         return NoRecord.TOO_SHORT
     for pair in trace.pairs:
         if pair.update is None:

@@ -220,9 +220,9 @@ def utc(stamp_ns: int) -> str:
 
 def _shown(case: Violation, setting: Setting) -> Shown:
     """Return index and update of the pairs that are shown, evenly spread over the pass."""
-    seen = set(case.trace.seen)
+    shown = set(case.trace.shown(case.result.smoothed))
     return evenly([(k, pair.update) for k, pair in enumerate(case.trace.pairs)
-                   if pair in seen and pair.update is not None],
+                   if pair in shown and pair.update is not None],
                   setting.config.evidence.pictures)
 
 

@@ -108,7 +108,7 @@ class EvidenceRecorder:
             return NoRecord.NOT_TRACED
         refused = calibration_refusal(
             setting.place.site.calibrated, result.last_ns, setting.config.decision
-            ) or ambiguity(trace, setting.config.decision)
+            ) or ambiguity(trace, result.smoothed, setting.config.decision)
         if refused is not None:
             return refused
         if setting.config.evidence.unapproved == 'refuse' \

@@ -237,9 +237,8 @@ class _Score:
 def _score(violation: Violation, exposures: Mapping[int, int], truth: Sequence[Sequence[Row]]
            ) -> _Score:
     """Hold a record against the truth of the pairs that it was measured in."""
-    result, seen = violation.result, violation.trace.seen
-    on = []
-    for pair in seen:
+    result, on = violation.result, []
+    for pair in violation.trace.shown(result.smoothed):
         assert pair.update is not None  # noqa: S101 (for the types)
         on.append(_nearest(pair.update.position_m, truth[exposures[pair.stamp_ns]]))
     vehicle = Counter(on).most_common(1)[0][0]
