@@ -38,9 +38,13 @@ def hangs():
     time.sleep(600.0)
 
 
+def is_ended():
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # rclpy may have set another one
+    os.kill(os.getpid(), signal.SIGTERM)
+
+
 @pytest.mark.parametrize(('act', 'patience_s', 'status'), [
-    (crashes, 60.0, 1), (hangs, 0.3, None), (lambda: os.kill(os.getpid(), signal.SIGTERM), 60.0,
-                                             -signal.SIGTERM)])
+    (crashes, 60.0, 1), (hangs, 0.3, None), (is_ended, 60.0, -signal.SIGTERM)])
 @pytest.mark.parametrize('kill', [True, False])
 def test_a_writer_that_ends_of_another_cause_is_no_stop(
         folder, monkeypatch, act, patience_s, status, kill):
