@@ -81,5 +81,5 @@ screenshots: browser
 	$(ONE_THREAD) $(PY) tools/screenshots.py docs
 
 clean:
-	rm -rf $(VENV) .venv-* build install log out .pytest_cache .mypy_cache
+	rm -rf $(VENV) .venv-* build install log out .pytest_cache .mypy_cache .hypothesis
 	find stereo_speed test launch tools -name __pycache__ -type d -prune -exec rm -rf {} +

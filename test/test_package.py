@@ -156,6 +156,18 @@ def test_versions_are_those_that_a_file_pins(tmp_path, capsys, pin, status):
     assert capsys.readouterr().err == told
 
 
+def test_container_takes_what_is_in_the_tree_and_nothing_that_is_made_in_it():
+    lines = (ROOT / 'Containerfile').read_text().splitlines()
+    steps = ' '.join(line for line in lines if not line.startswith('#'))
+    named = set(re.findall(r'src/stereo_speed/([\w./-]+)', steps))
+    assert named == {'requirements.lock', 'tools/noble.txt'}
+    for pattern, file in re.findall(r"grep -E '([^']+)' src/stereo_speed/([\w./-]+)", steps):
+        assert re.search(pattern, (ROOT / file).read_text(), re.MULTILINE), (pattern, file)
+    made, left_out = ({line.strip('*/') for line in (ROOT / name).read_text().split()}
+                      for name in ('.gitignore', '.dockerignore'))
+    assert {name for name in made if '.egg' not in name} <= left_out
+
+
 def test_manifest_names_only_keys_that_rosdep_knows(manifest):
     """By a list made of the public one, which it names with its commit."""
     lines = (ROOT / 'tools' / 'rosdep_keys.txt').read_text().splitlines()

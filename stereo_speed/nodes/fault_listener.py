@@ -88,7 +88,3 @@ class FaultListener(GraphListener):
     def _status(self, msg: DiagnosticArray) -> None:
         self.heard.levels += [(time.monotonic(), s.name, ord(s.level), s.message)
                               for s in msg.status]
-
-    def connected(self, *topics: str) -> bool:
-        """Return whether each topic has a publisher."""
-        return all(self.node.count_publishers(topic) for topic in topics)

@@ -25,6 +25,10 @@ class GraphListener:
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
 
+    def connected(self, *topics: str) -> bool:
+        """Return whether each topic has a publisher."""
+        return all(self.node.count_publishers(topic) for topic in topics)
+
     def spin(self, seconds: float, until: Callable[[], bool]) -> bool:
         """Listen until something holds, for so long at most; return whether it does."""
         end = time.monotonic() + seconds

@@ -7,13 +7,12 @@ A line that spoils the road is told and left out, so that the others still show 
 """
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 import math
 import re
 from typing import Any, Mapping, Optional
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .draft import BACK, Draft, LEAST_POINTS, site_data, VIEWS
 from ..core.errors import InputError
@@ -62,10 +61,6 @@ class Note:
     view: Optional[str] = None
     index: Optional[int] = None
 
-    def as_json(self) -> dict[str, Any]:
-        """Return it as the page takes it."""
-        return dict(vars(self))
-
 
 @dataclass(frozen=True, eq=False)
 class Figures:
@@ -94,7 +89,7 @@ def judge(draft: Draft, rig: Optional[StereoRig], config: SiteConfig = SiteConfi
     data: dict[str, Any] = {'lines': {}, 'lanes': {}, 'top': None, 'notes': [],
                             'rig': _rig(draft, rig, refined), 'lengths': []}
     if rig is None:
-        data['notes'] = [note.as_json() for note in notes]
+        data['notes'] = list(map(asdict, notes))
         return Figures(data)
     site, lanes = _sound(draft, rig, config, notes)
     plane = None
@@ -113,7 +108,7 @@ def judge(draft: Draft, rig: Optional[StereoRig], config: SiteConfig = SiteConfi
         notes += told
     data['ready'] = bool(lanes) and not any(note.level == 'error' for note in notes) \
         and len(lanes) == len(draft.lanes)
-    data['notes'] = [note.as_json() for note in notes]
+    data['notes'] = list(map(asdict, notes))
     return Figures(_finite(data), plane)
 
 
@@ -309,18 +304,13 @@ def _add_lanes(out: dict[str, Any], lanes: Mapping[str, LanePath], fits: list[Ro
             'residual_px': lane.residual_px, 'speed_std': std,
             'speed_std_mph': std * limit / MPH_MPS, 'limit_mps': limit,
             'heading_std_deg': [float(x) for x in np.degrees(lane.heading_std_rad)],
-            'paths': {'left': _seen(left, seen_left), 'right': _seen(right, seen_right)}}
+            'paths': {'left': _drawn(left[seen_left]), 'right': _drawn(right[seen_right])}}
         if math.isfinite(width) and not _LANE_M[0] <= width <= _LANE_M[1]:
             notes.append(Note('warning', f'{spec.name}: {width:.2f} m wide, which is unusual; '
                               'are these its lines?', lane=spec.number))
         if std > worst_speed_std:
             notes.append(Note('warning', f'{spec.name}: the clicks leave speeds uncertain by '
                               f'{100 * std:.2f} %', lane=spec.number))
-
-
-def _seen(uv_px: Array, valid: NDArray[np.bool_]) -> list[list[float]]:
-    """Return the part of a curve that is in the image."""
-    return _drawn(uv_px[valid])
 
 
 def _width(numbers: tuple[int, ...], fits: list[RoadFit], draft: Draft) -> tuple[float, float]:

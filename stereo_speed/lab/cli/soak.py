@@ -104,7 +104,8 @@ def _soak(folder: Path, args: argparse.Namespace) -> Soaked:
             ('log_node', f'file:={folder / "log.sqlite"}'))}
         listener = SoakListener(rounds.add)
         stack.callback(listener.close)
-        if not listener.spin(_START_S, lambda: _alive(nodes) and listener.connected()):
+        if not listener.spin(_START_S, lambda: _alive(nodes) and listener.connected(
+                '/vehicle_speed', '/tracks', '/track_states', '/passes')):
             raise SoakError(f'soak: graph: found nodes that are not connected after '
                             f'{_START_S:.0f} s, wanted all of them')
         replay = stack.enter_context(Process(
