@@ -25,6 +25,7 @@ from ..geometry.rig import StereoRig
 from ..road.lanes import LanePath
 
 _SAME_RATE = 0.01  # of a pair, by which stamps may scatter
+_FEW_PAIRS = 2  # of an interval; the rate of a camera with more of them is high
 
 
 class PlaneSweepDetector:
@@ -48,6 +49,7 @@ class PlaneSweepDetector:
         self._regions_of = {lane: self._looked_at([lane]) for lane in self._sweeps}
         self._past: deque[PairPyramids] = deque()
         self._due: deque[str] = deque()  # lanes that are still to be searched in this round
+        self._round_ns, self._round_pairs = 0, 0  # when it began, and its pairs so far
         self._last_ns: Optional[int] = None
         self._noise, self._searched = NoiseEstimate(), 0
 
@@ -62,14 +64,14 @@ class PlaneSweepDetector:
         """Forget the earlier pairs, as after a jump back of time."""
         self._past.clear()
         self._due.clear()
-        self._last_ns = None
+        self._last_ns, self._round_ns = None, 0
 
     def update(self, pair: StereoPair, tracked: Sequence[TrackedRegion] = ()) -> list[Detection]:
         """
         Take in a pair and return the vehicles that no track holds.
 
-        Each lane is searched once in ``interval_s``.  At high rates the lanes take turns, so that
-        no pair takes much longer than the others.
+        Each lane is searched once in ``interval_s``, or in ``fast_interval_s`` where that takes
+        many pairs.  Then the lanes take turns, so that no pair takes much longer than the others.
 
         :param pair: in order of stamps.
         :param tracked: what the tracks hold, predicted for this pair.
@@ -80,7 +82,7 @@ class PlaneSweepDetector:
         self._last_ns = pair.stamp_ns
         begins = not (self._past
                       and self._past[-1].age_s(pair.stamp_ns) < self.config.interval_s)
-        lanes = self._turn(begins, passed_s)
+        lanes = self._turn(begins, pair.stamp_ns, passed_s)
         if not (begins or lanes):
             return []
         regions = self._regions if begins or len(lanes) > 1 else self._regions_of[lanes[0]]
@@ -96,18 +98,26 @@ class PlaneSweepDetector:
             self._remember(now)
         return [d for d in detections if d is not None]
 
-    def _turn(self, begins: bool, passed_s: float) -> list[str]:
+    def _turn(self, begins: bool, stamp_ns: int, passed_s: float) -> list[str]:
         """
         Return the lanes whose turn it is.
 
-        :param begins: whether a round does, in which each lane is searched.
+        :param begins: whether a round may, in which each lane is searched.
+        :param stamp_ns: of the pair.
         :param passed_s: since the last pair; it tells how many pairs share a round.
         """
+        round_s = self.config.interval_s
+        if round_s > _FEW_PAIRS * passed_s:
+            round_s = max(round_s, self.config.fast_interval_s)
+            begins = begins and (stamp_ns - self._round_ns) * 1e-9 >= round_s
+        self._round_pairs += 1
         if begins:  # what a slower stream than expected has left over comes first
             self._due.extend(lane for lane in self._sweeps if lane not in self._due)
-        pairs = max(math.ceil(self.config.interval_s / passed_s - _SAME_RATE), 1)
-        count = math.ceil(len(self._sweeps) / pairs)
-        return [self._due.popleft() for _ in range(min(count, len(self._due)))]
+            self._round_ns, self._round_pairs = stamp_ns, 1
+        pairs = max(math.ceil(round_s / passed_s - _SAME_RATE), 1)
+        # so many are left when this pair is done
+        left = len(self._sweeps) * (pairs - self._round_pairs) // pairs
+        return [self._due.popleft() for _ in range(len(self._due) - max(left, 0))]
 
     def _found(self, now: PairPyramids, lanes: Sequence[str], tracked: Sequence[TrackedRegion]
                ) -> list[FoundFront]:

@@ -419,6 +419,10 @@ class PhotometricWindow:
             window, moved_px = self._moved(window, solution, effort)
             if moved_px <= (effort.near_px if done < effort.iterations else _FAR_PX):
                 break
+            # More iterations show no more of what is occluded where it stands.
+            if effort is _REACQUIRED and moved_px <= _FAR_PX \
+                    and not solution.photometry.unoccluded[-1]:
+                break
         window = window.judged(solution.photometry.unoccluded)
         return window, self._posterior(window, solution)
 
