@@ -54,6 +54,7 @@ def test_a_front_that_shows_nothing_but_what_is_high_up_is_found():
     assert not found_in(fronts, config=DetectorConfig(front=low))[1]
 
 
+@pytest.mark.slow
 def test_a_front_of_which_only_part_shows_low_down_is_taken_higher_up():
     """The bumper of a lorry by night is dark but for its middle; near a tie, so in most places."""
     def lorry(s_m):
