@@ -3,11 +3,13 @@
 # SPDX-License-Identifier: Apache-2.0
 # Usage: pythons.sh TESTS... These tests, but for slow ones, on each other Python that is at hand,
 # installed or made by pyenv; on 3.12 with the versions of numpy, OpenCV and the rest that Ubuntu
-# 24.04 has, which a native ROS 2 Jazzy runs on. What cannot be had here is skipped, and said.
+# 24.04 has, which a native ROS 2 Jazzy runs on. What cannot be had here is skipped, and said; so
+# is what would begin after ENOUGH_S seconds.
 set -uo pipefail
 cd "$(dirname "$0")/.."
 export OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 OPENCV_FOR_THREADS_NUM=1
 passed=() skipped=() failed=()
+enough=${ENOUGH_S:-900}
 
 at_hand() {  # at_hand VERSION: print an interpreter of it that runs
     local python
@@ -31,10 +33,12 @@ tested() {  # tested NAME PYTHON VENV VERSIONS TESTS...
     fi
 }
 
-for version in 3.10 3.12 3.13; do
+for version in 3.12 3.10 3.13; do
     venv=.venv-$version versions=/dev/null
     [ $version = 3.12 ] && venv=.venv-noble versions=tools/noble.txt
-    if python=$(at_hand $version); then
+    if [ $SECONDS -gt "$enough" ]; then
+        skipped+=("Python $version: the others took long")
+    elif python=$(at_hand $version); then
         tested "Python $version" "$python" "$venv" "$versions" "$@"
     else
         skipped+=("Python $version: not at hand")
