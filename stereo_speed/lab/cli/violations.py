@@ -24,9 +24,9 @@ def add_parser(subparsers: Subparsers) -> None:
                     'into it, decide on each pass whether there would be a record, and hold the '
                     'records against the truth. Exit status 1 where one is wrong.')
     add = parser.add_argument
-    add('--streams', type=number_in(int, 1, 10 ** 6), default=132,
-        help='streams of half a minute with some 16 passes each; the faults take turns '
-             '(default: 132)')
+    add('--streams', type=number_in(int, 1, 10 ** 6), default=110,
+        help='streams of half a minute with some 20 passes each; the faults take turns '
+             '(default: 110)')
     add('--seed', type=number_in(int, 0, 2 ** 31), default=0, help='of other traffic')
     add('--fps', type=number_in(float, 0.5, 60), default=8.0, help='pairs per second (default: 8)')
     add('--fault', action='append', choices=list(FAULTS), metavar='NAME',
