@@ -51,6 +51,7 @@ class PlaneSweepDetector:
         self._due: deque[str] = deque()  # lanes that are still to be searched in this round
         self._round_ns, self._round_pairs = 0, 0  # when it began, and its pairs so far
         self._last_ns: Optional[int] = None
+        self._last_index: Optional[int] = None
         self._noise, self._searched = NoiseEstimate(), 0
 
     def _looked_at(self, lanes: Sequence[str]) -> PairRegions:
@@ -64,7 +65,7 @@ class PlaneSweepDetector:
         """Forget the earlier pairs, as after a jump back of time."""
         self._past.clear()
         self._due.clear()
-        self._last_ns, self._round_ns = None, 0
+        self._last_ns, self._last_index, self._round_ns = None, None, 0
 
     def update(self, pair: StereoPair, tracked: Sequence[TrackedRegion] = ()) -> list[Detection]:
         """
@@ -72,8 +73,10 @@ class PlaneSweepDetector:
 
         Each lane is searched once in ``interval_s``, or in ``fast_interval_s`` where that takes
         many pairs.  Then the lanes take turns, so that no pair takes much longer than the others.
+        Where pairs were skipped because they came too fast, one lane a pair is searched: a pair
+        that took longer would have the more of the next ones skipped.
 
-        :param pair: in order of stamps.
+        :param pair: in order of stamps; a gap in its numbers tells of those that were skipped.
         :param tracked: what the tracks hold, predicted for this pair.
         """
         if self._past and self._past[-1].age_s(pair.stamp_ns) > self.config.forget_after_s:
@@ -83,6 +86,10 @@ class PlaneSweepDetector:
         begins = not (self._past
                       and self._past[-1].age_s(pair.stamp_ns) < self.config.interval_s)
         lanes = self._turn(begins, pair.stamp_ns, passed_s)
+        if self._last_index is not None and pair.index - self._last_index > 1:
+            self._due.extendleft(reversed(lanes[1:]))
+            del lanes[1:]
+        self._last_index = pair.index
         if not (begins or lanes):
             return []
         regions = self._regions if begins or len(lanes) > 1 else self._regions_of[lanes[0]]
