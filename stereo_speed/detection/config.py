@@ -155,9 +155,6 @@ class DetectorConfig(CheckedRecord):
     interval_s: float = parameter(
         0.09, 0.0, 2.0, 's', 'least time between two searches of a lane for vehicles',
         below='forget_after_s')
-    fast_interval_s: float = parameter(
-        0.18, 0.0, 2.0, 's', 'the same where more than two pairs come in this time: what comes '
-        'into view is in no hurry, and fast cameras leave less time for each pair')
     long_every: int = parameter(
         3, 1, 1000, '', 'slow vehicles are looked for in one of so many searches')
     forget_after_s: float = parameter(

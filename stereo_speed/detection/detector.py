@@ -25,7 +25,6 @@ from ..geometry.rig import StereoRig
 from ..road.lanes import LanePath
 
 _SAME_RATE = 0.01  # of a pair, by which stamps may scatter
-_FEW_PAIRS = 2  # of an interval; the rate of a camera with more of them is high
 
 
 class PlaneSweepDetector:
@@ -49,7 +48,6 @@ class PlaneSweepDetector:
         self._regions_of = {lane: self._looked_at([lane]) for lane in self._sweeps}
         self._past: deque[PairPyramids] = deque()
         self._due: deque[str] = deque()  # lanes that are still to be searched in this round
-        self._round_ns, self._round_pairs = 0, 0  # when it began, and its pairs so far
         self._last_ns: Optional[int] = None
         self._last_index: Optional[int] = None
         self._noise, self._searched = NoiseEstimate(), 0
@@ -65,14 +63,14 @@ class PlaneSweepDetector:
         """Forget the earlier pairs, as after a jump back of time."""
         self._past.clear()
         self._due.clear()
-        self._last_ns, self._last_index, self._round_ns = None, None, 0
+        self._last_ns = self._last_index = None
 
     def update(self, pair: StereoPair, tracked: Sequence[TrackedRegion] = ()) -> list[Detection]:
         """
         Take in a pair and return the vehicles that no track holds.
 
-        Each lane is searched once in ``interval_s``, or in ``fast_interval_s`` where that takes
-        many pairs.  Then the lanes take turns, so that no pair takes much longer than the others.
+        Each lane is searched once in ``interval_s``.  Where that takes several pairs, the lanes
+        take turns, so that no pair takes much longer than the others.
         Where pairs were skipped because they came too fast, one lane a pair is searched: a pair
         that took longer would have the more of the next ones skipped.
 
@@ -85,7 +83,7 @@ class PlaneSweepDetector:
         self._last_ns = pair.stamp_ns
         begins = not (self._past
                       and self._past[-1].age_s(pair.stamp_ns) < self.config.interval_s)
-        lanes = self._turn(begins, pair.stamp_ns, passed_s)
+        lanes = self._turn(begins, passed_s)
         if self._last_index is not None and pair.index - self._last_index > 1:
             self._due.extendleft(reversed(lanes[1:]))
             del lanes[1:]
@@ -105,26 +103,18 @@ class PlaneSweepDetector:
             self._remember(now)
         return [d for d in detections if d is not None]
 
-    def _turn(self, begins: bool, stamp_ns: int, passed_s: float) -> list[str]:
+    def _turn(self, begins: bool, passed_s: float) -> list[str]:
         """
         Return the lanes whose turn it is.
 
-        :param begins: whether a round may, in which each lane is searched.
-        :param stamp_ns: of the pair.
+        :param begins: whether a round does, in which each lane is searched.
         :param passed_s: since the last pair; it tells how many pairs share a round.
         """
-        round_s = self.config.interval_s
-        if round_s > _FEW_PAIRS * passed_s:
-            round_s = max(round_s, self.config.fast_interval_s)
-            begins = begins and (stamp_ns - self._round_ns) * 1e-9 >= round_s
-        self._round_pairs += 1
         if begins:  # what a slower stream than expected has left over comes first
             self._due.extend(lane for lane in self._sweeps if lane not in self._due)
-            self._round_ns, self._round_pairs = stamp_ns, 1
-        pairs = max(math.ceil(round_s / passed_s - _SAME_RATE), 1)
-        # so many are left when this pair is done
-        left = len(self._sweeps) * (pairs - self._round_pairs) // pairs
-        return [self._due.popleft() for _ in range(len(self._due) - max(left, 0))]
+        pairs = max(math.ceil(self.config.interval_s / passed_s - _SAME_RATE), 1)
+        count = math.ceil(len(self._sweeps) / pairs)
+        return [self._due.popleft() for _ in range(min(count, len(self._due)))]
 
     def _found(self, now: PairPyramids, lanes: Sequence[str], tracked: Sequence[TrackedRegion]
                ) -> list[FoundFront]:

@@ -139,8 +139,8 @@ def test_pairs_that_come_too_fast_are_left_out(straight):
 
 
 @pytest.mark.parametrize(('fps', 'step', 'wanted'), [
-    (30.0, 1, ['a', '', 'b', '', 'c', ''] * 3),  # one in a pair, each every 0.2 s
-    (60.0, 1, ['a', '', '', 'b', '', '', '', 'c', '', '', '', ''] * 2),  # the same
+    (30.0, 1, ['a', 'b', 'c'] * 4),  # one in a pair, each every 0.1 s
+    (60.0, 1, ['a', 'b', 'c', '', '', ''] * 3),  # the same
     (20.0, 1, ['ab', 'c'] * 4), (15.0, 1, ['ab', 'c'] * 4), (12.0, 1, ['ab', 'c'] * 4),
     (5.0, 1, ['abc'] * 5), (5.0, 6, ['a', 'b', 'c'] * 3)])  # of 30 pairs a second, 25 skipped
 def test_at_high_rates_the_lanes_take_turns(straight, fps, step, wanted):

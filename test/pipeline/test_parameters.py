@@ -489,7 +489,6 @@ CASES: dict[str, Case] = {
     'second.least_points': Case('longer', 190, {
         'second.most_points': 200, 'second.most_std_share': 0.1}),
     SWEEP + 'interval_s': swept('swept', 0.3),
-    SWEEP + 'fast_interval_s': swept('swept', 2.0, interval_s=0.45),
     SWEEP + 'long_every': swept('swept', 2, motion__least_px=13.0),
     SWEEP + 'forget_after_s': swept('swept', 0.15),
     SWEEP + 'sweep.still_ncc': swept('swept', -1.0),
