@@ -155,10 +155,6 @@ class VisibilityConfig(CheckedRecord):
         3.0, 0.0, 100.0, '', 'a reading is held back when it differs from the last one by so '
         'many sigmas more than most_acceleration_mps2 allows')
 
-    def is_sure(self, speed_mps: float, std_mps: float) -> bool:
-        """Return whether a speed is known well enough, by its 1-sigma, to be a reading."""
-        return std_mps <= max(self.reading_std_mps, self.reading_std_share * abs(speed_mps))
-
 
 @dataclass(frozen=True)
 class StartConfig(CheckedRecord):

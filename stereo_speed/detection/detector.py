@@ -83,11 +83,9 @@ class PlaneSweepDetector:
         self._last_ns = pair.stamp_ns
         begins = not (self._past
                       and self._past[-1].age_s(pair.stamp_ns) < self.config.interval_s)
-        lanes = self._turn(begins, passed_s)
-        if self._last_index is not None and pair.index - self._last_index > 1:
-            self._due.extendleft(reversed(lanes[1:]))
-            del lanes[1:]
+        skipped = self._last_index is not None and pair.index - self._last_index > 1
         self._last_index = pair.index
+        lanes = self._turn(begins, passed_s, skipped)
         if not (begins or lanes):
             return []
         regions = self._regions if begins or len(lanes) > 1 else self._regions_of[lanes[0]]
@@ -103,17 +101,18 @@ class PlaneSweepDetector:
             self._remember(now)
         return [d for d in detections if d is not None]
 
-    def _turn(self, begins: bool, passed_s: float) -> list[str]:
+    def _turn(self, begins: bool, passed_s: float, skipped: bool) -> list[str]:
         """
         Return the lanes whose turn it is.
 
         :param begins: whether a round does, in which each lane is searched.
         :param passed_s: since the last pair; it tells how many pairs share a round.
+        :param skipped: whether pairs were, since the last one.
         """
         if begins:  # what a slower stream than expected has left over comes first
             self._due.extend(lane for lane in self._sweeps if lane not in self._due)
         pairs = max(math.ceil(self.config.interval_s / passed_s - _SAME_RATE), 1)
-        count = math.ceil(len(self._sweeps) / pairs)
+        count = 1 if skipped else math.ceil(len(self._sweeps) / pairs)
         return [self._due.popleft() for _ in range(min(count, len(self._due)))]
 
     def _found(self, now: PairPyramids, lanes: Sequence[str], tracked: Sequence[TrackedRegion]

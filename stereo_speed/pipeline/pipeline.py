@@ -313,7 +313,9 @@ class SpeedPipeline:
 
     def _is_sure(self, update: TrackUpdate) -> bool:
         """Return whether the speed of a vehicle is known well enough to be a reading."""
-        return self.config.visibility.is_sure(update.speed_mps, update.speed_std_mps)
+        limits = self.config.visibility
+        return update.speed_std_mps <= max(
+            limits.reading_std_mps, limits.reading_std_share * abs(update.speed_mps))
 
     def _timed(self, update: TrackUpdate, track: _Track) -> TrackUpdate:
         """
