@@ -23,7 +23,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .demo_evidence import demo_key, records, show
-from .options import Subparsers
 from .replay import measure, print_table
 from .site import refined_from_bag, write_pictures, write_site
 from ..core.errors import StereoSpeedError
@@ -65,14 +64,12 @@ class DemoError(StereoSpeedError):
     """The demo did not show what it should."""
 
 
-def add_parser(subparsers: Subparsers) -> None:
-    """Add the ``demo`` command."""
-    parser = subparsers.add_parser('demo', help='play the sample through the live nodes')
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what ``demo`` takes."""
     parser.add_argument('--sample', type=Path, default=_ROOT / 'sample' / 'straight55',
                         help='folder with bag/, site.yaml, init.yaml and truth.csv')
     parser.add_argument('--out', type=Path, default=Path('out'), help='folder to write')
     parser.add_argument('--rate', type=float, default=1.0, help='pace of the replay')
-    parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:

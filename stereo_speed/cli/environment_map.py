@@ -1,6 +1,10 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""``map``: draw the map of a scene from polygons, and an overlay to look at."""
+"""
+``map``: draw the map of a scene from polygons: 255 pathway, 128 accessible, 0 inaccessible.
+
+An overlay with the contours of the distance is written beside it.
+"""
 from __future__ import annotations
 
 import argparse
@@ -12,7 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .options import number_in, Subparsers
+from .options import number_in
 from ..core.errors import InputError
 from ..io.atomic import write_whole
 from ..io.decoding import read_image
@@ -25,13 +29,8 @@ from ..report.targets import draw_field
 _LARGEST = 16384  # px, a side of a map; a larger number is a typing error
 
 
-def add_parser(subparsers: Subparsers) -> None:
-    """Add the command and its options."""
-    parser = subparsers.add_parser(
-        'map', help='draw the map of a scene from polygons',
-        description='Draw the map of a scene from polygons: 255 pathway, 128 accessible, '
-                    '0 inaccessible. An overlay with the contours of the distance is written '
-                    'beside it.')
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what ``map`` takes."""
     add = parser.add_argument
     add('polygons', metavar='POLYGONS', type=Path, help='polygons file (YAML)')
     add('--size', type=_size, metavar='WxH', help="size, px (default: the image's)")
@@ -41,7 +40,6 @@ def add_parser(subparsers: Subparsers) -> None:
     add('--overlay', type=Path, metavar='PNG', help='overlay (default: OUT_overlay.png)')
     add('--step', type=number_in(float, 1, 10000), default=20.0, metavar='PX',
         help='distance between the contours of the overlay (default: 20)')
-    parser.set_defaults(run=run)
 
 
 def _size(text: str) -> tuple[int, int]:

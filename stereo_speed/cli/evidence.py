@@ -1,13 +1,16 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""``evidence``: look at records of violations, measure them again, hand out copies, make a key."""
+"""
+``evidence``: look at records of violations, measure them again, hand out copies, make a key.
+
+Records are as replay and evidence_node write them. Exit status: 0 sound, 1 not, 2 bad input.
+"""
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
 import sys
 
-from .options import Subparsers
 from ..core.errors import InputError
 from ..core.units import KMH_MPS
 from ..enforcement.chain import load_public_key, write_key
@@ -18,12 +21,8 @@ from ..enforcement.verify import RECORD_FILE, verify
 NOT_SOUND = 1
 
 
-def add_parser(subparsers: Subparsers) -> None:
-    """Add the command, its actions and their options."""
-    parser = subparsers.add_parser(
-        'evidence', help='verify, recompute or disclose records of violations',
-        description='Records of violations, as replay and evidence_node write them. '
-                    'Exit status: 0 sound, 1 not, 2 bad input.')
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what ``evidence`` takes."""
     actions = parser.add_subparsers(metavar='ACTION', required=True)
     check = actions.add_parser('verify', help='find what was changed, removed, added or cut')
     check.add_argument('folder', metavar='DIR', type=Path, help='folder of records, or of one')

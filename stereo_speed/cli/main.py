@@ -3,9 +3,9 @@
 """
 The command line: ``python -m stereo_speed COMMAND``, and one executable per command.
 
-Each command is a module beside this one with ``add_parser(subparsers)``, whose parser carries
-``run(args) -> int``. Only the module of the command in hand is imported, so that what one of
-them lacks does not break the others.
+Each command is a module with ``add_arguments(parser)`` and ``run(args) -> int``, or with parsers
+of its actions that carry ``run``; its docstring is what ``--help`` says. Only the module of the
+command in hand is imported, so that what one of them lacks does not break the others.
 """
 from __future__ import annotations
 
@@ -82,10 +82,12 @@ def build_parser(command: Optional[str]) -> argparse.ArgumentParser:
     parser.add_argument('--version', action='version', version=f'stereo_speed {__version__}')
     subparsers = parser.add_subparsers(metavar='COMMAND', required=True)
     for name, (module, text) in COMMANDS.items():
+        of_command = subparsers.add_parser(name, help=text)
         if name == command:
-            importlib.import_module(module).add_parser(subparsers)
-        else:
-            subparsers.add_parser(name, help=text)
+            found = importlib.import_module(module)
+            of_command.description = found.__doc__
+            of_command.set_defaults(run=getattr(found, 'run', None))
+            found.add_arguments(of_command)
     return parser
 
 

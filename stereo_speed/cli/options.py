@@ -7,13 +7,11 @@ import argparse
 import os
 from pathlib import Path
 import sys
-from typing import Callable, Sequence, TypeAlias, TypeVar
+from typing import Callable, Sequence, TypeVar
 
 from ..core.units import SPEED_UNITS
 
 Number = TypeVar('Number', int, float)
-# argparse has no public name for what add_subparsers returns
-Subparsers: TypeAlias = 'argparse._SubParsersAction[argparse.ArgumentParser]'
 
 
 def number_in(kind: type[Number], low: float, high: float) -> Callable[[str], Number]:

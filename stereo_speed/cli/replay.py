@@ -1,6 +1,10 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""``replay``: measure the vehicles of a stereo bag, offline and deterministically."""
+"""
+``replay``: measure the vehicles of a stereo bag, offline.
+
+The same bag, site and seed give the same files, byte for byte.
+"""
 from __future__ import annotations
 
 import argparse
@@ -16,7 +20,6 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from .options import Subparsers
 from .replay_evidence import add_evidence_options, check_options, ReplayEvidence
 from .replay_parts import identity_of, is_kept, PART_PAIRS, Parts
 from .replay_report import add_report_options, run_warnings, RunPictures
@@ -48,16 +51,11 @@ REFINED_SITE = 'site.yaml'
 _STRIP_FRAMES = 9  # annotated frames of a run
 
 
-def add_parser(subparsers: Subparsers) -> None:
-    """Add the command and its options."""
-    parser = subparsers.add_parser(
-        'replay', help='measure the vehicles of a stereo bag, offline',
-        description='Measure the vehicles of a stereo bag. The same bag, site and seed give the '
-                    'same files, byte for byte.')
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what ``replay`` takes."""
     parser.add_argument('bag', metavar='BAG', type=Path,
                         help='rosbag2 folder, .mcap or .db3 file, or ROS 1 .bag')
     add_options(parser)
-    parser.set_defaults(run=run)
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

@@ -1,6 +1,11 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""``replay-many``: what ``replay`` does, for many bags at once, over cores or a cluster."""
+"""
+``replay-many``: measure the vehicles of many bags, each as replay does, into DIR/NAME/.
+
+One table of all passes is written. A run that was interrupted goes on where it stopped; a bag that
+cannot be measured costs only itself.
+"""
 from __future__ import annotations
 
 import argparse
@@ -13,7 +18,7 @@ import sys
 from typing import Any, Mapping, Optional, Sequence
 
 from . import replay
-from .options import number_in, Subparsers
+from .options import number_in
 from .replay_parts import files_of, shared_options
 from ..batch.job import Job, Result
 from ..batch.runner import run_jobs
@@ -24,13 +29,8 @@ from ..io.results import file_sha256, PASSES, software_versions, SUMMARY, TRACKS
 _FILES = (TRACKS, PASSES, SUMMARY)  # by which a finished run is known again
 
 
-def add_parser(subparsers: Subparsers) -> None:
-    """Add the command and its options: those of ``replay``, and how to spread the work."""
-    parser = subparsers.add_parser(
-        'replay-many', help='measure the vehicles of many bags, over cores or a cluster',
-        description='Measure the vehicles of many bags, each as replay does, into DIR/NAME/, and '
-                    'write one table of all passes. A run that was interrupted goes on where it '
-                    'stopped; a bag that cannot be measured costs only itself.')
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what ``replay-many`` takes."""
     parser.add_argument('bags', metavar='BAG', nargs='+', type=Path,
                         help='rosbag2 folders, .mcap or .db3 files, or ROS 1 .bag')
     replay.add_options(parser)
@@ -40,7 +40,6 @@ def add_parser(subparsers: Subparsers) -> None:
                        'one)')
     where.add_argument('--dask', default='', metavar='ADDRESS', help='scheduler of a Dask '
                        'cluster, as tcp://host:8786; its workers see the same files')
-    parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:

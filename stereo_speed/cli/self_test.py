@@ -1,6 +1,10 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""``self-test``: a stored pass of known speed through the very pipeline, within 1 %."""
+"""
+``self-test``: measure a stored pass, found automatically, and compare it with its known speed.
+
+Exit status: 0 within 1 %, 1 not, 2 bad input.
+"""
 from __future__ import annotations
 
 import argparse
@@ -8,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 
-from .options import Subparsers
 from ..core.errors import InputError
 from ..io.bags import StereoBag
 from ..io.truth import read_truth
@@ -19,18 +22,13 @@ from ..site.file import load_site
 FAILED = 1
 
 
-def add_parser(subparsers: Subparsers) -> None:
-    """Add the command and its options."""
-    parser = subparsers.add_parser(
-        'self-test', help='measure a stored pass of known speed',
-        description='Measure a stored pass, found automatically, and compare it with its known '
-                    'speed. Exit status: 0 within 1 %, 1 not, 2 bad input.')
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what ``self-test`` takes."""
     parser.add_argument('folder', metavar='DIR', type=Path,
                         help='folder with bag/, site.yaml and truth.csv, as simulate writes it')
     parser.add_argument('--config', type=Path, metavar='YAML', help='parameters')
     parser.add_argument('--tracker', default='constrained', metavar='NAME')
     parser.add_argument('--detector', default='plane_sweep', metavar='NAME')
-    parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -1,6 +1,10 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""``site``: refine a site from rough clicks and a bag's own images, or check one."""
+"""
+``site``: find the lines of a site in the images of a bag to a few hundredths of a pixel.
+
+It also tells whether the rig still stands as it was calibrated.
+"""
 from __future__ import annotations
 
 import argparse
@@ -9,7 +13,6 @@ from typing import Optional
 
 import cv2
 
-from .options import Subparsers
 from ..core.errors import InputError
 from ..io.atomic import write_whole
 from ..io.bags import StereoBag
@@ -21,12 +24,8 @@ from ..site.refine.report import report, summary_lines
 from ..site.write import site_text
 
 
-def add_parser(subparsers: Subparsers) -> None:
-    """Add the command, its two actions and their options."""
-    parser = subparsers.add_parser(
-        'site', help='refine or check a site from the images of a bag',
-        description='Find the lines of a site in the images of a bag to a few hundredths of a '
-                    'pixel, and see whether the rig still stands as it was calibrated.')
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what ``site`` takes."""
     actions = parser.add_subparsers(metavar='ACTION', required=True)
     for name, text, run in (('refine', 'write a refined site file', _refine),
                             ('check', 'print the same and change nothing', _check)):

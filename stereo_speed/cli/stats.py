@@ -1,13 +1,18 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""``stats``: figures of the traffic over many runs."""
+"""
+``stats``: figures of the traffic over many runs.
+
+Count, mean, median, 85th percentile, pace and share over the limit of their passes: of all, and by
+lane, direction, class and hour.
+"""
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
 from zoneinfo import ZoneInfo
 
-from .options import add_units_option, Subparsers
+from .options import add_units_option
 from ..core.units import SpeedUnit
 from ..io.atomic import prepare_folder, write_whole
 from ..io.pass_rows import read_vehicles
@@ -17,12 +22,8 @@ from ..survey.traffic import traffic_groups
 REPORT = 'stats.html'
 
 
-def add_parser(subparsers: Subparsers) -> None:
-    """Add the command and its options."""
-    parser = subparsers.add_parser(
-        'stats', help='figures of the traffic over many runs',
-        description='Count, mean, median, 85th percentile, pace and share over the limit of the '
-                    'passes of many runs: of all, and by lane, direction, class and hour.')
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what ``stats`` takes."""
     add = parser.add_argument
     add('places', metavar='DIR', nargs='+', type=Path,
         help='folders that replay wrote, folders of such folders, or SQLite files with passes')
@@ -31,7 +32,6 @@ def add_parser(subparsers: Subparsers) -> None:
     add('--timezone', type=_zone, default='UTC', metavar='NAME',
         help='in which hours are told, such as Europe/Madrid (default: UTC)')
     add_units_option(parser)
-    parser.set_defaults(run=run)
 
 
 def _zone(text: str) -> ZoneInfo:

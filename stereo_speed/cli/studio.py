@@ -1,6 +1,11 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""``studio``: a page on this machine to set up a site, watch it live and review runs."""
+"""
+``studio``: serve a web page on this machine to set up a site, measure, and review runs.
+
+Draw the lines of a site on the images of a bag, and see at once what they are worth. Open the
+address that is printed; it is secret.
+"""
 from __future__ import annotations
 
 import argparse
@@ -8,7 +13,7 @@ from pathlib import Path
 import sys
 from typing import Optional
 
-from .options import number_in, Subparsers
+from .options import number_in
 from ..core.errors import InputError
 from ..pipeline.config import load_pipeline_config
 from ..studio.guard import Guard, LOCALHOST
@@ -21,13 +26,8 @@ from ..studio.workspace import Workspace
 PORT = 8765
 
 
-def add_parser(subparsers: Subparsers) -> None:
-    """Add the command and its options."""
-    parser = subparsers.add_parser(
-        'studio', help='a web page to set up a site and review runs',
-        description='Serve a web page on this machine: draw the lines of a site on the images of '
-                    'a bag, see at once what they are worth, measure, and review runs. Open the '
-                    'address that is printed; it is secret.')
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what ``studio`` takes."""
     parser.add_argument('bag', metavar='BAG', type=Path, nargs='?',
                         help='rosbag2 folder, .mcap or .db3 file, or ROS 1 .bag')
     parser.add_argument('--site', type=Path, help='site file (YAML), opened if it is there, and '
@@ -48,7 +48,6 @@ def add_parser(subparsers: Subparsers) -> None:
     parser.add_argument('--config', type=Path, metavar='YAML', help='parameters')
     parser.add_argument('--left', metavar='TOPIC', help='topic of the left images')
     parser.add_argument('--right', metavar='TOPIC', help='topic of the right images')
-    parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -1,6 +1,10 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""``track-environment``: follow marked targets through the video of one camera."""
+"""
+``track-environment``: follow marked targets through the video of one camera.
+
+The same video, map, targets and seed give the same files, byte for byte.
+"""
 from __future__ import annotations
 
 import argparse
@@ -14,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from .options import number_in, Subparsers
+from .options import number_in
 from ..core.config import load_config
 from ..core.errors import InputError
 from ..io.atomic import prepare_folder
@@ -49,12 +53,8 @@ class VideoRun:
     missing: int = 0
 
 
-def add_parser(subparsers: Subparsers) -> None:
-    """Add the command and its options."""
-    parser = subparsers.add_parser(
-        'track-environment', help='follow marked targets through the video of one camera',
-        description='Follow marked targets through the video of one camera. The same video, map, '
-                    'targets and seed give the same files, byte for byte.')
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what ``track-environment`` takes."""
     add = parser.add_argument
     add('video', metavar='VIDEO', type=Path, help='video file, folder of images, or bag')
     add('--map', required=True, type=Path, metavar='PNG',
@@ -73,7 +73,6 @@ def add_parser(subparsers: Subparsers) -> None:
     add('--config', type=Path, metavar='YAML', help='parameters of the tracker')
     add('--topic', metavar='TOPIC', help='image topic of a bag with several')
     add('--annotate', action='store_true', help=f'write {ANNOTATED} as well')
-    parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:

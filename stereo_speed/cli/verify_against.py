@@ -1,12 +1,17 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""``verify-against``: measured passes beside a reference with known speeds."""
+"""
+``verify-against``: match measured passes with the vehicles of a reference, by time and lane.
+
+The reference is an instrument such as a lidar gate or a car with GPS. Told are the errors, and how
+many passes are still wanted for what is claimed.
+"""
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
 
-from .options import add_units_option, number_in, Subparsers
+from .options import add_units_option, number_in
 from ..core.units import SpeedUnit
 from ..io.atomic import prepare_folder, write_whole
 from ..io.pass_rows import read_references, read_vehicles
@@ -16,13 +21,8 @@ from ..survey.reference import verification
 REPORT, FIGURES, TABLE = 'verification.html', 'verification.json', 'verification.csv'
 
 
-def add_parser(subparsers: Subparsers) -> None:
-    """Add the command and its options."""
-    parser = subparsers.add_parser(
-        'verify-against', help='compare measured passes with a reference of known speeds',
-        description='Match measured passes with the vehicles of a reference instrument, a lidar '
-                    'gate or a car with GPS say, by time and lane, and tell the errors and how '
-                    'many passes are still wanted for what is claimed.')
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what ``verify-against`` takes."""
     add = parser.add_argument
     add('reference', metavar='REFERENCE.csv', type=Path,
         help='time_ns,lane,speed_mps,std_mps, one vehicle a row; times by the clock of the pairs')
@@ -33,7 +33,6 @@ def add_parser(subparsers: Subparsers) -> None:
         help='how long before the first pair of a pass or after its last the reference may have '
              'seen it (default: 1)')
     add_units_option(parser)
-    parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -17,9 +17,11 @@ def command(monkeypatch):
     """Give the function that installs a command that does what it is told."""
     def install(action):
         class Module:
+            run = staticmethod(action)
+
             @staticmethod
-            def add_parser(subparsers):
-                subparsers.add_parser('act').set_defaults(run=action)
+            def add_arguments(parser):
+                pass
         monkeypatch.setitem(sys.modules, 'acting', Module)
         monkeypatch.setitem(cli.COMMANDS, 'act', ('acting', 'does what it is told'))
     return install

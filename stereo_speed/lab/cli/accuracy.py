@@ -15,16 +15,14 @@ from ..evaluation.labeled_sequence import LineKnowledge
 from ..evaluation.outdoors import check_held
 from ...batch.job import failures
 from ...batch.runner import run_jobs
-from ...cli.options import add_job_options, number_in, report_failures, Subparsers
+from ...cli.options import add_job_options, number_in, report_failures
 from ...core.config import TrackerConfig
 from ...core.errors import InputError
 from ...io.atomic import write_whole
 
 
-def add_parser(subparsers: Subparsers) -> None:
-    """Add the ``accuracy`` command."""
-    parser = subparsers.add_parser('accuracy', help='tabulate errors on simulated passes',
-                                   description=__doc__)
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what ``accuracy`` takes."""
     add = parser.add_argument
     add('--passes', type=number_in(int, 1, 100000), default=200,
         help='passes, drawn over speeds, roads, rigs, heights and noise (default: 200)')
@@ -48,7 +46,6 @@ def add_parser(subparsers: Subparsers) -> None:
              'of painted fronts; HEADING=KIND holds one, such as vehicle=bus or fault=none')
     add('--detect', action='store_true', help='vehicles are detected, not annotated')
     add_job_options(parser)
-    parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -16,7 +16,6 @@ from ..evaluation.benchmarks import (
     decode_table, filter_table, kernel_table, likelihood_table, SCALES, Scene, sgbm, size_table,
     vehicle_table)
 from ..evaluation.tables import Table
-from ...cli.options import Subparsers
 from ...core.compiled import kernels, warm_up
 from ...core.config import TrackerConfig
 from ...io.bags import StereoBag
@@ -29,15 +28,13 @@ from ...site.init_file import load_init
 _SAMPLE = Path(__file__).resolve().parents[3] / 'sample' / 'straight55'
 
 
-def add_parser(subparsers: Subparsers) -> None:
-    """Add the ``bench`` command."""
-    parser = subparsers.add_parser('bench', help='time the tracker beside cv2.StereoSGBM')
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what ``bench`` takes."""
     parser.add_argument('sample', nargs='?', type=Path, default=_SAMPLE,
                         help='folder with bag/, site.yaml and init.yaml (default: the sample)')
     parser.add_argument('--particles', type=int, nargs='+', default=[200, 400])
     parser.add_argument('--rounds', type=int, default=5, help='times each is run, interleaved')
     parser.add_argument('--plot', type=Path, metavar='PNG', help='plot how the cost grows')
-    parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:

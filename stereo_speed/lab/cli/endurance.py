@@ -11,7 +11,7 @@ import shutil
 from .soak import add_soak
 from ..evaluation.endurance import cost_of, count_passes, long_table, many_table
 from ..sim.repeat import repeat_bag
-from ...cli.options import number_in, Subparsers
+from ...cli.options import number_in
 from ...io.atomic import prepare_folder
 from ...io.results import SUMMARY
 
@@ -20,10 +20,8 @@ _GAP_S = 8.0  # from one vehicle to the next
 _TINY = 4  # pairs of a tiny bag
 
 
-def add_parser(subparsers: Subparsers) -> None:
-    """Add the ``endurance`` command."""
-    parser = subparsers.add_parser(
-        'endurance', help='what many bags, long ones and long live runs cost', description=__doc__)
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what ``endurance`` takes."""
     actions = parser.add_subparsers(metavar='ACTION', required=True)
     long = actions.add_parser('long', help='replay bags of ever more passes')
     long.add_argument('--passes', type=number_in(int, 1, 100_000), nargs='+', default=[10, 100],

@@ -20,7 +20,7 @@ from ..evaluation.paper_tables import (
 from ..evaluation.tables import Table
 from ...batch.job import failures
 from ...batch.runner import run_jobs
-from ...cli.options import add_job_options, number_in, report_failures, Subparsers
+from ...cli.options import add_job_options, number_in, report_failures
 from ...core.config import TrackerConfig
 from ...core.errors import InputError
 from ...io.atomic import prepare_folder, write_whole
@@ -29,10 +29,8 @@ from ...pipeline.registry import TRACKERS
 _FILES = ('site.yaml', 'init.yaml', 'truth.csv')
 
 
-def add_parser(subparsers: Subparsers) -> None:
-    """Add the ``evaluate`` command."""
-    parser = subparsers.add_parser(
-        'evaluate', help='compare trackers on sequences with truth', description=__doc__)
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what ``evaluate`` takes."""
     add = parser.add_argument
     add('bags', nargs='*', type=Path, metavar='BAG',
         help='folder with bag/, site.yaml, init.yaml and truth.csv, as simulate writes it; or '
@@ -56,7 +54,6 @@ def add_parser(subparsers: Subparsers) -> None:
     add('--quick', action='store_true', help='with --paper: a small part of it')
     add_job_options(parser)
     evaluate_monocular.add_options(parser)
-    parser.set_defaults(run=run)
 
 
 def _names(text: str, known: Sequence[str]) -> list[str]:

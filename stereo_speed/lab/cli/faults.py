@@ -22,7 +22,6 @@ from typing import Optional, Sequence, TYPE_CHECKING
 import numpy as np
 
 from ...cli.demo import private_graph, Process
-from ...cli.options import Subparsers
 from ...core.errors import InputError
 from ...core.units import MPH_MPS
 from ...io.truth import read_truth, VehicleTruth
@@ -78,10 +77,8 @@ class _Row:
     back: bool
 
 
-def add_parser(subparsers: Subparsers) -> None:
-    """Add the ``faults`` command."""
-    parser = subparsers.add_parser(
-        'faults', help='break a stream in many ways while the live nodes measure it')
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what ``faults`` takes."""
     parser.add_argument('traffic', type=Path,
                         help='folder that traffic --bag has written: bag, site.yaml, truth.csv')
     parser.add_argument('--fault', action='append', metavar='NAME',
@@ -92,7 +89,6 @@ def add_parser(subparsers: Subparsers) -> None:
     parser.add_argument('--start', type=float, default=5.0, help='when the fault begins, s')
     parser.add_argument('--length', type=float, default=3.0, help='how long it holds, s')
     parser.add_argument('--play', type=float, default=18.0, help='seconds of the bag to play')
-    parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:

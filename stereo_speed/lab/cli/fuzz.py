@@ -9,20 +9,17 @@ from pathlib import Path
 from .fuzz_cases import BATCH, fuzz_table, work
 from ...batch.job import failures, Job
 from ...batch.runner import run_jobs
-from ...cli.options import add_job_options, number_in, report_failures, Subparsers
+from ...cli.options import add_job_options, number_in, report_failures
 
 
-def add_parser(subparsers: Subparsers) -> None:
-    """Add the ``fuzz`` command."""
-    parser = subparsers.add_parser(
-        'fuzz', help='damaged input for all that reads files', description=__doc__)
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what ``fuzz`` takes."""
     parser.add_argument('--cases', type=number_in(int, 1, 10 ** 8), default=2000, metavar='N',
                         help='how many (default: 2000)')
     parser.add_argument('--first', type=number_in(int, 0, 10 ** 9), default=0, metavar='K',
                         help='number of the first, as a fault names it')
     parser.add_argument('--seed', type=number_in(int, 0, 2 ** 32), default=0)
     add_job_options(parser)
-    parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:

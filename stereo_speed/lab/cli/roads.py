@@ -9,14 +9,12 @@ from ..evaluation.roads import (
     KINDS, kinds_table, measure_road, road_figures, road_jobs, road_table)
 from ...batch.job import failures
 from ...batch.runner import run_jobs
-from ...cli.options import add_job_options, number_in, report_failures, Subparsers
+from ...cli.options import add_job_options, number_in, report_failures
 from ...io.atomic import write_whole
 
 
-def add_parser(subparsers: Subparsers) -> None:
-    """Add the ``roads`` command."""
-    parser = subparsers.add_parser('roads', help='tabulate errors on simulated roads',
-                                   description=__doc__)
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what ``roads`` takes."""
     parser.add_argument(
         '--roads', type=number_in(int, 1, 10000), default=4 * len(KINDS),
         help=f'roads, {len(KINDS)} kinds by turns (default: {4 * len(KINDS)})')
@@ -26,7 +24,6 @@ def add_parser(subparsers: Subparsers) -> None:
                         help='the right camera has turned this far, to either side, since its '
                              'calibration')
     add_job_options(parser)
-    parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -12,15 +12,12 @@ from ..evaluation.second import (
     gather_second, second_job, second_rows, second_table, wrong_firsts)
 from ...batch.job import failures, Job
 from ...batch.runner import run_jobs
-from ...cli.options import add_job_options, number_in, report_failures, Subparsers
+from ...cli.options import add_job_options, number_in, report_failures
 from ...io.atomic import write_whole
 
 
-def add_parser(subparsers: Subparsers) -> None:
-    """Add the ``second`` command."""
-    parser = subparsers.add_parser(
-        'second', help='tabulate how well both estimates of simulated passes agree',
-        description=__doc__)
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what ``second`` takes."""
     add = parser.add_argument
     add('--passes', type=number_in(int, 1, 100000), default=200,
         help='passes, drawn as those of accuracy (default: 200)')
@@ -33,7 +30,6 @@ def add_parser(subparsers: Subparsers) -> None:
     add('--wrong-percent', type=number_in(float, 0.1, 50), default=5.0, metavar='PERCENT',
         help='first estimates are made wrong by so much, to either side (default: 5)')
     add_job_options(parser)
-    parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:

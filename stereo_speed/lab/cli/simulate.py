@@ -14,7 +14,7 @@ from ..sim import (
 from ..sim.bodies import BODIES
 from ..sim.optics import FaultConfig, LensConfig
 from ..sim.traffic_config import LIGHTS
-from ...cli.options import number_in, Subparsers
+from ...cli.options import number_in
 from ...core.errors import InputError
 from ...core.units import MPH_MPS, parse_speed
 
@@ -33,14 +33,8 @@ def _limit(text: str) -> str:
     return text
 
 
-def add_parser(subparsers: Subparsers) -> None:
-    """
-    Add the command to the command line.
-
-    :param subparsers: what ``ArgumentParser.add_subparsers`` gave.
-    """
-    parser = subparsers.add_parser('simulate', help='write a simulated pass with exact truth',
-                                   description=__doc__)
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what ``simulate`` takes."""
     add = parser.add_argument
     add('--out', type=Path, required=True, help='folder to write; must not exist')
     add('--speed', type=_speed, default=_speed('55 mph'), help="'55 mph', '80 km/h' or '22 m/s'")
@@ -89,7 +83,6 @@ def add_parser(subparsers: Subparsers) -> None:
     add('--storage', choices=STORAGES, default='mcap')
     add('--encoding', default='mono8', help='of raw images: mono8, bgr8, bayer_rggb8, mono16, …')
     add('--compressed', action='store_true', help='JPEG messages instead of raw ones')
-    parser.set_defaults(run=run)
 
 
 def _pass(text: str) -> SimConfig:

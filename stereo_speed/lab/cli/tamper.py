@@ -1,6 +1,11 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""``tamper``: spoil copies of records in every way, and tabulate what is found out."""
+"""
+``tamper``: spoil copies of records of violations in every way, and tabulate what is found out.
+
+Bytes are flipped, files removed, added and swapped, the chain cut, writers stopped. Exit status 1
+where anything is missed.
+"""
 from __future__ import annotations
 
 import argparse
@@ -11,19 +16,15 @@ import tempfile
 import numpy as np
 
 from ..evaluation.tamper import flipped_bytes, Outcome, spoilt_files, stopped_writers
-from ...cli.options import number_in, Subparsers
+from ...cli.options import number_in
 from ...core.errors import InputError
 from ...enforcement.verify import verify
 
 MISSED = 1
 
 
-def add_parser(subparsers: Subparsers) -> None:
-    """Add the command and its options."""
-    parser = subparsers.add_parser(
-        'tamper', help='spoil copies of records in every way, and tabulate what is found out',
-        description='Spoil copies of records of violations: flip bytes, remove, add and swap '
-                    'files, cut the chain, stop writers. Exit status 1 where anything is missed.')
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what ``tamper`` takes."""
     parser.add_argument('folder', metavar='DIR', type=Path,
                         help='folder of records, as replay --evidence writes it')
     parser.add_argument('--positions', type=number_in(int, 0, 10 ** 7), default=2000,
@@ -32,7 +33,6 @@ def add_parser(subparsers: Subparsers) -> None:
                         help='writers to kill, and disks to fill (default: 200)')
     parser.add_argument('--seed', type=number_in(int, 0, 2 ** 31), default=0, metavar='S',
                         help='seed (default: 0)')
-    parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -15,7 +15,7 @@ from ..sim.config import RIGS
 from ..sim.traffic_config import LIGHTS, traffic_config
 from ...batch.job import failures
 from ...batch.runner import run_jobs
-from ...cli.options import number_in, report_failures, Subparsers
+from ...cli.options import number_in, report_failures
 from ...core.config import TrackerConfig
 from ...core.errors import InputError
 from ...io.atomic import prepare_folder
@@ -23,10 +23,8 @@ from ...pipeline.config import PipelineConfig, SiteConfig
 from ...steadying.config import SteadyingConfig
 
 
-def add_parser(subparsers: Subparsers) -> None:
-    """Add the ``traffic`` command."""
-    parser = subparsers.add_parser(
-        'traffic', help='measure simulated traffic, found automatically', description=__doc__)
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what ``traffic`` takes."""
     add = parser.add_argument
     add('--minutes', type=number_in(float, 0.05, 600), default=10.0, help='length of the stream')
     add('--vehicles', type=number_in(int, 1, 5000), default=200, help='how many drive past')
@@ -57,7 +55,6 @@ def add_parser(subparsers: Subparsers) -> None:
     add('--lines', choices=[k.value for k in LineKnowledge], default='refined',
         help='how the lines of the road are known: as clicked, clicked and refined by the images '
              '(default), or exactly')
-    parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -1,6 +1,11 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""``violations``: decide on passes of faulty traffic, and hold the records against the truth."""
+"""
+``violations``: put every fault into dense simulated traffic, and hold records against the truth.
+
+Faults are those of cameras, transport and clocks; of each pass it is decided whether there would
+be a record. Exit status 1 where one is wrong.
+"""
 from __future__ import annotations
 
 import argparse
@@ -10,19 +15,14 @@ from ..evaluation.violations import (
 from ..sim.stream_faults import FAULTS
 from ...batch.job import failures
 from ...batch.runner import run_jobs
-from ...cli.options import add_job_options, number_in, report_failures, Subparsers
+from ...cli.options import add_job_options, number_in, report_failures
 from ...io.atomic import write_whole
 
 WRONG = 1
 
 
-def add_parser(subparsers: Subparsers) -> None:
-    """Add the ``violations`` command."""
-    parser = subparsers.add_parser(
-        'violations', help='hold records of violations in faulty traffic against the truth',
-        description='Simulate dense traffic, put every fault of cameras, transport and clocks '
-                    'into it, decide on each pass whether there would be a record, and hold the '
-                    'records against the truth. Exit status 1 where one is wrong.')
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what ``violations`` takes."""
     add = parser.add_argument
     add('--streams', type=number_in(int, 1, 10 ** 6), default=110,
         help='streams of half a minute with some 20 passes each; the faults take turns '
@@ -32,7 +32,6 @@ def add_parser(subparsers: Subparsers) -> None:
     add('--fault', action='append', choices=list(FAULTS), metavar='NAME',
         help='only the streams with this one; may be repeated: ' + ', '.join(FAULTS))
     add_job_options(parser)
-    parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
