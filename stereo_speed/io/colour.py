@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .decoding import decode_image
-from .images import grey_from_message
+from .images import grey_from_message, pixel_rows
 from ..core.errors import BagError
 
 Colour = NDArray[np.uint8]
@@ -35,7 +35,7 @@ def bgr_from_message(msg: Any, where: object) -> Colour:
     if hasattr(msg, 'encoding'):
         encoding = str(msg.encoding).lower()
         if encoding in _TO_BGR:
-            return _raw(msg, encoding)
+            return _raw(msg, encoding, where)
     else:
         encoding = str(msg.format).partition(';')[0].strip().lower()
         image, why = decode_image(np.frombuffer(msg.data, np.uint8),
@@ -55,14 +55,11 @@ def bgr_of_grey(grey: NDArray[Any]) -> Colour:
     return np.asarray(cv2.cvtColor(eight, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
 
 
-def _raw(msg: Any, encoding: str) -> Colour:
-    """Take the pixels of a raw message whose size has been checked."""
+def _raw(msg: Any, encoding: str, where: object) -> Colour:
+    """Return the pixels of a raw message."""
     channels, code = CHANNELS.get(encoding, 1), _TO_BGR[encoding]
-    width, height, step = int(msg.width), int(msg.height), int(msg.step)
-    data = np.frombuffer(msg.data, dtype=np.uint8)
-    rows = np.lib.stride_tricks.as_strided(
-        data, (height, width * channels), (step, 1), writeable=False)
-    pixels = np.array(rows, order='C')  # one may draw on it
+    pixels = pixel_rows(msg, channels, where)
     if channels > 1:
-        pixels = pixels.reshape(height, width, channels)
-    return np.asarray(pixels if code is None else cv2.cvtColor(pixels, code), dtype=np.uint8)
+        pixels = pixels.reshape(len(pixels), -1, channels)
+    # a copy where nothing is converted: one may draw on it
+    return np.array(pixels) if code is None else np.asarray(cv2.cvtColor(pixels, code), np.uint8)

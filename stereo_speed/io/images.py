@@ -57,16 +57,16 @@ def _from_raw(msg: Any, where: object) -> NDArray[Any]:
         raise BagError(where, 'encoding', repr(msg.encoding), 'one of ' + ', '.join(ENCODINGS))
     channels, code = _COLOUR.get(encoding, (1, _BAYER.get(encoding)))
     if encoding == 'mono16':
-        rows = _rows(msg, 2, where).view('>u2' if msg.is_bigendian else '<u2')
+        rows = pixel_rows(msg, 2, where).view('>u2' if msg.is_bigendian else '<u2')
         return rows.astype(np.uint16)
-    rows = _rows(msg, channels, where)
+    rows = pixel_rows(msg, channels, where)
     if code is None:
         return rows.copy()
     return _converted(rows.reshape(*rows.shape[:1], -1, channels), code, where)
 
 
-def _rows(msg: Any, pixel_bytes: int, where: object) -> NDArray[np.uint8]:
-    """Give the (H, W * pixel_bytes) bytes of the image without the padding of its rows."""
+def pixel_rows(msg: Any, pixel_bytes: int, where: object) -> NDArray[np.uint8]:
+    """Return the (H, W * pixel_bytes) bytes of a raw image without the padding of its rows."""
     width, height, step = int(msg.width), int(msg.height), int(msg.step)
     if width < 1 or height < 1:
         raise BagError(where, 'image size', f'{width}x{height} px', 'at least 1x1 px')

@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .colour import BAYER, CHANNELS
-from .images import grey_from_message
+from .colour import bgr_from_message, bgr_of_grey, CHANNELS
+from .images import grey_from_message, pixel_rows
 from ..core.errors import BagError
 from ..vision.grey import to_eight_bits
 
@@ -63,11 +63,15 @@ class SourceImage:
         :return: (H, W) uint8 or uint16.
         :raises BagError: data that make no image.
         """
+        return grey_from_message(self._message(), where)
+
+    def _message(self) -> SimpleNamespace:
+        """Return the message that it came as."""
         if self.compressed:
-            return grey_from_message(SimpleNamespace(format=self.encoding, data=self.data), where)
-        return grey_from_message(SimpleNamespace(
+            return SimpleNamespace(format=self.encoding, data=self.data)
+        return SimpleNamespace(
             encoding=self.encoding, data=self.data, width=self.width_px, height=self.height_px,
-            step=self.step, is_bigendian=self.big_endian), where)
+            step=self.step, is_bigendian=self.big_endian)
 
     def file(self, where: object) -> tuple[str, bytes]:
         """
@@ -89,20 +93,10 @@ class SourceImage:
         :param where: for errors.
         :return: (H, W, 3) uint8, BGR.
         """
-        mosaic = BAYER.get(self.encoding.partition(';')[0].strip().lower())
-        if self.compressed:
-            flags = cv2.IMREAD_IGNORE_ORIENTATION | (
-                cv2.IMREAD_COLOR if mosaic is None else cv2.IMREAD_GRAYSCALE)
-            if mosaic is None and (grey := self.grey(where)).dtype == np.uint16:
-                return _three(to_eight_bits(grey))
-            pixels = np.asarray(cv2.imdecode(np.frombuffer(self.data, np.uint8), flags))
-        else:
-            pixels = self._pixels(where)
-        if mosaic is not None:
-            pixels = np.asarray(cv2.cvtColor(pixels, mosaic))
-        if pixels.ndim == 3:
-            return np.ascontiguousarray(pixels[..., :3])
-        return _three(to_eight_bits(pixels))
+        grey = self.grey(where)
+        if grey.dtype == np.uint16 and 'bayer' not in self.encoding.lower():
+            return bgr_of_grey(to_eight_bits(grey))
+        return bgr_from_message(self._message(), where)
 
     def _pixels(self, where: object) -> NDArray[Any]:
         """Return the pixels of a raw image, (H, W) or (H, W, 3 or 4) with blue first."""
@@ -110,14 +104,8 @@ class SourceImage:
         if channels is None:  # one number a pixel: grey, or a mosaic that stays one
             plain = 'mono16' if self.encoding == 'mono16' else 'mono8'
             return replace(self, encoding=plain).grey(where)
-        used = self.width_px * channels
-        if self.step < used or len(self.data) < self.step * (self.height_px - 1) + used:
-            raise BagError(where, 'image data', f'{len(self.data)} bytes',
-                           f'{self.height_px} rows of {used} bytes')
-        rows = np.lib.stride_tricks.as_strided(
-            np.frombuffer(self.data, np.uint8), (self.height_px, used), (self.step, 1),
-            writeable=False)
-        pixels = np.ascontiguousarray(rows).reshape(self.height_px, self.width_px, channels)
+        rows = pixel_rows(self._message(), channels, where)
+        pixels = rows.reshape(self.height_px, self.width_px, channels)
         code = _TO_BGR.get(self.encoding)
         return pixels if code is None else np.asarray(cv2.cvtColor(pixels, code))
 
@@ -132,7 +120,3 @@ def png(pixels: NDArray[Any]) -> bytes:
     if not done:
         raise BagError('image', 'pixels', f'{pixels.dtype} {pixels.shape}', 'what PNG can hold')
     return data.tobytes()
-
-
-def _three(grey: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    return np.repeat(grey[..., None], 3, axis=2)
