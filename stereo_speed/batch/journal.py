@@ -3,6 +3,7 @@
 """The journal of a run: a line of JSON for each finished job, kept through a crash."""
 from __future__ import annotations
 
+from contextlib import AbstractContextManager
 import json
 from pathlib import Path
 from typing import Any, Mapping, Optional, TextIO, Union
@@ -13,7 +14,7 @@ from ..io.exclusive import open_alone
 JOURNAL = 'runs.jsonl'
 
 
-class Journal:
+class Journal(AbstractContextManager['Journal']):
     """
     Keeps what is done; one process at a time.
 
@@ -27,10 +28,6 @@ class Journal:
             return
         self.path = prepare_folder(out_dir) / JOURNAL
         self._file = open_alone(self.path, 'journal')
-
-    def __enter__(self) -> Journal:
-        """Return itself."""
-        return self
 
     def __exit__(self, *_: object) -> None:
         """Close the file and with it the lock."""

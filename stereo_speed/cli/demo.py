@@ -11,7 +11,7 @@ other user's node would.
 from __future__ import annotations
 
 import argparse
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack
 import os
 from pathlib import Path
 import subprocess
@@ -205,7 +205,7 @@ def private_graph() -> None:
         os.environ.setdefault('FASTRTPS_DEFAULT_PROFILES_FILE', str(profile))
 
 
-class Process:
+class Process(AbstractContextManager['Process']):
     """
     A node in a process of its own, ended by its id when left.
 
@@ -220,9 +220,6 @@ class Process:
         command += ['--ros-args', '-r', f'__ns:={namespace}']
         command += [word for p in parameters for word in ('-p', p)]
         self.process = subprocess.Popen(command, stdin=subprocess.DEVNULL)
-
-    def __enter__(self) -> Process:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.process.terminate()

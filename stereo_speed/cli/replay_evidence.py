@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import argparse
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack
 import dataclasses
 from pathlib import Path
 from typing import Any, Optional, Sequence
@@ -54,7 +54,7 @@ def check_options(args: argparse.Namespace) -> None:
                              '--evidence beside it')
 
 
-class ReplayEvidence:
+class ReplayEvidence(AbstractContextManager['ReplayEvidence']):
     """
     Follows a replay and records its violations; does nothing where that is not asked for.
 
@@ -101,9 +101,6 @@ class ReplayEvidence:
         out._stack.callback(store.close)
         bag.watcher = out.take
         return out
-
-    def __enter__(self) -> ReplayEvidence:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self._stack.close()

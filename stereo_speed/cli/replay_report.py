@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import argparse
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any, Mapping, Optional, Sequence
 
@@ -38,7 +39,7 @@ def add_report_options(parser: argparse.ArgumentParser) -> None:
     add_units_option(parser)
 
 
-class RunPictures:
+class RunPictures(AbstractContextManager['RunPictures']):
     """
     Gathers what report and video show while a run goes on; a context manager.
 
@@ -49,10 +50,6 @@ class RunPictures:
         self.args, self.unit = args, SpeedUnit(args.units)
         self._site: Optional[NDArray[np.uint8]] = None
         self._video: Optional[VideoWriter] = None
-
-    def __enter__(self) -> RunPictures:
-        """Return itself."""
-        return self
 
     def __exit__(self, *_: object) -> None:
         """Remove a video that is not finished."""

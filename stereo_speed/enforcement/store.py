@@ -9,6 +9,7 @@ whole: what was moved is entered, what was not is removed.
 """
 from __future__ import annotations
 
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 import fcntl
 import json
@@ -52,7 +53,7 @@ class Stored:
     anew: bool
 
 
-class EvidenceStore:
+class EvidenceStore(AbstractContextManager['EvidenceStore']):
     """
     A folder of records, for one writer at a time; a context manager.
 
@@ -84,9 +85,6 @@ class EvidenceStore:
         except BaseException:
             os.close(self._lock)
             raise
-
-    def __enter__(self) -> EvidenceStore:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()

@@ -9,6 +9,7 @@ that was added, and leaves a file that opens.  The table ``passes`` has the colu
 """
 from __future__ import annotations
 
+from contextlib import AbstractContextManager
 import json
 from pathlib import Path
 import sqlite3
@@ -33,7 +34,7 @@ _BUSY_S = 5.0  # a reader may hold the file for so long
 Value = Union[str, int, float, None]
 
 
-class PassLog:
+class PassLog(AbstractContextManager['PassLog']):
     """
     An SQLite file of passes and readings; a context manager.
 
@@ -58,10 +59,6 @@ class PassLog:
         except sqlite3.Error as error:
             raise InputError(path, 'database', error, 'an SQLite file that can be written') \
                 from None
-
-    def __enter__(self) -> PassLog:
-        """Return itself."""
-        return self
 
     def __exit__(self, *_: object) -> None:
         """Keep what was added, and close the file."""

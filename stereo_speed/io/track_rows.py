@@ -8,6 +8,7 @@ file is in order of stamps, so rows wait for the tracks that began before them.
 """
 from __future__ import annotations
 
+from contextlib import AbstractContextManager
 import heapq
 from pathlib import Path
 import shutil
@@ -20,7 +21,7 @@ from ..core.passes import PassResult
 from ..core.records import TrackUpdate
 
 
-class TrackRows:
+class TrackRows(AbstractContextManager['TrackRows']):
     """
     The rows of ``tracks.csv``, kept in a file without a name; a context manager.
 
@@ -33,10 +34,6 @@ class TrackRows:
         self._file.write(csv_text(TRACK_COLUMNS, ()).encode())
         self._open: dict[int, list[TrackUpdate]] = {}  # by track, in order of stamps
         self._final: list[tuple[int, int, str]] = []  # a heap of stamp, track, line
-
-    def __enter__(self) -> TrackRows:
-        """Return itself."""
-        return self
 
     def __exit__(self, *_: object) -> None:
         """Let go of the file."""
