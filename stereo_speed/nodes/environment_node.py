@@ -11,7 +11,8 @@ were dropped on the way. Targets may also be marked while it runs, by the stamp 
 from __future__ import annotations
 
 from collections import deque, OrderedDict
-from typing import Any, Optional, Sequence
+from functools import partial
+from typing import Any, Sequence
 
 from geometry_msgs.msg import PolygonStamped
 import numpy as np
@@ -225,10 +226,7 @@ class EnvironmentNode(Node):
         return state
 
 
-def main(args: Optional[Sequence[str]] = None) -> int:
-    """Run the node."""
-    return run(EnvironmentNode, args)
-
+main = partial(run, EnvironmentNode)
 
 if __name__ == '__main__':
     raise SystemExit(main())

@@ -14,7 +14,7 @@ from functools import partial
 import json
 from pathlib import Path
 import threading
-from typing import Any, Optional, Sequence
+from typing import Any, Optional
 
 import rclpy
 from rclpy.clock import Clock, ClockType
@@ -265,10 +265,7 @@ class EvidenceNode(Node):
         return state
 
 
-def main(args: Optional[Sequence[str]] = None) -> int:
-    """Run the node."""
-    return run(EvidenceNode, args)
-
+main = partial(run, EvidenceNode)
 
 if __name__ == '__main__':
     raise SystemExit(main())

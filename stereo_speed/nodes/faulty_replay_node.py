@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from array import array
 from copy import deepcopy
+from functools import partial
 import time
 from typing import Any, Callable, Optional, Sequence
 
@@ -216,10 +217,7 @@ FAULTS: dict[str, tuple[str, Fault]] = {
 }
 
 
-def main(args: Optional[Sequence[str]] = None) -> int:
-    """Run the node."""
-    return run(FaultyReplayNode, args, spin=FaultyReplayNode.play)
-
+main = partial(run, FaultyReplayNode, spin=FaultyReplayNode.play)
 
 if __name__ == '__main__':
     raise SystemExit(main())

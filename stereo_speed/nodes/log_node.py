@@ -3,10 +3,10 @@
 """``log_node``: passes and readings into an SQLite file, crash-safe."""
 from __future__ import annotations
 
+from functools import partial
 import math
 from pathlib import Path
 import sqlite3
-from typing import Optional, Sequence
 
 from nav_msgs.msg import Odometry
 from rclpy.clock import Clock, ClockType
@@ -98,10 +98,7 @@ class LogNode(Node):
         self.log.close()
 
 
-def main(args: Optional[Sequence[str]] = None) -> int:
-    """Run the node."""
-    return run(LogNode, args)
-
+main = partial(run, LogNode)
 
 if __name__ == '__main__':
     raise SystemExit(main())

@@ -7,7 +7,8 @@ Other than with ``loop`` of ``replay_node``, stamps go on rising from one round 
 """
 from __future__ import annotations
 
-from typing import Iterator, Optional, Sequence
+from functools import partial
+from typing import Iterator
 
 from .common import Parameters, run
 from .replay_node import ReplayNode
@@ -32,10 +33,7 @@ class RepeatingReplayNode(ReplayNode):
                 yield message._replace(stamp_ns=message.stamp_ns + number * self.round_ns)
 
 
-def main(args: Optional[Sequence[str]] = None) -> int:
-    """Run the node."""
-    return run(RepeatingReplayNode, args, spin=RepeatingReplayNode.play)
-
+main = partial(run, RepeatingReplayNode, spin=RepeatingReplayNode.play)
 
 if __name__ == '__main__':
     raise SystemExit(main())

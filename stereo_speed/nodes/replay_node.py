@@ -8,8 +8,9 @@ times ``rate``, each after a ``/clock`` of its time.
 """
 from __future__ import annotations
 
+from functools import partial
 import time
-from typing import Any, Iterator, Optional, Sequence
+from typing import Any, Iterator
 
 import numpy as np
 from rclpy.duration import Duration
@@ -194,10 +195,7 @@ def _camera_info(message: BagMessage) -> CameraInfo:
     return out
 
 
-def main(args: Optional[Sequence[str]] = None) -> int:
-    """Run the node."""
-    return run(ReplayNode, args, spin=ReplayNode.play)
-
+main = partial(run, ReplayNode, spin=ReplayNode.play)
 
 if __name__ == '__main__':
     raise SystemExit(main())

@@ -8,7 +8,7 @@ together, without the pairs as messages: images are not copied between processes
 """
 from __future__ import annotations
 
-from typing import Optional, Sequence
+from functools import partial
 
 from .common import run
 from .lifecycle import MeasuringNode
@@ -38,10 +38,7 @@ class SpeedCameraNode(MeasuringNode):
             index, pair.left_ns, pair.right_ns, pair.left, pair.right))
 
 
-def main(args: Optional[Sequence[str]] = None) -> int:
-    """Run the node."""
-    return run(SpeedCameraNode, args)
-
+main = partial(run, SpeedCameraNode)
 
 if __name__ == '__main__':
     raise SystemExit(main())

@@ -3,7 +3,7 @@
 """``speed_node``: tracks in, ``/vehicle_speed`` out, for confirmed tracks only."""
 from __future__ import annotations
 
-from typing import Optional, Sequence
+from functools import partial
 
 from geometry_msgs.msg import TwistWithCovarianceStamped
 from nav_msgs.msg import Odometry
@@ -50,10 +50,7 @@ class SpeedNode(Node):
             'published_hz': round(self.published.rate_hz, 2)})
 
 
-def main(args: Optional[Sequence[str]] = None) -> int:
-    """Run the node."""
-    return run(SpeedNode, args)
-
+main = partial(run, SpeedNode)
 
 if __name__ == '__main__':
     raise SystemExit(main())

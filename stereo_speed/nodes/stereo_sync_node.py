@@ -8,7 +8,7 @@ right one; see ``pair``.
 """
 from __future__ import annotations
 
-from typing import Optional, Sequence
+from functools import partial
 
 from rclpy.node import Node
 from sensor_msgs.msg import Image
@@ -37,10 +37,7 @@ class StereoSyncNode(Node):
             frame_id=pair.frame_id))
 
 
-def main(args: Optional[Sequence[str]] = None) -> int:
-    """Run the node."""
-    return run(StereoSyncNode, args)
-
+main = partial(run, StereoSyncNode)
 
 if __name__ == '__main__':
     raise SystemExit(main())

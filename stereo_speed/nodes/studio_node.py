@@ -11,7 +11,7 @@ from contextlib import ExitStack
 from functools import partial
 import json
 import time
-from typing import Any, Optional, Sequence
+from typing import Any
 
 import cv2
 from diagnostic_msgs.msg import DiagnosticArray
@@ -112,10 +112,7 @@ def _pixels(msg: Any) -> NDArray[np.uint8]:
     return to_eight_bits(grey_from_message(msg, 'overlay'))
 
 
-def main(args: Optional[Sequence[str]] = None) -> int:
-    """Run the node."""
-    return run(StudioNode, args)
-
+main = partial(run, StudioNode)
 
 if __name__ == '__main__':
     raise SystemExit(main())

@@ -9,7 +9,7 @@ What it measures with is in ``measuring``, what it publishes in ``outputs``, its
 from __future__ import annotations
 
 from functools import partial
-from typing import Optional, Sequence
+from typing import Optional
 
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import Image
@@ -42,10 +42,7 @@ class TrackerNode(MeasuringNode):
         self.measuring.offer(stamp_ns(msg.header.stamp), partial(pair_from_message, msg))
 
 
-def main(args: Optional[Sequence[str]] = None) -> int:
-    """Run the node."""
-    return run(TrackerNode, args)
-
+main = partial(run, TrackerNode)
 
 if __name__ == '__main__':
     raise SystemExit(main())
