@@ -9,6 +9,7 @@ from typing import Any, Callable, Optional
 
 import numpy as np
 
+Wound = Callable[[np.random.Generator, bytes], bytes]
 MAGIC = b'\x89MCAP0\r\n'
 CHUNK, MESSAGE = 0x06, 0x05
 # What stands where something else should: ends of ranges, other types, what reads as another.
@@ -164,12 +165,6 @@ def _with_number(rng: np.random.Generator, body: bytes) -> bytes:
     return body[:at] + _number(rng) + body[at + 4:]
 
 
-def _cut(rng: np.random.Generator, size: int, most: int = 64) -> tuple[int, int]:
-    """Return a stretch of bytes: its start and its end."""
-    start = int(rng.integers(max(size, 1)))
-    return start, min(size, start + int(rng.integers(1, most + 1)))
-
-
 def _flip(rng: np.random.Generator, data: bytes) -> bytes:
     out = bytearray(data)
     for _ in range(int(rng.integers(1, 9)) if out else 0):
@@ -177,34 +172,24 @@ def _flip(rng: np.random.Generator, data: bytes) -> bytes:
     return bytes(out)
 
 
-def _replace(rng: np.random.Generator, data: bytes) -> bytes:
-    start, end = _cut(rng, len(data))
-    return data[:start] + rng.bytes(end - start) + data[end:]
-
-
-def _zero(rng: np.random.Generator, data: bytes) -> bytes:
-    start, end = _cut(rng, len(data), 4096)
-    return data[:start] + bytes(end - start) + data[end:]
-
-
-def _delete(rng: np.random.Generator, data: bytes) -> bytes:
-    start, end = _cut(rng, len(data))
-    return data[:start] + data[end:]
-
-
-def _double(rng: np.random.Generator, data: bytes) -> bytes:
-    start, end = _cut(rng, len(data), 512)
-    return data[:end] + data[start:end] + data[end:]
-
-
-def _insert(rng: np.random.Generator, data: bytes) -> bytes:
-    start, end = _cut(rng, len(data))
-    return data[:start] + rng.bytes(end - start) + data[start:]
+def _spliced(most: int, instead: Wound) -> Wound:
+    """Return what puts something else in place of a stretch of at most so many bytes."""
+    def wound(rng: np.random.Generator, data: bytes) -> bytes:
+        start = int(rng.integers(max(len(data), 1)))
+        end = min(len(data), start + int(rng.integers(1, most + 1)))
+        return data[:start] + instead(rng, data[start:end]) + data[end:]
+    return wound
 
 
 def _truncate(rng: np.random.Generator, data: bytes) -> bytes:
     return data[:int(rng.integers(len(data) + 1))]
 
 
-_WOUNDS: tuple[Callable[[np.random.Generator, bytes], bytes], ...] = (
-    _flip, _replace, _zero, _delete, _double, _insert, _truncate, _with_number)
+_WOUNDS: tuple[Wound, ...] = (
+    _flip,
+    _spliced(64, lambda rng, part: rng.bytes(len(part))),  # replaced
+    _spliced(4096, lambda rng, part: bytes(len(part))),  # zero
+    _spliced(64, lambda rng, part: b''),  # deleted
+    _spliced(512, lambda rng, part: part + part),  # doubled
+    _spliced(64, lambda rng, part: rng.bytes(len(part)) + part),  # inserted
+    _truncate, _with_number)
