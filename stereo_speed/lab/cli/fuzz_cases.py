@@ -10,7 +10,7 @@ in its images. Case k of a seed is always the same.
 """
 from __future__ import annotations
 
-from contextlib import redirect_stderr, redirect_stdout
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
 import csv
 from dataclasses import asdict, dataclass
 from functools import lru_cache
@@ -20,12 +20,11 @@ import os
 from pathlib import Path
 import signal
 import struct
-import sys
 import tempfile
 import time
 import traceback
 from types import FrameType, SimpleNamespace
-from typing import Any, Callable, Mapping, Optional, Sequence
+from typing import Any, Callable, Iterator, Mapping, Optional, Sequence
 import warnings
 import zlib
 
@@ -114,7 +113,7 @@ def judge(subject: str, call: Callable[[], object], folder: Path) -> Outcome:
     """
     fault, refused = '', False
     before_mb = _reset_peak()
-    with _StderrIn(folder / 'err') as err, _Within(MOST_S):
+    with _stderr_in(folder / 'err'), _within(MOST_S):
         try:
             with redirect_stdout(io.StringIO()), warnings.catch_warnings(record=True) as warned:
                 warnings.simplefilter('always', RuntimeWarning)
@@ -136,10 +135,10 @@ def judge(subject: str, call: Callable[[], object], folder: Path) -> Outcome:
             place = traceback.extract_tb(error.__traceback__)[-1]
             fault = f'{type(error).__name__}: {str(error)[:200]} ' \
                     f'({Path(place.filename).name}:{place.lineno})'
-    told = err()
+    told = (folder / 'err').read_text(errors='replace')
     if not fault and told:
         fault = _fault_of_stderr(told, refused)
-    grown_mb = _peak_mb() - before_mb
+    grown_mb = _status_mb('VmHWM') - before_mb
     if not fault and grown_mb > MOST_MB:
         fault = f'used {grown_mb:.0f} MB'
     return Outcome(subject, refused, ' '.join(fault.split()))
@@ -476,49 +475,35 @@ _ORDER = _READERS * 6 + ['MCAP bag'] * 8 + [*_SLOW, 'evidence folder']
 # -- bounds -----------------------------------------------------------------------------------
 
 
-class _StderrIn:
-    """Send standard error, of C libraries too, into a file; gives what reads it."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-
-    def __enter__(self) -> Callable[[], str]:
-        self._saved = os.dup(2)
-        self._file = os.open(self._path, os.O_CREAT | os.O_RDWR | os.O_TRUNC)
-        os.dup2(self._file, 2)
-        self._python = redirect_stderr(os.fdopen(os.dup(self._file), 'w', buffering=1))
-        self._python.__enter__()
-        return lambda: self._path.read_text(errors='replace')
-
-    def __exit__(self, *_: object) -> None:
-        stream = sys.stderr
-        self._python.__exit__(None, None, None)
-        stream.close()
-        os.dup2(self._saved, 2)
-        os.close(self._saved)
-        os.close(self._file)
+@contextmanager
+def _stderr_in(path: Path) -> Iterator[None]:
+    """Send standard error, of C libraries too, into a file."""
+    saved = os.dup(2)
+    with path.open('w', buffering=1) as file:
+        os.dup2(file.fileno(), 2)
+        try:
+            with redirect_stderr(file):
+                yield
+        finally:
+            os.dup2(saved, 2)
+            os.close(saved)
 
 
-class _Within:
+@contextmanager
+def _within(seconds: float) -> Iterator[None]:
     """Raise where a block takes too long."""
-
-    def __init__(self, seconds: float) -> None:
-        self._seconds = seconds
-
-    def __enter__(self) -> None:
-        self._before = signal.signal(signal.SIGALRM, self._raise)
-        signal.setitimer(signal.ITIMER_REAL, 6 * self._seconds)
-        signal.signal(signal.SIGVTALRM, self._raise)
-        signal.setitimer(signal.ITIMER_VIRTUAL, self._seconds)
-
-    def __exit__(self, *_: object) -> None:
+    def stop(number: int, frame: Optional[FrameType]) -> None:
+        raise _TooLongError
+    before = signal.signal(signal.SIGALRM, stop)
+    signal.signal(signal.SIGVTALRM, stop)
+    signal.setitimer(signal.ITIMER_REAL, 6 * seconds)
+    signal.setitimer(signal.ITIMER_VIRTUAL, seconds)
+    try:
+        yield
+    finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
         signal.setitimer(signal.ITIMER_VIRTUAL, 0)
-        signal.signal(signal.SIGALRM, self._before)
-
-    @staticmethod
-    def _raise(number: int, frame: Optional[FrameType]) -> None:
-        raise _TooLongError
+        signal.signal(signal.SIGALRM, before)
 
 
 def _fault_of_stderr(told: str, refused: bool) -> str:
@@ -537,10 +522,6 @@ def _reset_peak() -> float:
     except OSError:
         pass
     return _status_mb('VmRSS')
-
-
-def _peak_mb() -> float:
-    return _status_mb('VmHWM')
 
 
 def _status_mb(key: str) -> float:
