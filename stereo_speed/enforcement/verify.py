@@ -97,15 +97,27 @@ def _verify_all(folder: Path, head: Optional[Path], trusted: Sequence[str]) -> V
     return out
 
 
-def _text_of(path: Path, faults: list[str]) -> Optional[str]:
+def _text_of(path: Path, name: str, faults: list[str]) -> Optional[str]:
     """Return the text of a file; None where it cannot be read, which is a fault."""
     try:
         return path.read_bytes().decode('utf-8')
     except FileNotFoundError:
-        faults.append(f'{path.name} is missing')
+        faults.append(f'{name} is missing')
     except (OSError, UnicodeDecodeError) as error:
-        faults.append(f'{path.name} was changed: {error}')
+        faults.append(f'{name} was changed: {error}')
     return None
+
+
+def _seal_in(path: Path, name: str, kind: str, faults: list[str]) -> Optional[Seal]:
+    """Return the one seal of a file; None where there is none of a kind, which is a fault."""
+    text = _text_of(path, name, faults)
+    if text is None:
+        return None
+    seal = seal_of(text[:-1]) if text.endswith('\n') else None
+    if seal is None or seal.kind != kind or kind == HEAD and (seal.record_id or seal.previous):
+        faults.append(f'{name} was changed')
+        return None
+    return seal
 
 
 def read_chain(path: Path, faults: list[str]) -> list[Seal]:
@@ -115,7 +127,7 @@ def read_chain(path: Path, faults: list[str]) -> list[Seal]:
     :param path: of the file.
     :param faults: gets a line for each thing that is wrong.
     """
-    text = _text_of(path, faults)
+    text = _text_of(path, path.name, faults)
     if text is None:
         return []
     chain: list[Seal] = []
@@ -171,14 +183,7 @@ def read_head(path: Path, faults: list[str]) -> Optional[Seal]:
     :param path: of the file.
     :param faults: gets a line for each thing that is wrong.
     """
-    text = _text_of(path, faults)
-    if text is None:
-        return None
-    head = seal_of(text[:-1]) if text.endswith('\n') else None
-    if head is None or head.kind != HEAD or head.record_id or head.previous:
-        faults.append(f'{path.name} was changed')
-        return None
-    return head
+    return _seal_in(path, path.name, HEAD, faults)
 
 
 def _check_folders(folder: Path, files: Sequence[str], chain: Sequence[Seal],
@@ -233,7 +238,9 @@ def check_record(folder: Path, record_id: str, faults: list[str]) -> Optional[Se
     :param faults: gets a line for each thing that is wrong.
     """
     name = folder.name
-    seal = _read_seal(folder, record_id, faults)
+    seal = _seal_in(folder / SEAL_FILE, f'{name}/{SEAL_FILE}', RECORD, faults)
+    if seal is not None and seal.record_id != record_id:
+        faults.append(f'{name}/{SEAL_FILE} is of the record {seal.record_id}')
     try:
         data = (folder / RECORD_FILE).read_bytes()
     except OSError:
@@ -249,24 +256,6 @@ def check_record(folder: Path, record_id: str, faults: list[str]) -> Optional[Se
     if record['id'] != record_id:
         faults.append(f'{name} holds the record {record["id"]}')
     faults += [f'{name}/{fault}' for fault in _file_faults(folder, record['files'])]
-    return seal
-
-
-def _read_seal(folder: Path, record_id: str, faults: list[str]) -> Optional[Seal]:
-    try:
-        text = (folder / SEAL_FILE).read_bytes().decode('utf-8')
-    except FileNotFoundError:
-        faults.append(f'{folder.name}/{SEAL_FILE} is missing')
-        return None
-    except (OSError, UnicodeDecodeError):
-        faults.append(f'{folder.name}/{SEAL_FILE} was changed')
-        return None
-    seal = seal_of(text[:-1]) if text.endswith('\n') else None
-    if seal is None or seal.kind != RECORD:
-        faults.append(f'{folder.name}/{SEAL_FILE} was changed')
-        return None
-    if seal.record_id != record_id:
-        faults.append(f'{folder.name}/{SEAL_FILE} is of the record {seal.record_id}')
     return seal
 
 
