@@ -21,7 +21,7 @@ from ..enforcement.recorder import EvidenceRecorder
 from ..enforcement.ring import ImageRing
 from ..enforcement.store import EvidenceStore
 from ..io.bags import StereoBag
-from ..io.pass_json import pass_id
+from ..io.pass_json import track_id
 from ..io.results import file_sha256
 from ..io.source_image import SourceImage
 from ..pipeline.assembly import MeasuringSite
@@ -126,7 +126,7 @@ class ReplayEvidence(AbstractContextManager['ReplayEvidence']):
         for result in passes:
             self._offered.add(result.track)
             if self.recorder is not None:
-                self.recorder.offer(pass_id(self.run, result), result)
+                self.recorder.offer(track_id(self.run, result.track), result)
 
     def summary(self) -> dict[str, Any]:
         """Return what ``summary.json`` says of enforcement."""

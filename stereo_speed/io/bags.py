@@ -114,28 +114,19 @@ class StereoBag:
         return [int(self._stamps[0][left]) for left, _ in self._plan]
 
     @property
-    def unpaired(self) -> tuple[int, int]:
-        """Left and right images without a partner."""
-        return self.unpaired_left, self.unpaired_right
-
-    @property
     def pairing(self) -> dict[str, Any]:
         """How the images were paired, for ``summary.json``."""
         return {'pairs': len(self._plan), 'tolerance_ns': self.tolerance_ns,
                 'method': 'nearest' if self.tolerance_ns else 'exact',
                 'unpaired_left': self.unpaired_left, 'unpaired_right': self.unpaired_right}
 
-    def pairs(self, tolerance_ns: Optional[int] = None) -> Iterator[StereoPair]:
+    def pairs(self) -> Iterator[StereoPair]:
         """
         Stream the pairs in time order; an image is kept only until its partner has come.
 
-        :param tolerance_ns: another tolerance than the bag's, ns.
         :raises BagError: an image that cannot be decoded, or no pair.
         :raises CalibrationError: an image that has not the calibration's size.
         """
-        if tolerance_ns is not None:
-            self._wanted_tolerance_ns = tolerance_ns
-            self._make_plan()
         if not len(self._plan):
             left, right = self._stamps
             raise BagError(self.path, 'pairs',

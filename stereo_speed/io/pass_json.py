@@ -43,11 +43,6 @@ def track_id(run: str, track: int) -> str:
     return f'{run}-{track:06d}'
 
 
-def pass_id(run: str, result: PassResult) -> str:
-    """Return :func:`track_id` of a pass."""
-    return track_id(run, result.track)
-
-
 def pass_record(run: str, result: PassResult) -> dict[str, Any]:
     """
     Return a pass as plain values: SI units, stamps in ns, None for what is not known.
@@ -58,7 +53,7 @@ def pass_record(run: str, result: PassResult) -> dict[str, Any]:
     first_mps, last_mps, max_mps = result.profile_mps
     return {
         'stereo_speed_pass': FORMAT,
-        'id': pass_id(run, result),
+        'id': track_id(run, result.track),
         'run': run,
         'track': result.track,
         'lane': result.lane,

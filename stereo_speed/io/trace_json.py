@@ -11,7 +11,7 @@ from typing import Any, get_args, get_origin, get_type_hints, Mapping, Optional,
 import numpy as np
 from numpy.typing import NDArray
 
-from .pass_json import pass_id
+from .pass_json import track_id
 from ..core.config import ConfigRecord, Record
 from ..core.errors import InputError
 from ..core.passes import (
@@ -67,7 +67,8 @@ def trace_text(run: str, result: PassResult) -> str:
     profile = [[ns, result.smoothed[ns], result.smoothed_std.get(ns)]
                for ns in sorted(result.smoothed)]
     return json.dumps({
-        'stereo_speed_trace': FORMAT, 'id': pass_id(run, result), 'run': run, 'profile': profile,
+        'stereo_speed_trace': FORMAT, 'id': track_id(run, result.track), 'run': run,
+        'profile': profile,
         'trace': None if result.trace is None else trace_record(result.trace)}, allow_nan=False)
 
 
