@@ -3,7 +3,6 @@
 """One page of a record that a judge can read, as HTML and as PDF; each holds its pictures."""
 from __future__ import annotations
 
-import base64
 from dataclasses import dataclass
 from html import escape
 import io
@@ -18,6 +17,7 @@ from reportlab.platypus import (
     Flowable, Image, Paragraph, SimpleDocTemplate, Spacer, Table, TableStyle)
 
 from ..core.units import SpeedUnit
+from ..report.page import page_html as report_html, Picture, Section
 
 _TITLE = 'Record of a speed above the limit'
 _COUNTS = ('The speed that counts is the considered speed: the measured speed less its tolerance, '
@@ -30,17 +30,6 @@ DISCLOSED_NOTE = _COUNTS + (
     'This is a copy to be handed out: pictures show the vehicle at different instants, and all '
     'else in them is blurred. The record that it was made of has the originals, and is under the '
     'seal that lies beside this page.')
-_STYLE = """
-body{font-family:sans-serif;max-width:60em;margin:1em auto;padding:0 1em;color:#111}
-.speeds{display:flex;gap:1em}
-.speeds div{flex:1;border:1px solid #999;padding:.6em;text-align:center}
-.speeds b{display:block;font-size:2em}
-table{border-collapse:collapse;width:100%}
-td{border-top:1px solid #ccc;padding:.25em .5em;vertical-align:top}
-td:first-child{width:14em;color:#444}
-img{max-width:100%}figure{margin:.8em 0}
-figcaption{color:#444;font-size:.9em}code{word-break:break-all}
-"""
 
 
 @dataclass(frozen=True)
@@ -132,23 +121,14 @@ def _class(vehicle: Mapping[str, Any]) -> str:
 
 def page_html(facts: PageFacts) -> bytes:
     """Return the page as one HTML file that needs no other."""
-    figures = ''.join(
-        f'<figure><img alt="{escape(text)}" src="{_uri(data, "jpeg")}">'
-        f'<figcaption>{escape(text)}</figcaption></figure>'
-        for text, data in zip(facts.captions(), facts.marked))
-    table = ''.join(f'<tr><td>{escape(name)}</td><td>{escape(value)}</td></tr>'
-                    for name, value in rows(facts.record))
-    boxes = ''.join(f'<div>{escape(name)}<b>{escape(value)}</b></div>'
-                    for name, value in speeds(facts.record))
-    return (f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{_TITLE} '
-            f'{escape(facts.record["id"])}</title><style>{_STYLE}</style></head><body>'
-            f'<h1>{_TITLE}</h1><div class="speeds">{boxes}</div><p>{escape(facts.note)}</p>'
-            f'<table>{table}</table>'
-            f'<figure><img alt="close-up" src="{_uri(facts.close_up, "jpeg")}">'
-            f'<figcaption>close-up</figcaption></figure>{figures}'
-            f'<figure><img alt="speed" src="{_uri(facts.plot, "png")}">'
-            '<figcaption>speed over the pass</figcaption></figure></body></html>\n'
-            ).encode()
+    names, values = zip(*speeds(facts.record))
+    pictures = [Picture('close-up', facts.close_up, 'jpeg'), *(
+        Picture(text, data, 'jpeg') for text, data in zip(facts.captions(), facts.marked)),
+        Picture('speed over the pass', facts.plot)]
+    return report_html(f'{_TITLE} {facts.record["id"]}', [
+        Section('Speeds', text=[facts.note], columns=names, rows=[values]),
+        Section('Figures', columns=('', ''), rows=rows(facts.record)),
+        Section('Pictures', pictures=pictures)]).encode()
 
 
 def page_pdf(facts: PageFacts) -> bytes:
@@ -189,7 +169,3 @@ def _fitted(data: bytes, width: float) -> Image:
     """Return a picture of a width, in points."""
     across, down = ImageReader(io.BytesIO(data)).getSize()
     return Image(io.BytesIO(data), width=width, height=width * down / across)
-
-
-def _uri(data: bytes, kind: str) -> str:
-    return f'data:image/{kind};base64,{base64.b64encode(data).decode()}'
