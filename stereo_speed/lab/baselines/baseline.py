@@ -15,8 +15,9 @@ from typing import ClassVar, Generic, Optional, TypeVar, Union
 
 import numpy as np
 
+from .constant_velocity import Gaussian, Transition
 from .settings import MotionSettings
-from .speed_profile import Profile
+from .speed_profile import Profile, smoothed_profile
 from ...core.passes import PassResult, Reason, TrackEnd, Verdict
 from ...core.records import Array, StereoPair, TrackState, TrackUpdate
 from ...tracking.initialise import place_front, Placement
@@ -85,6 +86,10 @@ class Baseline(ABC, Generic[OwnSettings]):
         self.track, self.rng, self.settings = start.track, start.rng, settings
         self.placed, self.life = placed, TrackLife(start)
         self.missed = 0  # pairs it was not seen in
+        # Of each pair: belief, the step to it, and whether the vehicle was seen.
+        self.filtered: list[Gaussian] = []
+        self.steps: list[Transition] = []
+        self.seen: list[bool] = []
         self.calibration = calibration_share(self.rig, self.lane, self.config)
 
     # -- what each baseline does ------------------------------------------------------------
@@ -101,9 +106,9 @@ class Baseline(ABC, Generic[OwnSettings]):
     def _estimate(self) -> Estimate:
         """Return the state."""
 
-    @abstractmethod
     def _profile(self) -> Profile:
         """Return the speeds in the pairs it was seen in, at least two, from all of them."""
+        return smoothed_profile(self.filtered, self.steps, self.seen)
 
     # -- the protocol -----------------------------------------------------------------------
 

@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .baseline import Baseline, Estimate, OwnSettings
-from .constant_velocity import directional_rate, Gaussian, Transition, transition
-from .speed_profile import Profile, smoothed_profile
+from .constant_velocity import directional_rate, Gaussian, transition
 from ...core.records import Array, StereoPair
 from ...estimation.particle_filter import weigh
 from ...estimation.weights import (
@@ -39,9 +38,6 @@ class ParticleTracker(Baseline[OwnSettings]):
     def __init__(self, start: TrackStart, placed: Placement, settings: OwnSettings) -> None:
         super().__init__(start, placed, settings)
         self.log_weights = np.zeros(self.config.particles)
-        self.filtered: list[Gaussian] = []
-        self.steps: list[Transition] = []
-        self.seen: list[bool] = []
         self._dt_s = 0.0
 
     # -- what each filter does --------------------------------------------------------------
@@ -165,9 +161,6 @@ class ParticleTracker(Baseline[OwnSettings]):
         left, right = self._mean_quads()
         return Estimate(mean[:3], cov[:3, :3], mean[3:], cov[3:, 3:], self._mean_axes(),
                         (left[0], right[0]))
-
-    def _profile(self) -> Profile:
-        return smoothed_profile(self.filtered, self.steps, self.seen)
 
 
 def _mean(weights: Array, quads: Array) -> Array:

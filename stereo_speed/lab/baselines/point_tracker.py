@@ -19,12 +19,11 @@ from numpy.typing import NDArray
 
 from .baseline import Baseline, Estimate
 from .constant_velocity import (
-    correct, directional_rate, distance2, Gaussian, predict, Transition, transition)
+    correct, directional_rate, distance2, Gaussian, predict, transition)
 from .front_position import Measurement, position_of_front
 from .hartley_sturm import triangulate
 from .points import ExpectedFront, near_quad, Points, PointSource
 from .settings import PointSettings
-from .speed_profile import Profile, smoothed_profile
 from ...core.passes import Reason
 from ...core.records import Array, StereoPair
 from ...road.path import frame_of
@@ -54,9 +53,6 @@ class PointTracker(Baseline[OwnSettings]):
         self.belief = self._first_belief(start, position)
         self.before = self._quads(position)[0]
         self.points: Optional[Points] = None
-        self.filtered: list[Gaussian] = []
-        self.steps: list[Transition] = []
-        self.seen: list[bool] = []
         self._step = transition(0.0, np.zeros((3, 3)))
 
     @abstractmethod
@@ -199,6 +195,3 @@ class PointTracker(Baseline[OwnSettings]):
         mean, cov = self.belief.mean, self.belief.cov
         return Estimate(mean[:3], cov[:3, :3], mean[3:], cov[3:, 3:], self.axes,
                         self._quads(mean[:3]))
-
-    def _profile(self) -> Profile:
-        return smoothed_profile(self.filtered, self.steps, self.seen)
