@@ -40,7 +40,7 @@ class FaultyReplayNode(ReplayNode):
                              ', '.join(FAULTS))
         self.rng = np.random.default_rng(0)
         self.kept: dict[Any, Any] = {}
-        self.once: set[str] = set()
+        self.spoilt = False
 
     def send(self, side: str, kind: str, msg: Any, due_s: float) -> None:
         """Publish a message as the fault leaves it."""
@@ -54,11 +54,11 @@ class FaultyReplayNode(ReplayNode):
             self.outputs[to, kind].publish(sent)
 
 
-def _once(change: Callable[[Any], None], side: str = 'left') -> Fault:
-    """Return the fault that spoils one message of a side."""
+def _once(change: Callable[[Any], None]) -> Fault:
+    """Return the fault that spoils one message of the left side."""
     def fault(node: FaultyReplayNode, of: str, msg: Any) -> Sent:
-        if of == side and side not in node.once:
-            node.once.add(side)
+        if of == 'left' and not node.spoilt:
+            node.spoilt = True
             change(msg)
         return [(of, msg)]
     return fault
@@ -78,6 +78,11 @@ def _later(seconds: float) -> Callable[[Any], None]:
     def change(msg: Any) -> None:
         msg.header.stamp = to_stamp(stamp_ns(msg.header.stamp) + round(seconds * 1e9))
     return change
+
+
+def _with(field: str, value: object) -> Callable[[Any], None]:
+    """Return what gives a field another value."""
+    return lambda msg: setattr(msg, field, value)
 
 
 def _jitter(node: FaultyReplayNode, of: str, msg: Any) -> Sent:
@@ -119,10 +124,6 @@ def _empty(msg: Any) -> None:
     msg.data = array('B')
 
 
-def _odd(msg: Any) -> None:
-    msg.encoding = 'yuv422'
-
-
 def _float(msg: Any) -> None:
     pixels = np.frombuffer(bytes(msg.data), np.uint8).astype(np.float32)
     msg.encoding, msg.step, msg.data = '32FC1', 4 * msg.width, array('B', pixels.tobytes())
@@ -130,14 +131,6 @@ def _float(msg: Any) -> None:
 
 def _black(msg: Any) -> None:
     msg.data = array('B', bytes(len(msg.data)))
-
-
-def _nan(msg: CameraInfo) -> None:
-    msg.k = np.full(9, np.nan)
-
-
-def _uncalibrated(msg: CameraInfo) -> None:
-    msg.k = np.zeros(9)
 
 
 def _longer(msg: CameraInfo) -> None:
@@ -185,7 +178,7 @@ FAULTS: dict[str, tuple[str, Fault]] = {
     'short_data': ('image', _once(_short)),
     'other_size': ('image', _once(_other_size)),
     'no_size': ('image', _once(_empty)),
-    'odd_encoding': ('image', _once(_odd)),
+    'odd_encoding': ('image', _once(_with('encoding', 'yuv422'))),
     'float_encoding': ('image', _once(_float)),
     'black': ('image', _each(_black)),
     'frozen_pair': ('image', _frozen(_BOTH)),
@@ -210,8 +203,8 @@ FAULTS: dict[str, tuple[str, Fault]] = {
     'stamp_an_hour_on': ('image', _once(_later(3600.0))),
     'stamp_of_zero': ('image', _once(_stamp_of_zero)),
     'stamps_of_zero': ('image', _each(_stamp_of_zero)),
-    'info_nan': ('camera_info', _once(_nan)),
-    'info_uncalibrated': ('camera_info', _each(_uncalibrated)),
+    'info_nan': ('camera_info', _once(_with('k', np.full(9, np.nan)))),
+    'info_uncalibrated': ('camera_info', _each(_with('k', np.zeros(9)))),
     'no_info': ('camera_info', _lost(_BOTH)),
     'info_other': ('camera_info', _each(_longer)),
 }
