@@ -289,12 +289,9 @@ def _set_lane(draft: Draft, step: Step, _: Snapper) -> Draft:
         lane = replace(lane, speed_limit=text)
     if 'backward' in step:
         lane = replace(lane, backward=step.flag('backward'))
-    if 'right' in step:
-        lane = replace(lane, right=step.line_or_none('right', draft))
-    if 'left' in step:
-        lane = replace(lane, left=step.line_or_none('left', draft))
-    if 'path' in step:
-        lane = replace(lane, path=step.line_or_none('path', draft))
+    lines: dict[str, Any] = {key: step.line_or_none(key, draft)
+                             for key in ('right', 'left', 'path') if key in step}
+    lane = replace(lane, **lines)
     if lane.path is not None and 'path' in step:
         lane = replace(lane, right=None, left=None)
     elif lane.right is not None or lane.left is not None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-import sys
 from typing import Sequence
 
 from ..evaluation.monocular import (
@@ -13,7 +12,7 @@ from ..evaluation.monocular import (
     VideoScene)
 from ...batch.job import failures, Result
 from ...batch.runner import run_jobs
-from ...cli.options import number_in
+from ...cli.options import number_in, report_failures
 from ...core.errors import InputError
 from ...io.atomic import prepare_folder, write_whole
 from ...monocular.config import MonocularConfig
@@ -59,10 +58,7 @@ def run(args: argparse.Namespace) -> int:
     results = run_jobs(jobs, run_scene, out_dir=folder, workers=args.jobs,
                        description='evaluate --video')
     _write(folder, args.video.stem, settings, results)
-    failed = failures(results)
-    for line in failed:
-        print(f'failed: {line}', file=sys.stderr)
-    return 1 if failed else 0
+    return report_failures(failures(results))
 
 
 def make_settings(args: argparse.Namespace) -> list[Setting]:
