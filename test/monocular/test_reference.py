@@ -6,9 +6,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from stereo_speed.lab.baselines.cues import bhattacharyya
 from stereo_speed.monocular.colour_bins import ALL_BINS, BACKGROUND, grid_points, Samples
 from stereo_speed.monocular.reference import box_histogram, Layout, Reference
-from stereo_speed.vision.histograms import bhattacharyya
 
 NOWHERE = np.zeros(ALL_BINS)  # colours in the surroundings
 

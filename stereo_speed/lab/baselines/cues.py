@@ -43,6 +43,16 @@ def histograms(image: NDArray[np.uint8], quads: Array, grid: PartGrid) -> Array:
     return np.asarray(counts.reshape(len(bins), BINS))
 
 
+def bhattacharyya(first: Array, second: Array) -> Array:
+    """
+    Return the Bhattacharyya coefficient of histograms: 0 for disjoint, 1 for equal ones.
+
+    :param first: (..., B) histograms that sum to 1.
+    :param second: (B,) or (..., B).
+    """
+    return np.asarray(np.sqrt(first * second).sum(axis=-1))
+
+
 def outline_gradient(image: NDArray[np.uint8], quads: Array) -> Array:
     """
     Return the mean gradient across the outline of each quad, grey levels per pixel.

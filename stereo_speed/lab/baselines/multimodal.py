@@ -26,7 +26,7 @@ from typing import Optional
 import numpy as np
 from numpy.typing import NDArray
 
-from .cues import histograms, outline_gradient
+from .cues import bhattacharyya, histograms, outline_gradient
 from .particle_tracker import ParticleTracker
 from .rectify import Rectifier
 from .settings import MultimodalSettings
@@ -36,7 +36,6 @@ from ...tracking.initialise import first_states, Placement
 from ...tracking.protocol import TrackStart
 from ...vision.grey import to_eight_bits
 from ...vision.haar import CELLS, PartGrid
-from ...vision.histograms import bhattacharyya
 
 _SPAN_PX = 6.0  # disparities looked for beyond those of the particles
 _MARGIN_PX = 8  # around the fronts of the particles in the disparity map
