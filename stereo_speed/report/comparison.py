@@ -1,17 +1,20 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Plots that set trackers and settings side by side."""
+"""Plots of the laboratory: trackers and settings side by side, and what they cost."""
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Mapping, Optional, Sequence
 
 from matplotlib.figure import Figure
 import numpy as np
 
-from .plots import COLOURS, new_figure, show_legend
+from .plots import COLOURS, new_figure, png_of, show_legend
 from ..core.records import Array
 from ..core.units import MPH_MPS
+
+Curve = Sequence[tuple[float, float]]  # what grows, and ms
 
 _MARKS = 'osD^vPX*'
 
@@ -44,6 +47,23 @@ class ErrorCurve:
     values: Sequence[float]
     errors_mph: Sequence[float]
     dashed: bool = field(default=False)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SurvivalCurve:
+    """
+    The targets that one tracker keeps.
+
+    :param name: with its number of particles.
+    :param strides: what is varied.
+    :param shares: share of the targets kept to the end, at each.
+    :param errors: their standard errors.
+    """
+
+    name: str
+    strides: Sequence[int]
+    shares: Sequence[float]
+    errors: Sequence[float]
 
 
 def speeds_figure(title: str, trackers: Mapping[str, Sequence[Readings]],
@@ -100,3 +120,39 @@ def errors_figure(title: str, what: str, curves: Sequence[ErrorCurve]) -> Figure
     axes.set(title=title, xlabel=what, ylabel='error, mph')
     show_legend(figure, axes, 2)
     return figure
+
+
+def draw_survival(path: Path, title: str, curves: Sequence[SurvivalCurve]) -> None:
+    """Write the plot."""
+    figure, axes = new_figure(8.0, 4.6)
+    for i, curve in enumerate(curves):
+        axes.errorbar(curve.strides, [100 * s for s in curve.shares],
+                      yerr=[100 * e if e == e else 0.0 for e in curve.errors],
+                      color=COLOURS[i % len(COLOURS)], marker=_MARKS[i % len(_MARKS)], lw=1.6,
+                      capsize=3, label=curve.name)
+    strides = sorted({s for c in curves for s in c.strides})
+    axes.set(title=title, xlabel='stride: every K-th frame', ylabel='kept to the end, %',
+             xticks=strides, ylim=(-3, 103))
+    show_legend(figure, axes)
+    path.write_bytes(png_of(figure))
+
+
+def growth_plot(path: Path, curves: Mapping[str, Curve], across: str) -> None:
+    """
+    Write a plot of times.
+
+    :param path: of the image.
+    :param curves: by their names.
+    :param across: what grows, for the axis.
+    """
+    figure, axes = new_figure(6.5, 4.0)
+    for colour, (name, points) in zip(COLOURS, curves.items()):
+        x, y = zip(*points)
+        axes.plot(x, y, 'o-', color=colour, label=name)
+    axes.set_xscale('log', base=2)
+    axes.set_yscale('log')
+    axes.set_xlabel(across)
+    axes.set_ylabel('CPU time, ms')
+    axes.grid(True, which='both', alpha=0.3)
+    show_legend(figure, axes)
+    figure.savefig(path, metadata={'Software': None})

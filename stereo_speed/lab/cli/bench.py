@@ -21,7 +21,7 @@ from ...core.config import TrackerConfig
 from ...io.bags import StereoBag
 from ...pipeline.assembly import MeasuringSite
 from ...pipeline.config import PipelineConfig
-from ...report.bench import growth_plot
+from ...report.comparison import growth_plot
 from ...site.file import load_site
 from ...site.init_file import load_init
 

@@ -88,7 +88,7 @@ def _write(folder: Path, name: str, settings: Sequence[Setting],
 def _draw(path: Path, name: str, settings: Sequence[Setting],
           results: Sequence[Result]) -> None:
     # here, so that matplotlib is loaded only where it is needed
-    from ...report.track_survival import draw_survival, SurvivalCurve
+    from ...report.comparison import draw_survival, SurvivalCurve
 
     curves = []
     for label in dict.fromkeys(s.label for s in settings):

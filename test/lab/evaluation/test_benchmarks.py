@@ -9,7 +9,7 @@ import pytest
 
 from stereo_speed.lab.evaluation import benchmarks
 from stereo_speed.lab.evaluation.benchmarks import filter_table, kernel_table, medians
-from stereo_speed.report.bench import growth_plot
+from stereo_speed.report.comparison import growth_plot
 
 
 def test_jobs_take_turns_and_their_first_run_does_not_count(monkeypatch):

@@ -1,12 +1,12 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The plot of what trackers keep."""
+"""The plots of the laboratory."""
 from __future__ import annotations
 
 import cv2
 import numpy as np
 
-from stereo_speed.report.track_survival import draw_survival, SurvivalCurve
+from stereo_speed.report.comparison import draw_survival, SurvivalCurve
 
 
 def test_plot_has_every_curve_also_without_an_error(tmp_path):
