@@ -29,9 +29,8 @@ _CELLS = (9, 12)  # rows and columns of an image that each give their best corne
 _MASK_PX = HALF_PX  # about a patch, within which there is no other
 _CORNER_PX = 5  # of the window that corners are sought in
 _LEAST_CORNER = 1e-3  # of the strongest one; below it a patch is flat
-_STEPS_PER_PX = 32  # cv2.remap knows no finer places
 _LEAST_INFORMATION, _LEAST_SQUARE, _LEAST_GAIN = 1e-3, 1e-3, 1e-3  # flat patches divide by none
-_REACH = np.arange(-HALF_PX - 1, HALF_PX + 2, dtype=np.float32)  # with a border for gradients
+_REACH = np.arange(-HALF_PX - 1, HALF_PX + 2)  # with a border for gradients
 
 
 class Displaced(NamedTuple):
@@ -76,9 +75,8 @@ class Details:
     def at(cls, image: Grey, centres_px: Array) -> Details:
         """Return the patches at whole pixels (n, 2) of an image."""
         u, v = np.asarray(centres_px, dtype=int).T[:, :, None, None]
-        reach = _REACH.astype(int)
         return cls(np.asarray(centres_px, dtype=np.float64),
-                   image[v + reach[:, None], u + reach].astype(np.float32))
+                   image[v + _REACH[:, None], u + _REACH].astype(np.float32))
 
     def __len__(self) -> int:
         return len(self.centres_px)
@@ -138,14 +136,7 @@ class Details:
 
         :param places_px: (n, 2).
         """
-        # At places that cv2.remap knows exactly.
-        near = np.round(places_px * _STEPS_PER_PX) / _STEPS_PER_PX
-        at = near.astype(np.float32)[:, :, None, None]
-        shape = len(self), len(_REACH), len(_REACH)
-        u = np.broadcast_to(at[:, 0] + _REACH, shape).reshape(len(self), -1)
-        v = np.broadcast_to(at[:, 1] + _REACH[:, None], shape).reshape(len(self), -1)
-        seen = cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        grey = seen.astype(np.float32).reshape(shape)
+        grey = _between_pixels(image, places_px)
         now = grey[:, 1:-1, 1:-1].reshape(len(self), -1)
         mean = now.mean(axis=1, keepdims=True)
         now = now - mean
@@ -156,9 +147,25 @@ class Details:
         offset = -(self._steps @ (now / gain)[..., None])[..., 0]
         noise = (square / gain[:, 0] ** 2 - self._square) / now.shape[1]
         level = self._mean[:, None, None] + (grey - mean[..., None]) / gain[..., None]
-        offset = offset + (self.axes @ (near - places_px)[..., None])[..., 0]
         return Displaced(offset, ncc.astype(np.float64),
                          noise.astype(np.float64), level)
+
+
+def _between_pixels(image: Grey, places_px: Array) -> Patches:
+    """
+    Return the grey values (n, k, k) about places (n, 2), and a border of one pixel, bilinearly.
+
+    ``cv2.remap`` would round them to whole grey levels, and there are few of these by night.
+    """
+    floor = np.floor(places_px)
+    u, v = floor.astype(int).T[:, :, None, None]
+    reach = np.arange(-HALF_PX - 1, HALF_PX + 3)
+    height, width = image.shape
+    grey = image[np.clip(v + reach[:, None], 0, height - 1),
+                 np.clip(u + reach, 0, width - 1)].astype(np.float32)
+    right, down = (places_px - floor).astype(np.float32).T[:, :, None, None]
+    grey = grey[:, :, :-1] + right * (grey[:, :, 1:] - grey[:, :, :-1])
+    return np.asarray(grey[:, :-1] + down * (grey[:, 1:] - grey[:, :-1]))
 
 
 def corners(image: Grey, count: int, taken_px: Optional[Array] = None) -> Array:

@@ -5,6 +5,8 @@ The rotation of the right camera against the left one, from pair to pair.
 
 A filter with two ways to go on: it stays, but for a slow creeping, or it has turned to anywhere.
 Both are weighed by how well they foretell the next pair, and their mixture is taken for Gaussian.
+All pairs are compared with one reference, whose own noise they share: by what they show wrongly
+for that, no number of pairs averages it away, and it is estimated beside the rotation.
 """
 from __future__ import annotations
 
@@ -15,26 +17,39 @@ import numpy as np
 from .config import SteadyingConfig
 from ..core.records import Array
 
+_REFERENCE_SHARE = 0.5  # of the variance of a comparison of two images, by either as much
+
 
 class DriftFilter:
     """
     Follows pan, tilt and roll of the right camera since the first pair.
 
-    ``mean_rad`` (3,) is what they are, ``turns`` how often they have changed at once.
+    ``turns`` is how often they have changed at once.
 
     :param config: parameters.
     """
 
     def __init__(self, config: SteadyingConfig) -> None:
         self.config, self.turns = config, 0
-        self.mean_rad: Array = np.zeros(3)
-        self._covariance: Array = np.zeros((3, 3))
+        # Of the angles, and of what the reference adds to them in every pair.
+        self._mean: Array = np.zeros(6)
+        self._covariance: Array = np.zeros((6, 6))
+        self.renew()
+
+    def renew(self) -> None:
+        """Take pairs to be compared with another reference from now on."""
+        self._is_new = True
+
+    @property
+    def mean_rad(self) -> Array:
+        """Return the angles (3,)."""
+        return self._mean[:3]
 
     @property
     def covariance_rad2(self) -> Array:
         """Return the covariance (3, 3) of the angles, systematic errors among it."""
         return np.asarray(
-            self._covariance + np.radians(self.config.drift_floor_deg) ** 2 * np.eye(3))
+            self._covariance[:3, :3] + np.radians(self.config.drift_floor_deg) ** 2 * np.eye(3))
 
     @property
     def turned(self) -> bool:
@@ -56,25 +71,41 @@ class DriftFilter:
         """
         Take in what one pair shows.
 
-        :param seen_rad: (3,) pan, tilt and roll.
-        :param covariance_rad2: (3, 3) of them.
+        :param seen_rad: (3,) pan, tilt and roll against the reference.
+        :param covariance_rad2: (3, 3) of them, by the noise of the pair and of the reference.
         :param pairs: number of pairs since the one taken in before.
         """
-        c, eye = self.config, np.eye(3)
-        stays = self._covariance + pairs * np.radians(c.drift_rate_deg) ** 2 * eye
+        c = self.config
+        if self._is_new:
+            self._forget_reference(_REFERENCE_SHARE * covariance_rad2)
+        own = (1 - _REFERENCE_SHARE) * covariance_rad2
+        stays = self._covariance + _of_angles(pairs * np.radians(c.drift_rate_deg) ** 2)
         unturned = (1 - c.drift_probability) ** pairs
         scores, answers = [], []
-        for share, before in ((unturned, stays),
-                              (1 - unturned, stays + np.radians(c.drift_std_deg) ** 2 * eye)):
-            total, off = before + covariance_rad2, seen_rad - self.mean_rad
-            gain = np.linalg.solve(total, before).T
+        for share, before in ((unturned, stays), (
+                1 - unturned, stays + _of_angles(np.radians(c.drift_std_deg) ** 2))):
+            seen = before[:, :3] + before[:, 3:]  # covariance of all with what a pair shows
+            total, off = seen[:3] + seen[3:] + own, seen_rad - self._mean[:3] - self._mean[3:]
+            gain = np.linalg.solve(total, seen.T).T
             scores.append((math.log(share) if share else -math.inf) - 0.5 * float(
                 off @ np.linalg.solve(total, off) + np.linalg.slogdet(total)[1]))
-            answers.append((self.mean_rad + gain @ off, before - gain @ before))
+            answers.append((self._mean + gain @ off, before - gain @ seen.T))
         weights = np.exp(np.array(scores) - max(scores))
         weights /= weights.sum()
         self.turns += int(weights[1] > 0.5)
         mean = sum(w * m for w, (m, _) in zip(weights, answers))
         self._covariance = np.sum([w * (p + np.outer(m - mean, m - mean))
                                    for w, (m, p) in zip(weights, answers)], axis=0)
-        self.mean_rad = np.asarray(mean)
+        self._mean = np.asarray(mean)
+
+    def _forget_reference(self, covariance_rad2: Array) -> None:
+        """Know nothing of what the reference adds but its covariance."""
+        self._mean = np.concatenate([self._mean[:3], np.zeros(3)])
+        covariance = np.zeros((6, 6))
+        covariance[:3, :3], covariance[3:, 3:] = self._covariance[:3, :3], covariance_rad2
+        self._covariance, self._is_new = covariance, False
+
+
+def _of_angles(variance_rad2: float) -> Array:
+    """Return a covariance (6, 6) by which the angles alone have changed."""
+    return variance_rad2 * np.diag([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])

@@ -123,8 +123,11 @@ class Steadier:
             self._learn(Reference(pair, np.zeros(3)))
         left, right = self._measured(pair)
         if left is not None and right is not None:
-            self._take_drift(left, right, self._pairs - self._drift_at)
+            # What is compared with itself shows nothing, not even its own noise.
+            if pair is not self._reference_pair:
+                self._take_drift(left, right, self._pairs - self._drift_at)
             self._drift_at = self._pairs
+        self._learn_looks(pair, (left, right))
         sway = self._sway(left, right)
         self._looked_ns = pair.stamp_ns
         moved = self.lost or before != (self._swayed, self.drift.turns)
@@ -140,7 +143,9 @@ class Steadier:
         """Compare images with those of another reference from now on."""
         self._views = (ViewRotation(self.rig.left, reference.pair.left, self.config),
                        ViewRotation(self.rig.right, reference.pair.right, self.config))
+        self._reference_pair = reference.pair
         self._rest_rad, self._missed = reference.rest_rad, 0
+        self.drift.renew()
         # A right camera that had turned before stands turned in this reference.
         self._drift_base = self.drift.mean_rad
         self._last_rad: Array = np.zeros(3)
@@ -177,13 +182,18 @@ class Steadier:
         left = self._views[0].measure(pair.left, self._last_rad)
         if left is not None:
             self._last_rad = left.angles_rad
-            self._views[0].learn(pair.left, left)
         # The right camera most likely moved with the left one.
         right = self._views[1].measure(
             pair.right, self._right_of_left @ self._last_rad + self._drift_seen_rad)
-        if right is not None:
-            self._views[1].learn(pair.right, right)
         return left, right
+
+    def _learn_looks(self, pair: StereoPair, found: Sequence[Optional[Rotated]]) -> None:
+        """Take in what a pair looks like in each view whose rotation was found."""
+        renewed = [view.learn(image, rotated) for view, image, rotated
+                   in zip(self._views or (), (pair.left, pair.right), found)
+                   if rotated is not None]
+        if any(renewed):
+            self.drift.renew()
 
     def _take_drift(self, left: Rotated, right: Rotated, pairs: int) -> None:
         """Take in how the right camera has turned against the left one in so many pairs."""

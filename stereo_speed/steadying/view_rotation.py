@@ -124,18 +124,19 @@ class ViewRotation:
                 return self._settled(self._fine, fine, found.angles_rad)
         return None
 
-    def learn(self, image: Grey, found: Rotated) -> None:
+    def learn(self, image: Grey, found: Rotated) -> bool:
         """
         Take in what the details look like in an image; at times, put others in place of the lost.
 
         :param image: (H, W).
         :param found: the rotation of the camera in it.
+        :return: whether later images are compared with other details.
         """
         self._sum[found.fits] += found.grey[found.fits]
         self._seen += found.fits
         self._images += 1
         if self._images < self.config.renew_pairs:
-            return
+            return False
         kept, old = self._seen >= _KEPT_SHARE * self._images, self._fine.details
         mean = self._sum / np.maximum(self._seen, 1)[:, None, None]
         grey = old.grey + np.float32(self.config.learning_share) * (mean - old.grey)
@@ -148,6 +149,7 @@ class ViewRotation:
         coarse = Details.of(shrunk(image), self.config.details)
         self._coarse = _Level(self.camera, self._back(coarse, found, _COARSE), _COARSE)
         self._forget()
+        return True
 
     def _back(self, details: Details, found: Rotated, scale: int) -> Details:
         """Return details of an image where they would be, had the camera not rotated."""
@@ -192,7 +194,7 @@ class ViewRotation:
         weight = 1 / (noise / told + self.config.detail_floor_px ** 2)  # (n, 2), per px^2
         jacobian, offset = level.jacobian[good], seen.offset_px[good]
         share, limit = np.ones(len(offset)), np.inf
-        for _ in range(_ROUNDS):
+        for left in reversed(range(_ROUNDS)):
             rows = (share[:, None] * weight)[..., None] * jacobian
             normal = np.tensordot(rows, jacobian, ((0, 1), (0, 1)))
             step = np.linalg.solve(normal, np.tensordot(rows, offset, ((0, 1), (0, 1))))
@@ -200,7 +202,8 @@ class ViewRotation:
             chi2 = (weight * off ** 2).sum(axis=1)
             scale2 = max(float(np.median(chi2)) / _NORMAL, 1.0)
             limit = self.config.outlier_sigmas ** 2 * scale2
-            share = 1 / (1 + chi2 / limit)
+            # What moves by itself, as a lamp that a wet road mirrors, has no weight in the last.
+            share = 1 / (1 + chi2 / limit) if left > 1 else (chi2 < limit).astype(np.float64)
         fits = np.zeros(len(good), dtype=bool)
         fits[good] = chi2 < limit
         alike = max(float(share.sum()) / self.config.independent_details, 1.0)

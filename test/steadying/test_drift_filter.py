@@ -63,3 +63,33 @@ def test_pairs_that_were_not_looked_at_count():
     for drift, before in ((one, rate ** 2), (many, 100 * rate ** 2)):
         wanted = floor + before * 1e-8 / (before + 1e-8)
         assert np.allclose(drift.covariance_rad2, wanted * np.eye(3))
+
+
+def test_the_noise_of_the_reference_is_no_turn_in_however_many_pairs():
+    std = np.radians(0.01)  # of one pair by night; the reference is as noisy
+    shares = []
+    for seed in range(40):
+        rng, drift = np.random.default_rng(seed), DriftFilter(SteadyingConfig())
+        by_reference = std * rng.standard_normal(3)
+        for _ in range(300):
+            drift.update(by_reference + std * rng.standard_normal(3), 2 * std ** 2 * np.eye(3))
+        shares.append(drift.mean_rad @ np.linalg.solve(drift.covariance_rad2, drift.mean_rad) / 3)
+        assert not drift.turned and drift.turns == 0
+    assert np.mean(shares) < 1.5  # of 120 squared unit normals: 1 +- 0.13
+
+
+def test_a_turn_is_told_from_the_noise_of_the_reference_and_kept_with_the_next_one():
+    std, turn = np.radians(0.002), np.radians([0.02, 0.0, -0.01])
+    shares = []
+    for seed in range(20):
+        rng, drift = np.random.default_rng(seed), DriftFilter(SteadyingConfig())
+        for turned in (np.zeros(3), turn, turn):
+            by_reference = std * rng.standard_normal(3)
+            for _ in range(100):
+                drift.update(turned + by_reference + std * rng.standard_normal(3),
+                             2 * std ** 2 * np.eye(3))
+            drift.renew()
+        off = drift.mean_rad - turn
+        shares.append(off @ np.linalg.solve(drift.covariance_rad2, off) / 3)
+        assert drift.turned
+    assert np.mean(shares) < 1.6  # of 60 squared unit normals: 1 +- 0.18

@@ -51,6 +51,32 @@ def test_what_moves_by_itself_does_not_count(view, take):
     assert np.abs(F_PX * (found.angles_rad - angles))[:2].max() < 0.05
 
 
+def test_mirrored_lamps_that_slide_do_not_count(rig, take):
+    def lit(image, down_px):
+        """Return the image with lamps that a wet road mirrors."""
+        v, u = np.mgrid[:HEIGHT, :WIDTH]
+        light = sum(np.exp(-((u - lamp_u) ** 2 + (v - lamp_v - down_px) ** 2) / 8)
+                    for lamp_u in range(40, 160, 20) for lamp_v in (260, 290))
+        return np.clip(np.rint(image + 200 * light), 0, 255).astype(np.uint8)
+    for number in (100, 102):
+        first, then = (take(number + k, gain=0.5, noise=1.0).left for k in (0, 1))
+        view = ViewRotation(rig.left, lit(first, 0.0), CONFIG)
+        found = view.measure(lit(then, 0.5), np.zeros(3))
+        assert np.abs(F_PX * found.angles_rad)[:2].max() < 0.03
+
+
+@pytest.mark.slow
+def test_a_dark_view_is_as_uncertain_as_it_says(rig, take):
+    shares = []
+    for number in range(8):
+        first, then = (take(100 + 2 * number + k, gain=0.12, noise=1.0).left for k in (0, 1))
+        found = ViewRotation(rig.left, first, CONFIG).measure(then, np.zeros(3))
+        shares.append(float(found.angles_rad @ np.linalg.solve(
+            found.covariance_rad2, found.angles_rad)) / 3)
+    # The mean of 8 chi-square variables with 3 degrees of freedom, over 3, is 1 +- 0.29.
+    assert np.mean(shares) < 1.9
+
+
 def test_a_step_of_the_exposure_changes_nothing(view, take):
     angles = np.radians([0.05, 0.02, -0.03])
     one, other = (view.measure(take(1, RigMotion(tuple(angles)), gain=gain).left, np.zeros(3))

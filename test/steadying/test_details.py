@@ -1,0 +1,27 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Patches of an image, found again in it from places that are off by known offsets."""
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from stereo_speed.steadying.details import Details
+
+SIDE_PX = 60
+CENTRE_PX = np.array([[30.0, 30.0]])
+
+
+def blob(contrast):
+    """Return whole grey levels of a smooth blob."""
+    v, u = np.mgrid[:SIDE_PX, :SIDE_PX] - 30.0
+    return np.rint(20 + contrast * np.exp(-(u ** 2 + v ** 2) / 32)).astype(np.uint8)
+
+
+@pytest.mark.parametrize('contrast', [200, 20, 5], ids=['by day', 'dusk', 'by night'])
+@pytest.mark.parametrize('off_px', [[0.0, 0.0], [0.125, 0.0], [0.0, -0.125], [0.05, 0.08]])
+def test_an_offset_is_found_whatever_the_contrast(contrast, off_px):
+    image = blob(contrast)
+    details = Details.at(image, CENTRE_PX)
+    found = details.find(image, CENTRE_PX + off_px)
+    back_px = found.offset_px[0] @ details.axes[0]
+    assert back_px == pytest.approx(-np.array(off_px), abs=0.02)
