@@ -126,7 +126,8 @@ def page_html(facts: PageFacts) -> bytes:
         Picture(text, data, 'jpeg') for text, data in zip(facts.captions(), facts.marked)),
         Picture('speed over the pass', facts.plot)]
     return report_html(f'{_TITLE} {facts.record["id"]}', [
-        Section('Speeds', text=[facts.note], columns=names, rows=[values]),
+        Section('Speeds', text=[facts.note], columns=names, rows=[values],
+                large=True),
         Section('Figures', columns=('', ''), rows=rows(facts.record)),
         Section('Pictures', pictures=pictures)]).encode()
 

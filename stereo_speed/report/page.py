@@ -51,6 +51,7 @@ class Section:
     :param text: its paragraphs.
     :param columns: heads of its table; none for no table.
     :param rows: cells of the table.
+    :param large: whether they are set in large type.
     :param pictures: shown below.
     :param details: text that is shown when it is asked for.
     """
@@ -59,6 +60,7 @@ class Section:
     text: Sequence[str] = ()
     columns: Sequence[str] = ()
     rows: Sequence[Sequence[object]] = ()
+    large: bool = False
     pictures: Sequence[Picture] = ()
     details: str = ''
 
