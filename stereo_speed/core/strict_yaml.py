@@ -11,7 +11,7 @@ import yaml
 
 from .errors import InputError, SiteError
 from .records import Array
-from .units import is_finite
+from .units import is_finite, parse_speed
 
 
 LARGEST = 1e9  # no pixel and no metre of a site is as large; beyond it a number is a slip
@@ -154,6 +154,14 @@ class StrictMapping:
         if not _within(value, low, high):
             raise self.error(key, kind(value), f'{unit} in [{low:g}, {high:g}]')
         return float(value)
+
+    def speed(self, key: str) -> float:
+        """Return a speed with its unit, m/s."""
+        try:
+            return parse_speed(self.text(key))
+        except ValueError:
+            raise self.error(key, repr(self.data[key]),
+                             "a speed like '55 mph', '80 km/h' or '22.2 m/s'") from None
 
     def choice(self, key: str, choices: Collection[str]) -> str:
         """Return a text that is one of those given."""

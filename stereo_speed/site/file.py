@@ -18,7 +18,6 @@ from ..core.errors import SiteError
 from ..core.passes import VehicleClass
 from ..core.records import Array
 from ..core.strict_yaml import load_yaml, StrictMapping
-from ..core.units import parse_speed
 from ..geometry.rig import StereoRig
 
 LEAST_ROAD_M = 5.0  # of a line; the direction of a shorter one is too uncertain
@@ -302,14 +301,5 @@ def _lane(where: object, index: int, data: object, lines: Mapping[str, SiteLine]
     classes = StrictMapping(where, f'lanes[{index}].class_limits',
                             fields.data.get('class_limits', {}), CLASSES)
     return LaneSpec(fields.text('name'), names.get('right'), names.get('left'), names.get('path'),
-                    _speed(fields, 'speed_limit'),
-                    {VehicleClass(key): _speed(classes, key) for key in classes.data})
-
-
-def _speed(fields: StrictMapping, key: str) -> float:
-    """Return a speed, m/s."""
-    try:
-        return parse_speed(fields.text(key))
-    except ValueError:
-        raise fields.error(key, repr(fields.data[key]),
-                           "a speed like '55 mph', '80 km/h' or '22.2 m/s'") from None
+                    fields.speed('speed_limit'),
+                    {VehicleClass(key): classes.speed(key) for key in classes.data})

@@ -19,7 +19,6 @@ from .draft import (
 from ..core.errors import InputError
 from ..core.records import Array
 from ..core.strict_yaml import StrictMapping
-from ..core.units import parse_speed
 
 WHERE = 'page'  # that a fault comes from, in messages
 MOST_POINTS, MOST_THINGS, MOST_TEXT = 2000, 200, 80
@@ -280,13 +279,8 @@ def _set_lane(draft: Draft, step: Step, _: Snapper) -> Draft:
         _refuse_twice(name, (o.name for o in draft.lanes if o.number != lane.number), 'name')
         lane = replace(lane, name=name)
     if 'speed_limit' in step:
-        text = step.line_text('speed_limit')
-        try:
-            parse_speed(text)
-        except ValueError:
-            raise step.error('speed_limit', repr(text),
-                             "a speed like '55 mph', '80 km/h' or '22.2 m/s'") from None
-        lane = replace(lane, speed_limit=text)
+        step.speed('speed_limit')
+        lane = replace(lane, speed_limit=step.line_text('speed_limit'))
     if 'backward' in step:
         lane = replace(lane, backward=step.flag('backward'))
     lines: dict[str, Any] = {key: step.line_or_none(key, draft)
