@@ -127,6 +127,18 @@ def fit_lines(site: Site, rig: StereoRig, names: Iterable[str],
         raise SiteError(site.where, 'lines', error, 'picks of one line in both views') from None
 
 
+def fit_roads(site: Site, rig: StereoRig, drift: Optional[DriftPrior], prior: RoadPrior
+              ) -> list[RoadFit]:
+    """Return the roads of the picked lines: one if they fit one, else one for each lane."""
+    if not site.picked:
+        return []
+    fit = fit_lines(site, rig, site.picked, drift, prior)
+    if fit.residual_px.max() < ALIKE_PX or not site.lanes:
+        return [fit]
+    lanes = [[n for n in lane.lines if n in site.picked] for lane in site.lanes]
+    return [fit_lines(site, rig, mine, drift, prior) for mine in lanes if mine]
+
+
 def _stds(lines: Iterable[PickedLine]) -> dict[str, tuple[Array, Array]]:
     """Return the 1-sigmas of the lines that have them."""
     stds = {line.name: line.views_std_px for line in lines}

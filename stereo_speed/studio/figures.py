@@ -25,7 +25,7 @@ from ..road.fit import RoadFit
 from ..road.lanes import LanePath
 from ..site.extras import as_calibrated
 from ..site.file import lines_of, Site, site_of, SurveyedLine
-from ..site.lane_paths import ALIKE_PX, fit_lines, in_one_direction, lane_paths
+from ..site.lane_paths import fit_roads, in_one_direction, lane_paths
 from ..site.refine.refiner import RefinedSite
 from ..site.refine.report import ANGLES, report
 from ..site.refine.speed_effect import lane_speed_std
@@ -218,14 +218,8 @@ def _fits(site: Site, rig: StereoRig, config: SiteConfig, notes: list[Note], dra
           ) -> list[RoadFit]:
     """Return the road of all picked lines, or one for each lane where they make none together."""
     one_way, _ = in_one_direction(site, rig)
-    if not one_way.picked:
-        return []
     try:
-        fit = fit_lines(one_way, rig, one_way.picked, prior=config.road)
-        if fit.residual_px.max() < ALIKE_PX or not site.lanes:
-            return [fit]
-        return [fit_lines(one_way, rig, names, prior=config.road) for names in (
-            [n for n in lane.lines if n in one_way.picked] for lane in site.lanes) if names]
+        return fit_roads(one_way, rig, None, config.road)
     except InputError as error:
         note = _fault_note(error, draft, {})
         if note not in notes:

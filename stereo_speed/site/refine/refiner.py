@@ -24,8 +24,7 @@ from .rig_check import Epipolar, epipolar_check
 from .speed_effect import lane_speed_std, Setup, speed_error
 from ..extras import RigCorrection
 from ..file import PickedLine, Site
-from ..lane_paths import (
-    ALIKE_PX, fit_lines, in_one_direction, lane_paths, with_reversed)
+from ..lane_paths import fit_lines, fit_roads, in_one_direction, lane_paths, with_reversed
 from ...core.errors import SiteError
 from ...core.records import Array, StereoPair
 from ...estimation.robust import robust_std
@@ -134,7 +133,7 @@ def refine_site(site: Site, rig: StereoRig, pairs: Iterable[StereoPair],
     rough, reversed_lines = in_one_direction(replace(site, correction=None), rig)
     found: Found = {}
     roads = []
-    for fit in _roads(rough, rig, prior):
+    for fit in fit_roads(rough, rig, _LOOSE, prior):
         fit, found = _find(rough, fit, views, found, config)
         roads.append(fit)
     largest = max(roads, key=lambda fit: len(fit.names), default=None)
@@ -228,17 +227,6 @@ def _as_clicked(refined: RefinedSite, rig: StereoRig, why: str) -> RefinedSite:
     site = replace(refined.rough, correction=RigCorrection(np.zeros(3), spread))
     return replace(refined, site=site, rig=rig, lanes=lane_paths(site, rig, refined.prior),
                    drift=drift, kept_clicks=why)
-
-
-def _roads(site: Site, rig: StereoRig, prior: RoadPrior) -> list[RoadFit]:
-    """Return the roads of the picked lines: one if they fit one, else one for each lane."""
-    if not site.picked:
-        return []
-    fit = fit_lines(site, rig, site.picked, _LOOSE, prior)
-    if fit.residual_px.max() < ALIKE_PX:
-        return [fit]
-    lanes = [tuple(n for n in lane.lines if n in site.picked) for lane in site.lanes]
-    return [fit_lines(site, rig, mine, _LOOSE, prior) for mine in lanes if mine]
 
 
 def _find(site: Site, fit: RoadFit, views: tuple[Background, Background], known: Found,
