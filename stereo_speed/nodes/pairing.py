@@ -9,23 +9,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Callable, Union
+from typing import Any, Callable
 
-import numpy as np
-from numpy.typing import NDArray
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo
 
 from .common import JUMP_NS, Parameters, stamp_ns
 from .diagnostics import Task
 from .health import Arrivals, ERROR, Look, Refusals, StampGaps, State, Tally, WARN
+from .pair import Grey
 from .subscriptions import image_kind, OfferedSubscription
 from ..core.errors import CalibrationError, InputError
 from ..core.pair_matcher import PairMatcher
 from ..io.images import grey_from_message
+from ..io.topics import SIDES
 
-Grey = NDArray[Union[np.uint8, np.uint16]]  # (H, W)
-_SIDES = ('left', 'right')
 _STUCK = 5  # stamps that do not rise, in a row, are a clock that stands still
 
 
@@ -90,15 +88,15 @@ class Pairing:
 
     def _begin_anew(self) -> None:
         self.matcher.reset()
-        self.sides, self.pairs = {side: _Side() for side in _SIDES}, Arrivals()
-        self._known_unpaired = dict.fromkeys(_SIDES, 0)
+        self.sides, self.pairs = {side: _Side() for side in SIDES}, Arrivals()
+        self._known_unpaired = dict.fromkeys(SIDES, 0)
 
     def subscribe(self) -> None:
         """Begin to listen to the cameras."""
         self._begin_anew()
         self.subscriptions = [
             OfferedSubscription(self.node, what, f'{side}/{topic}', partial(callback, side))
-            for side in _SIDES for what, topic, callback in (
+            for side in SIDES for what, topic, callback in (
                 (self._kind, f'image_raw{self._suffix}', self.on_image),
                 (CameraInfo, 'camera_info', self.on_info))]
 
@@ -177,7 +175,7 @@ class Pairing:
         self.node.get_logger().warning(f'{side} stamp jumped back from {self.sides[side].last_ns} '
                                        f'to {ns} ns: starting anew')
         self.matcher.reset()
-        self._known_unpaired = dict.fromkeys(_SIDES, 0)
+        self._known_unpaired = dict.fromkeys(SIDES, 0)
         for of in self.sides.values():
             of.last_ns, of.stuck = -1, 0
             of.gaps.restart()
@@ -209,7 +207,7 @@ class Pairing:
             state.find(WARN, 'inactive')
             return state
         self.pairs.tell(state, 'pair', 'pair')
-        left, right = (self.sides[side].unpaired for side in _SIDES)
+        left, right = (self.sides[side].unpaired for side in SIDES)
         state.values.update(pairs=self.pairs.tally.total, unpaired_left=left.total,
                             unpaired_right=right.total, resets=self.resets)
         if left.recent or right.recent:
