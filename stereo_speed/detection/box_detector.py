@@ -21,7 +21,7 @@ from .config import FrontConfig, MotionConfig, SpacingConfig
 from .front_search import FoundFront, FrontSearch, Moment, NoiseEstimate
 from .protocol import Detection, ImageBox, TrackedRegion
 from .pyramid import PairPyramids, PairRegions, Region
-from .spacing import Place
+from .spacing import Held, Place
 from ..core.config import CheckedRecord, parameter, section
 from ..core.errors import InputError
 from ..core.records import StereoPair
@@ -150,13 +150,13 @@ class BoxDetector:
         moment = Moment(now, past, self._noise.std)
         out: list[FoundFront] = []
         for box in sorted(good, key=lambda box: -box.score):
-            one = self._front_of(box, moment, [*kept.taken, *(f.place for f in out)])
+            one = self._front_of(box, moment, Held(
+                self._search.spacing, [*kept.taken, *(f.place for f in out)]))
             if one is not None:
                 out.append(one)
         return out
 
-    def _front_of(self, box: ImageBox, moment: Moment, taken: Sequence[Place]
-                  ) -> Optional[FoundFront]:
+    def _front_of(self, box: ImageBox, moment: Moment, taken: Held) -> Optional[FoundFront]:
         """Return the front in a box, by its symmetry or, where that leads nowhere, without."""
         fit, reach_m = self.config.fit, self.config.front.reach_m
         pair = moment.now.pair

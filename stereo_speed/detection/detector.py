@@ -12,19 +12,40 @@ anything to be learned first.
 from __future__ import annotations
 
 from collections import deque
+from dataclasses import dataclass
 import math
 from typing import Mapping, Optional, Sequence
 
 from .config import DetectorConfig
-from .front_search import FoundFront, FrontSearch, Moment, NoiseEstimate
-from .plane_sweep import PlaneSweep
+from .front_search import FrontSearch, Moment, NoiseEstimate
+from .plane_sweep import PlaneSweep, Proposal
 from .protocol import Detection, TrackedRegion
 from .pyramid import PairPyramids, PairRegions, region_of
+from .spacing import Held
 from ..core.records import StereoPair
 from ..geometry.rig import StereoRig
 from ..road.lanes import LanePath
 
 _SAME_RATE = 0.01  # of a pair, by which stamps may scatter
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """
+    What is seen of a pair whatever the tracks hold.
+
+    :param moment: the pair and those that it is compared with.
+    :param past: earlier pairs that are remembered.
+    :param proposals: by the lanes whose turn it is, the best first.
+    """
+
+    moment: Moment
+    past: tuple[PairPyramids, ...]
+    proposals: Mapping[str, Sequence[Proposal]]
+
+    def since(self, before: PairPyramids) -> tuple[StereoPair, ...]:
+        """Return an earlier pair and those since that are remembered."""
+        return tuple(v.pair for v in self.past if v.age_s(before.pair.stamp_ns) <= 0)
 
 
 class PlaneSweepDetector:
@@ -42,6 +63,7 @@ class PlaneSweepDetector:
                  config: DetectorConfig) -> None:
         self.config = config
         self._search = FrontSearch(rig, lanes, config, config.least_symmetry)
+        self.spacing = self._search.spacing
         self._sweeps = {name: PlaneSweep(geometry, config)
                         for name, geometry in self._search.geometry.items()}
         self._regions = self._looked_at(list(self._sweeps))
@@ -59,6 +81,11 @@ class PlaneSweepDetector:
             region_of([p[k] for p in pixels], (camera.width_px, camera.height_px))
             for k, camera in enumerate((rig.left, rig.right))))
 
+    @property
+    def remembered_ns(self) -> tuple[int, ...]:
+        """Return the stamps of the earlier pairs that vehicles may be found in."""
+        return tuple(v.pair.stamp_ns for v in self._past)
+
     def reset(self) -> None:
         """Forget the earlier pairs, as after a jump back of time."""
         self._past.clear()
@@ -69,13 +96,26 @@ class PlaneSweepDetector:
         """
         Take in a pair and return the vehicles that no track holds.
 
+        :param pair: in order of stamps; a gap in its numbers tells of those that were skipped.
+        :param tracked: what the tracks hold, predicted for this pair.
+        """
+        return self.detections(self.look(pair), self.held(tracked))
+
+    def held(self, tracked: Sequence[TrackedRegion]) -> Held:
+        """Return the places that tracks hold."""
+        return Held(self.spacing, self.spacing.tracked(tracked))
+
+    def look(self, pair: StereoPair) -> Optional[Look]:
+        """
+        Take in a pair and return what of the search does not depend on the tracks.
+
         Each lane is searched once in ``interval_s``.  Where that takes several pairs, the lanes
         take turns, so that no pair takes much longer than the others.
         Where pairs were skipped because they came too fast, one lane a pair is searched: a pair
         that took longer would have the more of the next ones skipped.
 
-        :param pair: in order of stamps; a gap in its numbers tells of those that were skipped.
-        :param tracked: what the tracks hold, predicted for this pair.
+        :param pair: as for :meth:`update`.
+        :return: None where nothing is searched in this pair.
         """
         if self._past and self._past[-1].age_s(pair.stamp_ns) > self.config.forget_after_s:
             self.reset()
@@ -87,18 +127,35 @@ class PlaneSweepDetector:
         self._last_index = pair.index
         lanes = self._turn(begins, passed_s, skipped)
         if not (begins or lanes):
-            return []
+            return None
         regions = self._regions if begins or len(lanes) > 1 else self._regions_of[lanes[0]]
         now = PairPyramids.of(pair, regions, self._search.rig)
         if begins:
             if self._past:
                 self._noise.learn(now, self._past[-1])
             self._searched += 1
-        found = self._found(now, lanes, tracked)
-        detections = [self._search.detection(f, pair, self._since(f.before))
-                      for f in self._search.distinct(found)]
+        moment = Moment(now, self._references(pair.stamp_ns), self._noise.std)
+        look = Look(moment, tuple(self._past), {
+            lane: self._sweeps[lane].proposals(now, moment.past[-1], moment.noise)
+            for lane in (lanes if moment.past else ())})
         if begins:
             self._remember(now)
+        return look
+
+    def detections(self, look: Optional[Look], held: Held) -> list[Detection]:
+        """
+        Return the vehicles that no track holds; nothing of the detector changes.
+
+        :param look: at a pair; None where there was none.
+        :param held: places of the tracks, which keeps what it was asked.
+        """
+        if look is None:
+            return []
+        found = [front for lane, proposals in look.proposals.items()
+                 for front in self._search.search(lane, proposals, look.moment, held,
+                                                  self.config.sweep.most_refined)]
+        detections = [self._search.detection(f, look.moment.now.pair, look.since(f.before))
+                      for f in self._search.distinct(found)]
         return [d for d in detections if d is not None]
 
     def _turn(self, begins: bool, passed_s: float, skipped: bool) -> list[str]:
@@ -115,20 +172,6 @@ class PlaneSweepDetector:
         count = 1 if skipped else math.ceil(len(self._sweeps) / pairs)
         return [self._due.popleft() for _ in range(min(count, len(self._due)))]
 
-    def _found(self, now: PairPyramids, lanes: Sequence[str], tracked: Sequence[TrackedRegion]
-               ) -> list[FoundFront]:
-        """Return the fronts on some lanes, on no vehicle that is tracked."""
-        past = self._references(now.pair.stamp_ns)
-        found: list[FoundFront] = []
-        if past:
-            moment = Moment(now, past, self._noise.std)
-            taken = self._search.spacing.tracked(tracked)
-            for lane in lanes:
-                proposals = self._sweeps[lane].proposals(now, past[-1], self._noise.std)
-                found += self._search.search(lane, proposals, moment, taken,
-                                             self.config.sweep.most_refined)
-        return found
-
     def _references(self, stamp_ns: int) -> list[PairPyramids]:
         """Return the youngest pair that is old enough; at times, for the slow, an older too."""
         motion = self.config.motion
@@ -142,9 +185,6 @@ class PlaneSweepDetector:
             if one not in out:
                 out.append(one)
         return out
-
-    def _since(self, before: PairPyramids) -> tuple[StereoPair, ...]:
-        return tuple(v.pair for v in self._past if v.age_s(before.pair.stamp_ns) <= 0)
 
     def _remember(self, now: PairPyramids) -> None:
         self._past.append(now)

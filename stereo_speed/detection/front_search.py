@@ -22,7 +22,7 @@ from .outline import going_width, moving_outline
 from .plane_sweep import Proposal
 from .protocol import Detection, EarlierFront
 from .pyramid import PairPyramids
-from .spacing import Place, Spacing
+from .spacing import Held, Place, Spacing
 from .temporal_match import (
     find_motion, find_travel, Interval, Motion, moved, moving_half)
 from ..core.records import Array, StereoPair
@@ -143,7 +143,7 @@ class FrontSearch:
             for name, geometry in self.geometry.items()}
 
     def search(self, lane: str, proposals: Sequence[Proposal], moment: Moment,
-               taken: Sequence[Place], most: int, symmetric: bool = True) -> list[FoundFront]:
+               taken: Held, most: int, symmetric: bool = True) -> list[FoundFront]:
         """
         Return the fronts of a lane that proposals lead to.
 
@@ -156,10 +156,10 @@ class FrontSearch:
         """
         out: list[FoundFront] = []
         places = self._places(lane, proposals)
-        held = list(taken)
+        held = taken.anew()
         for refiner in self._refiners[lane]:
-            free = [p for p, place in zip(proposals, places) if not self.spacing.meet(
-                lane, place, held)][:most]
+            free = [p for p, place in zip(proposals, places) if not held.meet(
+                lane, place)][:most]
             interval = Interval(moment.now, moment.past[0])
             fronts = refiner.refine(free, interval, moment.noise, symmetric)
             if refiner.kind.narrow_m is not None and symmetric:
@@ -169,10 +169,10 @@ class FrontSearch:
                 found = self._verified(lane, refiner, front, moment, held)
                 if found is not None:
                     out.append(self._whole(found, moment, held) if symmetric else found)
-                    held.append(out[-1].place)
+                    held.add(out[-1].place)
         return out
 
-    def _whole(self, found: FoundFront, moment: Moment, others: Sequence[Place]) -> FoundFront:
+    def _whole(self, found: FoundFront, moment: Moment, others: Held) -> FoundFront:
         """
         Return a front as it stands higher up, if only part of its width shows low down.
 
@@ -204,10 +204,10 @@ class FrontSearch:
         return out
 
     def _verified(self, lane: str, refiner: FrontRefiner, front: FrontHypothesis, moment: Moment,
-                  others: Sequence[Place]) -> Optional[FoundFront]:
+                  others: Held) -> Optional[FoundFront]:
         """Return a front that stands upright and was further back in one of the earlier pairs."""
         place = self._place(lane, front.s_m, front.x_m, front.half_m)
-        if self.spacing.meet(lane, place, others) or (
+        if others.meet(lane, place) or (
                 refiner.kind.narrow_m is not None and self._is_at_side(lane, place, others)):
             return None
         if not self._is_upright(front, refiner, moment.now):
@@ -215,8 +215,8 @@ class FrontSearch:
         for before in moment.past:
             interval = Interval(moment.now, before)
             motion = find_motion(refiner.sampler, front, interval, self.config.motion)
-            if not moved(motion, self.config.motion) or self.spacing.meet(
-                    lane, place, others, motion.speed_mps):
+            if not moved(motion, self.config.motion) or others.meet(
+                    lane, place, motion.speed_mps):
                 continue
             half_m = moving_half(refiner.sampler, front, motion, interval, moment.noise,
                                  self.config.motion)
@@ -225,12 +225,13 @@ class FrontSearch:
                                   refiner.sampler, before)
         return None
 
-    def _is_at_side(self, lane: str, place: Place, others: Sequence[Place]) -> bool:
+    def _is_at_side(self, lane: str, place: Place, others: Held) -> bool:
         """Return whether a place is at the side of a vehicle, as long as such ones may be."""
-        limits, at_side = self.config.front, self.spacing.is_at_side
-        long = [other for other in others if 2 * other.half_m >= limits.narrow_car_width_m]
-        return (at_side(lane, place, long, limits.narrow_behind_m, limits.narrow_side_m)
-                or at_side(lane, place, others, limits.narrow_behind_car_m, limits.narrow_side_m))
+        limits = self.config.front
+        return (others.is_at_side(lane, place, limits.narrow_behind_m, limits.narrow_side_m,
+                                  limits.narrow_car_width_m / 2)
+                or others.is_at_side(lane, place, limits.narrow_behind_car_m,
+                                     limits.narrow_side_m))
 
     def _is_upright(self, front: FrontHypothesis, refiner: FrontRefiner, now: PairPyramids
                     ) -> bool:

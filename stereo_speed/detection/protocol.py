@@ -109,6 +109,19 @@ class Detector(Protocol):
         """Forget the pairs so far: time has jumped back."""
 
 
+@runtime_checkable
+class LooksAhead(Protocol):
+    """A detector that searches a pair while its tracks are updated."""
+
+    def expect(self, pair: StereoPair, tracked: Sequence[TrackedRegion]) -> None:
+        """
+        Begin with the pair that ``update`` will be asked for.
+
+        :param pair: the pair.
+        :param tracked: what the tracks are expected to hold in it.
+        """
+
+
 class DetectorType(Protocol):
     """
     A class of detectors, as the registry finds it.

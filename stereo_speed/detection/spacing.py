@@ -3,8 +3,8 @@
 """Whether two fronts are nearer to each other than two vehicles can be."""
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Iterable, Mapping, Optional, Sequence
 
 import numpy as np
 
@@ -22,11 +22,34 @@ class Place:
     :param centre_m: (3,) its middle, left optical frame, m.
     :param half_m: half of its width, m.
     :param lane: name of its lane; empty where that is not known.
+    :param frames: frames (3, 3) of lanes where they are nearest to it, by the names of those that
+        were asked for.
     """
 
     centre_m: Array
     half_m: float
     lane: str = ''
+    frames: dict[str, Array] = field(default_factory=dict, repr=False)
+
+
+@dataclass(frozen=True, eq=False)
+class Question:
+    """
+    What was asked of the places that tracks hold, and answered.
+
+    :param lane: of a front.
+    :param one: where it is.
+    :param answer: whether it is too near to one of them.
+    :param speed_mps: of the front; 0 where it is not known.
+    :param side_m: whether it is at the side of one was asked, of those at least so far from their
+        middle to their edge, so far beyond and so near to it; None where it was not.
+    """
+
+    lane: str
+    one: Place
+    answer: bool = False
+    speed_mps: float = 0.0
+    side_m: Optional[tuple[float, float, float]] = None
 
 
 class Spacing:
@@ -85,8 +108,7 @@ class Spacing:
 
     def _ahead(self, lane: str, place: Place) -> Array:
         """Return the direction (3,) of a lane where a place is."""
-        path = self.lanes[lane].path
-        return np.asarray(path.frame(path.arc_length(place.centre_m))[:, 0])
+        return self._frame(lane, place)[:, 0]
 
     def _near(self, lane: str, one: Place, other: Place, along_m: float) -> bool:
         apart = np.abs(self._apart(lane, one, other))
@@ -95,6 +117,68 @@ class Spacing:
 
     def _apart(self, lane: str, one: Place, other: Place) -> Array:
         """Return how far one place is ahead of another, to its left and above it, m."""
-        path = self.lanes[lane].path
-        return np.asarray(path.frame(path.arc_length(other.centre_m)).T
-                          @ (one.centre_m - other.centre_m))
+        return np.asarray(self._frame(lane, other).T @ (one.centre_m - other.centre_m))
+
+    def _frame(self, lane: str, place: Place) -> Array:
+        """Return the frame (3, 3) of a lane where it is nearest to a place."""
+        if lane not in place.frames:
+            path = self.lanes[lane].path
+            place.frames[lane] = np.asarray(path.frame(path.arc_length(place.centre_m)))
+        return place.frames[lane]
+
+    def answer(self, question: Question, places: Iterable[Place]) -> bool:
+        """Return what some places answer to a question."""
+        if question.side_m is None:
+            return self.meet(question.lane, question.one, places, question.speed_mps)
+        least_half_m, behind_m, side_m = question.side_m
+        return self.is_at_side(question.lane, question.one, [
+            place for place in places if place.half_m >= least_half_m], behind_m, side_m)
+
+    def agree(self, asked: Iterable[Question], places: Sequence[Place]) -> bool:
+        """Return whether some places answer all questions as others have."""
+        return all(self.answer(question, places) == question.answer for question in asked)
+
+
+class Held:
+    """
+    Places where no vehicle is sought: those that tracks hold, and those found since.
+
+    What is asked of the tracks is kept in ``asked``.  Other tracks that answer it alike would have
+    led to the same fronts.
+
+    :param spacing: says what is too near.
+    :param tracked: that tracks hold.
+    """
+
+    def __init__(self, spacing: Spacing, tracked: Iterable[Place]) -> None:
+        self.asked: list[Question] = []
+        self._spacing, self._tracked = spacing, list(tracked)
+        self._found: list[Place] = []
+
+    def anew(self) -> Held:
+        """Return the tracks alone, without what was found since; they share what is asked."""
+        other = Held(self._spacing, self._tracked)
+        other.asked = self.asked
+        return other
+
+    def add(self, place: Place) -> None:
+        """Take in a place that was found."""
+        self._found.append(place)
+
+    def meet(self, lane: str, one: Place, speed_mps: float = 0.0) -> bool:
+        """Return whether a front is nearer to one of them than two vehicles can be."""
+        return self._ask(Question(lane, one, speed_mps=speed_mps))
+
+    def is_at_side(self, lane: str, one: Place, behind_m: float, side_m: float,
+                   least_half_m: float = 0.0) -> bool:
+        """
+        Return whether a place is at the side of one of them; see :meth:`Spacing.is_at_side`.
+
+        :param least_half_m: those that are narrower do not count.
+        """
+        return self._ask(Question(lane, one, side_m=(least_half_m, behind_m, side_m)))
+
+    def _ask(self, question: Question) -> bool:
+        answer = self._spacing.answer(question, self._tracked)
+        self.asked.append(replace(question, answer=answer))
+        return answer or self._spacing.answer(question, self._found)

@@ -40,8 +40,10 @@ from ..core.config import ConfigRecord, TrackerConfig
 from ..core.errors import InputError, StereoSpeedError
 from ..core.passes import PassResult
 from ..core.records import StereoPair
+from ..detection.beside import DetectorBeside, SearchProcess
+from ..detection.detector import PlaneSweepDetector
 from ..detection.protocol import ImageBox, TakesBoxes
-from ..pipeline.assembly import MeasuringSite
+from ..pipeline.assembly import MakeDetector, MeasuringSite
 from ..pipeline.conclusions import Beside
 from ..pipeline.config import PipelineConfig, SiteConfig
 from ..pipeline.pipeline import SpeedPipeline
@@ -109,6 +111,10 @@ class Measuring:
         self.refine_pairs = p.get('refine_site_pairs', 0, 'refine the site by the images of the '
                                   'first so many pairs, which takes seconds; 0 takes it as it is',
                                   0, MOST_REFINE_PAIRS)
+        self._process_wanted = p.get(
+            'detector_process', True, 'search for vehicles in a process of its own, while the '
+            'tracks of the same pair are updated: the results are the same, a second core is '
+            'used; of the detector plane_sweep alone')
         self.silence_s = p.get('silence_s', 2.0, 'all passes end when no pair has come for so '
                                'long [s], and for five times as long as between the last two',
                                0.1, 3600.0)
@@ -133,6 +139,8 @@ class Measuring:
         self.withheld = self.repeated = self.passes = 0
         self._infos: list[OfferedSubscription] = []
         self._boxes_subscription: Optional[Subscription] = None
+        self._search_process: Optional[SearchProcess] = None
+        self._search_fault = ''
         self._thread: Optional[threading.Thread] = None
         self._failure: Optional[BaseException] = None
         self._next_track = 0
@@ -178,7 +186,9 @@ class Measuring:
                              'the path of the site file')
         self.site = load_site(self.site_path)
         self.annotations = load_init(self.init_path) if self.init_path else None
+        self._start_search_process()  # it loads its kernels while this process does
         self.log.debug(f'kernels: {warm_up()}')  # now, not in the first pairs
+        self._await_search_process()
         self._infos = [
             OfferedSubscription(self.node, CameraInfo, f'{side}/camera_info',
                                 partial(self.calibration.take, side))
@@ -186,6 +196,35 @@ class Measuring:
         self._checks = self.node.create_timer(_POLL_S, self.check,
                                               clock=Clock(clock_type=ClockType.STEADY_TIME))
         self.configured = True
+
+    def _start_search_process(self) -> None:
+        """Start the process that searches for vehicles, where that is wanted and can be."""
+        self._search_fault = ''
+        if self._process_wanted and self.annotations is None \
+                and DETECTORS.load(self.config.detector) is PlaneSweepDetector:
+            try:
+                self._search_process = SearchProcess()
+            except OSError as error:  # no memory, no more processes
+                self._search_failed(str(error))
+
+    def _await_search_process(self) -> None:
+        if self._search_process is not None:
+            try:
+                self._search_process.wait()
+            except OSError as error:
+                self._search_failed(str(error))
+
+    def _search_failed(self, why: str) -> None:
+        """Have the thread that measures search from now on."""
+        self._search_fault = f'vehicles are searched for without a process of its own: {why}'
+        self.log.error(self._search_fault)
+
+    def _detect(self) -> Optional[MakeDetector]:
+        """Return what makes the detector that searches in the process, where there is one."""
+        process = self._search_process
+        if process is None or self._search_fault:
+            return None
+        return partial(DetectorBeside, process, failed=self._search_failed)
 
     def activate(self) -> None:
         """
@@ -218,6 +257,9 @@ class Measuring:
 
     def cleanup(self) -> None:
         """Forget the site and the calibrations."""
+        if self._search_process is not None:
+            self._search_process.close()
+            self._search_process = None
         if not self.configured:
             return
         self.node.destroy_timer(self._checks)
@@ -342,7 +384,8 @@ class Measuring:
             place = MeasuringSite.of(self.site, rig, pairs, self.config.site)
             conclusions = Beside(failed=self._pass_failed)
             pipeline = place.pipeline(self.config, self.annotations, conclusions=conclusions,
-                                      seed=self.seed, where=self.init_path)
+                                      detect=self._detect(), seed=self.seed,
+                                      where=self.init_path)
         except StereoSpeedError as error:
             if not self._begun:
                 raise  # it is configured wrongly
@@ -483,6 +526,8 @@ class Measuring:
                        'again')
         if self.failed.recent:
             state.find(ERROR, f'measuring failed {self.failed.recent} times')
+        if self._search_fault:
+            state.find(WARN, self._search_fault)
         if self._age.text:
             state.find(ERROR if self._age.expired else WARN, self._age.text)
         self.refusals.tell(state)

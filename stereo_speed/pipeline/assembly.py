@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Iterable, Mapping, Optional, Sequence
+from typing import Any, Callable, Iterable, Mapping, Optional, Sequence
 
 from .conclusions import Conclusions
 from .config import PipelineConfig, SiteConfig
@@ -13,6 +13,7 @@ from .pipeline import SpeedPipeline
 from .registry import DETECTORS, TRACKERS
 from ..core.errors import SiteError
 from ..core.records import InitialFront, StereoPair
+from ..detection.protocol import Detector
 from ..geometry.rig import StereoRig
 from ..geometry.steadied import steadied
 from ..road.lanes import LanePath
@@ -22,6 +23,8 @@ from ..site.refine.empty_road import spread_pairs
 from ..site.refine.refiner import refine_site, RefinedSite
 from ..steadying.config import SteadyingConfig
 from ..steadying.steadier import Reference, rest_of, Steadier
+
+MakeDetector = Callable[[StereoRig, Mapping[str, LanePath], Any], Detector]  # of its settings
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,8 +82,8 @@ class MeasuringSite:
 
     def pipeline(self, config: PipelineConfig,
                  annotations: Optional[Sequence[InitialFront]] = None, *,
-                 conclusions: Optional[Conclusions] = None, seed: int = 0,
-                 where: str = 'init file') -> SpeedPipeline:
+                 conclusions: Optional[Conclusions] = None, detect: Optional[MakeDetector] = None,
+                 seed: int = 0, where: str = 'init file') -> SpeedPipeline:
         """
         Return a pipeline that measures here, with the tolerances that the site gives.
 
@@ -88,7 +91,7 @@ class MeasuringSite:
         """
         return make_pipeline(self.rig, self.lanes, config.with_tolerances(self.site.tolerances),
                              annotations, reference=self.reference, conclusions=conclusions,
-                             seed=seed, where=where)
+                             detect=detect, seed=seed, where=where)
 
 
 def _reference(rig: StereoRig, pairs: Sequence[StereoPair], config: SteadyingConfig
@@ -107,8 +110,8 @@ def _each_pair(config: SteadyingConfig) -> SteadyingConfig:
 def make_pipeline(rig: StereoRig, lanes: Mapping[str, LanePath], config: PipelineConfig,
                   annotations: Optional[Sequence[InitialFront]] = None, *,
                   reference: Optional[Reference] = None,
-                  conclusions: Optional[Conclusions] = None, seed: int = 0,
-                  where: str = 'init file') -> SpeedPipeline:
+                  conclusions: Optional[Conclusions] = None, detect: Optional[MakeDetector] = None,
+                  seed: int = 0, where: str = 'init file') -> SpeedPipeline:
     """
     Return a pipeline with the tracker and the detector that the parameters name.
 
@@ -118,13 +121,14 @@ def make_pipeline(rig: StereoRig, lanes: Mapping[str, LanePath], config: Pipelin
     :param annotations: fronts as a person annotated them; None has the vehicles detected.
     :param reference: what the rig's sway is measured against; None for the first pair.
     :param conclusions: measures passes that are over; None measures them at once.
+    :param detect: makes the detector; None takes the class that the parameters name.
     :param seed: of all randomness.
     :param where: where the annotations come from, for errors.
     :raises InputError: an annotation outside the images, no lane, what cannot be loaded.
     """
     start = partial(TRACKERS.load(config.tracker).start, settings=config.tracker_settings)
-    detector = None if annotations is not None else DETECTORS.load(config.detector)(
-        rig, lanes, config.detector_settings)
+    make = detect or DETECTORS.load(config.detector)
+    detector = None if annotations is not None else make(rig, lanes, config.detector_settings)
     steadying = config.site.steadying
     steadier = Steadier(rig, steadying, reference) if steadying.enabled else None
     return SpeedPipeline(rig, lanes, config.shared, start, annotations=annotations or (),

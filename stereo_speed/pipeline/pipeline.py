@@ -24,7 +24,7 @@ from ..core.records import (
     Array, InitialFront, RigMotion, StereoPair, TrackState, TrackUpdate)
 from ..core.stamp_watch import StampWatch
 from ..core.trace import PassTrace, TraceBuilder
-from ..detection.protocol import Detection, Detector, TrackedRegion
+from ..detection.protocol import Detection, Detector, LooksAhead, TrackedRegion
 from ..geometry.rig import StereoRig
 from ..road.lanes import LanePath
 from ..second.estimate import SecondOpinion, with_second
@@ -170,6 +170,10 @@ class SpeedPipeline:
         if self.steadier is not None:
             pair = self.steadier.steady(pair)
         self._start_annotated(pair)
+        if isinstance(self.detector, LooksAhead):
+            self.detector.expect(pair, self._regions(pair, [
+                _moved_on(held, pair.stamp_ns) for held in self._held()],
+                self._lately_gone(pair)))
         share = self._share(max(len(state.tracks), 1))
         for track in state.tracks:
             if isinstance(track.tracker, SharesParticles):
@@ -370,15 +374,30 @@ class SpeedPipeline:
         """Start tracks at fronts that are detected, and feed them their first pairs."""
         if self.detector is None:
             return []
-        state, gone_s = self._state, self.config.association.gone_s
+        state = self._state
         # What was lost, and so coasted before it ended, may be found again; what left may not.
-        state.gone = [u for u in state.gone if (pair.stamp_ns - u.stamp_ns) * 1e-9 < gone_s] + [
+        state.gone = self._lately_gone(pair) + [
             t.last for t in state.tracks if t.last is not None and t.tracker.ended
             and _holds(t.last) and t.is_vehicle]
-        regions = [self._region(t.last) for t in state.tracks
-                   if t.last is not None and not t.tracker.ended]
-        regions += [self._region(_moved_on(u, pair.stamp_ns)) for u in state.gone]
-        return [self._begin(front, pair) for front in self.detector.update(pair, regions)]
+        found = self.detector.update(pair, self._regions(
+            pair, self._held(), state.gone))
+        return [self._begin(front, pair) for front in found]
+
+    def _held(self) -> list[TrackUpdate]:
+        """Return where the tracks last were that go on."""
+        return [t.last for t in self._state.tracks
+                if t.last is not None and not t.tracker.ended]
+
+    def _lately_gone(self, pair: StereoPair) -> list[TrackUpdate]:
+        """Return where vehicles were when they left, of which some may still show in a pair."""
+        gone_s = self.config.association.gone_s
+        return [u for u in self._state.gone if (pair.stamp_ns - u.stamp_ns) * 1e-9 < gone_s]
+
+    def _regions(self, pair: StereoPair, held: Sequence[TrackUpdate],
+                 gone: Sequence[TrackUpdate]) -> list[TrackedRegion]:
+        """Return what tracks hold in a pair, and where vehicles are by now that have left."""
+        return [self._region(one) for one in held] + [
+            self._region(_moved_on(one, pair.stamp_ns)) for one in gone]
 
     def _begin(self, front: Detection, pair: StereoPair) -> Optional[TrackUpdate]:
         """Start a track where a front was first seen; where that fails, where it is now."""

@@ -7,8 +7,10 @@ from contextlib import ExitStack
 import csv
 from functools import partial
 import json
+import os
 from pathlib import Path
 import re
+import signal
 import subprocess
 import sys
 import threading
@@ -116,6 +118,39 @@ def test_one_process_survives_a_bad_message_and_measures_the_pass(fault, stand_i
     for reading in readings[3:]:
         std = reading.twist.covariance[0] ** 0.5
         assert abs(reading.twist.twist.linear.x - 55 * MPH_MPS) < 4 * std
+
+
+def search_process_of(pid):
+    """Return the number of the process that a node has its vehicles searched for by."""
+    for folder in Path('/proc').glob('[0-9]*'):
+        try:
+            parent = int((folder / 'stat').read_text().rpartition(')')[2].split()[1])
+            command = (folder / 'cmdline').read_text()
+        except OSError:  # it has ended meanwhile
+            continue
+        if parent == pid and 'search_process' in command:
+            return int(folder.name)
+    return None
+
+
+def test_a_node_measures_on_without_the_process_that_searches_for_vehicles(stand_in, sample):
+    from stereo_speed.nodes.common import LATCHED, RELIABLE
+    told, health = [], {}
+    stand_in.create_subscription(DiagnosticArray, '/diagnostics', lambda m: health.update(
+        (s.name, s.message) for s in m.status), RELIABLE)
+    stand_in.create_subscription(String, '/passes', told.append, LATCHED)
+    with Process('speed_camera_node', *RELIABLE_IMAGES, *RELIABLE_INFOS, EVERY_PAIR,
+                 f'site:={sample / "site.yaml"}', SILENCE) as node:
+        stand_in.wait(lambda: health, STARTUP_S)  # it is configured
+        os.kill(search_process_of(node.process.pid), signal.SIGKILL)
+        with Process('replay_node', f'bag:={sample / "bag"}', 'rate:=2'):
+            stand_in.wait(lambda: told, STARTUP_S)
+        stand_in.wait(lambda: 'without a process of its own' in health[
+            'speed_camera_node: pipeline'], EVENT_S)
+        assert not node.ended()
+    found = json.loads(told[0].data)
+    assert found['verdict'] == 'measured'
+    assert abs(found['speed_mps'] - 55 * MPH_MPS) < 4 * found['speed_std_mps']
 
 
 def test_two_rigs_in_two_namespaces_measure_alike_and_are_told_apart(stand_in, sample):

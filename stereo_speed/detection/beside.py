@@ -1,0 +1,310 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The detector in a process of its own, beside the tracks, with the same results as in turn.
+
+Most of a search does not depend on what the tracks hold in the pair: where they do count, all
+that matters is whether some places are too near to them.  So the other process searches each pair
+with what the tracks are expected to hold, while they are updated, and tells what it asked of them
+and how they answered.  Where the tracks as they are now answer alike, what it has found is what a
+search after them would have found, to the last bit; where they do not, it searches again.
+
+A process that dies or does not answer costs what the detector remembered, no more: from then on
+the search is done here.
+"""
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+import math
+from mmap import mmap
+from multiprocessing.connection import Connection
+import os
+import socket
+import subprocess
+import sys
+from typing import Any, Callable, Mapping, Optional, Sequence, Union
+
+import numpy as np
+
+from .config import DetectorConfig
+from .detector import PlaneSweepDetector
+from .protocol import Detection, TrackedRegion
+from .spacing import Question
+from ..core.records import RigMotion, StereoPair
+from ..core.threads import one_blas_thread
+from ..geometry.rig import StereoRig
+from ..road.lanes import LanePath
+
+_START_S = 30.0  # that it may take to start: a second, on a machine that is not busy
+_END_S = 2.0  # to end by itself
+_PIXEL_BYTES = 2  # of the greatest type of images
+
+
+@dataclass(frozen=True, eq=False)
+class Begin:
+    """
+    Begin to search for the vehicles of a rig and its lanes; it is not answered.
+
+    :param rig: the cameras.
+    :param lanes: lane name to lane path.
+    :param config: parameters.
+    """
+
+    rig: StereoRig
+    lanes: Mapping[str, LanePath]
+    config: DetectorConfig
+
+
+@dataclass(frozen=True)
+class Forget:
+    """Forget the earlier pairs, as after a jump back of time; it is not answered."""
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """
+    Search a pair, whose images lie in the shared memory, the left one in front.
+
+    :param index: of the pair.
+    :param stamp_ns: of the pair.
+    :param right_stamp_ns: of its right image.
+    :param motion: how the rig stood.
+    :param shape: of each image.
+    :param dtype: of both.
+    :param tracked: what the tracks are expected to hold.
+    """
+
+    index: int
+    stamp_ns: int
+    right_stamp_ns: int
+    motion: Optional[RigMotion]
+    shape: tuple[int, ...]
+    dtype: str
+    tracked: Sequence[TrackedRegion]
+
+    @property
+    def image_bytes(self) -> int:
+        """Return the bytes of an image."""
+        return math.prod(self.shape) * np.dtype(self.dtype).itemsize
+
+
+@dataclass(frozen=True, eq=False)
+class Again:
+    """
+    Search the same pair again.
+
+    :param tracked: what the tracks hold.
+    """
+
+    tracked: Sequence[TrackedRegion]
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """
+    What came of a search.
+
+    :param detections: without the pairs of their earlier fronts.
+    :param since_ns: stamps of those pairs, for each.
+    :param asked: of the tracks, with their answers.
+    :param remembered_ns: stamps of the pairs that may come up in later answers.
+    """
+
+    detections: Sequence[Detection]
+    since_ns: Sequence[Sequence[int]]
+    asked: Sequence[Question]
+    remembered_ns: Sequence[int]
+
+
+Request = Union[Begin, Forget, Search, Again]
+
+
+class SearchProcess:
+    """
+    The process; it ends with the one that started it.
+
+    It takes a second until it is ready, and it serves one detector after the other.
+
+    :param answer_s: that a search may take; it takes some hundredths of a second.
+    """
+
+    def __init__(self, answer_s: float = 5.0) -> None:
+        self._answer_s = answer_s
+        one_blas_thread()
+        ours, theirs = socket.socketpair()
+        self._memory_fd = os.memfd_create('stereo_speed_pair')
+        environment = {**os.environ, 'PYTHONPATH': os.pathsep.join(filter(None, sys.path))}
+        with theirs:
+            self.process = subprocess.Popen(
+                [sys.executable, '-m', 'stereo_speed.detection.search_process',
+                 str(theirs.fileno()), str(self._memory_fd)], stdin=subprocess.DEVNULL,
+                pass_fds=(theirs.fileno(), self._memory_fd), env=environment)
+        self._pipe: Connection[Any, Any] = Connection(ours.detach())
+        self._memory: Optional[mmap] = None
+
+    def wait(self) -> None:
+        """
+        Wait until it is ready.
+
+        :raises OSError: it has ended, or is not ready in time.
+        """
+        self._receive(_START_S)
+
+    def send(self, request: Request) -> None:
+        """
+        Send a request.
+
+        :raises OSError: the process has ended.
+        """
+        self._pipe.send(request)
+
+    def share(self, images: Sequence[np.ndarray[Any, Any]], most_bytes: int) -> None:
+        """
+        Lay images into the shared memory, one after the other.
+
+        :param most_bytes: that there may ever be in it.
+        """
+        if self._memory is None or len(self._memory) < most_bytes:
+            os.ftruncate(self._memory_fd, most_bytes)
+            self._memory = mmap(self._memory_fd, most_bytes)
+        offset = 0
+        for image in images:
+            np.ndarray(image.shape, image.dtype, self._memory, offset)[...] = image
+            offset += image.nbytes
+
+    def answer(self) -> Found:
+        """
+        Return the answer to the last request that has one.
+
+        :raises OSError: the process has ended, or does not answer in time.
+        """
+        found: Found = self._receive(self._answer_s)
+        return found
+
+    def _receive(self, most_s: float) -> Any:
+        if not self._pipe.poll(most_s):
+            raise TimeoutError(f'no answer in {most_s:g} s')
+        try:
+            return self._pipe.recv()
+        except EOFError:
+            raise BrokenPipeError('it has ended') from None
+
+    def close(self) -> None:
+        """End the process."""
+        self._pipe.close()
+        try:
+            self.process.wait(_END_S)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+        if self._memory_fd >= 0:
+            os.close(self._memory_fd)
+            self._memory_fd = -1
+
+
+class DetectorBeside:
+    """
+    A :class:`PlaneSweepDetector` in another process; see the module's docstring.
+
+    :param process: where it searches.
+    :param rig: the cameras.
+    :param lanes: lane name to lane path.
+    :param config: parameters.
+    :param failed: takes the reason when the process is of no more use.
+    """
+
+    def __init__(self, process: SearchProcess, rig: StereoRig, lanes: Mapping[str, LanePath],
+                 config: DetectorConfig, failed: Callable[[str], object]) -> None:
+        self._here = PlaneSweepDetector(rig, lanes, config)
+        self._process: Optional[SearchProcess] = process
+        self._failed, self._searched = failed, False
+        self._pair: Optional[StereoPair] = None  # that is being searched
+        self._pairs: dict[int, StereoPair] = {}  # those that may come up in answers, by stamp
+        self._most_bytes = 2 * _PIXEL_BYTES * max(
+            camera.width_px * camera.height_px for camera in (rig.left, rig.right))
+        self._send(Begin(rig, lanes, config))
+
+    def reset(self) -> None:
+        """Forget the earlier pairs, as after a jump back of time."""
+        self._here.reset()
+        self._abandon()
+        self._pairs.clear()
+        self._send(Forget())
+
+    def expect(self, pair: StereoPair, tracked: Sequence[TrackedRegion]) -> None:
+        """
+        Begin with a pair.
+
+        :param pair: in order of stamps.
+        :param tracked: what the tracks are expected to hold in it.
+        """
+        self._abandon()
+        self._pair, process = pair, self._process
+        if process is None:
+            return
+        process.share((pair.left, pair.right), self._most_bytes)
+        self._send(Search(pair.index, pair.stamp_ns, pair.right_stamp_ns, pair.motion,
+                          pair.left.shape, pair.left.dtype.str, tracked))
+
+    def update(self, pair: StereoPair, tracked: Sequence[TrackedRegion] = ()) -> list[Detection]:
+        """
+        Return the vehicles in a pair that no track holds.
+
+        :param pair: that was expected, or the next one.
+        :param tracked: what the tracks hold in it.
+        """
+        if self._pair is not pair:
+            self.expect(pair, tracked)
+        found = self._answer()
+        if found is not None and not self._here.spacing.agree(
+                found.asked, self._here.spacing.tracked(tracked)):
+            self._send(Again(tracked))
+            found = self._answer()
+        self._pair = None
+        if found is None:
+            return self._here.update(pair, tracked)
+        out = [self._whole(*one)
+               for one in zip(found.detections, found.since_ns, strict=True)]
+        self._remember(pair, found)
+        return out
+
+    def _whole(self, detection: Detection, since_ns: Sequence[int]) -> Detection:
+        """Return a detection with the pairs of these stamps, as they were measured here."""
+        if detection.earlier is None:
+            return detection
+        pairs = tuple(self._pairs[ns] for ns in since_ns)
+        return replace(detection, earlier=replace(detection.earlier, pairs=pairs))
+
+    def _remember(self, pair: StereoPair, found: Found) -> None:
+        """Keep the pairs that may come up in later answers."""
+        pairs = {**self._pairs, pair.stamp_ns: pair}
+        self._pairs = {ns: pairs[ns] for ns in found.remembered_ns}
+
+    def _abandon(self) -> None:
+        """Let go of a pair whose search nobody asks for: a fault has come between."""
+        pair, self._pair = self._pair, None
+        found = None if pair is None else self._answer()
+        if pair is not None and found is not None:
+            self._remember(pair, found)
+
+    def _send(self, request: Request) -> None:
+        if self._process is not None:
+            try:
+                self._process.send(request)
+            except OSError as error:
+                self._give_up(error)
+
+    def _answer(self) -> Optional[Found]:
+        """Return what the process has found; None where it is to be searched here."""
+        if self._process is not None:
+            try:
+                return self._process.answer()
+            except OSError as error:
+                self._give_up(error)
+        return None
+
+    def _give_up(self, error: Exception) -> None:
+        """Search here from now on."""
+        self._process = None
+        self._pairs.clear()
+        self._failed(str(error))

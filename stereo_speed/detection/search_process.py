@@ -1,0 +1,94 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""The process in which a detector searches beside the tracks; see ``beside``."""
+from __future__ import annotations
+
+from dataclasses import replace
+from mmap import mmap, PROT_READ
+from multiprocessing.connection import Connection
+import os
+import signal
+import sys
+from typing import Any, Optional
+
+import cv2
+import numpy as np
+
+from .beside import Begin, Forget, Found, Request, Search
+from .detector import Look, PlaneSweepDetector
+from .spacing import Held
+from ..core.compiled import warm_up
+from ..core.records import StereoPair
+
+
+class Searcher:
+    """
+    Does what it is asked for.
+
+    :param memory_fd: descriptor of the memory that pairs come in.
+    """
+
+    def __init__(self, memory_fd: int) -> None:
+        self._fd = memory_fd
+        self._memory: Optional[mmap] = None
+        self._detector: Optional[PlaneSweepDetector] = None
+        self._look: Optional[Look] = None
+
+    def do(self, request: Request) -> Optional[Found]:
+        """
+        Do what is asked for; return the answer, if there is to be one.
+
+        :raises ValueError: nothing was begun.
+        """
+        if isinstance(request, Begin):
+            self._detector = PlaneSweepDetector(request.rig, request.lanes, request.config)
+            return None
+        if self._detector is None:
+            raise ValueError('found no site to search at, wanted one first')
+        if isinstance(request, Forget):
+            self._detector.reset()
+            return None
+        if isinstance(request, Search):
+            self._look = self._detector.look(self._pair(request))
+        return _found(self._detector, self._look, self._detector.held(request.tracked))
+
+    def _pair(self, request: Search) -> StereoPair:
+        """Return the pair in the shared memory; its images are good until the next one comes."""
+        size = os.fstat(self._fd).st_size
+        if self._memory is None or len(self._memory) != size:
+            self._memory = mmap(self._fd, size, prot=PROT_READ)
+        left, right = (np.ndarray(request.shape, request.dtype, self._memory, offset)
+                       for offset in (0, request.image_bytes))
+        return StereoPair(request.index, request.stamp_ns, request.right_stamp_ns, left, right,
+                          motion=request.motion)
+
+
+def _found(detector: PlaneSweepDetector, look: Optional[Look], held: Held) -> Found:
+    """Search, and return an answer that names earlier pairs by their stamps."""
+    bare, since_ns = [], []
+    for one in detector.detections(look, held):
+        earlier = one.earlier
+        since_ns.append(() if earlier is None else tuple(p.stamp_ns for p in earlier.pairs))
+        bare.append(one if earlier is None else replace(one, earlier=replace(earlier, pairs=())))
+    return Found(bare, since_ns, held.asked, detector.remembered_ns)
+
+
+def main(pipe_fd: int, memory_fd: int) -> None:
+    """Do what comes through a pipe, until it is closed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # who started this ends it
+    cv2.setNumThreads(1)  # the tracks have the other cores
+    warm_up()
+    searcher = Searcher(memory_fd)
+    pipe: Connection[Any, Any] = Connection(pipe_fd)
+    try:
+        pipe.send('ready')
+        while True:
+            answer = searcher.do(pipe.recv())
+            if answer is not None:
+                pipe.send(answer)
+    except (EOFError, OSError):  # who started this is gone
+        pass
+
+
+if __name__ == '__main__':
+    main(*map(int, sys.argv[1:]))

@@ -1,0 +1,164 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""The detector in a process of its own: the same as in turn, and no harm when it dies."""
+from __future__ import annotations
+
+from dataclasses import astuple, replace
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from stereo_speed.detection.beside import DetectorBeside, SearchProcess
+from stereo_speed.detection.config import DetectorConfig, SpacingConfig
+from stereo_speed.detection.detector import PlaneSweepDetector
+from stereo_speed.detection.protocol import TrackedRegion
+from stereo_speed.detection.spacing import Held, Place, Spacing
+from stereo_speed.pipeline.assembly import make_pipeline
+from stereo_speed.pipeline.config import PipelineConfig
+from stereo_speed.road.lanes import LanePath
+from stereo_speed.road.path import StraightPath
+
+END_S = 20.0
+BEGIN = ('from stereo_speed.detection.beside import SearchProcess\n'
+         'p = SearchProcess()\np.wait()\nprint(p.process.pid, flush=True)\ninput()')
+
+
+@pytest.fixture()
+def process():
+    process = SearchProcess()
+    process.wait()
+    yield process
+    process.close()
+
+
+def both(drive, process, failed):
+    """Return the detector in turn, and the one beside."""
+    return (PlaneSweepDetector(drive.rig, drive.lanes, DetectorConfig()),
+            DetectorBeside(process, drive.rig, drive.lanes, DetectorConfig(), failed))
+
+
+def held(found):
+    """Return the place of a detection as a track that holds it would."""
+    return TrackedRegion(
+        lane=found.lane, s_m=found.s_m, lateral_m=found.lateral_m, width_m=found.width_m,
+        height_m=found.height_m, left_px=found.left_px, right_px=found.right_px)
+
+
+def assert_same(these, those):
+    """Compare detections to the last bit; earlier pairs are the very same ones."""
+    assert len(these) == len(those)
+    for one, other in zip(these, those):
+        assert (one.earlier is None) == (other.earlier is None)
+        if one.earlier is not None:
+            assert all(a is b for a, b in zip(
+                one.earlier.pairs, other.earlier.pairs, strict=True))
+            for name in ('left_px', 'right_px'):
+                assert (getattr(one.earlier, name) == getattr(other.earlier, name)).all()
+        for a, b in zip(astuple(replace(one, earlier=None)), astuple(replace(other, earlier=None)),
+                        strict=True):
+            assert np.array_equal(a, b)
+
+
+@pytest.mark.slow
+def test_whatever_tracks_were_expected_to_hold_the_same_is_found(traffic, process):
+    """Expected is what holds, nothing, or what nobody holds, in turn; what holds differs too."""
+    failures, found_ever = [], 0
+    turn, beside = both(traffic, process, failures.append)
+    known = []
+    for k, pair in enumerate(traffic.pairs):
+        tracked = known[-3:] if k % 4 else []
+        if k % 3 < 2:
+            beside.expect(pair, tracked if k % 3 else known)
+        wanted = turn.update(pair, tracked)
+        assert_same(beside.update(pair, tracked), wanted)
+        known += [held(one) for one in wanted]
+        found_ever += len(wanted)
+        if k == len(traffic.pairs) // 2:  # a jump of time
+            turn.reset(), beside.reset()
+    assert found_ever > 5 and failures == []
+
+
+@pytest.mark.slow
+def test_a_pipeline_measures_the_same_with_it(traffic, process):
+    failures, results = [], []
+    for detect in (None, lambda *args: DetectorBeside(process, *args, failed=failures.append)):
+        pipeline = make_pipeline(traffic.rig, traffic.lanes, PipelineConfig(), detect=detect)
+        steps = [pipeline.process(pair) for pair in traffic.pairs[:15]]
+        results.append([(u.stamp_ns, u.track, u.speed_mps, u.speed_std_mps, u.s_m)
+                        for step in steps for u in step.updates])
+    assert results[0] == results[1] and results[0] and failures == []
+
+
+def test_a_pair_that_nobody_asks_for_any_more_is_let_go(straight, process):
+    failures, found = [], []
+    _, beside = both(straight, process, failures.append)
+    beside.expect(straight.pairs[0], [])
+    beside.reset()
+    for pair in straight.pairs:
+        beside.expect(pair, [])
+        if pair is not straight.pairs[2]:
+            found += beside.update(pair)
+    assert found and failures == []
+    assert all(one.earlier.pairs[0] in straight.pairs for one in found if one.earlier is not None)
+
+
+def test_a_process_that_dies_leaves_the_search_here(straight, process):
+    failures = []
+    turn, beside = both(straight, process, failures.append)
+    pairs = straight.pairs
+    beside.update(pairs[0])
+    process.process.kill()
+    process.process.wait(END_S)
+    # What the process remembered is lost: from here on it is as for a detector that begins.
+    for pair in pairs[1:]:
+        beside.expect(pair, [])
+        assert_same(beside.update(pair), turn.update(pair))
+    assert len(failures) == 1
+
+
+def test_a_process_that_does_not_answer_is_waited_for_so_long_and_no_longer(straight):
+    process, failures = SearchProcess(answer_s=0.3), []
+    process.wait()
+    try:
+        turn, beside = both(straight, process, failures.append)
+        os.kill(process.process.pid, signal.SIGSTOP)
+        begun_s = time.monotonic()
+        assert_same(beside.update(straight.pairs[0]), turn.update(straight.pairs[0]))
+        assert time.monotonic() - begun_s > 0.3
+        assert failures == ['no answer in 0.3 s']
+    finally:
+        os.kill(process.process.pid, signal.SIGCONT)
+        process.close()
+    assert process.process.returncode is not None
+
+
+def test_it_ends_with_the_process_that_started_it():
+    with subprocess.Popen([sys.executable, '-c', BEGIN], stdin=subprocess.PIPE,
+                          stdout=subprocess.PIPE, text=True) as parent:
+        pid = int(parent.stdout.readline())
+        parent.kill()
+    end_s = time.monotonic() + END_S
+    while Path(f'/proc/{pid}/cmdline').exists() and Path(f'/proc/{pid}/cmdline').read_text():
+        assert time.monotonic() < end_s
+        time.sleep(0.02)
+
+
+def test_what_was_asked_of_tracks_tells_whether_others_would_have_answered_alike():
+    """A lane along z: 2 m ahead of a track is too near, 50 m is not."""
+    path = StraightPath(np.zeros(3), np.array([0.0, 0.0, 1.0]), 100.0)
+    spacing = Spacing({'lane': LanePath('lane', path, None, np.zeros(2), 0.0)}, SpacingConfig())
+    places = {z: Place(np.array([0.0, 0.0, z]), 0.9, 'lane') for z in (10.0, 12.0, 60.0)}
+    asked = Held(spacing, [places[10.0]])
+    assert asked.meet('lane', places[12.0]) and not asked.meet('lane', places[60.0])
+    asked.add(places[60.0])  # what is found since counts, and is asked nothing
+    assert asked.meet('lane', places[60.0]) and not asked.anew().meet('lane', places[60.0])
+    assert [question.answer for question in asked.asked] == [True, False, False, False]
+    moved = Place(np.array([0.1, 0.0, 10.3]), 0.9, 'lane')
+    assert spacing.agree(asked.asked, [moved])
+    assert not spacing.agree(asked.asked, [])
+    assert not spacing.agree(asked.asked, [moved, places[60.0]])
