@@ -65,6 +65,7 @@ class _Track:
     :param second: estimates its speed by other evidence; None where that is not asked for.
     :param last: its newest update.
     :param confirmed: whether it ever was.
+    :param doubted: whether it goes at another speed than its detector saw.
     :param lag_changes_s: of the time between the views, before it began.
     :param clock_stepped: whether the clock of the stamps has stepped since.
     :param drift_rad: (3,) how far the right camera was taken to have turned in its first pair.
@@ -80,6 +81,7 @@ class _Track:
     second: Optional[SecondOpinion] = None
     last: Optional[TrackUpdate] = None
     confirmed: bool = False
+    doubted: bool = False
     lag_changes_s: float = 0.0
     clock_stepped: bool = False
     drift_rad: Array = field(default_factory=lambda: np.zeros(3))
@@ -306,7 +308,8 @@ class SpeedPipeline:
             track.size.take(pair, update)
             if track.second is not None:
                 track.second.take(pair, update.quad_left_px, update.quad_right_px)
-        if not track.confirmed and self._is_doubtful(track, update):
+        track.doubted = not track.confirmed and self._is_doubtful(track, update)
+        if track.doubted:
             update = update.unconfirmed()
         track.confirmed |= update.state is TrackState.CONFIRMED
         if not self._is_sure(update):
@@ -384,9 +387,13 @@ class SpeedPipeline:
         return [self._begin(front, pair) for front in found]
 
     def _held(self) -> list[TrackUpdate]:
-        """Return where the tracks last were that go on."""
+        """
+        Return where the tracks last were that go on.
+
+        Where one is doubted the detector looks again: one of the two was mistaken.
+        """
         return [t.last for t in self._state.tracks
-                if t.last is not None and not t.tracker.ended]
+                if t.last is not None and not t.tracker.ended and not t.doubted]
 
     def _lately_gone(self, pair: StereoPair) -> list[TrackUpdate]:
         """Return where vehicles were when they left, of which some may still show in a pair."""
@@ -400,7 +407,16 @@ class SpeedPipeline:
             self._region(_moved_on(one, pair.stamp_ns)) for one in gone]
 
     def _begin(self, front: Detection, pair: StereoPair) -> Optional[TrackUpdate]:
-        """Start a track where a front was first seen; where that fails, where it is now."""
+        """
+        Start a track where a front was first seen; where that fails, where it is now.
+
+        A doubted track that is there goes on, and is doubted by what its detector sees now.
+        """
+        doubted = self._doubted_at(front, pair)
+        if doubted is not None:
+            if doubted.last is not None and self._same_speed(doubted.last, front):
+                doubted.detection, doubted.found_ns = front, pair.stamp_ns
+            return None
         starts: list[tuple[tuple[StereoPair, ...], Array, Array]] = [
             ((pair,), front.left_px, front.right_px)]
         if front.earlier is not None:
@@ -419,6 +435,17 @@ class SpeedPipeline:
                 return newest
             self._state.tracks.remove(track)
         return None
+
+    def _doubted_at(self, front: Detection, pair: StereoPair) -> Optional[_Track]:
+        """Return the doubted track that holds what is detected in a pair; None where none does."""
+        near_m, centre = self.config.association.same_vehicle_m, self._centre(front, pair)
+        return next((t for t in self._state.tracks if t.doubted and t.last is not None
+                     and np.linalg.norm(t.last.position_m - centre) < near_m), None)
+
+    def _centre(self, front: Union[InitialFront, Detection], pair: StereoPair) -> Array:
+        """Return the middle (3,) of a front of a pair, left optical frame, m."""
+        return self.rig.as_taken(pair.motion).triangulate(
+            front.left_px.mean(axis=0), front.right_px.mean(axis=0))
 
     def _region(self, update: TrackUpdate) -> TrackedRegion:
         """Return what a track holds in this pair."""
@@ -457,8 +484,7 @@ class SpeedPipeline:
 
     def _lane_of(self, front: InitialFront, pair: StereoPair) -> LanePath:
         """Return the lane whose path a front of a pair is nearest to, across the road."""
-        rig = self.rig.as_taken(pair.motion)
-        centre = rig.triangulate(front.left_px.mean(axis=0), front.right_px.mean(axis=0))
+        centre = self._centre(front, pair)
 
         def across(lane: LanePath) -> float:
             s_m = lane.path.arc_length(centre)

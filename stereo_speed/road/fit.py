@@ -35,7 +35,7 @@ from ..geometry.rig import StereoRig
 ROBUST = 3.3  # residuals beyond this many sigmas count less and less (soft L1)
 # Numbers that may describe a road: a clothoid needs two, a hairpin some more, the ends of a
 # parabola in the middle of a road five.
-MOST = RoadShape(curvature=8, tilt=2, vertical=6, twist=3)
+MOST = RoadShape(curvature=8, tilt=2, vertical=6, twist=6)
 MAX_STEPS = 40  # of the solver; fits that converge need 10
 FOOT_PLACES = 8001  # places along the road among which a foot is looked up: some cm apart
 _NARROW = 0.7  # least ratio of the robust to the r.m.s. scatter: a few outliers are no excuse
@@ -106,13 +106,19 @@ class RoadFit:
         """
         Return the logarithm of the probability of the picks in this family, but for a constant.
 
-        Laplace's approximation, with the priors of all numbers that other families lack.
+        Laplace's approximation, with the priors of all numbers that other families lack, about
+        the road that would be fitted with that variance: precise picks that scatter more than
+        they should have pulled this one further off its priors.
 
         :param variance: of the picks in units of their own; the same for families to be compared.
         """
         residual, jacobian = self.weighted(variance)
         normal = jacobian.T @ jacobian
-        fit = -0.5 * float(residual @ residual)
+        # In the minimum the picks pull as much as the priors; with that variance they pull less.
+        count = len(self.problem.picks.line)
+        pull = max(1 - 1 / variance, 0.0) * (jacobian[count:].T @ residual[count:])
+        gain = float(pull @ np.linalg.solve(normal, pull))
+        fit = -0.5 * (float(residual @ residual) - gain)
         occam = -0.5 * float(np.linalg.slogdet(normal)[1]) - float(
             np.log(self.problem.prior_std).sum())
         return fit + occam + log_chance(self.problem.model.shape, self.problem.prior)

@@ -156,6 +156,40 @@ def test_a_track_that_saw_another_speed_than_its_finder_waits_until_it_may_have_
                if abs(age - 1.8) > 0.15)
 
 
+def test_a_doubted_track_is_believed_when_its_finder_sees_the_same_speed_later(scene):
+    """As over a crest, where the first pairs show little of where a vehicle came from."""
+    sequence, lanes, marks = scene
+    pipeline, finder = automatic(scene, marks[:1], {0})
+    finder.speed_mps = 3.0
+    for pair in sequence.pairs[:4]:
+        doubted, = pipeline.process(pair).updates
+    assert doubted.state is TrackState.TENTATIVE
+    assert finder.occupied[-1] == []  # so that it is looked for again
+    left_px, right_px = project(sequence, marks[0], 4)
+    finder.marks, finder.pairs = [replace(marks[0], left_px=left_px, right_px=right_px)], {4}
+    finder.speed_mps = 22.0
+    updates = [pipeline.process(pair).updates for pair in sequence.pairs[4:]]
+    assert {u.track for step in updates for u in step} == {doubted.track}
+    assert updates[1][0].state is TrackState.CONFIRMED
+    result, = pipeline.finish()
+    assert result.pairs == len(sequence.pairs) and abs(result.speed_mps - 22.352) < 0.1
+
+
+def test_a_doubted_track_stays_so_while_its_finder_sees_another_speed(scene):
+    """One track only, however often it is found."""
+    sequence, _, marks = scene
+    pipeline, finder = automatic(scene, marks[:1], {0})
+    for k, pair in enumerate(sequence.pairs[:10]):
+        finder.speed_mps = 3.0 + k / 4
+        if k > 3:
+            left_px, right_px = project(sequence, marks[0], k)
+            finder.marks, finder.pairs = [
+                replace(marks[0], left_px=left_px, right_px=right_px)], {k}
+        update, = pipeline.process(pair).updates
+        assert (update.track, update.state) == (0, TrackState.TENTATIVE)
+    assert finder.occupied[-1] == []
+
+
 def test_what_stands_is_no_vehicle_though_a_detector_saw_it_move(scene):
     """As road that a vehicle has just uncovered may be taken to move; it is nowhere told."""
     sequence, _, marks = scene

@@ -12,10 +12,10 @@ from stereo_speed.lab.reference.straight_path import straight_path
 from stereo_speed.lab.sim.scene import SimScene
 from stereo_speed.lab.sim.sequence import picked_site
 from stereo_speed.road.first_guess import guess_road
-from stereo_speed.road.fit import fit_road
+from stereo_speed.road.fit import fit_road, same_family
 from stereo_speed.road.lanes import lane_of_road
 from stereo_speed.road.model import RoadShape
-from stereo_speed.road.problem import Picks, RoadProblem
+from stereo_speed.road.problem import Picks, RoadPrior, RoadProblem
 
 
 def lane_of(scene):
@@ -152,3 +152,57 @@ def test_a_straight_road_through_a_sag_is_no_bend(number):
                                       for name, views in lines.items()})
     assert fit.problem.model.shape.curvature == 0
     assert fit.residual_px.max() < 0.2
+
+
+def banked_bend(s_m, left_m):
+    """
+    Return points (n, 3) of a bend whose crossfall is built up evenly from 20 to 80 of its 85 m.
+
+    As roads are built: it begins and ends with a bend in the crossfall, which no polynomial has.
+    """
+    f = np.linspace(0.0, 85.0, 4001)
+    curvature = np.interp(f, [0, 85], [0.006, 0.009])
+    psi = np.append(0.0, np.cumsum((curvature[1:] + curvature[:-1]) / 2 * np.diff(f)))
+    psi -= np.interp(55.0, f, psi)
+    along = np.stack([np.sin(psi), -np.cos(psi)], axis=-1)
+    plan = np.concatenate([np.zeros((1, 2)), np.cumsum(
+        (along[1:] + along[:-1]) / 2 * np.diff(f)[:, None], axis=0)])
+    plan += [-3.0, 8.0] - plan[-1]
+    x, z, heading = (np.interp(s_m, f, values) for values in (*plan.T, psi))
+    up = 0.02 * (s_m - 85.0) + left_m * np.interp(s_m, [20, 80], [-0.02, -0.055])
+    return np.stack([x + left_m * np.cos(heading), 5.0 - up, z + left_m * np.sin(heading)], -1)
+
+
+def banked_picks(rig):
+    """Return lines of 0.02 px, without scatter, of that bend, and their 1-sigmas."""
+    s, lines = np.linspace(0.0, 85.0, 80), {}
+    for name, left_m in (('right', -1.75), ('middle', 1.75), ('left', 5.25)):
+        left, right, in_left, in_right = rig.project(banked_bend(s, left_m))
+        lines[name] = left[in_left], right[in_right]
+    return lines, {name: tuple(np.full(len(view), 0.02) for view in views)
+                   for name, views in lines.items()}
+
+
+def test_a_crossfall_that_is_built_up_evenly_is_described_as_such(make_scene):
+    """What it cannot describe it would take for a camera that has turned, or for more bends."""
+    rig = make_scene().rig
+    fit = fit_road(rig, *banked_picks(rig))
+    assert fit.problem.model.shape.curvature == 2
+    assert fit.residual_px.max() < 0.03
+
+
+def test_evidence_is_that_of_the_road_fitted_with_the_scatter_there_is(make_scene):
+    """Picks that are less precise than they say have pulled a road too far off its priors."""
+    rig, rng, factor = make_scene().rig, np.random.default_rng(0), 2.0
+    lines, std_px = banked_picks(rig)
+    lines = {name: tuple(view + rng.normal(0.0, 0.03, view.shape) for view in views)
+             for name, views in lines.items()}
+    picks, rough = (Picks.of(lines, {name: tuple(view * times for view in views)
+                                     for name, views in std_px.items()}, 0.3)
+                    for times in (1.0, factor))
+    near, prior = fit_road(rig, lines, std_px), RoadPrior(twist_std_rad=0.002)
+    model = near.problem.model.reshaped(RoadShape(2, 2, 0, 6), near.x)[0]
+    pulled, mode = (same_family(near, RoadProblem(rig, some, model, None, prior))
+                    for some in (picks, rough))
+    # Far picks count a little less in one of the two; priors would make 130 of a difference.
+    assert pulled.log_evidence(factor ** 2) == pytest.approx(mode.log_evidence(1.0), abs=50.0)
