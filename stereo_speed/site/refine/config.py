@@ -18,6 +18,9 @@ class RefineConfig(CheckedRecord):
     painted_share: float = parameter(
         0.5, 0.05, 0.95, '', 'share of the usual contrast below which a cross-section shows no '
         'marking: a gap, or something in front')
+    steady_share: float = parameter(
+        0.1, 0.001, 100.0, '', 'change of the light over time, as a share of the grey level and '
+        'beside exposure, beyond which a cross-section does not count: lamps that sweep the road')
     floor_std_px: float = parameter(
         0.012, 0.0, 1.0, 'px', '1-sigma of a point that more cross-sections do not improve: '
         'texture, wear, the lens')

@@ -9,10 +9,12 @@ the middle of a painted band is the middle in space, however askew the camera se
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Optional
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .empty_road import LIGHT_STEP_PX
 from ...core.records import Array
 from ...road.fit import RoadFit
 from ...road.occlusion import hidden
@@ -24,6 +26,8 @@ BORDER_PX = 3.0  # of the image, where the spline knows only one side
 _DENSE = 4000  # places along a line at which its image is measured
 _SIGHTS = 160  # lines of sight that are tried for being free
 _STEP_M = 0.02  # of differences along and across the line
+_BESIDE_M = np.linspace(-0.3, 0.3, 13)  # of the line, where the light must be steady
+_STEADY = 0.75  # share of these places
 _MIN_SINE = 0.12  # of the angle between the line and its cross-section in the image
 
 
@@ -56,6 +60,7 @@ class LineView:
     :param right: the right view.
     :param image: the view without traffic.
     :param noise_grey: 1-sigma of its grey levels.
+    :param change: see :class:`.empty_road.Background`.
     """
 
     fit: RoadFit
@@ -63,6 +68,7 @@ class LineView:
     right: bool
     image: SplineImage
     noise_grey: float
+    change: Optional[NDArray[np.float32]] = None
 
     def seen(self, s_m: Array, across_m: Array) -> Array:
         """
@@ -107,3 +113,18 @@ class LineView:
         coarse = np.linspace(s[0], s[-1], _SIGHTS)
         good &= np.interp(at, coarse, hidden(self.fit, self.line, self.right, coarse)) == 0
         return CrossSections(at, arcs, px_per_m).take(good)
+
+    def steady(self, sections: CrossSections, most_share: float) -> NDArray[np.bool_]:
+        """
+        Return on which cross-sections (n,) the light hardly changes over time.
+
+        Lamps that sweep the road, and mirror themselves in a wet one, leave edges of their own.
+
+        :param most_share: of the grey level, by which it may change.
+        """
+        if self.change is None:
+            return np.ones(len(sections.s_m), dtype=bool)
+        uv = self.seen(sections.s_m, np.tile(_BESIDE_M, (len(sections.s_m), 1))) / LIGHT_STEP_PX
+        last = np.array(self.change.shape[::-1]) - 1
+        u, v = np.moveaxis(np.clip(np.rint(np.nan_to_num(uv)), 0, last).astype(int), -1, 0)
+        return np.asarray(np.quantile(self.change[v, u], _STEADY, axis=1) <= most_share)

@@ -11,14 +11,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 import math
-from typing import Iterable
+from typing import Iterable, Optional
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import InputError
 from ...core.records import StereoPair
-from ...estimation.robust import robust_std
+from ...estimation.robust import robust_std, SIGMAS_PER_MEDIAN
 from ...vision.spline_image import SplineImage
 
 MOST_PAIRS = 31  # more improve the mean less than texture and lens limit it
@@ -27,6 +27,11 @@ _BLOCK_ROWS = 64  # of a stack of images at once, so that it stays in the cache
 _GATE = 2.5  # sigmas of the noise within which values count for the mean
 _LEAST_NOISE_GREY = 0.5  # no image of whole grey levels has less
 _GREY_PER_16_BIT = 1 / 257  # so that 65535 is 255
+LIGHT_STEP_PX = 2  # between places whose light is looked at
+_CLIPPED_GREY = 240.0  # what is brighter shows no exposure
+_DARKEST = 0.01  # exposure of an image against the others
+_LIGHT_IMAGES = 5  # fewer do not tell what changes from noise
+_LIGHT_NOISES = 5.0  # sigmas by which it must: those of a few images scatter by a third
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,11 +42,14 @@ class Background:
     :param image: (H, W) float32 grey levels.
     :param noise_grey: 1-sigma of one image's noise, grey levels.
     :param pairs: number of images it was made of.
+    :param change: 1-sigma over time of every second pixel either way, as a share of its grey
+        level, beside exposure; 0 where noise may be all of it, None of few images.
     """
 
     image: NDArray[np.float32]
     noise_grey: float
     pairs: int
+    change: Optional[NDArray[np.float32]] = None
 
     @cached_property
     def spline(self) -> SplineImage:
@@ -94,7 +102,33 @@ def clean_background(images: list[NDArray[np.generic]], where: object) -> Backgr
         near = off <= np.maximum(max(_GATE * spread, 1.0), off.min(axis=0))
         out[rows] = (block * near).sum(axis=0) / near.sum(axis=0)
     noise = float(np.median(spreads)) if len(images) > 2 else _noise_of_one(out)
-    return Background(out, noise, len(images))
+    change = _change(images, scale, out, noise) if len(images) >= _LIGHT_IMAGES else None
+    return Background(out, noise, len(images), change)
+
+
+def _change(images: list[NDArray[np.generic]], scale: float, still: NDArray[np.float32],
+            noise: float) -> NDArray[np.float32]:
+    """
+    Return how places change over time, as :attr:`Background.change`.
+
+    What passes in fewer than half of the images does not count; lamps that sweep the road do.
+
+    :param scale: grey levels for one step of the images.
+    :param still: (H, W) the background.
+    :param noise: of one image, grey levels.
+    """
+    every = slice(None, None, LIGHT_STEP_PX)
+    middle = still[every, every]
+    lit = (middle > _LIGHT_NOISES * noise) & (middle < _CLIPPED_GREY)
+    off = np.empty((len(images), *middle.shape), np.float32)
+    for one, image in zip(off, images):
+        seen = scale * image[every, every].astype(np.float32)
+        exposure = float(np.median(seen[lit] / middle[lit])) if lit.any() else 1.0
+        np.abs(seen / max(exposure, _DARKEST) - middle, out=one)
+    std = SIGMAS_PER_MEDIAN * np.median(off, axis=0)
+    usual = max(float(np.median(std)), _LEAST_NOISE_GREY)  # most of a view stands in steady light
+    return np.where(std > _LIGHT_NOISES * usual, std / np.maximum(middle, usual), 0.0).astype(
+        np.float32)
 
 
 def _spread(off: NDArray[np.float32], count: int) -> float:

@@ -135,6 +135,7 @@ def locate(view: LineView, ends_px: Array, shape: Optional[Shape] = None,
     :return: None where nothing runs along the rough line.
     """
     sections = view.sections(ends_px)
+    sections = sections.take(view.steady(sections, config.steady_share))
     if len(sections.s_m) < 2 * LEAST_SECTIONS:
         return None
     scale, start = sections.px_per_m, np.zeros(len(sections.s_m))

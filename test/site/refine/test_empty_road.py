@@ -34,6 +34,25 @@ def test_traffic_is_gone_and_noise_averaged(scale, dtype):
     assert background.pairs == 12 and as_picture(background).dtype == np.uint8
 
 
+def test_light_that_sweeps_is_told_from_traffic_and_exposure():
+    """A lamp's light grows from 100 to 190; every other exposure is 15 % longer."""
+    rng = np.random.default_rng(3)
+    still, _ = images(1, rng)
+    _, found = images(15, rng)
+    exposed = []
+    for i, image in enumerate(found):
+        image = image.astype(float)
+        image[80:100, 20:140] = 100 + 6 * i
+        exposed.append(np.clip(np.rint(image * (1.0, 1.15)[i % 2]), 0, 255).astype(np.uint8))
+    background = clean_background(exposed, 'test')
+    assert background.change.shape == (60, 80)
+    assert background.change[40:50, 10:70].min() > 0.1
+    elsewhere = background.change.copy()
+    elsewhere[39:51, 9:71] = 0
+    assert elsewhere.max() == 0  # the block that passes among it
+    assert clean_background(exposed[:4], 'test').change is None
+
+
 def test_two_images_of_which_each_shows_something_else():
     still, found = images(2, np.random.default_rng(1))
     assert np.isfinite(clean_background(found, 'test').image).all()

@@ -3,6 +3,8 @@
 """Lane markings and kerbs in drawn views, whose place is known exactly."""
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import chi2
@@ -57,6 +59,20 @@ def test_gaps_and_poles_are_left_out(drawn):
     assert 0.15 < found.used / found.sections < 0.65
     off = drawn.off_px('right', found.uv_px, 0)
     assert np.sqrt(np.mean(off**2)) < 0.05
+
+
+def test_what_lamps_sweep_does_not_count(drawn):
+    """There a marking may seem to lie beside its place."""
+    image, change = drawn.image(0, noise=1.0), np.zeros((180, 320), np.float32)
+    near = slice(250, None)
+    image[near] = np.roll(image[near], 1, axis=1)
+    change[125:] = 0.3
+    view = replace(drawn.view('right', 0, image), change=change)
+    swept = locate(view, ends(drawn, 'right', 0), config=RefineConfig(steady_share=0.31))
+    assert np.abs(drawn.off_px('right', swept.uv_px, 0)).max() > 0.5
+    steady = locate(view, ends(drawn, 'right', 0), config=RefineConfig(steady_share=0.29))
+    assert steady.uv_px[:, 1].max() < 252 < swept.uv_px[:, 1].max()
+    assert np.abs(drawn.off_px('right', steady.uv_px, 0)).max() < 0.2
 
 
 @pytest.mark.parametrize('noise', [0.0, 3.0])
