@@ -217,7 +217,7 @@ class DetectorBeside:
                  config: DetectorConfig, failed: Callable[[str], object]) -> None:
         self._here = PlaneSweepDetector(rig, lanes, config)
         self._process: Optional[SearchProcess] = process
-        self._failed, self._searched = failed, False
+        self._failed = failed
         self._pair: Optional[StereoPair] = None  # that is being searched
         self._pairs: dict[int, StereoPair] = {}  # those that may come up in answers, by stamp
         self._most_bytes = 2 * _PIXEL_BYTES * max(

@@ -14,7 +14,7 @@ from typing import Optional
 import numpy as np
 from numpy.typing import NDArray
 
-from .empty_road import LIGHT_STEP_PX
+from .empty_road import Background, LIGHT_STEP_PX
 from ...core.records import Array
 from ...road.fit import RoadFit
 from ...road.occlusion import hidden
@@ -69,6 +69,11 @@ class LineView:
     image: SplineImage
     noise_grey: float
     change: Optional[NDArray[np.float32]] = None
+
+    @classmethod
+    def of(cls, fit: RoadFit, line: int, right: bool, view: Background) -> LineView:
+        """Return a line of a road in the background of a view."""
+        return cls(fit, line, right, view.spline, view.noise_grey, view.change)
 
     def seen(self, s_m: Array, across_m: Array) -> Array:
         """

@@ -92,9 +92,7 @@ class RefinedSite:
 
     def line_view(self, road: RoadFit, name: str, right: bool) -> LineView:
         """Return one line of the road in one view."""
-        view = self.views[int(right)]
-        return LineView(
-            road, road.number(name), right, view.spline, view.noise_grey, view.change)
+        return LineView.of(road, road.number(name), right, self.views[int(right)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -248,8 +246,7 @@ def _find(site: Site, fit: RoadFit, views: tuple[Background, Background], known:
             if name in known or (number and before is None):
                 continue
             left, right = (
-                locate(LineView(fit, i, bool(r), views[r].spline, views[r].noise_grey,
-                                views[r].change),
+                locate(LineView.of(fit, i, bool(r), views[r]),
                        site.picked[name].views_px[r][[0, -1]], before[r].shape if before else None,
                        config) for r in (0, 1))
             if left is not None and right is not None:
