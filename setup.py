@@ -56,6 +56,7 @@ setup(
             'site = stereo_speed.cli.main:run_executable',
             'studio = stereo_speed.cli.main:run_executable',
             'simulate = stereo_speed.cli.main:run_executable',
+            'disturb = stereo_speed.cli.main:run_executable',
             'accuracy = stereo_speed.cli.main:run_executable',
             'second = stereo_speed.cli.main:run_executable',
             'violations = stereo_speed.cli.main:run_executable',

@@ -10,9 +10,9 @@ import sys
 EXECUTABLES = ('stereo_sync_node', 'tracker_node', 'speed_node', 'speed_camera_node',
                'replay_node', 'environment_node', 'evidence_node', 'log_node', 'studio_node',
                'track-environment', 'map', 'replay', 'replay-many', 'evidence', 'site',
-               'studio', 'self-test', 'stats', 'verify-against', 'simulate', 'accuracy',
-               'second', 'violations', 'evaluate', 'traffic', 'roads', 'tamper', 'faults',
-               'endurance', 'fuzz', 'bench', 'demo')
+               'studio', 'self-test', 'stats', 'verify-against', 'simulate', 'disturb',
+               'accuracy', 'second', 'violations', 'evaluate', 'traffic', 'roads', 'tamper',
+               'faults', 'endurance', 'fuzz', 'bench', 'demo')
 
 
 def missing(prefix: Path, source: Path) -> list[str]:

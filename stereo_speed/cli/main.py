@@ -38,6 +38,8 @@ COMMANDS = {
              'play the sample bag through the live nodes and print the readings'),
     'simulate': ('stereo_speed.lab.cli.simulate',
                  'write a simulated pass: bag, site, init and truth'),
+    'disturb': ('stereo_speed.lab.cli.disturb',
+                'copy a bag as if the rig had swayed, turned or been out of focus'),
     'accuracy': ('stereo_speed.lab.cli.accuracy',
                  'tabulate errors on simulated passes with exact truth'),
     'second': ('stereo_speed.lab.cli.second',

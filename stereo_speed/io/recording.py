@@ -11,10 +11,12 @@ from contextlib import contextmanager
 import hashlib
 from pathlib import Path
 import struct
-from typing import Any, Collection, Iterator, NamedTuple, Optional, Union
+from typing import Any, Collection, Iterator, NamedTuple, Optional, Sequence, Union
 
 from rosbags.highlevel import AnyReader
+from rosbags.interfaces import Connection
 from rosbags.typesys import get_typestore, Stores
+from rosbags.typesys.store import Typestore
 
 from .results import file_sha256
 from ..core.errors import BagError, StereoSpeedError
@@ -126,6 +128,26 @@ class Recording:
                 # the second byte of CDR is even when big-endian; ROS 1 is little-endian
                 stamp_ns = header_stamp_ns(data, big_endian=reader.is2 and not data[1] & 1)
             yield RawMessage(connection.topic, connection.msgtype, stamp_ns, log_time_ns, data)
+
+    @property
+    def connections(self) -> Sequence[Connection]:
+        """Return the topics with their types, as rosbags tells them."""
+        return self._connections
+
+    @property
+    def store(self) -> Typestore:
+        """Return what knows the types of the messages."""
+        return self._open().typestore
+
+    def everything(self) -> Iterator[tuple[Connection, int, bytes]]:
+        """Stream all messages, with or without a header, and when each was recorded, ns."""
+        source = self._open().messages(self._connections)
+        while True:
+            with _reading(self.path):
+                found = next(source, None)
+            if found is None:
+                return
+            yield found
 
     def decode(self, raw: RawMessage) -> Any:
         """Deserialize a message."""

@@ -73,7 +73,7 @@ def write_bag(sequence: SimSequence, folder: Union[str, Path], storage: str = 'm
     :raises InputError: the folder is taken, or the storage or encoding unknown.
     """
     _check(storage, encoding)
-    with _aside(folder) as work:
+    with aside(folder) as work:
         _write_messages(sequence.rig, sequence.pairs, work, storage,
                         encoding if not compressed else '', jpeg_quality)
         _write_yaml(sequence.site, work / 'site.yaml')
@@ -95,7 +95,7 @@ def write_traffic_bag(stream: TrafficStream, folder: Union[str, Path], compresse
         for one in stream:
             truth.extend(one.truth)
             yield one.pair
-    with _aside(folder) as work:
+    with aside(folder) as work:
         _write_messages(stream.rig, pairs(), work, 'mcap', '' if compressed else 'mono8')
         _write_yaml(stream.site, work / 'site.yaml')
         write_truth(truth, work / 'truth.csv', TRAFFIC_COLUMNS)
@@ -112,7 +112,7 @@ def write_pairs(rig: StereoRig, pairs: Iterable[StereoPair], folder: Union[str, 
 
     The other parameters, the result and the errors are those of :func:`write_bag`.
     """
-    with _aside(folder) as work:
+    with aside(folder) as work:
         _write_messages(rig, pairs, work, storage, '' if compressed else 'mono8')
     return Path(folder)
 
@@ -124,7 +124,7 @@ def _check(storage: str, encoding: str) -> None:
 
 
 @contextmanager
-def _aside(folder: Union[str, Path]) -> Iterator[Path]:
+def aside(folder: Union[str, Path]) -> Iterator[Path]:
     """Yield a folder to write into that takes the place of another when all went well."""
     folder = Path(folder)
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):

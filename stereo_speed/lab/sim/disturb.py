@@ -1,0 +1,136 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Recorded images as they would be had the rig swayed, or a camera been knocked or out of focus.
+
+A camera that turns about its own centre shows the same rays elsewhere, whatever their distance, so
+that its image follows exactly from the one it took; but for its border, and for its grain, which
+interpolation and blur smooth: as much is put back as white noise loses by them.
+"""
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Optional, Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from .config import SimConfig
+from .optics import FaultConfig, Optics, SHARP
+from .sway import Sway, swayed
+from .texture import Image
+from ...core.errors import InputError
+from ...core.records import RigMotion
+from ...core.units import seconds
+from ...geometry.rig import StereoRig
+
+# Takes planes and edges out and leaves grain, six times as strong (Immerkaer, CVIU 64(2), 1996).
+_GRAIN = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
+_GRAIN_GAIN = 6.0
+_NORMAL_MEDIAN = 0.6745  # median of the size of a standard normal variable
+
+
+@dataclass(frozen=True, kw_only=True)
+class Disturbance:
+    """
+    What happens to a rig.
+
+    :param sway_deg: 1-sigma of each angle of the rig, degrees, in each pair by itself.
+    :param turn_deg: pan to the right, tilt upwards and roll clockwise of one camera, degrees.
+    :param turn_s: from when on it has turned, s after the first pair.
+    :param exposure_step: largest random change of the exposure of a pair, as a share; even
+        between both signs, the same in both views.
+    :param defocus_px: 1-sigma of the blur of one camera, px.
+    :param camera: the one that has turned or is out of focus: 0 left, 1 right.
+    """
+
+    sway_deg: float = 0.0
+    turn_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    turn_s: float = 0.0
+    exposure_step: float = 0.0
+    defocus_px: float = 0.0
+    camera: int = 1
+
+
+class Disturber:
+    """
+    Disturbs the images of one recording; its numbers are drawn in advance, pair by pair.
+
+    :param what: what happens.
+    :param rig: that recorded them.
+    :param stamps_ns: of the pairs, in order.
+    :param rng: source of the sway, the exposures and the grain.
+    :raises InputError: nothing happens, or only after the last pair.
+    """
+
+    def __init__(self, what: Disturbance, rig: StereoRig, stamps_ns: Sequence[int],
+                 rng: np.random.Generator) -> None:
+        if not (what.sway_deg or any(what.turn_deg) or what.exposure_step or what.defocus_px):
+            raise InputError('disturb', 'disturbance', 'none', 'a sway, a turn, exposure steps '
+                             'or a defocus that is not zero')
+        times_s = [seconds(stamp_ns, stamps_ns[0]) for stamp_ns in stamps_ns]
+        if any(what.turn_deg) and what.turn_s > times_s[-1]:
+            raise InputError('disturb', 'time of the turn', f'{what.turn_s:g} s',
+                             f'at most {times_s[-1]:g} s, when the last pair is taken')
+        self.what, self.rig = what, rig
+        self._stamps_ns = np.array(stamps_ns, np.int64)
+        wind, light, self._grain = rng.spawn(3)
+        sway = Sway(SimConfig(sway_deg=what.sway_deg, right_turn_deg=what.turn_deg,
+                              right_turn_s=what.turn_s), wind)
+        self._motions = [sway.motion(t_s) for t_s in times_s]
+        faults = FaultConfig(exposure_step=what.exposure_step, right_defocus_px=what.defocus_px)
+        self._optics = Optics(SHARP, faults, (rig.left.width_px, rig.left.height_px), light)
+        self._exposures = [self._optics.exposure() for _ in times_s]
+
+    def motion(self, index: int, side: int) -> Optional[RigMotion]:
+        """
+        Return how the rig stands in a pair, as far as one view tells; None where it has not moved.
+
+        :param index: of the pair.
+        :param side: 0 left, 1 right.
+        """
+        motion = self._motions[index]
+        if motion is None or self.what.camera == 1:
+            return motion
+        pan, tilt, roll = np.add(motion.sway_rad, 0.0 if side else motion.drift_rad).tolist()
+        return RigMotion((pan, tilt, roll))  # what stands for the left camera alone
+
+    def nearest(self, stamp_ns: int) -> int:
+        """Return the index of the pair that is nearest in time."""
+        return int(np.argmin(np.abs(self._stamps_ns - stamp_ns)))
+
+    def disturbed(self, image: NDArray[Any], stamp_ns: int, side: int) -> NDArray[Any]:
+        """
+        Return an image as it would have been taken.
+
+        What is clipped stays so in a shorter exposure: how bright it is nobody recorded.
+
+        :param image: (H, W) uint8 or uint16.
+        :param stamp_ns: its header stamp; it is disturbed as the nearest pair is.
+        :param side: 0 left, 1 right.
+        """
+        index, full = self.nearest(stamp_ns), float(np.iinfo(image.dtype).max)
+        exposure = self._exposures[index]
+        light = image.astype(np.float32)
+        grain = grain_grey(light)
+        light[image >= full] = full / min(exposure, 1.0)
+        light = exposure * self._seen(light, index, side)
+        noise = self._grain.standard_normal(light.shape, np.float32)
+        lost = max(0.0, 1.0 - float(self._seen(noise, index, side).var() / noise.var()))
+        light += np.float32(grain * np.sqrt(lost)) * noise
+        return np.asarray(np.clip(np.rint(light), 0.0, full).astype(image.dtype))
+
+    def _seen(self, light: Image, index: int, side: int) -> Image:
+        moved = swayed(light, side, self.rig, self.motion(index, side))
+        return self._optics.spread(moved, int(side == self.what.camera))
+
+
+def grain_grey(image: Image) -> float:
+    """
+    Return the 1-sigma of the grain of an image, in its grey levels.
+
+    :param image: (H, W) float32.
+    """
+    grain = cv2.filter2D(image, cv2.CV_32F, _GRAIN, borderType=cv2.BORDER_REFLECT)
+    return float(np.median(np.abs(grain))) / (_GRAIN_GAIN * _NORMAL_MEDIAN)

@@ -1,0 +1,94 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Copy a bag with the images of its stereo pair disturbed."""
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Optional
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from rosbags.rosbag2 import StoragePlugin, Writer
+
+from .disturb import Disturbance, Disturber
+from .write import aside
+from ...core.errors import InputError
+from ...io.bags import StereoBag
+from ...io.images import grey_from_message
+from ...io.recording import header_stamp_ns, Recording
+
+_JPEG_QUALITY = 98  # the images have been through JPEG once; again should add little
+
+
+def disturb_bag(source: Path, folder: Path, what: Disturbance, rng: np.random.Generator,
+                left: Optional[str] = None, right: Optional[str] = None) -> int:
+    """
+    Write ``bag/``: a copy in which the rig has swayed, turned, or what else there is.
+
+    Stamps, calibrations and other topics are as they were. Images are grey, as they are measured:
+    compressed ones are JPEG or PNG as before, raw ones mono8 or mono16. The folder appears when
+    the bag is whole.
+
+    :param source: a rosbag2 bag.
+    :param folder: where; must not exist, or be empty.
+    :param what: what happens.
+    :param rng: source of all that is random.
+    :param left: left image topic; None finds it.
+    :param right: right image topic; None finds it.
+    :return: how many pairs there are.
+    :raises InputError: a bag that cannot be used, nothing to do, or a folder that is taken.
+    """
+    if source.suffix == '.bag':
+        raise InputError(source, 'bag', 'one of ROS 1',
+                         'a rosbag2 bag (rosbags-convert makes one)')
+    with StereoBag(source, left, right) as bag:
+        topics, count = bag.topics.images, bag.pair_count
+        next(iter(bag.pairs()))  # refuses a bag without pairs, and images that are none
+        disturber = Disturber(what, bag.rig, bag.stamps_ns, rng)
+    with aside(folder) as work:
+        _copy(source, work / 'bag', topics, disturber)
+    return count
+
+
+def _copy(source: Path, folder: Path, topics: tuple[str, ...], disturber: Disturber) -> None:
+    recording = Recording(source)
+    try:
+        with Writer(folder, version=9, storage_plugin=_storage(source)) as writer:
+            out = {c.id: writer.add_connection(c.topic, c.msgtype, typestore=recording.store)
+                   for c in recording.connections}
+            for connection, log_time_ns, data in recording.everything():
+                if connection.topic in topics:
+                    message = recording.store.deserialize_cdr(data, connection.msgtype)
+                    side = topics.index(connection.topic)
+                    data = bytes(recording.store.serialize_cdr(
+                        _disturbed(message, header_stamp_ns(data, not data[1] & 1), side,
+                                   f'{source}: {connection.topic}', disturber),
+                        connection.msgtype))
+                writer.write(out[connection.id], log_time_ns, data)
+    finally:
+        recording.close()
+
+
+def _storage(source: Path) -> StoragePlugin:
+    files = [source] if source.is_file() else source.iterdir()
+    return StoragePlugin.SQLITE3 if any(f.suffix == '.db3' for f in files) else StoragePlugin.MCAP
+
+
+def _disturbed(message: Any, stamp_ns: int, side: int, where: str, disturber: Disturber) -> Any:
+    """Return an image message with another image, of the same kind and with the same header."""
+    image = disturber.disturbed(grey_from_message(message, where), stamp_ns, side)
+    mono = f'mono{8 * image.itemsize}'
+    if not hasattr(message, 'encoding'):
+        kind = 'png' if 'png' in message.format or image.itemsize > 1 else 'jpeg'
+        return replace(message, format=f'{mono}; {kind} compressed {mono}',
+                       data=_compressed(image, kind))
+    pixels = np.ascontiguousarray(image.astype('<u2') if image.itemsize > 1 else image)
+    return replace(message, encoding=mono, is_bigendian=0, step=pixels.strides[0],
+                   data=pixels.view(np.uint8).ravel())
+
+
+def _compressed(image: NDArray[Any], kind: str) -> NDArray[np.uint8]:
+    options = [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY] if kind == 'jpeg' else []
+    return np.asarray(cv2.imencode('.' + kind, image, options)[1]).ravel()
