@@ -15,6 +15,7 @@ from typing import Iterable, Mapping, Optional
 
 import numpy as np
 
+from .clicked import Beside, beside, not_clicked
 from .config import RefineConfig
 from .cross_sections import LineView
 from .empty_road import Background, backgrounds
@@ -41,7 +42,6 @@ _END_PX = 4.0  # by which the clicked end must be further on than the last point
 _LEAST_STILL_DEG = 1e-5  # stands for a calibration without a doubt
 _MOST_DROPPED = 0.5  # share of a line's points; a line that loses more is another line
 _STRAY_ROUNDS = 4  # of dropping them; each road shows others
-_STEP_M = 0.05  # along a line, for the way it goes in the image
 _LEAST_POINTS = 3  # of a line in a view
 
 Found = Mapping[str, tuple[LocatedLine, LocatedLine]]
@@ -166,19 +166,8 @@ def refine_site(site: Site, rig: StereoRig, pairs: Iterable[StereoPair],
 def _off_road_px(road: RoadFit, rough: Site) -> Array:
     """Return how far all clicks (n,) lie from their lines on a refined road, px."""
     return np.concatenate([np.zeros(0), *(
-        _off_line_px(road, name, bool(right), uv) for name in rough.picked if name in road.names
+        beside(road, name, bool(right), uv)[0] for name in rough.picked if name in road.names
         for right, uv in enumerate(rough.picked[name].views_px))])
-
-
-def _off_line_px(road: RoadFit, name: str, right: bool, uv: Array) -> Array:
-    """Return the distances (n,) of points from a line of a road in a view, across it, px."""
-    number, across = road.number(name), np.zeros(len(uv))
-    feet = road.foot(number, right, uv)
-    on, ahead = (road.seen(road.points(number, feet + step_m, across), right)
-                 for step_m in (0.0, _STEP_M))
-    way, off = ahead - on, uv - on
-    return np.asarray(np.abs(way[:, 0] * off[:, 1] - way[:, 1] * off[:, 0])
-                      / np.linalg.norm(way, axis=1))
 
 
 def _disagreement(lanes: Mapping[str, LanePath], clicked: Site, rig: StereoRig, off_px: Array,
@@ -283,7 +272,7 @@ def _checked(site: Site, first: Optional[RoadFit], views: tuple[Background, Back
     clicked, site, kept = site, _with_found(site, found), found
     free = fit_lines(site, rig, first.names, before, prior, first)
     for _ in range(_STRAY_ROUNDS):
-        without = _without_strays(free, kept, config)
+        without = _meant(clicked, free, _without_strays(free, kept, config), config)
         if without == kept:
             break
         kept = without
@@ -335,6 +324,22 @@ def _without_strays(fit: RoadFit, found: Found, config: RefineConfig) -> Found:
                 left, right = (line.take(g) for line, g in zip(found[name], good))
                 out[name] = left, right
     return out
+
+
+def _meant(clicked: Site, road: RoadFit, found: Found, config: RefineConfig) -> Found:
+    """
+    Return what was found without lines that cannot be those that were clicked.
+
+    Where something else shows beside the clicks, what was clicked is hard to see.
+
+    :param clicked: the lines as clicked.
+    :param road: that was fitted to what was found.
+    """
+    beside_px = {name: Beside.of(road, name, found[name][0].shape.width_m,
+                                 clicked.picked[name].views_px)
+                 for name in road.names if name in found}
+    wrong = not_clicked(beside_px, road.problem.prior.pick_std_px, config.clicked_sigmas)
+    return {name: line for name, line in found.items() if name not in wrong}
 
 
 def _with_ends(line: PickedLine, rough: PickedLine, road: RoadFit) -> PickedLine:

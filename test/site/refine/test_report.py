@@ -76,7 +76,7 @@ def test_what_else_is_warned_of(drawn, drawn_refined):
                       found={'right': drawn_refined.found['right']})
     warnings = '\n'.join(report(refined).warnings)
     for words in ('has moved since the calibration: pan +0.0200°',
-                  'since the site was refined: pan', 'left: neither marking nor kerb',
+                  'since the site was refined: pan', 'left: no marking or kerb',
                   'short: 3.5', 'unseen: cannot be measured'):
         assert words in warnings
     assert 'tilt' not in warnings
