@@ -1,7 +1,7 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Is the marking that was found the one that was clicked?
+Which of the markings that were found cannot be those that were clicked.
 
 A person clicks on a marking, be it on its middle or on one of its edges, with some scatter; and a
 camera that was knocked since displaces all lines alike. A band that lies beside the clicks where

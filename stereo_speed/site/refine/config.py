@@ -22,8 +22,8 @@ class RefineConfig(CheckedRecord):
         0.1, 0.001, 100.0, '', 'change of the light over time, as a share of the grey level and '
         'beside exposure, beyond which a cross-section does not count: lamps that sweep the road')
     clicked_sigmas: float = parameter(
-        3.0, 1.0, 100.0, '', 'sigmas of clicks, and of what they do beside the other lines, by which '
-        'they may lie outside what was found for them; beyond it, it is another line')
+        3.0, 1.0, 100.0, '', 'sigmas of clicks, and of what they do beside the other lines, by '
+        'which they may lie outside what was found for them; beyond it, it is another line')
     floor_std_px: float = parameter(
         0.012, 0.0, 1.0, 'px', '1-sigma of a point that more cross-sections do not improve: '
         'texture, wear, the lens')
