@@ -154,7 +154,7 @@ def _warnings(refined: RefinedSite, lines: tuple[LineFigures, ...],
             out.append(f'{lane.name}: path and rig leave speeds uncertain by {100 * lane.std:.2f} '
                        f'% (± {lane.std * lane.limit_mps / MPH_MPS:.2f} mph at the limit)')
     for name in refined.lost:
-        out.append(f'{name}: no marking or kerb found where it was clicked; left as it was clicked')
+        out.append(f'{name}: no marking or kerb where it was clicked; left as it was clicked')
     for line in lines:
         worst = max(line.residual_px)
         if worst > config.worst_residual_px:
