@@ -8,7 +8,7 @@ moved counts by what it would do to speeds.
 """
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 from typing import Iterable, Mapping, Optional
 
@@ -23,6 +23,8 @@ from ...core.records import StereoPair
 from ...geometry.rig import StereoRig
 from ...road.lanes import LanePath
 from ...road.problem import RoadPrior
+
+_AS_FAR_AS_FOUND = 100.0  # sigmas: lines beside their clicks are what is asked about here
 
 
 @dataclass(frozen=True)
@@ -58,8 +60,9 @@ def rig_state(site: Site, rig: StereoRig, lanes: Mapping[str, LanePath],
     :param config: how markings are found and believed.
     :param prior: what is known of any road and rig.
     """
+    beside = replace(config, clicked_sigmas=_AS_FAR_AS_FOUND)
     try:
-        now = refine_site(site, rig, pairs, config, prior)
+        now = refine_site(site, rig, pairs, beside, prior)
     except SiteError as error:
         return RigState(None, '', f'lines and background do not show how the rig stands: {error}')
     if now.kept_clicks:
