@@ -12,7 +12,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Optional, Sequence
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,12 +22,10 @@ from .texture import Image
 from ...core.errors import InputError
 from ...core.records import RigMotion
 from ...core.units import seconds
+from ...estimation.robust import robust_std
 from ...geometry.rig import StereoRig
 
-# Takes planes and edges out and leaves grain, six times as strong (Immerkaer, CVIU 64(2), 1996).
-_GRAIN = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
-_GRAIN_GAIN = 6.0
-_NORMAL_MEDIAN = 0.6745  # median of the size of a standard normal variable
+_GRAIN_SIGMAS = 3.0  # differences beyond are something that moved
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,12 +57,13 @@ class Disturber:
     :param what: what happens.
     :param rig: that recorded them.
     :param stamps_ns: of the pairs, in order.
+    :param grain_grey: 1-sigma of the grain of the left and of the right images, grey levels.
     :param rng: source of the sway, the exposures and the grain.
     :raises InputError: nothing happens, or only after the last pair.
     """
 
     def __init__(self, what: Disturbance, rig: StereoRig, stamps_ns: Sequence[int],
-                 rng: np.random.Generator) -> None:
+                 grain_grey: tuple[float, float], rng: np.random.Generator) -> None:
         if not (what.sway_deg or any(what.turn_deg) or what.exposure_step or what.defocus_px):
             raise InputError('disturb', 'disturbance', 'none', 'a sway, a turn, exposure steps '
                              'or a defocus that is not zero')
@@ -75,6 +73,7 @@ class Disturber:
                              f'at most {times_s[-1]:g} s, when the last pair is taken')
         self.what, self.rig = what, rig
         self._stamps_ns = np.array(stamps_ns, np.int64)
+        self._grain_grey = grain_grey
         wind, light, self._grain = rng.spawn(3)
         sway = Sway(SimConfig(sway_deg=what.sway_deg, right_turn_deg=what.turn_deg,
                               right_turn_s=what.turn_s), wind)
@@ -113,12 +112,11 @@ class Disturber:
         index, full = self.nearest(stamp_ns), float(np.iinfo(image.dtype).max)
         exposure = self._exposures[index]
         light = image.astype(np.float32)
-        grain = grain_grey(light)
         light[image >= full] = full / min(exposure, 1.0)
         light = exposure * self._seen(light, index, side)
         noise = self._grain.standard_normal(light.shape, np.float32)
         lost = max(0.0, 1.0 - float(self._seen(noise, index, side).var() / noise.var()))
-        light += np.float32(grain * np.sqrt(lost)) * noise
+        light += np.float32(self._grain_grey[side] * np.sqrt(lost)) * noise
         return np.asarray(np.clip(np.rint(light), 0.0, full).astype(image.dtype))
 
     def _seen(self, light: Image, index: int, side: int) -> Image:
@@ -126,11 +124,15 @@ class Disturber:
         return self._optics.spread(moved, int(side == self.what.camera))
 
 
-def grain_grey(image: Image) -> float:
+def grain_grey(images: Sequence[NDArray[Any]]) -> float:
     """
-    Return the 1-sigma of the grain of an image, in its grey levels.
+    Return the 1-sigma of the grain of a view that stands still, in its grey levels.
 
-    :param image: (H, W) float32.
+    :param images: (H, W) successive ones; of a single one nothing is known, and that is 0.
     """
-    grain = cv2.filter2D(image, cv2.CV_32F, _GRAIN, borderType=cv2.BORDER_REFLECT)
-    return float(np.median(np.abs(grain))) / (_GRAIN_GAIN * _NORMAL_MEDIAN)
+    found = [0.0]
+    for before, after in zip(images, images[1:]):
+        change = after.astype(np.float32) - before
+        usual = max(robust_std(change), 1.0)  # whole grey levels tell no less
+        found.append(float(np.std(change[np.abs(change) <= _GRAIN_SIGMAS * usual])) / np.sqrt(2))
+    return float(np.median(found[1:] or found))

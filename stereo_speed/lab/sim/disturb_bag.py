@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 from typing import Any, Optional
 
@@ -12,13 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 from rosbags.rosbag2 import StoragePlugin, Writer
 
-from .disturb import Disturbance, Disturber
+from .disturb import Disturbance, Disturber, grain_grey
 from .write import aside
 from ...core.errors import InputError
 from ...io.bags import StereoBag
 from ...io.images import grey_from_message
 from ...io.recording import header_stamp_ns, Recording
 
+_GRAIN_PAIRS = 6  # that tell how strong it is
 _JPEG_QUALITY = 98  # the images have been through JPEG once; again should add little
 
 
@@ -45,8 +47,10 @@ def disturb_bag(source: Path, folder: Path, what: Disturbance, rng: np.random.Ge
                          'a rosbag2 bag (rosbags-convert makes one)')
     with StereoBag(source, left, right) as bag:
         topics, count = bag.topics.images, bag.pair_count
-        next(iter(bag.pairs()))  # refuses a bag without pairs, and images that are none
-        disturber = Disturber(what, bag.rig, bag.stamps_ns, rng)
+        first = list(islice(bag.pairs(), _GRAIN_PAIRS))
+        grain = grain_grey([pair.left for pair in first]), grain_grey(
+            [pair.right for pair in first])
+        disturber = Disturber(what, bag.rig, bag.stamps_ns, grain, rng)
     with aside(folder) as work:
         _copy(source, work / 'bag', topics, disturber)
     return count

@@ -25,7 +25,7 @@ MOST_PAIRS = 31  # more improve the mean less than texture and lens limit it
 MOST_BYTES = 128 * 2**20  # of kept images of one view
 _BLOCK_ROWS = 64  # of a stack of images at once, so that it stays in the cache
 _GATE = 2.5  # sigmas of the noise within which values count for the mean
-_LEAST_NOISE_GREY = 0.5  # no image of whole grey levels has less
+LEAST_NOISE_GREY = 0.5  # no image of whole grey levels has less
 _GREY_PER_16_BIT = 1 / 257  # so that 65535 is 255
 LIGHT_STEP_PX = 2  # between places whose light is looked at
 _CLIPPED_GREY = 240.0  # what is brighter shows no exposure
@@ -126,7 +126,7 @@ def _change(images: list[NDArray[np.generic]], scale: float, still: NDArray[np.f
         exposure = float(np.median(seen[lit] / middle[lit])) if lit.any() else 1.0
         np.abs(seen / max(exposure, _DARKEST) - middle, out=one)
     std = SIGMAS_PER_MEDIAN * np.median(off, axis=0)
-    usual = max(float(np.median(std)), _LEAST_NOISE_GREY)  # most of a view stands in steady light
+    usual = max(float(np.median(std)), LEAST_NOISE_GREY)  # most of a view stands in steady light
     return np.where(std > _LIGHT_NOISES * usual, std / np.maximum(middle, usual), 0.0).astype(
         np.float32)
 
@@ -134,13 +134,13 @@ def _change(images: list[NDArray[np.generic]], scale: float, still: NDArray[np.f
 def _spread(off: NDArray[np.float32], count: int) -> float:
     """Return the noise of a block by deviations from its median; infinite for two images."""
     lost = max(count - 1, 1) / count  # a few values hug their own median
-    return max(robust_std(off) / lost, _LEAST_NOISE_GREY) if count > 2 else np.inf
+    return max(robust_std(off) / lost, LEAST_NOISE_GREY) if count > 2 else np.inf
 
 
 def _noise_of_one(image: NDArray[np.float32]) -> float:
     """Return the noise of one image by second differences along its rows."""
     second = image[:, 2:] - 2 * image[:, 1:-1] + image[:, :-2]
-    return max(robust_std(second) / math.sqrt(6.0), _LEAST_NOISE_GREY)
+    return max(robust_std(second) / math.sqrt(6.0), LEAST_NOISE_GREY)
 
 
 def backgrounds(pairs: Iterable[StereoPair], where: object = 'pairs'

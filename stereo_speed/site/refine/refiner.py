@@ -19,6 +19,7 @@ from .clicked import Beside, beside, not_clicked
 from .config import RefineConfig
 from .cross_sections import LineView
 from .empty_road import Background, backgrounds
+from .equal_sharpness import equally_sharp
 from .extrinsic_drift import decide_drift, Drift, Shown
 from .markings import locate, LocatedLine
 from .rig_check import Epipolar, epipolar_check
@@ -60,7 +61,7 @@ class RefinedSite:
     :param road: the road that the lines of the largest group make, with the corrected rig.
     :param drift: what is known of the rotation of the right camera.
     :param epipolar: what the background shows of it; None without details.
-    :param views: clean images of both views.
+    :param views: clean images of both views, equally sharp.
     :param config: what it was refined with.
     :param prior: what was known of road and rig.
     :param kept_clicks: why the lines stay as they were clicked; empty where they are refined.
@@ -130,11 +131,11 @@ def refine_site(site: Site, rig: StereoRig, pairs: Iterable[StereoPair],
     if any(rig.drift_rad):
         rig = rig.drifted(-np.array(rig.drift_rad))
     rough, reversed_lines = in_one_direction(replace(site, correction=None), rig)
-    found: Found = {}
-    roads = []
-    for fit in fit_roads(rough, rig, _LOOSE, prior):
-        fit, found = _find(rough, fit, views, found, config)
-        roads.append(fit)
+    roads, found = _found_along(rough, rig, views, config, prior)
+    alike = equally_sharp(views, found.values())
+    if alike is not views:
+        views = alike
+        roads, found = _found_along(rough, rig, views, config, prior)
     largest = max(roads, key=lambda fit: len(fit.names), default=None)
     checked = _checked(rough, largest, views, found, config, prior)
     found, drift, road = checked.found, checked.drift, checked.road
@@ -161,6 +162,17 @@ def refine_site(site: Site, rig: StereoRig, pairs: Iterable[StereoPair],
     refined = RefinedSite(result, now, {}, site, found, road, drift, checked.epipolar, views,
                           config, prior)
     return _as_clicked(refined, rig, why) if why else replace(refined, lanes=lanes)
+
+
+def _found_along(site: Site, rig: StereoRig, views: tuple[Background, Background],
+                 config: RefineConfig, prior: RoadPrior) -> tuple[list[RoadFit], Found]:
+    """Return the roads of a site, and what was found of their lines."""
+    roads: list[RoadFit] = []
+    found: Found = {}
+    for fit in fit_roads(site, rig, _LOOSE, prior):
+        fit, found = _find(site, fit, views, found, config)
+        roads.append(fit)
+    return roads, found
 
 
 def _off_road_px(road: RoadFit, rough: Site) -> Array:
