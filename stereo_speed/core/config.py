@@ -224,7 +224,8 @@ class EffortConfig(CheckedRecord):
     solve_interval_s: float = parameter(
         0.06, 0.0, 1.0, 's', 'a reading is solved for when so much time has passed since the last '
         'one that was: nearer ones rest on nearly the same pairs, and pairs between are kept and '
-        'solved for with the next one; 0 solves for every reading')
+        'solved for with the next one; 0 solves for every reading. Who has a share of '
+        'particle_budget waits as many times longer')
 
 
 @dataclass(frozen=True)

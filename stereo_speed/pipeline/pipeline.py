@@ -589,7 +589,8 @@ def start_of(trace: PassTrace, rig: StereoRig, lane: LanePath, config: TrackerCo
     return TrackStart(
         rig=rig, lane=lane, front=trace.front, pair=pair, track=trace.track,
         config=replace(config, particles=trace.particles),
-        rng=np.random.default_rng([trace.seed, trace.track]), seen_mps=trace.seen_mps)
+        rng=np.random.default_rng([trace.seed, trace.track]), seen_mps=trace.seen_mps,
+        particles_alone=config.particles)
 
 
 def _moved_on(update: TrackUpdate, stamp_ns: int) -> TrackUpdate:

@@ -102,6 +102,7 @@ class ConstrainedTracker:
         self.window = PhotometricWindow(sampler, prior, self.config)
         s_std_m = self.config.noise.start_std_px / abs(placed.disparity_slope)
         self.cloud = _Cloud(first_states(start, placed, s_std_m), np.zeros(self.config.particles))
+        self._particles_alone = start.particles_alone or self.config.particles
         self.posterior: Optional[Posterior] = None
         self.reference: Optional[Reference] = None
         self._cloud_ns = start.pair.stamp_ns  # stamp of the pair that the cloud is of
@@ -116,6 +117,12 @@ class ConstrainedTracker:
     def particles(self) -> int:
         """Return the number of particles."""
         return len(self.cloud.states)
+
+    @property
+    def _solve_interval_s(self) -> float:
+        """Return the time between solutions; who has a share of the particles has it of these."""
+        shares = max(1.0, self._particles_alone / self.particles)
+        return self.config.effort.solve_interval_s * shares
 
     def share(self, particles: int) -> None:
         """Go on with another number of particles, when tracks come and go."""
@@ -169,7 +176,7 @@ class ConstrainedTracker:
         """
         posterior, last = self.posterior, self._reported
         after_s = (pair.stamp_ns - self._cloud_ns) * 1e-9
-        if last is None or posterior is None or after_s >= self.config.effort.solve_interval_s:
+        if last is None or posterior is None or after_s >= self._solve_interval_s:
             return None
         if _coasts(last):
             return self._report(pair, TrackState.COASTING, self._predicted(after_s).moments())

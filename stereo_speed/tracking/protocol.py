@@ -34,6 +34,8 @@ class TrackStart:
     :param track: number of the track, never reused.
     :param rng: source of all randomness of the track.
     :param seen_mps: speed as the detector saw it; None where it saw none.
+    :param particles_alone: number of particles that it has when it is the only track; None for
+        those of ``config``, which are its share among others.
     """
 
     rig: StereoRig
@@ -44,6 +46,7 @@ class TrackStart:
     track: int
     rng: np.random.Generator
     seen_mps: Optional[float] = None
+    particles_alone: Optional[int] = None
 
     @property
     def expected_mps(self) -> float:

@@ -33,9 +33,9 @@ def at_most(level, errors):
 @pytest.fixture(scope='module')
 def follow(textured):
     """Return the function that follows pairs from the pose in the first: updates and tracker."""
-    def followed(pairs, pose, config=QUICK, seed=0):
+    def followed(pairs, pose, config=QUICK, seed=0, **changes):
         tracker = ConstrainedTracker.start(
-            textured.start(pairs[0], pose, config, seed), NoParameters())
+            textured.start(pairs[0], pose, config, seed, **changes), NoParameters())
         updates = [tracker.update(pair) for pair in pairs]
         return [update for update in updates if update is not None], tracker
     return followed
@@ -255,6 +255,17 @@ def test_between_solutions_readings_go_on_within_their_sigma(follow, steady, tex
     assert list(result.smoothed) == list(every.smoothed)
     assert abs(result.speed_mps - every.speed_mps) < 0.3 * every.speed_std_mps
     assert result.speed_std_mps == pytest.approx(every.speed_std_mps, rel=0.1)
+
+
+@pytest.mark.parametrize(('alone', 'interval_s'), [(1, 0.15), (2, 0.075), (3, 0.05)])
+def test_who_has_a_share_of_the_particles_has_it_of_the_solutions(
+        follow, textured_drive, alone, interval_s):
+    """Its readings are those of a track alone whose solutions are as far apart."""
+    pairs, poses = textured_drive
+    config = replace(QUICK, effort=EffortConfig(solve_interval_s=interval_s))
+    shared = follow(pairs[:7], poses[0], config, particles_alone=alone * QUICK.particles)[0]
+    for update, other in zip(shared, follow(pairs[:7], poses[0], SPARING)[0], strict=True):
+        assert (update.speed_mps, update.speed_std_mps) == (other.speed_mps, other.speed_std_mps)
 
 
 @pytest.mark.parametrize('hide', [behind_a_post, blank], ids=['post', 'nothing'])
