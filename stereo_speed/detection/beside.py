@@ -16,12 +16,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 import math
-from mmap import mmap
-from multiprocessing.connection import Connection
-import os
-import socket
-import subprocess
-import sys
 from typing import Any, Callable, Mapping, Optional, Sequence, Union
 
 import numpy as np
@@ -30,13 +24,11 @@ from .config import DetectorConfig
 from .detector import PlaneSweepDetector
 from .protocol import Detection, TrackedRegion
 from .spacing import Question
+from ..core.helper_process import HelperProcess
 from ..core.records import RigMotion, StereoPair
-from ..core.threads import one_blas_thread
 from ..geometry.rig import StereoRig
 from ..road.lanes import LanePath
 
-_START_S = 30.0  # that it may take to start: a second, on a machine that is not busy
-_END_S = 2.0  # to end by itself
 _PIXEL_BYTES = 2  # of the greatest type of images
 
 
@@ -119,44 +111,15 @@ class Found:
 Request = Union[Begin, Forget, Search, Again]
 
 
-class SearchProcess:
+class SearchProcess(HelperProcess):
     """
-    The process; it ends with the one that started it.
-
-    It takes a second until it is ready, and it serves one detector after the other.
+    The process; it serves one detector after the other.
 
     :param answer_s: that a search may take; it takes some hundredths of a second.
     """
 
     def __init__(self, answer_s: float = 5.0) -> None:
-        self._answer_s = answer_s
-        one_blas_thread()
-        ours, theirs = socket.socketpair()
-        self._memory_fd = os.memfd_create('stereo_speed_pair')
-        environment = {**os.environ, 'PYTHONPATH': os.pathsep.join(filter(None, sys.path))}
-        with theirs:
-            self.process = subprocess.Popen(
-                [sys.executable, '-m', 'stereo_speed.detection.search_process',
-                 str(theirs.fileno()), str(self._memory_fd)], stdin=subprocess.DEVNULL,
-                pass_fds=(theirs.fileno(), self._memory_fd), env=environment)
-        self._pipe: Connection[Any, Any] = Connection(ours.detach())
-        self._memory: Optional[mmap] = None
-
-    def wait(self) -> None:
-        """
-        Wait until it is ready.
-
-        :raises OSError: it has ended, or is not ready in time.
-        """
-        self._receive(_START_S)
-
-    def send(self, request: Request) -> None:
-        """
-        Send a request.
-
-        :raises OSError: the process has ended.
-        """
-        self._pipe.send(request)
+        super().__init__('stereo_speed.detection.search_process', answer_s)
 
     def share(self, images: Sequence[np.ndarray[Any, Any]], most_bytes: int) -> None:
         """
@@ -164,12 +127,9 @@ class SearchProcess:
 
         :param most_bytes: that there may ever be in it.
         """
-        if self._memory is None or len(self._memory) < most_bytes:
-            os.ftruncate(self._memory_fd, most_bytes)
-            self._memory = mmap(self._memory_fd, most_bytes)
-        offset = 0
+        memory, offset = self.memory(most_bytes), 0
         for image in images:
-            np.ndarray(image.shape, image.dtype, self._memory, offset)[...] = image
+            np.ndarray(image.shape, image.dtype, memory, offset)[...] = image
             offset += image.nbytes
 
     def answer(self) -> Found:
@@ -178,28 +138,8 @@ class SearchProcess:
 
         :raises OSError: the process has ended, or does not answer in time.
         """
-        found: Found = self._receive(self._answer_s)
+        found: Found = self.received()
         return found
-
-    def _receive(self, most_s: float) -> Any:
-        if not self._pipe.poll(most_s):
-            raise TimeoutError(f'no answer in {most_s:g} s')
-        try:
-            return self._pipe.recv()
-        except EOFError:
-            raise BrokenPipeError('it has ended') from None
-
-    def close(self) -> None:
-        """End the process."""
-        self._pipe.close()
-        try:
-            self.process.wait(_END_S)
-        except subprocess.TimeoutExpired:
-            self.process.kill()
-            self.process.wait()
-        if self._memory_fd >= 0:
-            os.close(self._memory_fd)
-            self._memory_fd = -1
 
 
 class DetectorBeside:

@@ -44,8 +44,9 @@ from ..detection.beside import DetectorBeside, SearchProcess
 from ..detection.detector import PlaneSweepDetector
 from ..detection.protocol import ImageBox, TakesBoxes
 from ..pipeline.assembly import MakeDetector, MeasuringSite
-from ..pipeline.conclusions import Beside
+from ..pipeline.conclusions import Beside, Measure
 from ..pipeline.config import PipelineConfig, SiteConfig
+from ..pipeline.pass_process import PassProcess, PassProcessError
 from ..pipeline.pipeline import SpeedPipeline
 from ..pipeline.registry import DETECTORS, TRACKERS
 from ..site.calibration_age import calibration_age, CalibrationAge
@@ -115,6 +116,9 @@ class Measuring:
             'detector_process', True, 'search for vehicles in a process of its own, while the '
             'tracks of the same pair are updated: the results are the same, a second core is '
             'used; of the detector plane_sweep alone')
+        self._pass_process_wanted = p.get(
+            'pass_process', True, 'measure passes that are over in a process of its own, beside '
+            'the pairs that follow: the results are the same')
         self.silence_s = p.get('silence_s', 2.0, 'all passes end when no pair has come for so '
                                'long [s], and for five times as long as between the last two',
                                0.1, 3600.0)
@@ -140,7 +144,8 @@ class Measuring:
         self._infos: list[OfferedSubscription] = []
         self._boxes_subscription: Optional[Subscription] = None
         self._search_process: Optional[SearchProcess] = None
-        self._search_fault = ''
+        self._pass_process: Optional[PassProcess] = None
+        self._search_fault = self._pass_fault = ''
         self._thread: Optional[threading.Thread] = None
         self._failure: Optional[BaseException] = None
         self._next_track = 0
@@ -186,9 +191,9 @@ class Measuring:
                              'the path of the site file')
         self.site = load_site(self.site_path)
         self.annotations = load_init(self.init_path) if self.init_path else None
-        self._start_search_process()  # it loads its kernels while this process does
+        self._start_processes()  # they load their kernels while this process does
         self.log.debug(f'kernels: {warm_up()}')  # now, not in the first pairs
-        self._await_search_process()
+        self._await_processes()
         self._infos = [
             OfferedSubscription(self.node, CameraInfo, f'{side}/camera_info',
                                 partial(self.calibration.take, side))
@@ -197,9 +202,14 @@ class Measuring:
                                               clock=Clock(clock_type=ClockType.STEADY_TIME))
         self.configured = True
 
-    def _start_search_process(self) -> None:
-        """Start the process that searches for vehicles, where that is wanted and can be."""
-        self._search_fault = ''
+    def _start_processes(self) -> None:
+        """Start those that search for vehicles and measure passes, where wanted and possible."""
+        self._search_fault = self._pass_fault = ''
+        if self._pass_process_wanted:
+            try:
+                self._pass_process = PassProcess()
+            except OSError as error:  # no memory, no more processes
+                self._pass_process_failed(str(error))
         if self._process_wanted and self.annotations is None \
                 and DETECTORS.load(self.config.detector) is PlaneSweepDetector:
             try:
@@ -207,17 +217,34 @@ class Measuring:
             except OSError as error:  # no memory, no more processes
                 self._search_failed(str(error))
 
-    def _await_search_process(self) -> None:
-        if self._search_process is not None:
-            try:
-                self._search_process.wait()
-            except OSError as error:
-                self._search_failed(str(error))
+    def _await_processes(self) -> None:
+        for process, failed in ((self._search_process, self._search_failed),
+                                (self._pass_process, self._pass_process_failed)):
+            if process is not None:
+                try:
+                    process.wait()
+                except OSError as error:
+                    failed(str(error))
 
     def _search_failed(self, why: str) -> None:
         """Have the thread that measures search from now on."""
         self._search_fault = f'vehicles are searched for without a process of its own: {why}'
         self.log.error(self._search_fault)
+
+    def _pass_process_failed(self, why: str) -> None:
+        """Have a thread of this process measure passes from now on."""
+        self._pass_fault = f'passes are measured without a process of their own: {why}'
+        self.log.error(self._pass_fault)
+
+    def _measured(self, measure: Measure) -> PassResult:
+        """Return the result of a pass, from the process if there is one; in the thread of passes."""
+        process = self._pass_process
+        if process is not None and not self._pass_fault:
+            try:
+                return process.measured(measure)
+            except PassProcessError as error:
+                self._pass_process_failed(str(error))
+        return measure()
 
     def _detect(self) -> Optional[MakeDetector]:
         """Return what makes the detector that searches in the process, where there is one."""
@@ -260,6 +287,9 @@ class Measuring:
         if self._search_process is not None:
             self._search_process.close()
             self._search_process = None
+        if self._pass_process is not None:
+            self._pass_process.close()
+            self._pass_process = None
         if not self.configured:
             return
         self.node.destroy_timer(self._checks)
@@ -382,7 +412,7 @@ class Measuring:
                  if (pair := self._made(arrival)) is not None] if self.refine_pairs else None
         try:
             place = MeasuringSite.of(self.site, rig, pairs, self.config.site)
-            conclusions = Beside(failed=self._pass_failed)
+            conclusions = Beside(failed=self._pass_failed, measured=self._measured)
             pipeline = place.pipeline(self.config, self.annotations, conclusions=conclusions,
                                       detect=self._detect(), seed=self.seed,
                                       where=self.init_path)
@@ -526,8 +556,8 @@ class Measuring:
                        'again')
         if self.failed.recent:
             state.find(ERROR, f'measuring failed {self.failed.recent} times')
-        if self._search_fault:
-            state.find(WARN, self._search_fault)
+        for fault in filter(None, (self._search_fault, self._pass_fault)):
+            state.find(WARN, fault)
         if self._age.text:
             state.find(ERROR if self._age.expired else WARN, self._age.text)
         self.refusals.tell(state)

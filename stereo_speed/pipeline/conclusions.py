@@ -5,7 +5,7 @@ When a pass that is over is measured: at once, or beside the pairs that follow.
 
 Measuring a whole pass takes as long as some pairs do.  Offline that does not matter, and what is
 measured at once comes in the same order whenever it is run.  Live, other vehicles' readings would
-wait for it.
+wait for it.  A pass that cannot be measured has its error raised where results are asked for.
 """
 from __future__ import annotations
 
@@ -18,11 +18,25 @@ from ..core.passes import PassResult
 Measure = Callable[[], PassResult]
 
 
+def _nothing() -> None:
+    """Do nothing."""
+
+
+def _here(measure: Measure) -> PassResult:
+    """Return the result of a pass."""
+    return measure()
+
+
 class Conclusions(Protocol):
     """Measures passes that are over; a pipeline has one of its own."""
 
-    def add(self, measure: Measure) -> None:
-        """Take in a pass, as a function that measures it and touches nothing else."""
+    def add(self, measure: Measure, failed: Callable[[], object] = _nothing) -> None:
+        """
+        Take in a pass.
+
+        :param measure: measures it and touches nothing else.
+        :param failed: told where that fails, perhaps in another thread.
+        """
 
     def done(self, *, everything: bool = False) -> list[PassResult]:
         """
@@ -41,9 +55,13 @@ class AtOnce:
     def __init__(self) -> None:
         self._ready: list[PassResult] = []
 
-    def add(self, measure: Measure) -> None:
+    def add(self, measure: Measure, failed: Callable[[], object] = _nothing) -> None:
         """Measure a pass."""
-        self._ready.append(measure())
+        try:
+            self._ready.append(measure())
+        except Exception:
+            failed()
+            raise
 
     def done(self, *, everything: bool = False) -> list[PassResult]:
         """Return results that were not returned before."""
@@ -67,26 +85,34 @@ class Beside:
     :param failed: takes the error of a pass that could not be measured, which then has no result;
         without it the error is raised where results are asked for, and who asks again is given
         the others.
+    :param measured: where they are measured; in that thread, if it is not told.
     """
 
-    def __init__(self, most: int = 8, failed: Optional[Callable[[Exception], object]] = None
-                 ) -> None:
+    def __init__(self, most: int = 8, failed: Optional[Callable[[Exception], object]] = None,
+                 measured: Callable[[Measure], PassResult] = _here) -> None:
         self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix='passes')
         self._waiting: deque[Future[PassResult]] = deque()
         self._ready: list[PassResult] = []  # of those before one whose error was raised
-        self._most, self._failed = most, failed
+        self._most, self._failed, self._measure = most, failed, measured
 
     @property
     def waiting(self) -> int:
         """Return how many passes were taken in and not returned."""
         return len(self._waiting) + len(self._ready)
 
-    def add(self, measure: Measure) -> None:
+    def add(self, measure: Measure, failed: Callable[[], object] = _nothing) -> None:
         """Take in a pass."""
         begun = [future for future in self._waiting if not future.done()]
         if len(begun) >= self._most:
             wait(begun[:1])
-        self._waiting.append(self._thread.submit(measure))
+        self._waiting.append(self._thread.submit(self._attempted, measure, failed))
+
+    def _attempted(self, measure: Measure, failed: Callable[[], object]) -> PassResult:
+        try:
+            return self._measure(measure)
+        except Exception:
+            failed()
+            raise
 
     def done(self, *, everything: bool = False) -> list[PassResult]:
         """Return results that were not returned before, in the order in which passes ended."""

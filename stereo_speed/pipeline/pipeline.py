@@ -15,7 +15,7 @@ from typing import Callable, Mapping, Optional, Sequence, Union
 
 import numpy as np
 
-from .conclusions import AtOnce, Conclusions, Measure
+from .conclusions import AtOnce, Conclusions
 from ..classification.size import VehicleSize
 from ..core.config import TrackerConfig
 from ..core.errors import InputError
@@ -341,23 +341,6 @@ class SpeedPipeline:
         """Return the 1-sigma of a track's speed by the time between the views, as a share."""
         return self.view_lag.share(update, self.view_lag.changes_s - track.lag_changes_s)
 
-    def _timed_result(self, result: PassResult, track: _Track, share: float) -> PassResult:
-        """
-        Return the result of a pass with this doubt; rejected where that is too great.
-
-        :param share: of its speed, as for :meth:`_lag_share`.
-        """
-        if track.clock_stepped and result.speed_mps is not None:
-            return result.rejected(Reason.STAMPS_UNCERTAIN)
-        if not share:
-            return result
-        result, limits = result.doubted(share, 'stamps_mps'), self.config
-        if result.speed_mps is None or result.speed_std_mps is None:
-            return result
-        most_mps = max(limits.max_speed_std_share * result.speed_mps, limits.max_speed_std_mps)
-        return result if result.speed_std_mps < most_mps else result.rejected(
-            Reason.STAMPS_UNCERTAIN)
-
     def _is_doubtful(self, track: _Track, update: TrackUpdate) -> bool:
         """
         Return whether a young track sees another speed than its detector saw, or none.
@@ -537,35 +520,59 @@ class SpeedPipeline:
         rig_shares = {} if self.steadier is None else self._doubt.shares(
             self.steadier, track.drift_change_rad)
         self._concluding.add(track.tracker.track)
-        self._conclusions.add(partial(self._attempted, track, partial(
-            self._measured, track, lag_share, rig_shares, reason)))
+        self._conclusions.add(
+            _Conclusion(track, self.lanes, self.config, self._doubt, lag_share, rig_shares, reason),
+            partial(self._concluding.discard, track.tracker.track))
 
-    def _attempted(self, track: _Track, measure: Measure) -> PassResult:
-        """Measure a pass, perhaps in another thread; where that fails none is awaited any more."""
-        try:
-            return measure()
-        except Exception:
-            self._concluding.discard(track.tracker.track)
-            raise
 
-    def _measured(self, track: _Track, lag_share: float, rig_shares: Mapping[str, float],
-                  reason: Optional[Reason]) -> PassResult:
-        """
-        Measure a pass; perhaps in another thread, so nothing of the state is used.
+@dataclass(frozen=True, eq=False)
+class _Conclusion:
+    """
+    Measures a pass that is over; perhaps in another process, so it holds all that it takes.
 
-        :param lag_share: as for :meth:`_timed_result`.
-        :param rig_shares: of its speed by lane, which a turned camera leaves uncertain.
-        """
+    :param track: that is over.
+    :param lanes: lane name to lane path.
+    :param config: parameters that all trackers share.
+    :param doubt: of the rig.
+    :param lag_share: 1-sigma of its speed by the time between the views, as a share.
+    :param rig_shares: of its speed by lane, which a turned camera leaves uncertain.
+    :param reason: why it is rejected whatever comes out; None where it is not.
+    """
+
+    track: _Track
+    lanes: Mapping[str, LanePath]
+    config: TrackerConfig
+    doubt: SpeedDoubt
+    lag_share: float
+    rig_shares: Mapping[str, float]
+    reason: Optional[Reason]
+
+    def __call__(self) -> PassResult:
+        """Return the result of the pass."""
+        track = self.track
         result = replace(track.lanes.conclude(track.tracker.result()), trace=track.trace.built(),
                          vehicle=track.size.measured())
         if result.lane in self.lanes:
             result = replace(result, direction=_direction(self.lanes[result.lane]))
-        result = self._timed_result(result, track, lag_share)
+        result = self._timed(result)
         if track.second is not None:
             result = with_second(result, track.second, self.config.second)
-        if reason is not None:
-            result = result.rejected(reason)
-        return self._doubt.result(result, rig_shares.get(result.lane, 0.0))
+        if self.reason is not None:
+            result = result.rejected(self.reason)
+        return self.doubt.result(result, self.rig_shares.get(result.lane, 0.0))
+
+    def _timed(self, result: PassResult) -> PassResult:
+        """Return the result with the doubt of its stamps; rejected where that is too great."""
+        if self.track.clock_stepped and result.speed_mps is not None:
+            return result.rejected(Reason.STAMPS_UNCERTAIN)
+        if not self.lag_share:
+            return result
+        result, limits = result.doubted(self.lag_share, 'stamps_mps'), self.config
+        if result.speed_mps is None or result.speed_std_mps is None:
+            return result
+        most_mps = max(limits.max_speed_std_share * result.speed_mps, limits.max_speed_std_mps)
+        return result if result.speed_std_mps < most_mps else result.rejected(
+            Reason.STAMPS_UNCERTAIN)
 
 
 def _direction(lane: LanePath) -> Direction:
