@@ -53,7 +53,7 @@ RELIABLE_IMAGES, RELIABLE_INFOS = (
      for side in ('left', 'right')] for topic in ('image_raw', 'camera_info'))
 
 # Nothing is skipped either, however busy the machine is, or live and offline would differ.
-EVERY_PAIR = 'most_wait_s:=60'
+EVERY_PAIR = 'most_wait_s:=600'
 # The whole chain must be connected before the first image.
 WHOLE_CHAIN = 'wait_for_topics:=stereo/image_pair tracks'
 

@@ -45,6 +45,7 @@ class TracePair:
     :param others: fronts of other vehicles in the pair.
     :param stamp_error_s: difference of the stamps, s, that was found to be an error.
     :param right_came_ns: header stamp of the right image as it came; None for that fed.
+    :param hurried: whether the tracker was told to do little with it, for other pairs waited.
     """
 
     stamp_ns: int
@@ -55,6 +56,7 @@ class TracePair:
     others: tuple[OtherFront, ...] = ()
     stamp_error_s: float = 0.0
     right_came_ns: Optional[int] = None
+    hurried: bool = False
 
     @property
     def right_image_ns(self) -> int:
@@ -108,17 +110,19 @@ class TraceBuilder:
         self._pairs: list[TracePair] = []
 
     def add(self, pair: StereoPair, particles: Optional[int],
-            update: Optional[TrackUpdate]) -> None:
+            update: Optional[TrackUpdate], *, hurried: bool = False) -> None:
         """
         Add a pair that the tracker was fed.
 
         :param pair: as it was fed.
         :param particles: number of particles it was told before; None where it was told none.
         :param update: what the tracker said.
+        :param hurried: whether it was told to do little.
         """
         self._pairs.append(TracePair(
             pair.stamp_ns, pair.right_stamp_ns, particles, pair.motion, update,
-            stamp_error_s=pair.stamp_error_s, right_came_ns=pair.right_came_ns))
+            stamp_error_s=pair.stamp_error_s, right_came_ns=pair.right_came_ns,
+            hurried=hurried))
 
     def add_others(self, stamp_ns: int, updates: list[TrackUpdate]) -> None:
         """

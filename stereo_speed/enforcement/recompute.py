@@ -26,7 +26,7 @@ from ..pipeline.pipeline import start_of
 from ..pipeline.registry import TRACKERS
 from ..site.file import load_site
 from ..tracking.lane_assigner import LaneAssigner
-from ..tracking.protocol import Refusal, SharesParticles
+from ..tracking.protocol import CanHurry, Refusal, SharesParticles
 
 SITE, CALIBRATION, TRACE = 'site.yaml', 'calibration.json', 'trace.json'
 PICTURE = 'a whole JPEG or PNG image'
@@ -100,6 +100,8 @@ def measure_again(trace: PassTrace, pairs: list[StereoPair], place: MeasuringSit
     for pair, fed in zip(pairs, trace.pairs):
         if fed.particles is not None and isinstance(tracker, SharesParticles):
             tracker.share(fed.particles)
+        if isinstance(tracker, CanHurry):
+            tracker.hurry(fed.hurried)
         update = tracker.update(pair)
         if update is not None:
             lanes.place(update)

@@ -176,7 +176,10 @@ class StampGaps:
     @property
     def period_ns(self) -> int:
         """Return the usual interval; 0 while there is none."""
-        return int(np.quantile(self._intervals_ns, 0.25)) if self._intervals_ns else 0
+        if not self._intervals_ns:
+            return 0
+        ordered = sorted(self._intervals_ns)  # it is asked for every image: not by np.quantile
+        return ordered[round((len(ordered) - 1) * 0.25)]
 
     def restart(self) -> None:
         """Forget the last stamp: time has jumped."""

@@ -47,7 +47,7 @@ from ..pipeline.assembly import MakeDetector, MeasuringSite
 from ..pipeline.conclusions import Beside, Measure
 from ..pipeline.config import PipelineConfig, SiteConfig
 from ..pipeline.pass_process import PassProcess, PassProcessError
-from ..pipeline.pipeline import SpeedPipeline
+from ..pipeline.pipeline import Hurry, SpeedPipeline
 from ..pipeline.registry import DETECTORS, TRACKERS
 from ..site.calibration_age import calibration_age, CalibrationAge
 from ..site.file import load_site
@@ -122,9 +122,11 @@ class Measuring:
         self.silence_s = p.get('silence_s', 2.0, 'all passes end when no pair has come for so '
                                'long [s], and for five times as long as between the last two',
                                0.1, 3600.0)
-        self._most_wait_s = p.get('most_wait_s', 2.0, 'when a pair has waited longer [s], the '
-                                  'machine does not keep up: the newest pair is served and older '
-                                  'ones are skipped', 0.0, 3600.0)
+        self._most_wait_s = p.get('most_wait_s', 2.0, 'when a pair has waited for a tenth of that '
+                                  '[s], the machine does not keep up, and pairs that wait are '
+                                  'hurried: vehicles are solved for less often; when one has '
+                                  'waited longer, the newest pair is served and older ones are '
+                                  'skipped', 0.0, 3600.0)
         where = f'{node.get_name()}: parameter'
         self.config = _config(p, tracker, detector, where)
         # Files of parameters have those of every tracker and detector.
@@ -139,9 +141,11 @@ class Measuring:
         self.configured = False
         self.refusals = Refusals(self.log.warning)
         self.measured, self.skipped, self.frozen, self.failed = Tally(), Tally(), Tally(), Tally()
+        self.hurried = Tally()
         self.resets = Tally()
         self.withheld = self.repeated = self.passes = 0
         self._infos: list[OfferedSubscription] = []
+        self.info_heard: list[Callable[[str, CameraInfo], None]] = []  # who else takes them
         self._boxes_subscription: Optional[Subscription] = None
         self._search_process: Optional[SearchProcess] = None
         self._pass_process: Optional[PassProcess] = None
@@ -196,11 +200,16 @@ class Measuring:
         self._await_processes()
         self._infos = [
             OfferedSubscription(self.node, CameraInfo, f'{side}/camera_info',
-                                partial(self.calibration.take, side))
+                                partial(self._on_info, side))
             for side in ('left', 'right')]
         self._checks = self.node.create_timer(_POLL_S, self.check,
                                               clock=Clock(clock_type=ClockType.STEADY_TIME))
         self.configured = True
+
+    def _on_info(self, side: str, msg: CameraInfo) -> None:
+        self.calibration.take(side, msg)
+        for heard in self.info_heard:
+            heard(side, msg)
 
     def _start_processes(self) -> None:
         """Start those that search for vehicles and measure passes, where wanted and possible."""
@@ -237,7 +246,7 @@ class Measuring:
         self.log.error(self._pass_fault)
 
     def _measured(self, measure: Measure) -> PassResult:
-        """Return the result of a pass, from the process if there is one; in the thread of passes."""
+        """Return the result of a pass, from the process where there is one; in their thread."""
         process = self._pass_process
         if process is not None and not self._pass_fault:
             try:
@@ -462,8 +471,10 @@ class Measuring:
         detector = pipeline.detector
         while isinstance(detector, TakesBoxes) and self._boxes:
             detector.offer(*self._boxes.popleft())
+        hurry = self.queue.hurry
+        self.hurried.add(hurry is Hurry.MUCH)
         try:
-            step = pipeline.process(pair)
+            step = pipeline.process(pair, hurry)
         except InputError as error:
             self.refusals.add('pair', error)
             return
@@ -531,7 +542,8 @@ class Measuring:
         self.arrivals.tell(state, 'pair', 'pair')
         state.values.update(
             run=self.outputs.run, pairs=self.measured.total, passes=self.passes,
-            measured_hz=round(self.measured.rate_hz, 2), skipped=self.skipped.total,
+            measured_hz=round(self.measured.rate_hz, 2), hurried=self.hurried.total,
+            skipped=self.skipped.total,
             withheld=self.withheld, frozen=self.frozen.total, failed=self.failed.total,
             resets=self.resets.total, repeated=self.repeated,
             waiting=len(self._waiting) + len(queue),

@@ -113,9 +113,9 @@ class Outputs:
         interval_s = max(pair.stamp_ns - self._last_ns, 0) * 1e-9 if self._last_ns else 0.0
         lifetime_s = max(_LEAST_LIFETIME_S, _LIFETIME_INTERVALS * interval_s)
         self._last_ns = pair.stamp_ns
-        drawn = [m for u in step.updates for m in markers(u, frame_id, lifetime_s)]
-        if drawn:
-            self.markers.publish(MarkerArray(markers=drawn))
+        if step.updates and self.markers.get_subscription_count():
+            self.markers.publish(MarkerArray(markers=[
+                m for u in step.updates for m in markers(u, frame_id, lifetime_s)]))
         self._publish_overlay(pipeline, pair, step)
         self.end(pipeline, step.passes)
 

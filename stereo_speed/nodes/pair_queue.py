@@ -3,10 +3,11 @@
 """
 Pairs between the thread that receives and the thread that measures.
 
-Short delays are made good: nothing is skipped, and what is measured live is what ``replay``
-measures. When the pair in hand has waited too long, the machine does not keep up: from then on the
-newest pair is served and all older ones are skipped, whole and in order, until for some time there
-was nothing to skip.
+Short delays are made good: what is measured live is what ``replay`` measures. When the pair in
+hand has waited for long, the machine does not keep up: from then on pairs that had to wait are
+hurried, until for some time none had to be. Where that does not do, and the pair in hand has
+waited too long, the newest pair is served and all older ones are skipped, whole and in order,
+until for some time there was nothing to skip.
 """
 from __future__ import annotations
 
@@ -15,8 +16,13 @@ import threading
 import time
 from typing import Callable, Generic, Optional, TypeVar
 
+from ..pipeline.pipeline import Hurry
+
 Item = TypeVar('Item')
 RECOVER_S = 5.0  # without a pair skipped, the machine keeps up again
+CALM_S = 60.0  # without a pair hurried, too: who takes it for that too soon has pairs wait again
+_LONG = 0.1  # of most_wait_s, for which one waits until pairs are hurried
+_SHORT_S = 0.01  # that pairs may wait from then on
 
 
 class PairQueue(Generic[Item]):
@@ -33,8 +39,9 @@ class PairQueue(Generic[Item]):
         self.most_wait_s, self._clock = most_wait_s, clock
         self._waiting: deque[tuple[float, Item]] = deque()
         self._most, self._changed, self._closed = most, threading.Condition(), False
-        self._skipped, self._skipped_s = 0, -float('inf')
-        self.overloaded = False
+        self._skipped, self._skipped_s, self._hurried_s = 0, -float('inf'), -float('inf')
+        self.overloaded = self._hurries = False
+        self.hurry = Hurry.NO
 
     def put(self, item: Item) -> None:
         """Add the newest pair; the oldest is skipped where too many wait."""
@@ -59,7 +66,19 @@ class PairQueue(Generic[Item]):
                 self._skip(len(self._waiting) - 1)
                 while len(self._waiting) > 1:
                     self._waiting.popleft()
-            return self._waiting.popleft()[1]
+            came_s, item = self._waiting.popleft()
+            self._hurry(now_s, now_s - came_s)
+            return item
+
+    def _hurry(self, now_s: float, waited_s: float) -> None:
+        """Decide whether the pair that is served is hurried."""
+        if self._hurries and now_s - self._hurried_s > CALM_S:
+            self._hurries = False
+        self._hurries |= self.overloaded or waited_s > _LONG * self.most_wait_s
+        late = waited_s > _SHORT_S
+        self.hurry = Hurry.NO if not self._hurries else Hurry.MUCH if late else Hurry.SOME
+        if self._hurries and late:
+            self._hurried_s = now_s
 
     def _skip(self, count: int) -> None:
         if count:

@@ -63,9 +63,11 @@ class Pairing:
     :param node: the node that subscribes.
     :param p: declares the parameters.
     :param give: takes each pair.
+    :param infos: listen to the calibrations; False where the node does, and calls ``on_info``.
     """
 
-    def __init__(self, node: Node, p: Parameters, give: Callable[[ImagePair], None]) -> None:
+    def __init__(self, node: Node, p: Parameters, give: Callable[[ImagePair], None], *,
+                 infos: bool = True) -> None:
         where = f'{node.get_name()}: parameter'
         kind, suffix = image_kind(p)
         approximate = p.get('approximate_sync', False,
@@ -81,7 +83,7 @@ class Pairing:
         self.node, self.give = node, give
         self.matcher = PairMatcher(tolerance_ns if approximate else 0, queue)
         self.refusals = Refusals(node.get_logger().warning)
-        self._kind, self._suffix = kind, suffix
+        self._kind, self._suffix, self._infos = kind, suffix, infos
         self.subscriptions: list[OfferedSubscription] = []
         self.resets = 0
         self._begin_anew()
@@ -98,7 +100,7 @@ class Pairing:
             OfferedSubscription(self.node, what, f'{side}/{topic}', partial(callback, side))
             for side in SIDES for what, topic, callback in (
                 (self._kind, f'image_raw{self._suffix}', self.on_image),
-                (CameraInfo, 'camera_info', self.on_info))]
+                *([(CameraInfo, 'camera_info', self.on_info)] if self._infos else []))]
 
     def close(self) -> None:
         """Listen no more."""

@@ -21,7 +21,9 @@ class SpeedCameraNode(MeasuringNode):
 
     def __init__(self) -> None:
         super().__init__('speed_camera_node', speeds=True)
-        self.pairing = Pairing(self, self.p, self.on_pair)
+        # The calibrations are listened to once: a message costs as much as its callbacks.
+        self.pairing = Pairing(self, self.p, self.on_pair, infos=False)
+        self.measuring.info_heard.append(self.pairing.on_info)
         self.diagnostics.tasks.update(self.pairing.tasks)
 
     def subscribe(self) -> None:

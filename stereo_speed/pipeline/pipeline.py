@@ -9,6 +9,7 @@ same speeds everywhere.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from enum import Enum
 from functools import cached_property, partial
 import math
 from typing import Callable, Mapping, Optional, Sequence, Union
@@ -33,9 +34,17 @@ from ..steadying.steadier import Steadier
 from ..steadying.view_lag import ViewLag
 from ..tracking.initialise import check_annotation
 from ..tracking.lane_assigner import LaneAssigner
-from ..tracking.protocol import Refusal, SharesParticles, Tracker, TrackStart
+from ..tracking.protocol import CanHurry, Refusal, SharesParticles, Tracker, TrackStart
 
 StartTracker = Callable[[TrackStart], Union[Tracker, Refusal]]
+
+
+class Hurry(Enum):
+    """How little is done with a pair where the machine does not keep up."""
+
+    NO = 'all that the parameters ask for'
+    SOME = 'one vehicle is solved for, that which has waited longest'
+    MUCH = 'none is, but those whose last solution is old, and no new ones are searched for'
 
 
 @dataclass(frozen=True)
@@ -68,6 +77,7 @@ class _Track:
     :param doubted: whether it goes at another speed than its detector saw.
     :param lag_changes_s: of the time between the views, before it began.
     :param clock_stepped: whether the clock of the stamps has stepped since.
+    :param hurried: pairs in a row in which its tracker was told to do little.
     :param drift_rad: (3,) how far the right camera was taken to have turned in its first pair.
     :param drift_change_rad: (3,) the greatest change of that in its pairs so far, either way.
     """
@@ -84,6 +94,7 @@ class _Track:
     doubted: bool = False
     lag_changes_s: float = 0.0
     clock_stepped: bool = False
+    hurried: int = 0
     drift_rad: Array = field(default_factory=lambda: np.zeros(3))
     drift_change_rad: Array = field(default_factory=lambda: np.zeros(3))
 
@@ -153,10 +164,11 @@ class SpeedPipeline:
         self.next_track = 0  # its number; who goes on from another pipeline sets its
         self._state = _State()
 
-    def process(self, pair: StereoPair) -> Step:
+    def process(self, pair: StereoPair, hurry: Hurry = Hurry.NO) -> Step:
         """
         Take in the next pair.
 
+        :param hurry: how little to do with it, for others wait.
         :raises InputError: its stamp is not after the one before.
         """
         state = self._state
@@ -172,7 +184,7 @@ class SpeedPipeline:
         if self.steadier is not None:
             pair = self.steadier.steady(pair)
         self._start_annotated(pair)
-        if isinstance(self.detector, LooksAhead):
+        if isinstance(self.detector, LooksAhead) and hurry is not Hurry.MUCH:
             self.detector.expect(pair, self._regions(pair, [
                 _moved_on(held, pair.stamp_ns) for held in self._held()],
                 self._lately_gone(pair)))
@@ -180,10 +192,12 @@ class SpeedPipeline:
         for track in state.tracks:
             if isinstance(track.tracker, SharesParticles):
                 track.tracker.share(share)
+        self._hurry(hurry)
         updates = [self._update(track, pair, share) for track in state.tracks]
         self._drop_missing()
         self._drop_doubles()
-        updates += self._detect(pair)
+        self._see_gone(pair)
+        updates += [] if hurry is Hurry.MUCH else self._detect(pair)
         if self.steadier is not None:
             for track in state.tracks:
                 track.see_drift(self.steadier.drift.corrected_rad)
@@ -300,9 +314,9 @@ class SpeedPipeline:
 
         :param particles: number of particles that its tracker was told; None where it was not.
         """
-        update = track.tracker.update(pair)
+        update, hurried = track.tracker.update(pair), bool(track.hurried)
         if update is None:
-            track.trace.add(pair, particles, None)
+            track.trace.add(pair, particles, None, hurried=hurried)
             return None
         if _holds(update):
             track.size.take(pair, update)
@@ -315,8 +329,18 @@ class SpeedPipeline:
         if not self._is_sure(update):
             update = update.unconfirmed()
         track.last = track.lanes.place(update)
-        track.trace.add(pair, particles, track.last)
+        track.trace.add(pair, particles, track.last, hurried=hurried)
         return track.last
+
+    def _hurry(self, hurry: Hurry) -> None:
+        """Tell the tracks how little to do with the next pair."""
+        tracks = self._state.tracks
+        spared = {Hurry.NO: tracks, Hurry.MUCH: [],
+                  Hurry.SOME: sorted(tracks, key=lambda t: -t.hurried)[:1]}[hurry]
+        for track in tracks:
+            track.hurried = 0 if track in spared else track.hurried + 1
+            if isinstance(track.tracker, CanHurry):
+                track.tracker.hurry(bool(track.hurried))
 
     def _is_sure(self, update: TrackUpdate) -> bool:
         """Return whether the speed of a vehicle is known well enough to be a reading."""
@@ -360,14 +384,19 @@ class SpeedPipeline:
         """Start tracks at fronts that are detected, and feed them their first pairs."""
         if self.detector is None:
             return []
+        found = self.detector.update(pair, self._regions(pair, self._held(), self._state.gone))
+        return [self._begin(front, pair) for front in found]
+
+    def _see_gone(self, pair: StereoPair) -> None:
+        """
+        Take in what has left.
+
+        What was lost, and so coasted before it ended, may be found again; what left may not.
+        """
         state = self._state
-        # What was lost, and so coasted before it ended, may be found again; what left may not.
         state.gone = self._lately_gone(pair) + [
             t.last for t in state.tracks if t.last is not None and t.tracker.ended
             and _holds(t.last) and t.is_vehicle]
-        found = self.detector.update(pair, self._regions(
-            pair, self._held(), state.gone))
-        return [self._begin(front, pair) for front in found]
 
     def _held(self) -> list[TrackUpdate]:
         """
@@ -521,7 +550,8 @@ class SpeedPipeline:
             self.steadier, track.drift_change_rad)
         self._concluding.add(track.tracker.track)
         self._conclusions.add(
-            _Conclusion(track, self.lanes, self.config, self._doubt, lag_share, rig_shares, reason),
+            _Conclusion(
+                track, self.lanes, self.config, self._doubt, lag_share, rig_shares, reason),
             partial(self._concluding.discard, track.tracker.track))
 
 

@@ -37,6 +37,7 @@ from ..estimation.weights import (
 from ..vision.haar import CELLS, PartGrid
 
 _JITTER = 1e-12  # keeps the covariance of particles that agree positive definite
+_HURRIED = 5  # times longer between solutions: a vehicle that brakes changes its speed by 2 m/s
 _DISTINCT_PER_DIM = 3  # distinct particles, per unknown, that still have a shape
 
 
@@ -103,6 +104,7 @@ class ConstrainedTracker:
         s_std_m = self.config.noise.start_std_px / abs(placed.disparity_slope)
         self.cloud = _Cloud(first_states(start, placed, s_std_m), np.zeros(self.config.particles))
         self._particles_alone = start.particles_alone or self.config.particles
+        self._hurried = False
         self.posterior: Optional[Posterior] = None
         self.reference: Optional[Reference] = None
         self._cloud_ns = start.pair.stamp_ns  # stamp of the pair that the cloud is of
@@ -122,13 +124,18 @@ class ConstrainedTracker:
     def _solve_interval_s(self) -> float:
         """Return the time between solutions; who has a share of the particles has it of these."""
         shares = max(1.0, self._particles_alone / self.particles)
-        return self.config.effort.solve_interval_s * shares
+        return self.config.effort.solve_interval_s * (
+            max(shares, _HURRIED) if self._hurried else shares)
 
     def share(self, particles: int) -> None:
         """Go on with another number of particles, when tracks come and go."""
         if particles != self.particles:
             ancestors = systematic(self.cloud.weights, particles, self.rng)
             self.cloud = _Cloud(self.cloud.states[ancestors], np.zeros(particles))
+
+    def hurry(self, hurried: bool) -> None:
+        """Be told whether the next pairs are to cost little, for others wait."""
+        self._hurried = hurried
 
     def update(self, pair: StereoPair) -> Optional[TrackUpdate]:
         """Predict, weigh, resample, refine (2012, Section III)."""

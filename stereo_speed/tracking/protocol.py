@@ -131,3 +131,11 @@ class SharesParticles(Protocol):
 
     def share(self, particles: int) -> None:
         """Go on with another number of particles, when tracks come and go."""
+
+
+@runtime_checkable
+class CanHurry(Protocol):
+    """A tracker that can do less with a pair, at the cost of a greater 1-sigma."""
+
+    def hurry(self, hurried: bool) -> None:
+        """Be told whether the next pairs are to cost little, for others wait."""

@@ -120,20 +120,24 @@ def test_one_process_survives_a_bad_message_and_measures_the_pass(fault, stand_i
         assert abs(reading.twist.twist.linear.x - 55 * MPH_MPS) < 4 * std
 
 
-def search_process_of(pid):
-    """Return the number of the process that a node has its vehicles searched for by."""
+def helper_of(pid, module):
+    """Return the number of the process that a node has started to run a module."""
     for folder in Path('/proc').glob('[0-9]*'):
         try:
             parent = int((folder / 'stat').read_text().rpartition(')')[2].split()[1])
             command = (folder / 'cmdline').read_text()
         except OSError:  # it has ended meanwhile
             continue
-        if parent == pid and 'search_process' in command:
+        if parent == pid and module in command:
             return int(folder.name)
     return None
 
 
-def test_a_node_measures_on_without_the_process_that_searches_for_vehicles(stand_in, sample):
+@pytest.mark.parametrize(('module', 'fault'), [
+    ('search_process', 'without a process of its own'),
+    ('pass_process', 'without a process of their own')])
+def test_a_node_measures_on_without_the_processes_that_work_for_it(
+        stand_in, sample, module, fault):
     from stereo_speed.nodes.common import LATCHED, RELIABLE
     told, health = [], {}
     stand_in.create_subscription(DiagnosticArray, '/diagnostics', lambda m: health.update(
@@ -142,11 +146,10 @@ def test_a_node_measures_on_without_the_process_that_searches_for_vehicles(stand
     with Process('speed_camera_node', *RELIABLE_IMAGES, *RELIABLE_INFOS, EVERY_PAIR,
                  f'site:={sample / "site.yaml"}', SILENCE) as node:
         stand_in.wait(lambda: health, STARTUP_S)  # it is configured
-        os.kill(search_process_of(node.process.pid), signal.SIGKILL)
+        os.kill(helper_of(node.process.pid, module), signal.SIGKILL)
         with Process('replay_node', f'bag:={sample / "bag"}', 'rate:=2'):
             stand_in.wait(lambda: told, STARTUP_S)
-        stand_in.wait(lambda: 'without a process of its own' in health[
-            'speed_camera_node: pipeline'], EVENT_S)
+        stand_in.wait(lambda: fault in health['speed_camera_node: pipeline'], EVENT_S)
         assert not node.ended()
     found = json.loads(told[0].data)
     assert found['verdict'] == 'measured'

@@ -6,7 +6,8 @@ from __future__ import annotations
 import threading
 
 import pytest
-from stereo_speed.nodes.pair_queue import PairQueue, RECOVER_S
+from stereo_speed.nodes.pair_queue import CALM_S, PairQueue, RECOVER_S
+from stereo_speed.pipeline.pipeline import Hurry
 
 
 class Clock:
@@ -74,6 +75,35 @@ def test_after_the_overload_nothing_is_skipped_again():
     queue.put(2)
     queue.put(3)
     assert [queue.take(0.0), queue.take(0.0)] == [2, 3] and not queue.overloaded
+
+
+def waits(queue, clock, wait_s):
+    """Serve a pair that has waited; return how it is hurried."""
+    queue.put('pair')
+    clock.s += wait_s
+    queue.take(0.0)
+    return queue.hurry
+
+
+def test_pairs_that_wait_are_hurried_once_one_has_waited_for_long():
+    clock = Clock()
+    queue = PairQueue(2.0, 100, clock)
+    assert [waits(queue, clock, s) for s in (0.0, 0.05, 0.19)] == [Hurry.NO] * 3
+    assert [waits(queue, clock, s) for s in (0.21, 0.0, 0.05, 0.0)] == [
+        Hurry.MUCH, Hurry.SOME, Hurry.MUCH, Hurry.SOME]
+    assert queue.pop_skipped() == 0 and not queue.overloaded
+
+
+def test_after_a_minute_without_a_pair_that_waits_none_is_hurried():
+    clock = Clock()
+    queue = PairQueue(2.0, 100, clock)
+    waits(queue, clock, 0.3)
+    for _ in range(int(CALM_S / 0.5) - 1):
+        clock.s += 0.5
+        assert waits(queue, clock, 0.0) is Hurry.SOME
+    clock.s += 1.0
+    assert waits(queue, clock, 0.0) is Hurry.NO
+    assert waits(queue, clock, 0.05) is Hurry.NO
 
 
 def test_no_more_than_so_many_wait():

@@ -66,6 +66,25 @@ def test_an_error_costs_none_of_the_other_results(beside):
     assert beside.done(everything=True) == ['a', 'b'] and beside.waiting == 0
 
 
+@pytest.mark.parametrize('way', [AtOnce, Beside])
+def test_who_adds_a_pass_is_told_where_it_fails(way):
+    one, failed = way(), []
+    with pytest.raises(ZeroDivisionError):
+        one.add(lambda: 1 // 0, lambda: failed.append('a'))
+        one.done(everything=True)
+    one.add(lambda: 'b', lambda: failed.append('b'))
+    assert one.done(everything=True) == ['b'] and failed == ['a']
+    one.close()
+
+
+def test_passes_are_measured_where_that_is_asked_for():
+    asked = []
+    one = Beside(measured=lambda measure: asked.append(measure) or measure())
+    one.add(lambda: 'a')
+    assert one.done(everything=True) == ['a'] and len(asked) == 1
+    one.close()
+
+
 def test_closing_gives_up_what_has_not_begun():
     one, go, begun = Beside(), threading.Event(), []
     one.add(lambda: go.wait(30))

@@ -12,8 +12,9 @@ from stereo_speed.core.config import (
 from stereo_speed.core.passes import PassResult, Reason, Verdict
 from stereo_speed.core.records import TrackState, TrackUpdate
 from stereo_speed.detection.protocol import Detection, EarlierFront
+from stereo_speed.io.trace_json import trace_of, trace_record
 from stereo_speed.lab.sim import simulate, straight_config, VehicleConfig
-from stereo_speed.pipeline.pipeline import SpeedPipeline
+from stereo_speed.pipeline.pipeline import Hurry, SpeedPipeline, start_of
 from stereo_speed.road.lanes import LanePath
 from stereo_speed.road.path import StraightPath
 from stereo_speed.site.file import load_site
@@ -312,6 +313,61 @@ def test_tracks_share_the_particles_there_are(scene):
     for pair in sequence.pairs[1:]:
         pipeline.process(pair)
     assert all(abs(r.speed_mps - v) < 0.1 for r, v in zip(pipeline.finish(), (22.352, 20.117)))
+
+
+class Told(ScriptedFinder):
+    """Stands for a detector; remembers which pairs it was given."""
+
+    def update(self, pair, occupied):
+        super().update(pair, occupied)
+        self.given.append(pair.index)
+        return []
+
+
+@pytest.fixture(scope='module')
+def hurries(scene):
+    """Return in which pairs each track of a hurried run was hurried, and what was searched."""
+    sequence, lanes, marks = scene
+    finder = Told(marks, '', ())
+    finder.given = []
+    pipeline = SpeedPipeline(
+        sequence.rig, lanes, TrackerConfig(), start, annotations=marks, detector=finder)
+    ways = [Hurry.NO, Hurry.SOME, Hurry.SOME, Hurry.MUCH, Hurry.SOME, Hurry.SOME, Hurry.NO]
+    for pair, way in zip(sequence.pairs, ways):
+        pipeline.process(pair, way)
+    passes = pipeline.finish()
+    return [[p.hurried for p in result.trace.pairs] for result in passes], finder.given, passes
+
+
+def test_where_the_machine_hardly_keeps_up_tracks_take_turns(hurries):
+    one, other = np.array(hurries[0])
+    assert not one[0] and not other[0] and not one[6] and not other[6]
+    assert one[3] and other[3]
+    for first, second in ((1, 2), (4, 5)):
+        assert sorted((one[first], other[first])) == [False, True]
+        assert one[first] != one[second] and other[first] != other[second]
+
+
+def test_where_pairs_wait_no_other_vehicles_are_searched_for(hurries):
+    assert hurries[1] == [0, 1, 2, 4, 5, 6]
+
+
+def test_a_hurried_pass_is_as_right(hurries):
+    for result, mps in zip(hurries[2], (22.352, 20.117)):
+        assert result.pairs == 7 and abs(result.speed_mps - mps) < 4 * result.speed_std_mps
+
+
+def test_a_hurried_pass_is_measured_again_by_its_trace(scene, hurries):
+    sequence, lanes, _ = scene
+    for result in hurries[2]:
+        trace = trace_of(trace_record(result.trace), 'test')
+        tracker = start(start_of(trace, sequence.rig, lanes[trace.lane], TrackerConfig(),
+                                 sequence.pairs[0]))
+        for pair, fed in zip(sequence.pairs, trace.pairs):
+            tracker.share(fed.particles)
+            tracker.hurry(fed.hurried)
+            tracker.update(pair)
+        assert tracker.result().smoothed == result.smoothed
 
 
 def lane(name, x_m):

@@ -268,6 +268,18 @@ def test_who_has_a_share_of_the_particles_has_it_of_the_solutions(
         assert (update.speed_mps, update.speed_std_mps) == (other.speed_mps, other.speed_std_mps)
 
 
+def test_who_hurries_is_solved_for_a_fifth_as_often(textured, textured_drive):
+    pairs, poses = textured_drive
+    said = []
+    for interval_s, hurried in ((0.09, True), (0.45, False)):
+        config = replace(QUICK, effort=EffortConfig(solve_interval_s=interval_s))
+        tracker = ConstrainedTracker.start(
+            textured.start(pairs[0], poses[0], config), NoParameters())
+        tracker.hurry(hurried)
+        said.append([(u.speed_mps, u.speed_std_mps) for u in map(tracker.update, pairs)])
+    assert said[0] == said[1]
+
+
 @pytest.mark.parametrize('hide', [behind_a_post, blank], ids=['post', 'nothing'])
 def test_what_is_hidden_between_solutions_coasts(follow, textured_drive, hide):
     """Pair 5 is one that would not be solved for; 7 is the next solution, 8 makes sure."""

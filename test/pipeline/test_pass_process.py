@@ -1,0 +1,93 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Passes measured in a process of its own: the same results, and no harm when it dies."""
+from __future__ import annotations
+
+from functools import partial
+import operator
+import os
+import signal
+import time
+
+import numpy as np
+import pytest
+from stereo_speed.io.bags import StereoBag
+from stereo_speed.io.trace_json import trace_text
+from stereo_speed.pipeline.assembly import MeasuringSite
+from stereo_speed.pipeline.conclusions import AtOnce, Beside
+from stereo_speed.pipeline.config import PipelineConfig
+from stereo_speed.pipeline.pass_process import PassProcess, PassProcessError
+from stereo_speed.pipeline.run import run
+from stereo_speed.site.file import load_site
+from stereo_speed.site.init_file import load_init
+
+END_S = 20.0
+
+
+@pytest.fixture(scope='module')
+def ready():
+    process = PassProcess()
+    process.wait()
+    yield process
+    process.close()
+
+
+def test_the_sample_measured_in_it_reads_as_at_once(sample, ready):
+    with StereoBag(sample / 'bag') as bag:
+        pairs, rig = list(bag.pairs()), bag.rig
+    place = MeasuringSite.of(load_site(sample / 'site.yaml'), rig)
+    beside = Beside(measured=ready.measured)
+    one, other = (run(place.pipeline(PipelineConfig(), load_init(sample / 'init.yaml'),
+                                     conclusions=way), pairs) for way in (AtOnce(), beside))
+    beside.close()
+    assert len(one.passes) == len(other.passes) == 1
+    for field in ('speed_mps', 'speed_std_mps', 'smoothed', 'smoothed_std', 'budget', 'reason',
+                  'verdict', 'vehicle', 'second', 'direction'):
+        assert getattr(one.passes[0], field) == getattr(other.passes[0], field)
+    assert trace_text('run', one.passes[0]) == trace_text('run', other.passes[0])
+
+
+def test_arrays_of_all_sizes_arrive_as_they_are(ready):
+    """What is large lies in the shared memory, as large as it takes."""
+    rng = np.random.default_rng(0)
+    for count in (10, 10**5, 3 * 10**6, 10**5):
+        these = [rng.integers(0, 255, count + k, np.uint8) for k in range(3)]
+        found = ready.measured(partial(np.concatenate, these))
+        assert (found == np.concatenate(these)).all()
+
+
+def test_what_measuring_raises_is_raised_and_the_next_pass_is_measured(ready):
+    with pytest.raises(ZeroDivisionError):
+        ready.measured(partial(operator.truediv, 1, 0))
+    assert ready.measured(partial(operator.add, 1, 2)) == 3
+
+
+def test_what_cannot_be_pickled_is_told_so(ready):
+    with pytest.raises(PassProcessError, match='pickle'):
+        ready.measured(lambda: 'a')
+    assert ready.measured(partial(operator.add, 1, 2)) == 3
+
+
+def test_one_that_dies_is_told_of():
+    process = PassProcess()
+    process.wait()
+    process.process.kill()
+    process.process.wait(END_S)
+    with pytest.raises(PassProcessError):
+        process.measured(partial(operator.add, 1, 2))
+    process.close()
+
+
+def test_one_that_does_not_answer_is_waited_for_so_long_and_no_longer():
+    process = PassProcess(answer_s=0.3)
+    process.wait()
+    try:
+        os.kill(process.process.pid, signal.SIGSTOP)
+        begun_s = time.monotonic()
+        with pytest.raises(PassProcessError, match='no answer in 0.3 s'):
+            process.measured(partial(operator.add, 1, 2))
+        assert time.monotonic() - begun_s > 0.3
+    finally:
+        os.kill(process.process.pid, signal.SIGCONT)
+        process.close()
+    assert process.process.returncode is not None
