@@ -36,6 +36,7 @@ from ..tracking.initialise import check_annotation
 from ..tracking.lane_assigner import LaneAssigner
 from ..tracking.protocol import CanHurry, Refusal, SharesParticles, Tracker, TrackStart
 
+_OCCLUDED_TURN = 8  # as many turns of what is seen are worth one of what is occluded
 StartTracker = Callable[[TrackStart], Union[Tracker, Refusal]]
 
 
@@ -43,7 +44,7 @@ class Hurry(Enum):
     """How little is done with a pair where the machine does not keep up."""
 
     NO = 'all that the parameters ask for'
-    SOME = 'one vehicle is solved for, that which has waited longest'
+    SOME = 'one vehicle is solved for, that which has waited longest, or new ones are searched for'
     MUCH = 'none is, but those whose last solution is old, and no new ones are searched for'
 
 
@@ -122,6 +123,7 @@ class _State:
     tracks: list[_Track] = field(default_factory=list)
     gone: list[TrackUpdate] = field(default_factory=list)  # last updates of what left lately
     last_ns: Optional[int] = None
+    searched: bool = False  # whether the last pair was that was not hurried much
     started: set[int] = field(default_factory=set)  # numbers of the annotations used
 
 
@@ -184,7 +186,8 @@ class SpeedPipeline:
         if self.steadier is not None:
             pair = self.steadier.steady(pair)
         self._start_annotated(pair)
-        if isinstance(self.detector, LooksAhead) and hurry is not Hurry.MUCH:
+        searches = self._hurry(hurry)
+        if searches and isinstance(self.detector, LooksAhead):
             self.detector.expect(pair, self._regions(pair, [
                 _moved_on(held, pair.stamp_ns) for held in self._held()],
                 self._lately_gone(pair)))
@@ -192,12 +195,11 @@ class SpeedPipeline:
         for track in state.tracks:
             if isinstance(track.tracker, SharesParticles):
                 track.tracker.share(share)
-        self._hurry(hurry)
         updates = [self._update(track, pair, share) for track in state.tracks]
         self._drop_missing()
         self._drop_doubles()
         self._see_gone(pair)
-        updates += [] if hurry is Hurry.MUCH else self._detect(pair)
+        updates += self._detect(pair) if searches else []
         if self.steadier is not None:
             for track in state.tracks:
                 track.see_drift(self.steadier.drift.corrected_rad)
@@ -332,15 +334,21 @@ class SpeedPipeline:
         track.trace.add(pair, particles, track.last, hurried=hurried)
         return track.last
 
-    def _hurry(self, hurry: Hurry) -> None:
-        """Tell the tracks how little to do with the next pair."""
-        tracks = self._state.tracks
-        spared = {Hurry.NO: tracks, Hurry.MUCH: [],
-                  Hurry.SOME: sorted(tracks, key=lambda t: -t.hurried)[:1]}[hurry]
+    def _hurry(self, hurry: Hurry) -> bool:
+        """Tell the tracks how little to do with the next pair; return whether it is searched."""
+        state, tracks = self._state, self._state.tracks
+        searches = hurry is Hurry.NO or (
+            hurry is Hurry.SOME and not (state.searched and tracks))
+        spared = tracks if hurry is Hurry.NO else []
+        if hurry is Hurry.SOME and not searches:
+            spared = sorted(tracks, key=_turn, reverse=True)[:1]
+        if hurry is not Hurry.MUCH:
+            state.searched = searches
         for track in tracks:
             track.hurried = 0 if track in spared else track.hurried + 1
             if isinstance(track.tracker, CanHurry):
                 track.tracker.hurry(bool(track.hurried))
+        return searches
 
     def _is_sure(self, update: TrackUpdate) -> bool:
         """Return whether the speed of a vehicle is known well enough to be a reading."""
@@ -628,6 +636,11 @@ def start_of(trace: PassTrace, rig: StereoRig, lane: LanePath, config: TrackerCo
         config=replace(config, particles=trace.particles),
         rng=np.random.default_rng([trace.seed, trace.track]), seen_mps=trace.seen_mps,
         particles_alone=config.particles)
+
+
+def _turn(track: _Track) -> float:
+    """Return how much it is a track's turn; looks for an occluded vehicle are mostly in vain."""
+    return track.hurried if _holds(track.last) else track.hurried / _OCCLUDED_TURN
 
 
 def _moved_on(update: TrackUpdate, stamp_ns: int) -> TrackUpdate:

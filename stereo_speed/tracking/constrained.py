@@ -38,6 +38,7 @@ from ..vision.haar import CELLS, PartGrid
 
 _JITTER = 1e-12  # keeps the covariance of particles that agree positive definite
 _HURRIED = 5  # times longer between solutions: a vehicle that brakes changes its speed by 2 m/s
+_HURRIED_OCCLUDED = 15  # the same where it is occluded, and nine looks in ten are in vain
 _DISTINCT_PER_DIM = 3  # distinct particles, per unknown, that still have a shape
 
 
@@ -124,8 +125,9 @@ class ConstrainedTracker:
     def _solve_interval_s(self) -> float:
         """Return the time between solutions; who has a share of the particles has it of these."""
         shares = max(1.0, self._particles_alone / self.particles)
-        return self.config.effort.solve_interval_s * (
-            max(shares, _HURRIED) if self._hurried else shares)
+        if self._hurried:
+            shares = max(shares, _HURRIED_OCCLUDED if _coasts(self._reported) else _HURRIED)
+        return self.config.effort.solve_interval_s * shares
 
     def share(self, particles: int) -> None:
         """Go on with another number of particles, when tracks come and go."""

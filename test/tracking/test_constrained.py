@@ -280,6 +280,19 @@ def test_who_hurries_is_solved_for_a_fifth_as_often(textured, textured_drive):
     assert said[0] == said[1]
 
 
+def test_who_hurries_looks_seldom_for_what_is_occluded(textured, textured_drive):
+    """Hidden in pair 5 alone; from pair 9 on there is no hurry."""
+    pairs, poses = textured_drive
+    config = replace(QUICK, effort=EffortConfig(solve_interval_s=0.05))
+    tracker = ConstrainedTracker.start(
+        textured.start(pairs[0], poses[0], config), NoParameters())
+    states = []
+    for pair in pairs[:11]:
+        tracker.hurry(pair.index < 9)
+        states.append(tracker.update(blank(pair) if pair.index == 5 else pair).state)
+    assert states[2:] == [CONFIRMED] * 3 + [COASTING] * 4 + [TENTATIVE, CONFIRMED]
+
+
 @pytest.mark.parametrize('hide', [behind_a_post, blank], ids=['post', 'nothing'])
 def test_what_is_hidden_between_solutions_coasts(follow, textured_drive, hide):
     """Pair 5 is one that would not be solved for; 7 is the next solution, 8 makes sure."""
