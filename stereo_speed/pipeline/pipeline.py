@@ -36,7 +36,6 @@ from ..tracking.initialise import check_annotation
 from ..tracking.lane_assigner import LaneAssigner
 from ..tracking.protocol import CanHurry, Refusal, SharesParticles, Tracker, TrackStart
 
-_OCCLUDED_TURN = 8  # as many turns of what is seen are worth one of what is occluded
 StartTracker = Callable[[TrackStart], Union[Tracker, Refusal]]
 
 
@@ -341,7 +340,8 @@ class SpeedPipeline:
             hurry is Hurry.SOME and not (state.searched and tracks))
         spared = tracks if hurry is Hurry.NO else []
         if hurry is Hurry.SOME and not searches:
-            spared = sorted(tracks, key=_turn, reverse=True)[:1]
+            seen = [track for track in tracks if _holds(track.last)]
+            spared = sorted(seen, key=lambda t: -t.hurried)[:1]
         if hurry is not Hurry.MUCH:
             state.searched = searches
         for track in tracks:
@@ -636,11 +636,6 @@ def start_of(trace: PassTrace, rig: StereoRig, lane: LanePath, config: TrackerCo
         config=replace(config, particles=trace.particles),
         rng=np.random.default_rng([trace.seed, trace.track]), seen_mps=trace.seen_mps,
         particles_alone=config.particles)
-
-
-def _turn(track: _Track) -> float:
-    """Return how much it is a track's turn; looks for an occluded vehicle are mostly in vain."""
-    return track.hurried if _holds(track.last) else track.hurried / _OCCLUDED_TURN
 
 
 def _moved_on(update: TrackUpdate, stamp_ns: int) -> TrackUpdate:

@@ -38,7 +38,7 @@ from ..vision.haar import CELLS, PartGrid
 
 _JITTER = 1e-12  # keeps the covariance of particles that agree positive definite
 _HURRIED = 5  # times longer between solutions: a vehicle that brakes changes its speed by 2 m/s
-_HURRIED_OCCLUDED = 15  # the same where it is occluded, and nine looks in ten are in vain
+_HURRIED_OCCLUDED = 15  # the same where it is occluded, and does not show at a glance
 _DISTINCT_PER_DIM = 3  # distinct particles, per unknown, that still have a shape
 
 
@@ -188,7 +188,12 @@ class ConstrainedTracker:
         if last is None or posterior is None or after_s >= self._solve_interval_s:
             return None
         if _coasts(last):
-            return self._report(pair, TrackState.COASTING, self._predicted(after_s).moments())
+            moments = self._predicted(after_s).moments()
+            # Who hurries looks at a glance: nine looks in ten are in vain.
+            if self._hurried and after_s >= self.config.effort.solve_interval_s \
+                    and self.window.shows(pair, moments[0]):
+                return None
+            return self._report(pair, TrackState.COASTING, moments)
         if last.state is not TrackState.CONFIRMED or len(posterior.stamps_s) < 2:
             return None
         moments = posterior.ahead(after_s, self.config)

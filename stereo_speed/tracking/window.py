@@ -349,11 +349,19 @@ class PhotometricWindow:
             of the pairs that were solved for do.
         """
         observation = self._observed(pair, guess)
-        if observation is None or not views_agree(
-                observation.cross_ncc, self._agreement, self.config.visibility):
+        if observation is None or not self._agrees(observation):
             return False
         self._window = self._grown(_Keyframe(pair, observation), guess)
         return True
+
+    def shows(self, pair: StereoPair, guess: Array) -> bool:
+        """Return whether a pair shows the whole front at a guess (4,), by the views alone."""
+        observation = self._observed(pair, guess)
+        return observation is not None and self._agrees(observation)
+
+    def _agrees(self, observation: Observation) -> bool:
+        """Return whether the views of an observation agree as those that were solved for do."""
+        return views_agree(observation.cross_ncc, self._agreement, self.config.visibility)
 
     def _observed(self, pair: StereoPair, guess: Array) -> Optional[Observation]:
         """Return the observation at a guess (4,) of s, a, b, v; None where it is not seen."""

@@ -280,16 +280,17 @@ def test_who_hurries_is_solved_for_a_fifth_as_often(textured, textured_drive):
     assert said[0] == said[1]
 
 
-def test_who_hurries_looks_seldom_for_what_is_occluded(textured, textured_drive):
-    """Hidden in pair 5 alone; from pair 9 on there is no hurry."""
+@pytest.mark.parametrize('hide', [behind_a_post, blank], ids=['post', 'nothing'])
+def test_who_hurries_sees_at_a_glance_that_what_was_occluded_is_back(
+        textured, textured_drive, hide):
+    """Hidden in pairs 5 to 8: it would be looked for anyhow after 0.75 s, not before."""
     pairs, poses = textured_drive
     config = replace(QUICK, effort=EffortConfig(solve_interval_s=0.05))
     tracker = ConstrainedTracker.start(
         textured.start(pairs[0], poses[0], config), NoParameters())
-    states = []
-    for pair in pairs[:11]:
-        tracker.hurry(pair.index < 9)
-        states.append(tracker.update(blank(pair) if pair.index == 5 else pair).state)
+    tracker.hurry(True)
+    states = [tracker.update(hide(pair) if 5 <= pair.index < 9 else pair).state
+              for pair in pairs[:11]]
     assert states[2:] == [CONFIRMED] * 3 + [COASTING] * 4 + [TENTATIVE, CONFIRMED]
 
 
