@@ -163,5 +163,5 @@ def region_of(pixels: Sequence[Patches], size: tuple[int, int]) -> Region:
 def level_of(step_px: Array) -> NDArray[np.int64]:
     """Return the level whose pixels are the next finer than steps (...,) of full-size pixels."""
     with np.errstate(invalid='ignore'):
-        levels = np.floor(np.log2(np.maximum(np.nan_to_num(step_px, nan=1.0), 1.0)))
+        levels = np.floor(np.log2(np.fmax(step_px, 1.0)))  # 1 px for those that are nan
     return np.clip(levels, 0, LEVELS - 1).astype(np.int64)
