@@ -9,16 +9,22 @@ are solved at once by Gauss and Newton, the corners eliminated first (B. Triggs 
 adjustment - a modern synthesis", 2000, section 6.1), residuals with Student's t distribution,
 so that what does not move along, such as background, counts for little.
 
+A corner is not always a point of the body: on the outline of something round, as a rider's
+helmet, it slides over the surface, and what flow errs by stays from pair to pair.  Beside the
+noise of its sightings each corner has a random walk, the same in both views, which are matched
+anew in each pair.  So a corner that slides tells the range by its disparity, and little by how
+the body grows.
+
 The path tells the direction only: ranges come from the distance of the two views alone.
 """
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Sequence
+from functools import cached_property
+from typing import Optional, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag
 
 from ..core.config import SecondConfig
 from ..core.records import Array
@@ -33,6 +39,9 @@ _BODY_STD_M = np.array([0.3, 2.0, 2.0])
 # A corner stays behind when it is spread by this many times what is usual, and by so much.
 _STAYS_FACTOR, _STAYS_M = 3.0, 0.5
 _NOTHING = 1e-9  # weight of such a one, which leaves all equations solvable
+_MIXING = 5  # rounds of expectation and maximisation
+# Variance that a corner slides by from pair to pair, by that of a sighting; the evidence decides.
+SLIDES = (0.0, 0.03, 0.3, 3.0)
 _EXACT_M = 1e-4  # no place is known better
 
 
@@ -101,6 +110,48 @@ class _Corners:
     share: Array
     along: Array
 
+    @cached_property
+    def rows(self) -> NDArray[np.int64]:
+        """Return the sightings (m, n) of each corner, by pair; N where it was seen less often."""
+        counts = np.bincount(self.corner)
+        rows = np.full((len(counts), counts.max()), len(self.corner))
+        rows[np.arange(counts.max()) < counts[:, None]] = np.argsort(self.corner, kind='stable')
+        return rows
+
+    @cached_property
+    def where(self) -> tuple[NDArray[np.int64], ...]:
+        """Return where in ``rows`` each sighting is."""
+        at = np.nonzero(self.rows < len(self.corner))
+        order = np.argsort(self.rows[at])
+        return at[0][order], at[1][order]
+
+    @cached_property
+    def walk(self) -> Array:
+        """Return the covariance (m, n, n) of a walk of unit variance from pair to pair."""
+        pair = np.append(self.pair, -1)[self.rows]
+        gone = np.maximum(pair - pair[:, :1], 0).astype(float)
+        return np.asarray(np.minimum(gone[:, :, None], gone[:, None]))
+
+    def of_each(self, values: Array, empty: float = 0.0) -> Array:
+        """Return (m, n, ...) for values (N, ...) of the sightings."""
+        filled = np.concatenate([values, np.full_like(values[:1], empty)])
+        return np.asarray(filled[self.rows])
+
+
+@dataclass(frozen=True, eq=False)
+class _Noise:
+    """
+    How corners are off.
+
+    :param variance: of a corner in a view, at depth 1.
+    :param slide: (m,) variance that each corner slides by from pair to pair, by that.
+    :param weight: (N,) of the sightings.
+    """
+
+    variance: float
+    slide: Array
+    weight: Array
+
 
 def places_of(sightings: Sequence[Rays], path: Path, config: SecondConfig) -> Places:
     """
@@ -113,17 +164,15 @@ def places_of(sightings: Sequence[Rays], path: Path, config: SecondConfig) -> Pl
     stamps = np.array([one.stamp_s for one in sightings])
     place, body, corners = _first_guess(sightings, corners, path)
     floor = (config.match_std_px / float(sightings[0].rig.left.K[0, 0])) ** 2
-    variance, dof = floor, config.tail_dof
+    free = max(4 * float(corners.along.sum()) - place.size - body.size, corners.along.sum(), 1.0)
+    weight = np.ones(len(corners.pair))
     for _ in range(_ROUNDS):
         residual, by_place, by_body = _residuals(sightings, corners, path, place, body)
-        square = np.sum(residual ** 2, axis=1)
-        weight = (dof + 4) / (dof + square / variance)
-        weight = weight * corners.along
-        count = float(corners.along.sum())
-        free = max(4 * count - place.size - body.size, count, 1.0)
-        variance = max(float(weight @ square) / free, floor)
-        normal = _Normal(corners, corners.share * weight / variance, residual, by_place, by_body)
-        step, steps, covariance = normal.solve(place, body)
+        noise = _noise_of(corners, residual, weight, free, floor)
+        square = np.sum(_whitened(corners, residual[..., None], noise) ** 2, axis=(2, 3))
+        weight = (config.tail_dof + 4) / (config.tail_dof + square[corners.where])
+        noise = replace(noise, weight=weight * corners.share * corners.along)
+        step, steps, covariance = _solved(corners, noise, residual, by_place, by_body, body)
         place, body = place + step, body + steps
         if np.abs(step).max() < _STILL_M:
             break
@@ -212,48 +261,92 @@ def _residuals(sightings: Sequence[Rays], corners: _Corners, path: Path, place: 
             np.concatenate(by_body, axis=1))
 
 
-class _Normal:
+def _noise_of(corners: _Corners, residual: Array, weight: Array, free: float, floor: float
+              ) -> _Noise:
     """
-    The normal equations, with the corners eliminated.
+    Return the noise that the residuals (N, 4) speak for.
 
-    :param corners: which residual is of which pair and corner.
-    :param weight: (N,) of each, one over its variance.
-    :param residual: (N, 4).
-    :param by_place: (N, 4, 3) slopes.
-    :param by_body: (N, 4, 3) slopes.
+    How much corners slide is a mixture: each corner has the slide that is most probable for it,
+    by its own residuals and by how many others slide as much.
+
+    :param weight: (N,) of the sightings, by their tails.
+    :param free: as many residuals are free.
+    :param floor: least variance, at depth 1.
     """
+    count = len(corners.rows)
+    weight = weight * corners.along
+    volumes, squares = np.empty((len(SLIDES), count)), np.empty((len(SLIDES), count))
+    for k, slide in enumerate(SLIDES):
+        noise = _Noise(1.0, np.full(count, slide), weight)
+        roots = _roots(corners, noise)
+        volumes[k] = 2 * np.log(np.diagonal(roots, axis1=1, axis2=2)).sum(axis=1)
+        squares[k] = np.sum(_whitened(corners, residual[..., None], noise, roots) ** 2,
+                            axis=(1, 2, 3))
+    shares, own = np.full(len(SLIDES), 1 / len(SLIDES)), np.full_like(squares, 1 / len(SLIDES))
+    for _ in range(_MIXING):
+        variance = max(float(np.sum(own * squares)) / free, floor)
+        logs = np.log(shares)[:, None] - volumes - 0.5 * squares / variance
+        own = np.exp(logs - logs.max(axis=0))
+        own /= own.sum(axis=0)
+        shares = np.maximum(own.mean(axis=1), 1e-6)
+    return _Noise(variance, np.array(SLIDES)[np.argmax(own, axis=0)], weight)
 
-    def __init__(self, corners: _Corners, weight: Array, residual: Array, by_place: Array,
-                 by_body: Array) -> None:
-        self.corners = corners
-        weighted = weight[:, None, None] * by_place
-        self.pairs = np.einsum('nij,nik->njk', weighted, by_place)
-        self.cross = np.einsum('nij,nik->njk', weighted, by_body)
-        self.bodies = np.einsum('nij,nik->njk', weight[:, None, None] * by_body, by_body)
-        self.of_place = np.einsum('nij,ni->nj', weighted, residual)
-        self.of_body = np.einsum('n,nij,ni->nj', weight, by_body, residual)
 
-    def solve(self, place: Array, body: Array) -> tuple[Array, Array, Array]:
-        """Return steps of places (n, 3) and corners (m, 3), and the places' covariance."""
-        n, m, pair, corner = len(place), len(body), self.corners.pair, self.corners.corner
-        own = np.zeros((n, 3, 3))
-        np.add.at(own, pair, self.pairs)
-        inner = np.tile(np.diag(1 / _BODY_STD_M ** 2), (m, 1, 1))
-        np.add.at(inner, corner, self.bodies)
-        blocks = np.zeros((n, m, 3, 3))
-        np.add.at(blocks, (pair, corner), self.cross)
-        g = np.zeros((n, 3))
-        np.add.at(g, pair, self.of_place)
-        h = -body / _BODY_STD_M ** 2
-        np.add.at(h, corner, self.of_body)
-        cross = blocks.transpose(0, 2, 1, 3).reshape(3 * n, m, 3)
-        solved = np.einsum('amk,mkl->aml', cross, np.linalg.inv(inner))
-        reduced = block_diag(*own) - np.einsum('amk,bmk->ab', solved, cross, optimize=True)
-        covariance = np.linalg.pinv(reduced, hermitian=True)
-        step = covariance @ (g.reshape(-1) - np.einsum('amk,mk->a', solved, h))
-        rest = h - np.einsum('amk,a->mk', cross, step)
-        return (step.reshape(n, 3), np.linalg.solve(inner, rest[..., None])[..., 0],
-                covariance.reshape(n, 3, n, 3))
+def _roots(corners: _Corners, noise: _Noise) -> Array:
+    """
+    Return the roots (m, n, n) of the covariances of the sums of both views.
+
+    A slide goes on from where it was: its covariance is that of a random walk, the same in both
+    views.  It is in the sum of both views, over the root of two; their difference has none.
+    """
+    own = corners.of_each(1 / noise.weight, 1.0)
+    walk = 2 * noise.slide[:, None, None] * corners.walk
+    return np.asarray(np.linalg.cholesky(
+        noise.variance * (walk + own[:, :, None] * np.eye(own.shape[1]))), dtype=float)
+
+
+def _whitened(corners: _Corners, views: Array, noise: _Noise, roots: Optional[Array] = None
+              ) -> Array:
+    """
+    Return residuals or slopes, of each corner (m, n, 4, k), with unit covariance.
+
+    :param views: (N, 4, k) left and right.
+    """
+    if roots is None:
+        roots = _roots(corners, noise)
+    left, right = views[:, :2] / np.sqrt(2), views[:, 2:] / np.sqrt(2)
+    scale = np.sqrt(noise.weight / noise.variance)
+    sums = corners.of_each(left + right)
+    solved = np.linalg.solve(roots, sums.reshape(*sums.shape[:2], -1)).reshape(sums.shape)
+    return np.concatenate(
+        [solved, corners.of_each(scale[:, None, None] * (left - right))], axis=2)
+
+
+def _solved(corners: _Corners, noise: _Noise, residual: Array, by_place: Array, by_body: Array,
+            body: Array) -> tuple[Array, Array, Array]:
+    """
+    Return steps of places (n, 3) and corners (m, 3), and the places' covariance.
+
+    The corners are eliminated from the normal equations.
+    """
+    count = int(corners.pair.max()) + 1
+    wide = np.zeros((len(residual), 4, count, 3))
+    wide[np.arange(len(residual)), :, corners.pair] = by_place
+    rows = _whitened(corners, np.concatenate(
+        [wide.reshape(len(residual), 4, -1), by_body, residual[..., None]], axis=2), noise)
+    rows = rows.reshape(len(rows), -1, rows.shape[-1])
+    normal = rows.transpose(0, 2, 1) @ rows
+    places, bodies = slice(0, 3 * count), slice(3 * count, 3 * count + 3)
+    inner = np.linalg.inv(normal[:, bodies, bodies] + np.diag(1 / _BODY_STD_M ** 2))
+    h = normal[:, bodies, -1] - body / _BODY_STD_M ** 2
+    across = normal[:, bodies, places]
+    solved = inner @ across
+    reduced = normal[:, places, places].sum(axis=0) - np.einsum(
+        'mki,mkj->ij', across, solved, optimize=True)
+    covariance = np.linalg.pinv(reduced, hermitian=True)
+    step = covariance @ (normal[:, places, -1].sum(axis=0) - np.einsum('mki,mk->i', solved, h))
+    steps = np.einsum('mkl,ml->mk', inner, h - across @ step)
+    return step.reshape(-1, 3), steps, covariance.reshape(count, 3, count, 3)
 
 
 def _common(sightings: Sequence[Rays], path: Path, place: Array, config: SecondConfig) -> Array:

@@ -29,22 +29,29 @@ BEND = SplinePath(np.stack([-35 + 40 * np.cos(ANGLES), 0 * ANGLES + 3.0,
                             45 - 40 * np.sin(ANGLES)], axis=1))
 
 
-def sightings(path, rng, *, speed=20.0, count=9, lag_s=0.0, strangers=0):
-    """Return rays of 25 corners, some of which stand still beside the road, and true places."""
+def sightings(path, rng, *, speed=20.0, count=9, lag_s=0.0, strangers=0, sliding=0,
+              slide_px=0.3):
+    """
+    Return rays of 25 corners and of some that stand still beside the road, and true places.
+
+    :param sliding: so many of the corners walk over the body, the same in both views.
+    :param slide_px: 1-sigma of a step of theirs.
+    """
     own, body = rig(), rng.uniform(-1, 1, (25, 3)) * [0.3, 0.8, 0.3]
     still = rng.uniform(-1, 1, (strangers, 3)) * [2, 0.5, 2] + path.position(np.array(30.0))
     times = np.arange(count) * 0.15
     s_m = 2.0 + speed * times
-    out = []
+    out, slid = [], np.zeros((25 + strangers, 2))
     for t, s in zip(times, s_m):
         views = []
+        slid[:sliding] += rng.normal(0, slide_px / F_PX, (sliding, 2))
         for camera, late in ((own.left, 0.0), (own.right, lag_s)):
             at = np.array(s + speed * late)
             points = np.concatenate([path.position(at) + body @ path.frame(at).T, still])
             if camera is own.right:
                 points = own.to_right(points)
             xy = points[:, :2] / points[:, 2:]
-            views.append(xy + rng.normal(0, NOISE_PX / F_PX, xy.shape))
+            views.append(xy + slid + rng.normal(0, NOISE_PX / F_PX, xy.shape))
         out.append(Rays(own, t, lag_s, np.arange(25 + strangers), *views, 1.0))
     return out, s_m
 
@@ -64,6 +71,35 @@ def test_moves_are_within_their_sigmas(path, how):
         squares.append(moves @ np.linalg.solve(covariance, moves) / len(moves))
     # mean of 48 squares of normal numbers: 1-sigma is 0.2; strangers cost certainty
     assert (0.0 if 'strangers' in how else 0.4) < np.mean(squares) < 1.6
+
+
+def drawn_speeds(**how):
+    """Return errors of the mean speeds of 24 draws, m/s, and their 1-sigmas."""
+    errors, stds = [], []
+    for seed in range(24):
+        seen, s_m = sightings(STRAIGHT, np.random.default_rng(seed), **how)
+        places = places_of(seen, STRAIGHT, CONFIG)
+        ends = np.zeros(len(s_m))
+        ends[[0, -1]] = np.array([-1, 1]) / (places.stamps_s[-1] - places.stamps_s[0])
+        errors.append(ends @ (places.place[:, 0] - s_m))
+        stds.append(np.sqrt(ends @ places.covariance[:, 0, :, 0] @ ends))
+    return np.array(errors), np.array(stds)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('sliding', [8, 25], ids=['some', 'all'])
+def test_corners_that_slide_leave_an_honest_speed(sliding):
+    """Their errors stay from pair to pair: as independent ones they would be averaged away."""
+    errors, stds = drawn_speeds(sliding=sliding)
+    # mean of 24 squares of normal numbers: 1-sigma is 0.29
+    assert np.mean((errors / stds) ** 2) < 1 + 4 * 0.29
+
+
+@pytest.mark.slow
+def test_corners_that_slide_cost_certainty():
+    """What stays on the body tells more, and corners that all slide less than some of them."""
+    none, some, most = (float(np.mean(drawn_speeds(sliding=n)[1])) for n in (0, 8, 25))
+    assert none < some < most
 
 
 def test_a_move_as_by_hand():
