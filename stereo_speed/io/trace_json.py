@@ -142,7 +142,7 @@ def _plain(value: Any) -> Any:
 
 def _record(kind: type[Record], data: Mapping[str, Any], **known: Any) -> Record:
     """
-    Return the record that plain values describe.
+    Return the record that plain values describe; what an older one did not tell is as usual.
 
     :param kind: of record.
     :param data: as of :func:`_values`.
@@ -151,7 +151,8 @@ def _record(kind: type[Record], data: Mapping[str, Any], **known: Any) -> Record
     of = _types(kind)
     return kind(**known, **{
         f.name: _value(of[f.name], data[f.name], f.name) for f in dataclasses.fields(kind)
-        if f.name not in known and f.name not in _LEFT_OUT.get(kind, ())})
+        if f.name not in known and f.name not in _LEFT_OUT.get(kind, ())
+        and (f.name in data or f.default is dataclasses.MISSING)})
 
 
 _types = lru_cache(maxsize=None)(get_type_hints)  # of the fields of a record

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from stereo_speed.core.config import (
     EffortConfig, NoParameters, TrackerConfig, VerdictConfig, VisibilityConfig)
+from stereo_speed.core.errors import InputError
 from stereo_speed.core.passes import PassResult, Reason, Verdict
 from stereo_speed.core.records import TrackState, TrackUpdate
 from stereo_speed.detection.protocol import Detection, EarlierFront
@@ -405,3 +406,14 @@ def test_what_runs_beside_the_road_is_rejected():
         keeper.place(update_at(x, 40.0))
     result = keeper.conclude(passed())
     assert (result.verdict, result.reason) == (Verdict.REJECTED, 'off_path')
+
+
+def test_a_trace_of_before_pairs_could_be_hurried_is_read(hurries):
+    """What it does not tell is as usual; what it must tell is missed."""
+    written = trace_record(hurries[2][0].trace)
+    for pair in written['pairs']:
+        del pair['hurried']
+    assert not any(pair.hurried for pair in trace_of(written, 'test').pairs)
+    del written['pairs'][0]['particles']
+    with pytest.raises(InputError, match='particles'):
+        trace_of(written, 'test')

@@ -60,8 +60,10 @@ def _copy(source: Path, folder: Path, topics: tuple[str, ...], disturber: Distur
     recording = Recording(source)
     try:
         with Writer(folder, version=9, storage_plugin=_storage(source)) as writer:
-            out = {c.id: writer.add_connection(c.topic, c.msgtype, typestore=recording.store)
-                   for c in recording.connections}
+            out = {c.id: writer.add_connection(
+                c.topic, c.msgtype, typestore=recording.store,
+                offered_qos_profiles=getattr(c.ext, 'offered_qos_profiles', ()))
+                for c in recording.connections}
             for connection, log_time_ns, data in recording.everything():
                 if connection.topic in topics:
                     message = recording.store.deserialize_cdr(data, connection.msgtype)

@@ -70,17 +70,20 @@ def not_clicked(lines: Mapping[str, Beside], scatter_px: float, most_sigmas: flo
     """
     Return the lines whose markings cannot be what was clicked, found one after the other.
 
-    :param lines: how far the clicks of each lie from what was found of it.
+    :param lines: how far the clicks of each lie from what was found of it; one of which that is
+        not known is left alone.
     :param scatter_px: of clicks, and as great as what a person does alike along a whole line.
     :param most_sigmas: of that, and of what clicks do beside the other lines.
     """
-    left = dict(lines)
-    while left:
+    meant = {name: line for name, line in lines.items() if np.isfinite(line).all()}
+    wrong: set[str] = set()
+    while meant:
         sigmas = {name: line.outside_px / np.hypot(scatter_px, np.median(
-            [other.off_px for one, other in left.items() if one != name] or [0.0]))
-            for name, line in left.items()}
+            [other.off_px for one, other in meant.items() if one != name] or [0.0]))
+            for name, line in meant.items()}
         worst = max(sigmas, key=sigmas.__getitem__)
         if not sigmas[worst] > most_sigmas:
             break
-        del left[worst]
-    return set(lines) - set(left)
+        wrong.add(worst)
+        del meant[worst]
+    return wrong

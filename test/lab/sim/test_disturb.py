@@ -7,6 +7,8 @@ import cv2
 import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
+from rosbags.interfaces import (
+    Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime)
 from rosbags.rosbag2 import Writer
 from rosbags.typesys import get_typestore, Stores
 from stereo_speed.cli import main as cli
@@ -21,6 +23,9 @@ from stereo_speed.lab.sim.write import write_bag
 SMALL = RigConfig(width_px=320, height_px=240, f_px=560.0)
 STAMPS_NS = [10 ** 9 + k * 2 * 10 ** 8 for k in range(40)]
 LEFT, RIGHT = 0, 1
+FOREVER = QosTime(2147483647, 4294967295)
+LATCHED = Qos(QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL,
+              FOREVER, FOREVER, QosLiveliness.AUTOMATIC, FOREVER, False)
 
 
 def _disturber(grain=(0.0, 0.0), **what):
@@ -153,13 +158,14 @@ def test_bag_keeps_all_but_its_images(recorded, tmp_path, storage):
     assert len(list((tmp_path / 'one/bag').glob(f'*.{suffix}'))) == 1
 
 
-def test_topics_without_a_header_are_kept(recorded, tmp_path):
+def test_topics_without_a_header_are_kept_as_they_are_offered(recorded, tmp_path):
     store = get_typestore(Stores.ROS2_JAZZY)
     source = tmp_path / 'with_words'
     with AnyReader([recorded / 'mcap/bag']) as reader, Writer(source, version=9) as writer:
         out = {c.id: writer.add_connection(c.topic, c.msgtype, typestore=store)
                for c in reader.connections}
-        words = writer.add_connection('/words', 'std_msgs/msg/Empty', typestore=store)
+        words = writer.add_connection('/words', 'std_msgs/msg/Empty', typestore=store,
+                                      offered_qos_profiles=[LATCHED])
         empty = store.serialize_cdr(store.types['std_msgs/msg/Empty'](), 'std_msgs/msg/Empty')
         for connection, ns, data in reader.messages():
             writer.write(out[connection.id], ns, data)
@@ -167,6 +173,9 @@ def test_topics_without_a_header_are_kept(recorded, tmp_path):
     disturb_bag(source, tmp_path / 'out', Disturbance(sway_deg=0.1), np.random.default_rng(0))
     topics = [m[0] for m in _messages(tmp_path / 'out/bag')]
     assert topics == [m[0] for m in _messages(source)] and topics.count('/words') == 12
+    with AnyReader([tmp_path / 'out/bag']) as reader:
+        assert {c.topic: c.ext.offered_qos_profiles for c in reader.connections}[
+            '/words'] == [LATCHED]
 
 
 @pytest.mark.parametrize('bag, options, told', [

@@ -21,6 +21,7 @@ ON = Beside(0.2, -2.0)
     ({'a': ON, 'c': Beside(4.0, 1.8)}, {'c'}),
     ({'a': Beside(3.0, 1.8), 'b': Beside(3.0, 1.0), 'c': Beside(3.0, 2.0)}, set()),  # a knock
     ({'a': Beside(9.0, 8.0), 'b': ON, 'c': Beside(4.0, 1.8), 'd': ON}, {'a', 'c'}),
+    ({'n': Beside(np.nan, np.nan), 'a': ON, 'b': ON, 'c': Beside(4.0, 1.8)}, {'c'}),
     ({'a': Beside(1.0, 0.91)}, {'a'}), ({'a': Beside(1.0, 0.89)}, set()), ({}, set())])
 def test_lines_far_beside_their_clicks_where_others_lie_on_theirs(lines, wrong):
     """With clicks of 0.3 px, three sigmas of these and of what clicks do beside other lines."""
