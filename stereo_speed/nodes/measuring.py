@@ -62,6 +62,7 @@ _POLL_S = 0.1
 _JOIN_S = 20.0  # for the pair in hand, when the node stops
 _LATENCIES = 300  # of the newest pairs
 _ORDER_S = 10.0  # between two looks at whether the views are crossed; it takes some 50 ms
+_HARDLY_S = 10.0  # of hurried pairs: more than a moment
 _LAG_KNOWN_S = 2e-3  # 1-sigma of the time between the views
 
 
@@ -122,11 +123,12 @@ class Measuring:
         self.silence_s = p.get('silence_s', 2.0, 'all passes end when no pair has come for so '
                                'long [s], and for five times as long as between the last two',
                                0.1, 3600.0)
-        self._most_wait_s = p.get('most_wait_s', 2.0, 'when a pair has waited for a tenth of that '
-                                  '[s], the machine does not keep up, and pairs that wait are '
-                                  'hurried: vehicles are solved for less often; when one has '
-                                  'waited longer, the newest pair is served and older ones are '
-                                  'skipped', 0.0, 3600.0)
+        self._most_wait_s = p.get('most_wait_s', 2.0, 'when a pair has waited longer [s], the '
+                                  'newest pair is served and older ones are skipped', 0.0, 3600.0)
+        self._hurry = p.get('hurry', True, 'when a pair has waited for a tenth of most_wait_s, '
+                            'the machine does not keep up, and pairs are hurried: vehicles are '
+                            'solved for less often, with a greater 1-sigma; without it the only '
+                            'remedy is to skip pairs')
         where = f'{node.get_name()}: parameter'
         self.config = _config(p, tracker, detector, where)
         # Files of parameters have those of every tracker and detector.
@@ -163,7 +165,7 @@ class Measuring:
     def _begin_anew(self) -> None:
         """Forget the stream of pairs: measuring begins with the next one."""
         self.queue: PairQueue[_Arrival] = PairQueue(
-            self._most_wait_s, max(_WAITING_PAIRS, MOST_REFINE_PAIRS))
+            self._most_wait_s, max(_WAITING_PAIRS, MOST_REFINE_PAIRS), hurry=self._hurry)
         self.pipeline: Optional[SpeedPipeline] = None
         self._conclusions: Optional[Beside] = None
         self._adopted, self._unusable = 0, ''
@@ -444,6 +446,7 @@ class Measuring:
                 self._process(pipeline, arrival)
             else:
                 self.skipped.add()
+        self.queue.ready()
 
     def _told(self, place: MeasuringSite) -> None:
         """Log how the site was refined."""
@@ -472,7 +475,7 @@ class Measuring:
         while isinstance(detector, TakesBoxes) and self._boxes:
             detector.offer(*self._boxes.popleft())
         hurry = self.queue.hurry
-        self.hurried.add(hurry is Hurry.MUCH)
+        self.hurried.add(hurry is not Hurry.NO)
         try:
             step = pipeline.process(pair, hurry)
         except InputError as error:
@@ -563,6 +566,8 @@ class Measuring:
             state.find(WARN, 'stamps jumped back: all passes ended')
         if self.skipped.recent:
             state.find(WARN, f'does not keep up: {self.skipped.recent} pairs skipped')
+        if queue.hurrying_s > _HARDLY_S:
+            state.find(WARN, 'the machine hardly keeps up: pairs are hurried')
         if self.frozen.recent:
             state.find(WARN, f'{self.frozen.recent} pairs withheld: an image is the last one '
                        'again')

@@ -4,7 +4,7 @@
 The one pipeline: pairs in, track updates and pass results out.
 
 The live nodes, ``replay`` and the tests all run this object, so the same pairs and seed give the
-same speeds everywhere.
+same speeds everywhere, but where a machine that does not keep up has pairs hurried or skipped.
 """
 from __future__ import annotations
 
@@ -36,6 +36,8 @@ from ..tracking.initialise import check_annotation
 from ..tracking.lane_assigner import LaneAssigner
 from ..tracking.protocol import CanHurry, Refusal, SharesParticles, Tracker, TrackStart
 
+_UNSEARCHED_S = 0.3  # of stamps, at most: vehicles are in view for seconds
+
 StartTracker = Callable[[TrackStart], Union[Tracker, Refusal]]
 
 
@@ -44,7 +46,7 @@ class Hurry(Enum):
 
     NO = 'all that the parameters ask for'
     SOME = 'one vehicle is solved for, that which has waited longest, or new ones are searched for'
-    MUCH = 'none is, but those whose last solution is old, and no new ones are searched for'
+    MUCH = 'none is, but those whose last solution is old; new ones are searched for now and then'
 
 
 @dataclass(frozen=True)
@@ -122,7 +124,8 @@ class _State:
     tracks: list[_Track] = field(default_factory=list)
     gone: list[TrackUpdate] = field(default_factory=list)  # last updates of what left lately
     last_ns: Optional[int] = None
-    searched: bool = False  # whether the last pair was that was not hurried much
+    searched: bool = False  # whether the last pair was in which that or solving had its turn
+    searched_ns: Optional[int] = None  # stamp of the last pair that was
     started: set[int] = field(default_factory=set)  # numbers of the annotations used
 
 
@@ -185,7 +188,7 @@ class SpeedPipeline:
         if self.steadier is not None:
             pair = self.steadier.steady(pair)
         self._start_annotated(pair)
-        searches = self._hurry(hurry)
+        searches = self._hurry(hurry, pair.stamp_ns)
         if searches and isinstance(self.detector, LooksAhead):
             self.detector.expect(pair, self._regions(pair, [
                 _moved_on(held, pair.stamp_ns) for held in self._held()],
@@ -333,22 +336,30 @@ class SpeedPipeline:
         track.trace.add(pair, particles, track.last, hurried=hurried)
         return track.last
 
-    def _hurry(self, hurry: Hurry) -> bool:
+    def _hurry(self, hurry: Hurry, stamp_ns: int) -> bool:
         """Tell the tracks how little to do with the next pair; return whether it is searched."""
         state, tracks = self._state, self._state.tracks
         searches = hurry is Hurry.NO or (
-            hurry is Hurry.SOME and not (state.searched and tracks))
+            hurry is Hurry.SOME and not (state.searched and tracks)) or (
+            hurry is Hurry.MUCH and self._search_is_due(stamp_ns))
         spared = tracks if hurry is Hurry.NO else []
         if hurry is Hurry.SOME and not searches:
             seen = [track for track in tracks if _holds(track.last)]
             spared = sorted(seen, key=lambda t: -t.hurried)[:1]
-        if hurry is not Hurry.MUCH:
+        if searches or hurry is not Hurry.MUCH:
             state.searched = searches
+        if searches:
+            state.searched_ns = stamp_ns
         for track in tracks:
             track.hurried = 0 if track in spared else track.hurried + 1
             if isinstance(track.tracker, CanHurry):
                 track.tracker.hurry(bool(track.hurried))
         return searches
+
+    def _search_is_due(self, stamp_ns: int) -> bool:
+        """Return whether a pair is to be searched however others wait: none was for long."""
+        last_ns = self._state.searched_ns
+        return last_ns is None or (stamp_ns - last_ns) * 1e-9 >= _UNSEARCHED_S
 
     def _is_sure(self, update: TrackUpdate) -> bool:
         """Return whether the speed of a vehicle is known well enough to be a reading."""

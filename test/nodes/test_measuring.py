@@ -13,6 +13,18 @@ from stereo_speed.nodes.health import WARN  # noqa: E402, I100
 from stereo_speed.nodes.tracker_node import TrackerNode  # noqa: E402
 
 
+def hurried(node, lasted_s):
+    """Have a node's pairs hurried for some time, by a clock of its queue; return its state."""
+    queue, now_s = node.measuring.queue, [0.0]
+    queue._clock = lambda: now_s[0]
+    queue.put('pair')
+    for _ in range(int(lasted_s) + 1):
+        now_s[0] += 1.0
+        assert queue.take(0.0) == 'pair'
+        queue.put('pair')
+    return node.measuring.state()
+
+
 @pytest.fixture()
 def node(in_process, sample):
     with in_process(TrackerNode, f'site:={sample / "site.yaml"}') as node:
@@ -31,3 +43,20 @@ def test_each_state_and_a_jump_of_time_are_told(node):
     assert state.values['resets'] == 1 and 'stamps jumped back' in state.message
     node.trigger_deactivate()
     assert measuring.state().message == 'inactive'
+
+
+@pytest.mark.parametrize(('lasted_s', 'told'), [(9.0, False), (11.0, True)])
+def test_it_is_told_when_pairs_have_been_hurried_for_long(node, lasted_s, told):
+    node.trigger_configure()
+    node.trigger_activate()
+    node.trigger_deactivate()  # its thread takes no pairs from here on
+    node.measuring._stopping.clear()
+    state = hurried(node, lasted_s)
+    assert ('the machine hardly keeps up: pairs are hurried' in state.message) is told
+    assert state.level == WARN or not told
+
+
+def test_without_hurry_no_pair_is(in_process, sample):
+    with in_process(TrackerNode, f'site:={sample / "site.yaml"}', 'hurry:=false') as node:
+        hurried(node, 11.0)
+        assert node.measuring.queue.hurrying_s == 0.0

@@ -6,7 +6,7 @@ from __future__ import annotations
 import threading
 
 import pytest
-from stereo_speed.nodes.pair_queue import CALM_S, PairQueue, RECOVER_S
+from stereo_speed.nodes.pair_queue import CALM_S, MOST_CALM_S, PairQueue, RECOVER_S
 from stereo_speed.pipeline.pipeline import Hurry
 
 
@@ -94,16 +94,119 @@ def test_pairs_that_wait_are_hurried_once_one_has_waited_for_long():
     assert queue.pop_skipped() == 0 and not queue.overloaded
 
 
-def test_after_a_minute_without_a_pair_that_waits_none_is_hurried():
+def hurried_stream(work_s, lasts_s, most_wait_s=2.0, starts_s=0.0, period_s=0.033):
+    """
+    Serve a stream; return when each pair was served, how it was hurried, and the queue.
+
+    :param work_s: gives the time that a pair takes, from when it is served and how it is hurried.
+    :param starts_s: what the first pair takes until measuring is ready.
+    """
+    clock, out, coming, free_s = Clock(), [], 0, 0.0
+    queue = PairQueue(most_wait_s, 1000, clock)
+    while free_s < lasts_s:
+        while coming * period_s <= free_s or not len(queue):
+            clock.s = coming * period_s
+            queue.put(coming)
+            coming += 1
+        clock.s = free_s = max(free_s, clock.s)
+        queue.take(0.0)
+        out.append((clock.s, queue.hurry))
+        if len(out) == 1 and starts_s:
+            free_s = clock.s = free_s + starts_s
+            queue.ready()
+        free_s += work_s(clock.s, queue.hurry)
+    return out, queue
+
+
+def hurried_s(out):
+    """Return the times at which pairs were hurried."""
+    return [s for s, hurry in out if hurry is not Hurry.NO]
+
+
+def test_a_start_that_takes_long_hurries_for_a_few_seconds_at_most():
+    out, queue = hurried_stream(lambda s, hurry: 0.015, 60.0, starts_s=0.7)
+    assert all(s < 4.0 for s in hurried_s(out)) and queue.hurrying_s == 0.0
+
+
+def test_what_waited_for_the_start_alone_is_not_hurried():
+    clock = Clock()
+    queue = PairQueue(2.0, 100, clock)
+    queue.put('pair')
+    clock.s = 1.5
+    queue.ready()
+    clock.s = 1.6
+    assert queue.take(0.0) == 'pair' and queue.hurry is Hurry.NO
+
+
+@pytest.mark.parametrize('stall_s', [0.05, 0.12])
+def test_single_stalls_do_not_prolong_it(stall_s):
+    """Once it stands for 0.3 s; from then on, for a moment every 1 s, less than a long wait."""
+    stalls = [10.0, *range(11, 120)]
+
+    def work_s(s, hurry):
+        if stalls and s >= stalls[0]:
+            stalls.pop(0)
+            return 0.3 if s < 11.0 else stall_s
+        return 0.015
+    out, _ = hurried_stream(work_s, 120.0)
+    assert hurried_s(out) and all(10.0 < s < 10.3 + CALM_S + 0.6 for s in hurried_s(out))
+
+
+def test_who_keeps_up_only_in_haste_hurries_most_of_the_time():
+    out, queue = hurried_stream(lambda s, hurry: 0.04 if hurry is Hurry.NO else 0.02, 600.0)
+    late = [hurry is not Hurry.NO for s, hurry in out if s > 120.0]
+    assert sum(late) >= 0.8 * len(late)
+    assert queue.pop_skipped() == 0
+
+
+def test_when_the_traffic_is_over_so_is_the_haste_and_the_next_one_begins_short():
+    busy_s = ((0.0, 300.0), (500.0, 510.0))
+
+    def work_s(s, hurry):
+        busy = any(begin <= s < end for begin, end in busy_s)
+        return 0.02 if hurry is not Hurry.NO or not busy else 0.04
+    out, _ = hurried_stream(work_s, 600.0)
+    hurried = hurried_s(out)
+    assert not [s for s in hurried if 300.0 + MOST_CALM_S + 1.0 < s < 500.0]
+    second = [s for s in hurried if s > 500.0]
+    assert second and max(second) < 520.0
+
+
+def test_it_is_told_for_how_long_pairs_have_been_hurried():
     clock = Clock()
     queue = PairQueue(2.0, 100, clock)
     waits(queue, clock, 0.3)
-    for _ in range(int(CALM_S / 0.5) - 1):
-        clock.s += 0.5
-        assert waits(queue, clock, 0.0) is Hurry.SOME
-    clock.s += 1.0
-    assert waits(queue, clock, 0.0) is Hurry.NO
-    assert waits(queue, clock, 0.05) is Hurry.NO
+    assert queue.hurrying_s == 0.0
+    for _ in range(4):
+        clock.s += 1.0
+        waits(queue, clock, 0.15)
+    assert queue.hurrying_s == pytest.approx(4.6)
+    clock.s += CALM_S + 0.1  # no pair comes any more
+    assert queue.hurrying_s == 0.0
+
+
+@pytest.mark.parametrize('work_s', [0.05, 0.1])
+def test_who_skips_hurries_and_does_until_some_time_after(work_s):
+    out, _ = hurried_stream(lambda s, hurry: work_s if s < 60.0 else 0.01, 100.0, 0.5)
+    hurried, first_s = hurried_s(out), hurried_s(out)[0]
+    assert first_s < 1.0 and [s for s, _ in out if first_s < s < 60.0] == [
+        s for s in hurried if first_s < s < 60.0]
+    assert 60.0 + RECOVER_S < hurried[-1] < 60.0 + RECOVER_S + MOST_CALM_S
+
+
+@pytest.mark.parametrize('most_wait_s', [0.0, 0.2])
+def test_however_little_pairs_may_wait_jitter_does_not_hurry(most_wait_s):
+    clock = Clock()
+    queue = PairQueue(most_wait_s, 100, clock)
+    assert [waits(queue, clock, s) for s in (0.02, 0.0, 0.09)] == [Hurry.NO] * 3
+    assert waits(queue, clock, 0.11) is Hurry.MUCH
+
+
+def test_who_wants_no_haste_has_none():
+    clock = Clock()
+    queue = PairQueue(2.0, 100, clock, hurry=False)
+    assert [waits(queue, clock, s) for s in (0.3, 1.0, 3.0)] == [Hurry.NO] * 3
+    assert queue.hurrying_s == 0.0
 
 
 def test_no_more_than_so_many_wait():

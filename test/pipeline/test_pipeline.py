@@ -12,9 +12,13 @@ from stereo_speed.core.config import (
 from stereo_speed.core.errors import InputError
 from stereo_speed.core.passes import PassResult, Reason, Verdict
 from stereo_speed.core.records import TrackState, TrackUpdate
+from stereo_speed.core.units import MPH_MPS
 from stereo_speed.detection.protocol import Detection, EarlierFront
+from stereo_speed.io.bags import StereoBag
 from stereo_speed.io.trace_json import trace_of, trace_record
 from stereo_speed.lab.sim import simulate, straight_config, VehicleConfig
+from stereo_speed.pipeline.assembly import MeasuringSite
+from stereo_speed.pipeline.config import PipelineConfig
 from stereo_speed.pipeline.pipeline import Hurry, SpeedPipeline, start_of
 from stereo_speed.road.lanes import LanePath
 from stereo_speed.road.path import StraightPath
@@ -369,6 +373,25 @@ def test_a_hurried_pass_is_measured_again_by_its_trace(scene, hurries):
             tracker.hurry(fed.hurried)
             tracker.update(pair)
         assert tracker.result().smoothed == result.smoothed
+
+
+def test_who_hurries_much_all_the_time_finds_its_vehicle(sample):
+    """Five pairs a second, 55 mph: each pair has waited."""
+    with StereoBag(sample / 'bag') as bag:
+        pairs, rig = list(bag.pairs()), bag.rig
+    pipeline = MeasuringSite.of(load_site(sample / 'site.yaml'), rig).pipeline(PipelineConfig())
+    searched, update = [], pipeline.detector.update
+
+    def searching(pair, tracked=()):
+        searched.append(pair.index)
+        return update(pair, tracked)
+    pipeline.detector.update = searching
+    for pair in pairs:
+        pipeline.process(pair, Hurry.MUCH)
+    result, = pipeline.finish()
+    assert searched == [0, 2, 4, 6, 8, 10]  # 0.3 s have passed
+    assert result.verdict is Verdict.MEASURED and result.pairs >= 11
+    assert abs(result.speed_mps - 55 * MPH_MPS) < 4 * result.speed_std_mps
 
 
 def lane(name, x_m):
