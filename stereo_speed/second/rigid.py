@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Optional, Sequence
+from typing import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +43,7 @@ _MIXING = 5  # rounds of expectation and maximisation
 # Variance that a corner slides by from pair to pair, by that of a sighting; the evidence decides.
 SLIDES = (0.0, 0.03, 0.3, 3.0)
 _EXACT_M = 1e-4  # no place is known better
+_MOST_SQUARED = 100_000  # sightings, squared, by corner, of a group: some 10 MB a matrix
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,31 +112,63 @@ class _Corners:
     along: Array
 
     @cached_property
-    def rows(self) -> NDArray[np.int64]:
-        """Return the sightings (m, n) of each corner, by pair; N where it was seen less often."""
+    def groups(self) -> Sequence[_Group]:
+        """Return all corners, in groups seen about equally often that fit into memory."""
         counts = np.bincount(self.corner)
-        rows = np.full((len(counts), counts.max()), len(self.corner))
-        rows[np.arange(counts.max()) < counts[:, None]] = np.argsort(self.corner, kind='stable')
-        return rows
+        order, first = np.argsort(-counts, kind='stable'), np.cumsum(counts) - counts
+        by_corner = np.argsort(self.corner, kind='stable')
+        pair, out = np.append(self.pair, self.pair.max() + 1), []
+        while len(order):
+            most = int(counts[order[0]])
+            own, order = np.split(order, [max(1, _MOST_SQUARED // most ** 2)])
+            seen = np.arange(most) < counts[own, None]
+            rows = np.full(seen.shape, len(self.pair))
+            rows[seen] = by_corner[(first[own, None] + np.arange(most))[seen]]
+            out.append(_Group(own, rows, pair[rows], seen))
+        return out
 
-    @cached_property
-    def where(self) -> tuple[NDArray[np.int64], ...]:
-        """Return where in ``rows`` each sighting is."""
-        at = np.nonzero(self.rows < len(self.corner))
-        order = np.argsort(self.rows[at])
-        return at[0][order], at[1][order]
+
+@dataclass(frozen=True, eq=False)
+class _Group:
+    """
+    Corners that are worked on at once.
+
+    :param corner: (m,) their numbers.
+    :param rows: (m, n) the sightings of each, by pair; N where it was seen less often.
+    :param pair: (m, n) the pairs of these; where it was seen less often one more than the last.
+    :param seen: (m, n) where it was seen.
+    """
+
+    corner: NDArray[np.int64]
+    rows: NDArray[np.int64]
+    pair: NDArray[np.int64]
+    seen: NDArray[np.bool_]
 
     @cached_property
     def walk(self) -> Array:
         """Return the covariance (m, n, n) of a walk of unit variance from pair to pair."""
-        pair = np.append(self.pair, -1)[self.rows]
-        gone = np.maximum(pair - pair[:, :1], 0).astype(float)
+        gone = np.where(self.seen, self.pair - self.pair[:, :1], 0).astype(float)
         return np.asarray(np.minimum(gone[:, :, None], gone[:, None]))
 
     def of_each(self, values: Array, empty: float = 0.0) -> Array:
         """Return (m, n, ...) for values (N, ...) of the sightings."""
         filled = np.concatenate([values, np.full_like(values[:1], empty)])
         return np.asarray(filled[self.rows])
+
+    def covariances(self, slide: Array, weight: Array) -> Array:
+        """
+        Return (m, n, n) covariances of the sums of both views, by the variance of a sighting.
+
+        A slide goes on from where it was: its covariance is that of a random walk, the same in
+        both views.  It is in the sum of both views, over the root of two; their difference has
+        none.
+
+        :param slide: (m,) see :class:`_Noise`.
+        :param weight: (N,) of the sightings.
+        """
+        own = self.of_each(1 / weight, 1.0)
+        return np.asarray(2 * slide[:, None, None] * self.walk
+                          + own[:, :, None] * np.eye(own.shape[1]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,8 +202,7 @@ def places_of(sightings: Sequence[Rays], path: Path, config: SecondConfig) -> Pl
     for _ in range(_ROUNDS):
         residual, by_place, by_body = _residuals(sightings, corners, path, place, body)
         noise = _noise_of(corners, residual, weight, free, floor)
-        square = np.sum(_whitened(corners, residual[..., None], noise) ** 2, axis=(2, 3))
-        weight = (config.tail_dof + 4) / (config.tail_dof + square[corners.where])
+        weight = _weights(corners, noise, residual, config.tail_dof)
         noise = replace(noise, weight=weight * corners.share * corners.along)
         step, steps, covariance = _solved(corners, noise, residual, by_place, by_body, body)
         place, body = place + step, body + steps
@@ -273,15 +305,20 @@ def _noise_of(corners: _Corners, residual: Array, weight: Array, free: float, fl
     :param free: as many residuals are free.
     :param floor: least variance, at depth 1.
     """
-    count = len(corners.rows)
+    count = int(corners.corner.max()) + 1
     weight = weight * corners.along
+    sums, differences = _sum_and_difference(residual)
     volumes, squares = np.empty((len(SLIDES), count)), np.empty((len(SLIDES), count))
-    for k, slide in enumerate(SLIDES):
-        noise = _Noise(1.0, np.full(count, slide), weight)
-        roots = _roots(corners, noise)
-        volumes[k] = 2 * np.log(np.diagonal(roots, axis1=1, axis2=2)).sum(axis=1)
-        squares[k] = np.sum(_whitened(corners, residual[..., None], noise, roots) ** 2,
-                            axis=(1, 2, 3))
+    for group in corners.groups:
+        own_sums = group.of_each(sums)
+        apart = group.of_each(weight[:, None] * differences ** 2).sum(axis=(1, 2))
+        for k, slide in enumerate(SLIDES):
+            roots = np.linalg.cholesky(
+                group.covariances(np.full(len(group.corner), slide), weight))
+            volumes[k, group.corner] = 2 * np.log(
+                np.diagonal(roots, axis1=1, axis2=2)).sum(axis=1)
+            squares[k, group.corner] = apart + np.sum(
+                np.linalg.solve(roots, own_sums) ** 2, axis=(1, 2))
     shares, own = np.full(len(SLIDES), 1 / len(SLIDES)), np.full_like(squares, 1 / len(SLIDES))
     for _ in range(_MIXING):
         variance = max(float(np.sum(own * squares)) / free, floor)
@@ -292,34 +329,32 @@ def _noise_of(corners: _Corners, residual: Array, weight: Array, free: float, fl
     return _Noise(variance, np.array(SLIDES)[np.argmax(own, axis=0)], weight)
 
 
-def _roots(corners: _Corners, noise: _Noise) -> Array:
+def _weights(corners: _Corners, noise: _Noise, residual: Array, dof: float) -> Array:
     """
-    Return the roots (m, n, n) of the covariances of the sums of both views.
+    Return the weights (N,) of the sightings by Student's tails.
 
-    A slide goes on from where it was: its covariance is that of a random walk, the same in both
-    views.  It is in the sum of both views, over the root of two; their difference has none.
+    They follow from how far each is off beside its corner's slide, as expected from all of the
+    corner's sightings with the weights that these have by now (a step of expectation and
+    maximisation).  How far it is off itself is not weighted.
     """
-    own = corners.of_each(1 / noise.weight, 1.0)
-    walk = 2 * noise.slide[:, None, None] * corners.walk
-    return np.asarray(np.linalg.cholesky(
-        noise.variance * (walk + own[:, :, None] * np.eye(own.shape[1]))), dtype=float)
+    sums, differences = _sum_and_difference(residual)
+    square = np.sum(differences ** 2, axis=1) / noise.variance
+    for group in corners.groups:
+        slide = noise.slide[group.corner]
+        walk = 2 * slide[:, None, None] * group.walk
+        gain = np.linalg.solve(group.covariances(slide, noise.weight), walk)
+        own = group.of_each(sums)
+        off = own - gain.transpose(0, 2, 1) @ own
+        unsure = np.diagonal(walk - walk @ gain, axis1=1, axis2=2)
+        square[group.rows[group.seen]] += (
+            np.sum(off ** 2, axis=2) / noise.variance + 2 * unsure)[group.seen]
+    return np.asarray((dof + 4) / (dof + square))
 
 
-def _whitened(corners: _Corners, views: Array, noise: _Noise, roots: Optional[Array] = None
-              ) -> Array:
-    """
-    Return residuals or slopes, of each corner (m, n, 4, k), with unit covariance.
-
-    :param views: (N, 4, k) left and right.
-    """
-    if roots is None:
-        roots = _roots(corners, noise)
+def _sum_and_difference(views: Array) -> tuple[Array, Array]:
+    """Return both (N, 2, ...) of left and right (N, 4, ...), as noisy as one of these."""
     left, right = views[:, :2] / np.sqrt(2), views[:, 2:] / np.sqrt(2)
-    scale = np.sqrt(noise.weight / noise.variance)
-    sums = corners.of_each(left + right)
-    solved = np.linalg.solve(roots, sums.reshape(*sums.shape[:2], -1)).reshape(sums.shape)
-    return np.concatenate(
-        [solved, corners.of_each(scale[:, None, None] * (left - right))], axis=2)
+    return left + right, left - right
 
 
 def _solved(corners: _Corners, noise: _Noise, residual: Array, by_place: Array, by_body: Array,
@@ -327,26 +362,62 @@ def _solved(corners: _Corners, noise: _Noise, residual: Array, by_place: Array, 
     """
     Return steps of places (n, 3) and corners (m, 3), and the places' covariance.
 
-    The corners are eliminated from the normal equations.
+    The corners are eliminated from the normal equations, one group after the other.
     """
     count = int(corners.pair.max()) + 1
-    wide = np.zeros((len(residual), 4, count, 3))
-    wide[np.arange(len(residual)), :, corners.pair] = by_place
-    rows = _whitened(corners, np.concatenate(
-        [wide.reshape(len(residual), 4, -1), by_body, residual[..., None]], axis=2), noise)
-    rows = rows.reshape(len(rows), -1, rows.shape[-1])
-    normal = rows.transpose(0, 2, 1) @ rows
-    places, bodies = slice(0, 3 * count), slice(3 * count, 3 * count + 3)
-    inner = np.linalg.inv(normal[:, bodies, bodies] + np.diag(1 / _BODY_STD_M ** 2))
-    h = normal[:, bodies, -1] - body / _BODY_STD_M ** 2
-    across = normal[:, bodies, places]
-    solved = inner @ across
-    reduced = normal[:, places, places].sum(axis=0) - np.einsum(
-        'mki,mkj->ij', across, solved, optimize=True)
-    covariance = np.linalg.pinv(reduced, hermitian=True)
-    step = covariance @ (normal[:, places, -1].sum(axis=0) - np.einsum('mki,mk->i', solved, h))
-    steps = np.einsum('mkl,ml->mk', inner, h - across @ step)
-    return step.reshape(-1, 3), steps, covariance.reshape(count, 3, count, 3)
+    # One more for what was not seen, which adds nothing.
+    reduced, right = np.zeros((3 * count + 3, 3 * count + 3)), np.zeros(3 * count + 3)
+    slopes = _sum_and_difference(
+        np.concatenate([by_place, by_body, residual[..., None]], axis=2))
+    kept = []
+    for group in corners.groups:
+        places, across, toward, inner, h = _normals(group, noise, slopes, body)
+        solved = across @ inner
+        places -= solved @ across.transpose(0, 2, 1)
+        toward -= (solved @ h[..., None])[..., 0]
+        at = (3 * group.pair[:, :, None] + np.arange(3)).reshape(len(group.pair), -1)
+        for where, own, own_right in zip(at, places, toward):
+            reduced[where[:, None], where] += own
+            right[where] += own_right
+        kept.append((group.corner, at, across, inner, h))
+    covariance = np.asarray(np.linalg.pinv(reduced[:-3, :-3], hermitian=True), dtype=float)
+    step, steps = np.append(covariance @ right[:-3], np.zeros(3)), np.empty_like(body)
+    for corner, at, across, inner, h in kept:
+        rest = h - np.einsum('mak,ma->mk', across, step[at])
+        steps[corner] = np.einsum('mkl,ml->mk', inner, rest)
+    return step[:-3].reshape(-1, 3), steps, covariance.reshape(count, 3, count, 3)
+
+
+def _normals(group: _Group, noise: _Noise, slopes: tuple[Array, Array], body: Array
+             ) -> tuple[Array, Array, Array, Array, Array]:
+    """
+    Return the normal equations of corners that were seen in n pairs.
+
+    These are, for the places in these pairs, matrices (m, 3 n, 3 n); matrices (m, 3 n, 3) across
+    to the corners, and right sides (m, 3 n); for the corners, inverses (m, 3, 3) and right sides
+    (m, 3).
+
+    :param slopes: sum and difference of both views, by place, by corner, and residuals (N, 2, 7).
+    """
+    sums, differences = (group.of_each(one) for one in slopes)
+    inverse = np.linalg.inv(noise.variance * group.covariances(
+        noise.slide[group.corner], noise.weight))
+    certain = group.of_each(noise.weight / noise.variance)
+    many, most = group.rows.shape
+    by_place = sums[..., :3].transpose(0, 1, 3, 2).reshape(many, 3 * most, 2)
+    places = (by_place @ by_place.transpose(0, 2, 1)).reshape(many, most, 3, most, 3)
+    places *= inverse[:, :, None, :, None]
+    # What is known of a corner by each of its sightings, and all of it with all others.
+    each = certain[:, :, None, None] * (differences.transpose(0, 1, 3, 2) @ differences)
+    at = np.arange(most)
+    places[:, at, :, at] += each[:, :, :3, :3].transpose(1, 0, 2, 3)
+    known = (inverse @ sums[..., 3:].reshape(many, most, 8)).reshape(many, most, 2, 4)
+    rows = each[..., 3:] + sums.transpose(0, 1, 3, 2) @ known
+    bodies = rows[:, :, 3:].sum(axis=1)
+    inner = np.linalg.inv(bodies[:, :3, :3] + np.diag(1 / _BODY_STD_M ** 2))
+    h = bodies[:, :3, 3] - body[group.corner] / _BODY_STD_M ** 2
+    return (places.reshape(many, 3 * most, -1), rows[:, :, :3, :3].reshape(many, -1, 3),
+            rows[:, :, :3, 3].reshape(many, -1), inner, h)
 
 
 def _common(sightings: Sequence[Rays], path: Path, place: Array, config: SecondConfig) -> Array:

@@ -3,12 +3,15 @@
 """Places of a body whose corners project with known noise."""
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from stereo_speed.core.config import SecondConfig
 from stereo_speed.geometry.camera import Camera
 from stereo_speed.geometry.rig import of_camera, StereoRig
 from stereo_speed.road.path import SplinePath, StraightPath
+from stereo_speed.second import rigid
 from stereo_speed.second.rigid import places_of, Rays
 
 F_PX, NOISE_PX = 1600.0, 0.1
@@ -91,8 +94,8 @@ def drawn_speeds(**how):
 def test_corners_that_slide_leave_an_honest_speed(sliding):
     """Their errors stay from pair to pair: as independent ones they would be averaged away."""
     errors, stds = drawn_speeds(sliding=sliding)
-    # mean of 24 squares of normal numbers: 1-sigma is 0.29
-    assert np.mean((errors / stds) ** 2) < 1 + 4 * 0.29
+    # 24 times the mean of 24 squares of normal numbers: one in 20000 is below 6
+    assert 0.25 < np.mean((errors / stds) ** 2) < 1 + 4 * 0.29
 
 
 @pytest.mark.slow
@@ -100,6 +103,80 @@ def test_corners_that_slide_cost_certainty():
     """What stays on the body tells more, and corners that all slide less than some of them."""
     none, some, most = (float(np.mean(drawn_speeds(sliding=n)[1])) for n in (0, 8, 25))
     assert none < some < most
+
+
+@pytest.fixture
+def weighed(monkeypatch):
+    """Return a list that gets the noise, the residuals and the new weights of every round."""
+    rounds, real = [], rigid._weights
+
+    def spy(corners, noise, residual, dof):
+        rounds.append((corners, noise, residual, real(corners, noise, residual, dof)))
+        return rounds[-1][-1]
+    monkeypatch.setattr(rigid, '_weights', spy)
+    return rounds
+
+
+def test_a_single_sighting_far_off_gets_the_weight_of_the_textbook(weighed):
+    """By hand: one that is off by r of the scale counts (dof + 4) / (dof + r^2)."""
+    seen, _ = sightings(STRAIGHT, np.random.default_rng(1))
+    off = 30 * NOISE_PX / F_PX
+    seen[4].left[7, 0] += off
+    places_of(seen, STRAIGHT, CONFIG)
+    assert len(weighed) < 10, 'it converges'
+    corners, noise, _, weight = weighed[-1]
+    one = (corners.pair == 4) & (corners.corner == 7)
+    dof = CONFIG.tail_dof
+    # its own noise is a thirtieth of it
+    assert weight[one] == pytest.approx((dof + 4) / (dof + off ** 2 / noise.variance), rel=0.15)
+    assert weight[~one].min() > 10 * weight[one]
+
+
+def test_weights_expect_what_is_off_beside_the_slide(weighed):
+    """As by the normal law of the noise, given its sum with a walk."""
+    seen, _ = sightings(STRAIGHT, np.random.default_rng(2), sliding=25, slide_px=0.5)
+    places_of(seen, STRAIGHT, CONFIG)
+    corners, noise, residual, weight = weighed[-1]
+    assert noise.slide.max() > 0
+    k = int(np.argmax(noise.slide))
+    own = np.diag(1 / noise.weight[corners.corner == k])
+    n = np.arange(len(own))
+    total = own + 2 * noise.slide[k] * np.minimum(n[:, None], n)
+    left, right = residual[corners.corner == k, :2], residual[corners.corner == k, 2:]
+    given = own @ np.linalg.inv(total)
+    squares = np.sum((given @ (left + right)) ** 2 + (left - right) ** 2, axis=1) / 2
+    spread = np.diag(own - given @ own)
+    np.testing.assert_allclose(
+        weight[corners.corner == k],
+        (CONFIG.tail_dof + 4) / (CONFIG.tail_dof + squares / noise.variance + 2 * spread))
+
+
+def test_corners_come_in_groups_that_fit_into_memory(monkeypatch):
+    """Of 120 pairs with 25 corners the slopes of all by all places alone would be 35 MB."""
+    seen, _ = sightings(STRAIGHT, np.random.default_rng(0), count=120, speed=2.0)
+    tracemalloc.start()
+    try:
+        one_by_one = places_of(seen, STRAIGHT, CONFIG)
+        assert tracemalloc.get_traced_memory()[1] < 30e6
+    finally:
+        tracemalloc.stop()
+    monkeypatch.setattr(rigid, '_MOST_SQUARED', 10 ** 9)
+    at_once = places_of(seen, STRAIGHT, CONFIG)
+    np.testing.assert_allclose(one_by_one.place, at_once.place, atol=1e-9)
+    np.testing.assert_allclose(one_by_one.covariance, at_once.covariance, atol=1e-8)
+
+
+def test_corners_that_are_seen_less_often_count_as_alone():
+    """In groups with others, or each by itself, the result is the same."""
+    seen, _ = sightings(STRAIGHT, np.random.default_rng(3), sliding=5)
+    rng = np.random.default_rng(4)
+    seen = [one.only(rng.uniform(size=len(one.ids)) < 0.6) for one in seen]
+    together = places_of(seen, STRAIGHT, CONFIG)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(rigid, '_MOST_SQUARED', 1)
+        alone = places_of(seen, STRAIGHT, CONFIG)
+    np.testing.assert_allclose(together.place, alone.place, atol=1e-9)
+    np.testing.assert_allclose(together.covariance, alone.covariance, atol=1e-8)
 
 
 def test_a_move_as_by_hand():
