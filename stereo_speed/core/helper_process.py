@@ -10,15 +10,24 @@ from __future__ import annotations
 from mmap import mmap
 from multiprocessing.connection import Connection
 import os
+import signal
 import socket
+import struct
 import subprocess
 import sys
+import time
 from typing import Any, Optional
 
 from .threads import one_blas_thread
 
 _START_S = 30.0  # that it may take to start: a second, on a machine that is not busy
 _END_S = 2.0  # to end by itself
+
+
+def leave_ending_to_parent() -> None:
+    """Ignore signals that go to all of a group: the parent ends its helper, or ends."""
+    for one in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(one, signal.SIG_IGN)
 
 
 class HelperProcess:
@@ -30,6 +39,7 @@ class HelperProcess:
     :param module: that it runs, with the descriptors of its pipe and of the shared memory as
         arguments; it says that it is ready, and then answers.
     :param answer_s: that an answer may take.
+    :raises OSError: no memory, no more processes.
     """
 
     def __init__(self, module: str, answer_s: float) -> None:
@@ -38,11 +48,20 @@ class HelperProcess:
         ours, theirs = socket.socketpair()
         self._memory_fd = os.memfd_create('stereo_speed')
         environment = {**os.environ, 'PYTHONPATH': os.pathsep.join(filter(None, sys.path))}
-        with theirs:
-            self.process = subprocess.Popen(
-                [sys.executable, '-m', module, str(theirs.fileno()), str(self._memory_fd)],
-                stdin=subprocess.DEVNULL, pass_fds=(theirs.fileno(), self._memory_fd),
-                env=environment)
+        # What is large is sent in several turns, and one that stands still takes two at most.
+        turn = struct.pack('ll', *divmod(int(answer_s * 5e5), 10**6))
+        for side in (socket.SO_SNDTIMEO, socket.SO_RCVTIMEO):
+            ours.setsockopt(socket.SOL_SOCKET, side, turn)
+        try:
+            with theirs:
+                self.process = subprocess.Popen(
+                    [sys.executable, '-m', module, str(theirs.fileno()), str(self._memory_fd)],
+                    stdin=subprocess.DEVNULL, pass_fds=(theirs.fileno(), self._memory_fd),
+                    env=environment)
+        except OSError:
+            ours.close()
+            os.close(self._memory_fd)
+            raise
         self._pipe: Connection[Any, Any] = Connection(ours.detach())
         self._memory: Optional[mmap] = None
 
@@ -52,15 +71,30 @@ class HelperProcess:
 
         :raises OSError: it has ended, or is not ready in time.
         """
-        self._received(_START_S)
+        if not self._pipe.poll(_START_S):
+            raise TimeoutError(f'not ready in {_START_S:g} s')
+        self._received(0.0)
 
     def send(self, request: Any) -> None:
         """
         Send a request.
 
-        :raises OSError: the process has ended.
+        :raises OSError: the process has ended, or does not take it in time.
         """
-        self._pipe.send(request)
+        try:
+            self._pipe.send(request)
+        except BlockingIOError:
+            raise self._late() from None
+
+    def answered(self, request: Any) -> Any:
+        """
+        Return the answer to a request; sending it counts as part of that.
+
+        :raises OSError: the process has ended, or does not answer in time.
+        """
+        until_s = time.monotonic() + self._answer_s
+        self.send(request)
+        return self._received(max(until_s - time.monotonic(), 0.0))
 
     def memory(self, least_bytes: int) -> mmap:
         """Return the shared memory, of at least so many bytes; it only ever grows."""
@@ -79,20 +113,29 @@ class HelperProcess:
 
     def _received(self, most_s: float) -> Any:
         if not self._pipe.poll(most_s):
-            raise TimeoutError(f'no answer in {most_s:g} s')
+            raise self._late()
         try:
             return self._pipe.recv()
         except EOFError:
             raise BrokenPipeError('it has ended') from None
+        except BlockingIOError:  # it stands still in the middle
+            raise self._late() from None
 
-    def close(self) -> None:
-        """End the process."""
+    def _late(self) -> TimeoutError:
+        return TimeoutError(f'no answer in {self._answer_s:g} s')
+
+    def close(self, most_s: float = _END_S) -> None:
+        """
+        End the process; once is enough.
+
+        :param most_s: for which it may end by itself.
+        """
         self._pipe.close()
         try:
-            self.process.wait(_END_S)
+            self.process.wait(most_s)
         except subprocess.TimeoutExpired:
             self.process.kill()
             self.process.wait()
-        if self._memory_fd >= 0:
-            os.close(self._memory_fd)
-            self._memory_fd = -1
+        memory_fd, self._memory_fd = self._memory_fd, -1
+        if memory_fd >= 0:
+            os.close(memory_fd)

@@ -7,7 +7,6 @@ from dataclasses import replace
 from mmap import mmap, PROT_READ
 from multiprocessing.connection import Connection
 import os
-import signal
 import sys
 from typing import Any, Optional
 
@@ -18,6 +17,7 @@ from .beside import Begin, Forget, Found, Request, Search
 from .detector import Look, PlaneSweepDetector
 from .spacing import Held
 from ..core.compiled import warm_up
+from ..core.helper_process import leave_ending_to_parent
 from ..core.records import StereoPair
 
 
@@ -75,7 +75,7 @@ def _found(detector: PlaneSweepDetector, look: Optional[Look], held: Held) -> Fo
 
 def main(pipe_fd: int, memory_fd: int) -> None:
     """Do what comes through a pipe, until it is closed."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # who started this ends it
+    leave_ending_to_parent()
     cv2.setNumThreads(1)  # the tracks have the other cores
     warm_up()
     searcher = Searcher(memory_fd)

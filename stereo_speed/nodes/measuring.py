@@ -44,7 +44,7 @@ from ..detection.beside import DetectorBeside, SearchProcess
 from ..detection.detector import PlaneSweepDetector
 from ..detection.protocol import ImageBox, TakesBoxes
 from ..pipeline.assembly import MakeDetector, MeasuringSite
-from ..pipeline.conclusions import Beside, Measure
+from ..pipeline.conclusions import Beside, Measure, OnlyHereError
 from ..pipeline.config import PipelineConfig, SiteConfig
 from ..pipeline.pass_process import PassProcess, PassProcessError
 from ..pipeline.pipeline import Hurry, SpeedPipeline
@@ -241,20 +241,31 @@ class Measuring:
         """Have the thread that measures search from now on."""
         self._search_fault = f'vehicles are searched for without a process of its own: {why}'
         self.log.error(self._search_fault)
+        if self._search_process is not None:
+            self._search_process.close(0.0)
 
     def _pass_process_failed(self, why: str) -> None:
         """Have a thread of this process measure passes from now on."""
         self._pass_fault = f'passes are measured without a process of their own: {why}'
         self.log.error(self._pass_fault)
+        if self._pass_process is not None:
+            self._pass_process.close(0.0)
 
-    def _measured(self, measure: Measure) -> PassResult:
-        """Return the result of a pass, from the process where there is one; in their thread."""
-        process = self._pass_process
+    def _measured(self, process: Optional[PassProcess], measure: Measure) -> PassResult:
+        """
+        Return the result of a pass; in the thread of the passes.
+
+        :param process: that there was when the pipeline was made; None where there was none.
+        :param measure: measures it.
+        """
         if process is not None and not self._pass_fault:
             try:
                 return process.measured(measure)
+            except OnlyHereError as error:
+                self.log.debug(f'a pass is measured without the process of the passes: {error}')
             except PassProcessError as error:
-                self._pass_process_failed(str(error))
+                if process is self._pass_process:  # not one of before the last cleanup
+                    self._pass_process_failed(str(error))
         return measure()
 
     def _detect(self) -> Optional[MakeDetector]:
@@ -423,7 +434,8 @@ class Measuring:
                  if (pair := self._made(arrival)) is not None] if self.refine_pairs else None
         try:
             place = MeasuringSite.of(self.site, rig, pairs, self.config.site)
-            conclusions = Beside(failed=self._pass_failed, measured=self._measured)
+            conclusions = Beside(failed=self._pass_failed,
+                                 measured=partial(self._measured, self._pass_process))
             pipeline = place.pipeline(self.config, self.annotations, conclusions=conclusions,
                                       detect=self._detect(), seed=self.seed,
                                       where=self.init_path)

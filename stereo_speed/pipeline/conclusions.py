@@ -18,6 +18,10 @@ from ..core.passes import PassResult
 Measure = Callable[[], PassResult]
 
 
+class OnlyHereError(Exception):
+    """A pass cannot be measured in another process: what it holds cannot be told to one."""
+
+
 def _nothing() -> None:
     """Do nothing."""
 

@@ -12,16 +12,15 @@ from mmap import MAP_PRIVATE, mmap
 from multiprocessing.connection import Connection
 import os
 import pickle
-import signal
 import sys
 from typing import Any, Sequence, Union
 
 import cv2
 import numpy as np
 
-from .conclusions import Measure
+from .conclusions import Measure, OnlyHereError
 from ..core.compiled import warm_up
-from ..core.helper_process import HelperProcess
+from ..core.helper_process import HelperProcess, leave_ending_to_parent
 from ..core.passes import PassResult
 
 _LEAST_BYTES = 1 << 16  # what is smaller goes through the pipe
@@ -30,7 +29,7 @@ _PATIENCE = 5  # of the processor: readings come first
 
 
 class PassProcessError(Exception):
-    """The process is of no more use: it has ended, does not answer, or cannot be told a pass."""
+    """The process is of no more use: it has ended, or does not answer."""
 
 
 class PassProcess(HelperProcess):
@@ -40,7 +39,7 @@ class PassProcess(HelperProcess):
     :param answer_s: that a pass may take; it takes some tenths of a second.
     """
 
-    def __init__(self, answer_s: float = 30.0) -> None:
+    def __init__(self, answer_s: float = 10.0) -> None:
         super().__init__('stereo_speed.pipeline.pass_process', answer_s)
 
     def measured(self, measure: Measure) -> PassResult:
@@ -49,10 +48,13 @@ class PassProcess(HelperProcess):
 
         :param measure: measures it; it is pickled, with all that it holds.
         :raises PassProcessError: there is no telling.
+        :raises OnlyHereError: it cannot be pickled; the next one may be.
         :raises Exception: what measuring it has raised.
         """
         try:
             answer = self._answer(measure)
+        except OnlyHereError:
+            raise
         except Exception as error:
             raise PassProcessError(str(error)) from error
         if isinstance(answer, Exception):
@@ -69,9 +71,11 @@ class PassProcess(HelperProcess):
                 images.append(raw)
                 return False
             return True
-        text = pickle.dumps(measure, protocol=5, buffer_callback=inline)
-        self.send((self._shared(images), text))
-        answer: Union[PassResult, Exception] = self.received()
+        try:
+            text = pickle.dumps(measure, protocol=5, buffer_callback=inline)
+        except Exception as error:  # whatever a tracker of another package raises then
+            raise OnlyHereError(str(error)) from error
+        answer: Union[PassResult, Exception] = self.answered((self._shared(images), text))
         return answer
 
     def _shared(self, images: Sequence[memoryview]) -> list[tuple[int, int]]:
@@ -91,9 +95,12 @@ def _answer(request: tuple[Sequence[tuple[int, int]], bytes], memory: memoryview
             ) -> Union[PassResult, Exception]:
     """Return the result of a pass, or why it has none."""
     places, text = request
+    images = [memory[begin:end] for begin, end in places]
     try:
-        images = [memory[begin:end] for begin, end in places]
         measure: Measure = pickle.loads(text, buffers=images)  # noqa: S301 (from our own parent)
+    except Exception as error:
+        return OnlyHereError(str(error))
+    try:
         return measure()
     except Exception as error:
         return error
@@ -109,7 +116,7 @@ def _pickled(answer: Union[PassResult, Exception]) -> bytes:
 
 def main(pipe_fd: int, memory_fd: int) -> None:
     """Measure what comes through a pipe, until it is closed."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # who started this ends it
+    leave_ending_to_parent()
     os.nice(_PATIENCE)
     cv2.setNumThreads(1)
     warm_up()

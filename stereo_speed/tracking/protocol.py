@@ -85,7 +85,12 @@ class Refusal:
 
 
 class Tracker(Protocol):
-    """One vehicle followed through the pairs of its pass."""
+    """
+    One vehicle followed through the pairs of its pass.
+
+    Live, its result is asked for in another process, for which it is pickled when the pass is
+    over; one that cannot be pickled is asked in the node, where other vehicles may wait for it.
+    """
 
     @property
     def track(self) -> int:

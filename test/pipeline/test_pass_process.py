@@ -6,7 +6,10 @@ from __future__ import annotations
 from functools import partial
 import operator
 import os
+from pathlib import Path
 import signal
+import subprocess
+import sys
 import time
 
 import numpy as np
@@ -14,7 +17,7 @@ import pytest
 from stereo_speed.io.bags import StereoBag
 from stereo_speed.io.trace_json import trace_text
 from stereo_speed.pipeline.assembly import MeasuringSite
-from stereo_speed.pipeline.conclusions import AtOnce, Beside
+from stereo_speed.pipeline.conclusions import AtOnce, Beside, OnlyHereError
 from stereo_speed.pipeline.config import PipelineConfig
 from stereo_speed.pipeline.pass_process import PassProcess, PassProcessError
 from stereo_speed.pipeline.run import run
@@ -22,6 +25,8 @@ from stereo_speed.site.file import load_site
 from stereo_speed.site.init_file import load_init
 
 END_S = 20.0
+BEGIN = ('from stereo_speed.pipeline.pass_process import PassProcess\n'
+         'p = PassProcess()\np.wait()\nprint(p.process.pid, flush=True)\ninput()')
 
 
 @pytest.fixture(scope='module')
@@ -63,7 +68,7 @@ def test_what_measuring_raises_is_raised_and_the_next_pass_is_measured(ready):
 
 
 def test_what_cannot_be_pickled_is_told_so(ready):
-    with pytest.raises(PassProcessError, match='pickle'):
+    with pytest.raises(OnlyHereError, match='pickle'):
         ready.measured(lambda: 'a')
     assert ready.measured(partial(operator.add, 1, 2)) == 3
 
@@ -78,16 +83,59 @@ def test_one_that_dies_is_told_of():
     process.close()
 
 
-def test_one_that_does_not_answer_is_waited_for_so_long_and_no_longer():
+class OnlyThere:
+    """Can be pickled, but not read again."""
+
+    def __reduce__(self):
+        return operator.truediv, (1, 0)
+
+
+def test_what_cannot_be_read_there_is_told_so(ready):
+    with pytest.raises(OnlyHereError, match='zero'):
+        ready.measured(partial(str, OnlyThere()))
+    assert ready.measured(partial(operator.add, 1, 2)) == 3
+
+
+def test_a_signal_to_all_does_not_end_it_and_the_end_of_its_parent_does():
+    with subprocess.Popen([sys.executable, '-c', BEGIN], stdin=subprocess.PIPE,
+                          stdout=subprocess.PIPE, text=True) as parent:
+        pid = int(parent.stdout.readline())
+        ignored = next(line for line in Path(f'/proc/{pid}/status').read_text().splitlines()
+                       if line.startswith('SigIgn'))
+        for one in (signal.SIGINT, signal.SIGTERM):
+            assert int(ignored.split()[1], 16) >> (one - 1) & 1
+            os.kill(pid, one)
+        assert Path(f'/proc/{pid}/cmdline').read_text()
+        parent.kill()
+    end_s = time.monotonic() + END_S
+    while Path(f'/proc/{pid}/cmdline').exists() and Path(f'/proc/{pid}/cmdline').read_text():
+        assert time.monotonic() < end_s
+        time.sleep(0.02)
+
+
+def test_where_it_cannot_be_started_nothing_stays_open(monkeypatch):
+    def fails(*args, **kwargs):
+        raise OSError('no more processes')
+    monkeypatch.setattr(subprocess, 'Popen', fails)
+    before = len(os.listdir('/proc/self/fd'))
+    with pytest.raises(OSError, match='no more processes'):
+        PassProcess()
+    assert len(os.listdir('/proc/self/fd')) <= before
+
+
+@pytest.mark.parametrize('sent_bytes', [10, 4 * 10**6])
+def test_one_that_does_not_answer_is_waited_for_so_long_and_no_longer(sent_bytes):
+    """What is larger than the buffer of the pipe cannot even be sent."""
     process = PassProcess(answer_s=0.3)
     process.wait()
     try:
         os.kill(process.process.pid, signal.SIGSTOP)
         begun_s = time.monotonic()
         with pytest.raises(PassProcessError, match='no answer in 0.3 s'):
-            process.measured(partial(operator.add, 1, 2))
-        assert time.monotonic() - begun_s > 0.3
+            process.measured(partial(len, 'a' * sent_bytes))
+        assert time.monotonic() - begun_s > 0.29
+        process.close(0.0)  # that stands still
     finally:
-        os.kill(process.process.pid, signal.SIGCONT)
-        process.close()
+        process.process.kill()
+        process.process.wait(END_S)
     assert process.process.returncode is not None
