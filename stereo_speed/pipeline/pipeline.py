@@ -62,7 +62,7 @@ class Step:
     passes: list[PassResult]
 
 
-@dataclass
+@dataclass(eq=False)
 class _Track:
     """
     A track and what the pipeline keeps of it.
