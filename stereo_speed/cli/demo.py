@@ -52,8 +52,8 @@ RELIABLE_IMAGES, RELIABLE_INFOS = (
     [f'qos_overrides./{side}/{topic}.subscription.reliability:=reliable'
      for side in ('left', 'right')] for topic in ('image_raw', 'camera_info'))
 
-# Nothing is skipped either, however busy the machine is, or live and offline would differ.
-EVERY_PAIR = 'most_wait_s:=600'
+# None is skipped or hurried either, however busy the machine is, or live and offline would differ.
+EVERY_PAIR = 'most_wait_s:=60', 'hurry:=false'
 # The whole chain must be connected before the first image.
 WHOLE_CHAIN = 'wait_for_topics:=stereo/image_pair tracks'
 
@@ -149,7 +149,7 @@ def live(sample: Path, site: Path, wanted: int, rate: float, truth: VehicleTruth
     with ExitStack() as stack:
         nodes = [stack.enter_context(Process(*command)) for command in (
             ('stereo_sync_node', *RELIABLE_IMAGES, *RELIABLE_INFOS),
-            ('tracker_node', f'site:={site}', EVERY_PAIR, *RELIABLE_INFOS, *parameters),
+            ('tracker_node', f'site:={site}', *EVERY_PAIR, *RELIABLE_INFOS, *parameters),
             ('speed_node',))]
         older = set() if evidence is None else records(evidence[0])
         more = ''

@@ -52,7 +52,7 @@ def test_a_violation_is_recorded_live_as_it_is_by_replay(stand_in, sample, tmp_p
         lambda m: states.extend(s for s in m.status if s.name == 'evidence_node: evidence'), 10)
     with Process('stereo_sync_node', *RELIABLE_IMAGES, *RELIABLE_INFOS), \
             Process('tracker_node', *RELIABLE_INFOS, f'site:={sample / "site.yaml"}',
-                    EVERY_PAIR, 'silence_s:=5.0'), \
+                    *EVERY_PAIR, 'silence_s:=5.0'), \
             Process('evidence_node', *RELIABLE_IMAGES, f'out:={tmp_path / "live"}',
                     f'key:={tmp_path / "key.pem"}'):
         stand_in.wait(lambda: stand_in.count_subscribers('/pass_traces')

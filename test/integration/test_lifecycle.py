@@ -59,7 +59,7 @@ def test_a_manager_has_it_measure_and_rest_and_measure_again(stand_in, sample):
     told = []
     stand_in.create_subscription(String, '/passes', lambda m: told.append(json.loads(m.data)),
                                  LATCHED)
-    with Process('speed_camera_node', *RELIABLE_IMAGES, *RELIABLE_INFOS, EVERY_PAIR,
+    with Process('speed_camera_node', *RELIABLE_IMAGES, *RELIABLE_INFOS, *EVERY_PAIR,
                  f'site:={sample / "site.yaml"}', 'autostart:=false',
                  'silence_s:=3600') as node:
         manager = Manager(stand_in, 'speed_camera_node')

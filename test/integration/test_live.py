@@ -72,7 +72,7 @@ def test_a_replay_that_starts_over_gives_a_new_vehicle_and_the_same_speeds(sampl
     try:
         with Process('stereo_sync_node', *RELIABLE_IMAGES, *RELIABLE_INFOS), \
                 Process('speed_node'), \
-                Process('tracker_node', EVERY_PAIR, *RELIABLE_INFOS, PATIENT,
+                Process('tracker_node', *EVERY_PAIR, *RELIABLE_INFOS, PATIENT,
                         f'site:={sample / "site.yaml"}',
                         f'init:={sample / "init.yaml"}', 'use_sim_time:=true'):
             assert listener.spin(STARTUP_S, lambda: not listener.missing_wires())
@@ -103,7 +103,7 @@ def test_vehicles_found_on_a_site_refined_at_start_read_as_replay_does(sample, t
     try:
         with Process('stereo_sync_node', *RELIABLE_IMAGES, *RELIABLE_INFOS), \
                 Process('speed_node'), \
-                Process('tracker_node', EVERY_PAIR, *RELIABLE_INFOS, PATIENT,
+                Process('tracker_node', *EVERY_PAIR, *RELIABLE_INFOS, PATIENT,
                         f'site:={sample / "site.yaml"}',
                         'refine_site_pairs:=12'):
             assert listener.spin(STARTUP_S, lambda: not listener.missing_wires())
@@ -133,7 +133,7 @@ def test_boxes_of_another_node_become_vehicles(sample, sample_boxes, stand_in):
     try:
         with Process('stereo_sync_node', *RELIABLE_IMAGES, *RELIABLE_INFOS), \
                 Process('speed_node'), \
-                Process('tracker_node', EVERY_PAIR, *RELIABLE_INFOS, PATIENT,
+                Process('tracker_node', *EVERY_PAIR, *RELIABLE_INFOS, PATIENT,
                         f'site:={sample / "site.yaml"}',
                         'detector:=boxes'):
             assert listener.spin(STARTUP_S, lambda: not listener.missing_wires())
@@ -156,7 +156,7 @@ def test_ctrl_c_ends_a_node_after_the_open_passes_are_told(sample):
     listener = Listener(lambda *reading: readings.append(reading), lambda *frame: None)
     command = [sys.executable, '-m', 'stereo_speed.nodes.tracker_node', '--ros-args']
     for parameter in (f'site:={sample / "site.yaml"}', f'init:={sample / "init.yaml"}',
-                      EVERY_PAIR, PATIENT, *RELIABLE_INFOS):
+                      *EVERY_PAIR, PATIENT, *RELIABLE_INFOS):
         command += ['-p', parameter]
     tracker = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     try:

@@ -65,7 +65,7 @@ def test_a_pass_is_told_when_the_stream_stops_and_to_who_comes_late(stand_in, sa
     stand_in.create_subscription(DiagnosticArray, '/diagnostics', lambda m: healthy.update(
         s.name.partition(':')[0] for s in m.status), RELIABLE)
     with Process('stereo_sync_node', *RELIABLE_IMAGES, *RELIABLE_INFOS), \
-            Process('tracker_node', EVERY_PAIR, *RELIABLE_INFOS, f'site:={sample / "site.yaml"}',
+            Process('tracker_node', *EVERY_PAIR, *RELIABLE_INFOS, f'site:={sample / "site.yaml"}',
                     SILENCE):
         # By then the nodes know who listens.
         stand_in.wait(lambda: healthy == {'stereo_sync_node', 'tracker_node'}
@@ -103,7 +103,7 @@ def test_one_process_survives_a_bad_message_and_measures_the_pass(fault, stand_i
     stand_in.create_subscription(String, '/passes', told.append, LATCHED)
     stand_in.create_subscription(TwistWithCovarianceStamped, '/vehicle_speed', readings.append,
                                  RELIABLE)
-    with Process('speed_camera_node', *RELIABLE_IMAGES, *RELIABLE_INFOS, EVERY_PAIR,
+    with Process('speed_camera_node', *RELIABLE_IMAGES, *RELIABLE_INFOS, *EVERY_PAIR,
                  f'site:={sample / "site.yaml"}', SILENCE) as node:
         stand_in.wait(lambda: health, STARTUP_S)  # the node knows who listens
         with Process('faulty_replay_node', f'bag:={sample / "bag"}', 'rate:=2',
@@ -143,7 +143,7 @@ def test_a_node_measures_on_without_the_processes_that_work_for_it(
     stand_in.create_subscription(DiagnosticArray, '/diagnostics', lambda m: health.update(
         (s.name, s.message) for s in m.status), RELIABLE)
     stand_in.create_subscription(String, '/passes', told.append, LATCHED)
-    with Process('speed_camera_node', *RELIABLE_IMAGES, *RELIABLE_INFOS, EVERY_PAIR,
+    with Process('speed_camera_node', *RELIABLE_IMAGES, *RELIABLE_INFOS, *EVERY_PAIR,
                  f'site:={sample / "site.yaml"}', SILENCE) as node:
         stand_in.wait(lambda: health, STARTUP_S)  # it is configured
         os.kill(helper_of(node.process.pid, module), signal.SIGKILL)
@@ -170,7 +170,7 @@ def test_two_rigs_in_two_namespaces_measure_alike_and_are_told_apart(stand_in, s
                                          LATCHED)
             reliable = [f'qos_overrides.{rig}/{side}/{topic}.subscription.reliability:=reliable'
                         for side in ('left', 'right') for topic in ('image_raw', 'camera_info')]
-            stack.enter_context(Process('speed_camera_node', *reliable, EVERY_PAIR,
+            stack.enter_context(Process('speed_camera_node', *reliable, *EVERY_PAIR,
                                         f'site:={sample / "site.yaml"}', SILENCE,
                                         namespace=rig))
             stack.enter_context(Process('replay_node', f'bag:={sample / "bag"}', 'rate:=2',

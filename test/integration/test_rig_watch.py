@@ -20,7 +20,7 @@ def test_a_look_at_the_rig_is_told(stand_in, sample):
     stand_in.create_subscription(
         DiagnosticArray, '/diagnostics',
         lambda m: states.extend(s for s in m.status if s.name.endswith(': rig')), 10)
-    with Process('speed_camera_node', *RELIABLE_IMAGES, *RELIABLE_INFOS, EVERY_PAIR,
+    with Process('speed_camera_node', *RELIABLE_IMAGES, *RELIABLE_INFOS, *EVERY_PAIR,
                  f'site:={sample / "site.yaml"}', 'rig_check_interval_s:=3600',
                  'rig_check_pairs:=4', 'rig_check_spread_s:=0.0'):
         stand_in.wait(lambda: stand_in.count_subscribers('/left/image_raw'), STARTUP_S)

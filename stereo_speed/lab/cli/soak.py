@@ -100,7 +100,7 @@ def _soak(folder: Path, args: argparse.Namespace) -> Soaked:
     with ExitStack() as stack:
         nodes = {command[0]: stack.enter_context(Process(*command)) for command in (
             ('stereo_sync_node', *RELIABLE_IMAGES, *RELIABLE_INFOS), ('speed_node',),
-            ('tracker_node', *RELIABLE_INFOS, f'site:={traffic / "site.yaml"}', EVERY_PAIR),
+            ('tracker_node', *RELIABLE_INFOS, f'site:={traffic / "site.yaml"}', *EVERY_PAIR),
             ('log_node', f'file:={folder / "log.sqlite"}'))}
         listener = SoakListener(rounds.add)
         stack.callback(listener.close)
