@@ -75,6 +75,17 @@ class HelperProcess:
             raise TimeoutError(f'not ready in {_START_S:g} s')
         self._received(0.0)
 
+    def is_ready(self) -> bool:
+        """
+        Return whether it can be asked; to be called until then, in place of ``wait``.
+
+        :raises OSError: it has ended.
+        """
+        if not self._pipe.poll(0.0):
+            return False
+        self._received(0.0)
+        return True
+
     def send(self, request: Any) -> None:
         """
         Send a request.

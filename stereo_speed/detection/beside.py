@@ -10,7 +10,7 @@ and how they answered.  Where the tracks as they are now answer alike, what it h
 search after them would have found, to the last bit; where they do not, it searches again.
 
 A process that dies or does not answer costs what the detector remembered, no more: from then on
-the search is done here.
+the search is done here, until there is another one.
 """
 from __future__ import annotations
 
@@ -146,23 +146,41 @@ class DetectorBeside:
     """
     A :class:`PlaneSweepDetector` in another process; see the module's docstring.
 
-    :param process: where it searches.
+    :param process: where it searches; None searches here until there is one.
     :param rig: the cameras.
     :param lanes: lane name to lane path.
     :param config: parameters.
     :param failed: takes the reason when the process is of no more use.
     """
 
-    def __init__(self, process: SearchProcess, rig: StereoRig, lanes: Mapping[str, LanePath],
-                 config: DetectorConfig, failed: Callable[[str], object]) -> None:
+    def __init__(self, process: Optional[SearchProcess], rig: StereoRig,
+                 lanes: Mapping[str, LanePath], config: DetectorConfig,
+                 failed: Callable[[str], object]) -> None:
         self._here = PlaneSweepDetector(rig, lanes, config)
-        self._process: Optional[SearchProcess] = process
+        self._begin = Begin(rig, lanes, config)
+        self._process: Optional[SearchProcess] = None
         self._failed = failed
         self._pair: Optional[StereoPair] = None  # that is being searched
         self._pairs: dict[int, StereoPair] = {}  # those that may come up in answers, by stamp
         self._most_bytes = 2 * _PIXEL_BYTES * max(
             camera.width_px * camera.height_px for camera in (rig.left, rig.right))
-        self._send(Begin(rig, lanes, config))
+        if process is not None:
+            self.move(process, failed)
+
+    @property
+    def is_here(self) -> bool:
+        """Return whether it searches in this process, for want of another one."""
+        return self._process is None
+
+    def move(self, process: SearchProcess, failed: Callable[[str], object]) -> None:
+        """
+        Search in a process from now on, which remembers nothing of the pairs so far.
+
+        :param failed: takes the reason when it is of no more use.
+        """
+        self._here.reset()  # it does not see the pairs that follow
+        self._pair, self._process, self._failed = None, process, failed
+        self._send(self._begin)
 
     def reset(self) -> None:
         """Forget the earlier pairs, as after a jump back of time."""

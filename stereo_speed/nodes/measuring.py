@@ -35,6 +35,7 @@ from .pair_queue import PairQueue
 from .rig_watch import RigWatch
 from .self_test import SelfTestWatch
 from .subscriptions import OfferedSubscription
+from .worker import Worker
 from ..core.compiled import warm_up
 from ..core.config import ConfigRecord, TrackerConfig
 from ..core.errors import InputError, StereoSpeedError
@@ -149,9 +150,8 @@ class Measuring:
         self._infos: list[OfferedSubscription] = []
         self.info_heard: list[Callable[[str, CameraInfo], None]] = []  # who else takes them
         self._boxes_subscription: Optional[Subscription] = None
-        self._search_process: Optional[SearchProcess] = None
-        self._pass_process: Optional[PassProcess] = None
-        self._search_fault = self._pass_fault = ''
+        self._searcher = Worker('searches for vehicles', SearchProcess, self.log)
+        self._passer = Worker('measures passes', PassProcess, self.log)
         self._thread: Optional[threading.Thread] = None
         self._failure: Optional[BaseException] = None
         self._next_track = 0
@@ -213,67 +213,46 @@ class Measuring:
         for heard in self.info_heard:
             heard(side, msg)
 
+    @property
+    def _searches_beside(self) -> bool:
+        return self._process_wanted and self.annotations is None \
+            and DETECTORS.load(self.config.detector) is PlaneSweepDetector
+
     def _start_processes(self) -> None:
         """Start those that search for vehicles and measure passes, where wanted and possible."""
-        self._search_fault = self._pass_fault = ''
         if self._pass_process_wanted:
-            try:
-                self._pass_process = PassProcess()
-            except OSError as error:  # no memory, no more processes
-                self._pass_process_failed(str(error))
-        if self._process_wanted and self.annotations is None \
-                and DETECTORS.load(self.config.detector) is PlaneSweepDetector:
-            try:
-                self._search_process = SearchProcess()
-            except OSError as error:  # no memory, no more processes
-                self._search_failed(str(error))
+            self._passer.start()
+        if self._searches_beside:
+            self._searcher.start()
 
     def _await_processes(self) -> None:
-        for process, failed in ((self._search_process, self._search_failed),
-                                (self._pass_process, self._pass_process_failed)):
-            if process is not None:
-                try:
-                    process.wait()
-                except OSError as error:
-                    failed(str(error))
+        self._searcher.wait()
+        self._passer.wait()
 
-    def _search_failed(self, why: str) -> None:
-        """Have the thread that measures search from now on."""
-        self._search_fault = f'vehicles are searched for without a process of its own: {why}'
-        self.log.error(self._search_fault)
-        if self._search_process is not None:
-            self._search_process.close(0.0)
-
-    def _pass_process_failed(self, why: str) -> None:
-        """Have a thread of this process measure passes from now on."""
-        self._pass_fault = f'passes are measured without a process of their own: {why}'
-        self.log.error(self._pass_fault)
-        if self._pass_process is not None:
-            self._pass_process.close(0.0)
-
-    def _measured(self, process: Optional[PassProcess], measure: Measure) -> PassResult:
+    def _measured(self, measure: Measure) -> PassResult:
         """
         Return the result of a pass; in the thread of the passes.
 
-        :param process: that there was when the pipeline was made; None where there was none.
         :param measure: measures it.
         """
-        if process is not None and not self._pass_fault:
+        process = self._passer.process
+        if process is not None:
             try:
                 return process.measured(measure)
             except OnlyHereError as error:
                 self.log.debug(f'a pass is measured without the process of the passes: {error}')
             except PassProcessError as error:
-                if process is self._pass_process:  # not one of before the last cleanup
-                    self._pass_process_failed(str(error))
+                self._passer.failed(process, str(error))
         return measure()
 
     def _detect(self) -> Optional[MakeDetector]:
-        """Return what makes the detector that searches in the process, where there is one."""
-        process = self._search_process
-        if process is None or self._search_fault:
+        """Return what makes the detector that searches in the process, where that is wanted."""
+        if not self._searches_beside:
             return None
-        return partial(DetectorBeside, process, failed=self._search_failed)
+        process = self._searcher.process
+        if process is None:
+            return partial(DetectorBeside, None, failed=self.log.error)
+        return partial(DetectorBeside, process, failed=partial(self._searcher.failed, process))
 
     def activate(self) -> None:
         """
@@ -306,12 +285,8 @@ class Measuring:
 
     def cleanup(self) -> None:
         """Forget the site and the calibrations."""
-        if self._search_process is not None:
-            self._search_process.close()
-            self._search_process = None
-        if self._pass_process is not None:
-            self._pass_process.close()
-            self._pass_process = None
+        self._searcher.close()
+        self._passer.close()
         if not self.configured:
             return
         self.node.destroy_timer(self._checks)
@@ -357,6 +332,8 @@ class Measuring:
         if self._failure is not None:
             raise self._failure
         self.calibration.settle()
+        self._searcher.revive()
+        self._passer.revive()
         self.self_test.poll()
         self.outputs.tell_self_test(self.self_test.newest)
 
@@ -367,6 +344,7 @@ class Measuring:
             while not self._stopping.is_set():
                 self._adopt()
                 if self.pipeline is not None:
+                    self._move_search(self.pipeline)
                     self._tell_passes(self.pipeline, self.pipeline.concluded())
                 arrival = self.queue.take(_POLL_S)
                 self.skipped.add(self.queue.pop_skipped())
@@ -401,6 +379,12 @@ class Measuring:
             self._give_up()
         self._adopted, self._unusable = version, ''
 
+    def _move_search(self, pipeline: SpeedPipeline) -> None:
+        """Have the process search that has been started anew, where there is one."""
+        detector, process = pipeline.detector, self._searcher.process
+        if process is not None and isinstance(detector, DetectorBeside) and detector.is_here:
+            detector.move(process, partial(self._searcher.failed, process))
+
     def _give_up(self) -> None:
         """Let go of the pipeline, whose passes have been told."""
         if self.pipeline is not None:
@@ -434,8 +418,7 @@ class Measuring:
                  if (pair := self._made(arrival)) is not None] if self.refine_pairs else None
         try:
             place = MeasuringSite.of(self.site, rig, pairs, self.config.site)
-            conclusions = Beside(failed=self._pass_failed,
-                                 measured=partial(self._measured, self._pass_process))
+            conclusions = Beside(failed=self._pass_failed, measured=self._measured)
             pipeline = place.pipeline(self.config, self.annotations, conclusions=conclusions,
                                       detect=self._detect(), seed=self.seed,
                                       where=self.init_path)
@@ -585,7 +568,7 @@ class Measuring:
                        'again')
         if self.failed.recent:
             state.find(ERROR, f'measuring failed {self.failed.recent} times')
-        for fault in filter(None, (self._search_fault, self._pass_fault)):
+        for fault in filter(None, (self._searcher.fault, self._passer.fault)):
             state.find(WARN, fault)
         if self._age.text:
             state.find(ERROR if self._age.expired else WARN, self._age.text)

@@ -121,6 +121,28 @@ def test_a_process_that_dies_leaves_the_search_here(straight, process):
     assert len(failures) == 1
 
 
+def test_without_a_process_it_searches_here_until_there_is_one(straight, process):
+    """Whoever goes on remembers nothing of the pairs before, as a detector that begins."""
+    failures, pairs = [], straight.pairs
+    turn, beside = both(straight, None, failures.append)
+
+    def compare(some):
+        for pair in some:
+            beside.expect(pair, [])
+            assert_same(beside.update(pair), turn.update(pair))
+    assert beside.is_here
+    compare(pairs[:2])
+    beside.move(process, failures.append)
+    turn.reset()
+    compare(pairs[2:4])
+    assert not beside.is_here and failures == []
+    process.process.kill()
+    process.process.wait(END_S)
+    turn.reset()
+    compare(pairs[4:])
+    assert beside.is_here and len(failures) == 1
+
+
 def test_a_process_that_does_not_answer_is_waited_for_so_long_and_no_longer(straight):
     process, failures = SearchProcess(answer_s=0.3), []
     process.wait()

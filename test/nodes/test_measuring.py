@@ -11,6 +11,7 @@ pytest.importorskip('rclpy')
 
 from stereo_speed.nodes.health import WARN  # noqa: E402, I100
 from stereo_speed.nodes.tracker_node import TrackerNode  # noqa: E402
+from stereo_speed.nodes.worker import Worker  # noqa: E402
 from stereo_speed.pipeline.conclusions import OnlyHereError  # noqa: E402
 from stereo_speed.pipeline.pass_process import PassProcessError  # noqa: E402
 
@@ -21,6 +22,9 @@ class Failing:
     def __init__(self, error):
         self.error, self.closed, self.asked = error, False, 0
 
+    def wait(self):
+        """Be ready."""
+
     def measured(self, measure):
         """Raise its error."""
         self.asked += 1
@@ -29,6 +33,14 @@ class Failing:
     def close(self, most_s=0.0):
         """Be closed."""
         self.closed = True
+
+
+def given(node, error):
+    """Have a process that fails so measure the passes of a node; return it."""
+    process, measuring = Failing(error), node.measuring
+    measuring._passer = Worker('measures passes', lambda: process, measuring.log)
+    measuring._passer.start(), measuring._passer.wait()
+    return process
 
 
 def hurried(node, lasted_s):
@@ -81,22 +93,22 @@ def test_without_hurry_no_pair_is(in_process, sample):
 
 
 def test_a_pass_that_cannot_be_told_to_the_process_is_measured_here_without_a_fault(node):
-    process = node.measuring._pass_process = Failing(OnlyHereError('cannot be pickled'))
+    process = given(node, OnlyHereError('cannot be pickled'))
     for _ in range(2):
-        assert node.measuring._measured(process, lambda: 'result') == 'result'
-    assert (process.asked, process.closed, node.measuring._pass_fault) == (2, False, '')
+        assert node.measuring._measured(lambda: 'result') == 'result'
+    assert (process.asked, process.closed, node.measuring._passer.fault) == (2, False, '')
 
 
-def test_a_process_of_the_passes_that_fails_is_closed_and_not_asked_again(node):
-    process = node.measuring._pass_process = Failing(PassProcessError('it has ended'))
+def test_a_process_of_the_passes_that_fails_is_closed_and_told_and_not_asked_again(node):
+    process = given(node, PassProcessError('it has ended'))
     for _ in range(2):
-        assert node.measuring._measured(process, lambda: 'result') == 'result'
+        assert node.measuring._measured(lambda: 'result') == 'result'
     assert (process.asked, process.closed) == (1, True)
-    assert 'it has ended' in node.measuring._pass_fault
-
-
-def test_who_still_has_a_former_process_does_not_turn_off_the_new_one(node):
-    old, new = (Failing(PassProcessError('it has ended')) for _ in range(2))
-    node.measuring._pass_process = new
-    assert node.measuring._measured(old, lambda: 'result') == 'result'
-    assert (new.asked, new.closed, node.measuring._pass_fault) == (0, False, '')
+    node.trigger_configure()
+    node.trigger_activate()
+    given(node, PassProcessError('it has ended'))
+    node.measuring._measured(lambda: 'result')
+    state = node.measuring.state()
+    assert state.level == WARN
+    assert 'measures passes without a process of its own: it has ended' in state.message
+    node.trigger_deactivate()

@@ -1,0 +1,130 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""A process that works for a node, what ails it, and its start anew."""
+from __future__ import annotations
+
+import threading
+import time
+from typing import Callable, Generic, Optional, TypeVar
+
+from rclpy.impl.rcutils_logger import RcutilsLogger
+
+from ..core.helper_process import HelperProcess
+
+PAUSE_S, LONGEST_PAUSE_S = 2.0, 120.0  # from a failure to the next start; it doubles
+_START_S = 30.0  # that a start may take: a second, on a machine that is not busy
+
+P = TypeVar('P', bound=HelperProcess)
+
+
+class Worker(Generic[P]):
+    """
+    The process, from ``start`` to ``close``; where it fails, it is started anew after a while.
+
+    ``fault`` says what ails it, and is empty while nothing does.  One thread starts, revives and
+    closes it; others ask for the process and tell that it has failed.
+
+    :param does: what it does, in words that follow the name of the node.
+    :param make: starts the process; may raise OSError.
+    :param log: of the node.
+    :param clock: steady time, s.
+    """
+
+    def __init__(self, does: str, make: Callable[[], P], log: RcutilsLogger,
+                 clock: Callable[[], float] = time.monotonic) -> None:
+        self.fault = ''
+        self._does, self._make, self._log, self._clock = does, make, log, clock
+        self._process: Optional[P] = None
+        self._starting: Optional[P] = None
+        self._since_s, self._due_s, self._pause_s = 0.0, 0.0, PAUSE_S
+        self._lock = threading.Lock()
+
+    @property
+    def process(self) -> Optional[P]:
+        """Return the process; None while there is none that can be asked."""
+        return self._process
+
+    def start(self) -> None:
+        """Begin to start it, where it can be."""
+        self.fault, self._pause_s = '', PAUSE_S
+        self._begin()
+
+    def wait(self) -> None:
+        """Wait until it can be asked, or will not be for now."""
+        if self._starting is not None:
+            try:
+                self._starting.wait()
+            except OSError as error:
+                self._not_started(error)
+            else:
+                self._serve()
+
+    def revive(self) -> None:
+        """See to a start that is under way or due; to be called now and then."""
+        now_s = self._clock()
+        if self._starting is None:
+            if self.fault and now_s >= self._due_s:
+                self._begin()
+            return
+        try:
+            if self._starting.is_ready():
+                self._serve()
+            elif now_s - self._since_s > _START_S:
+                raise TimeoutError(f'not ready in {_START_S:g} s')
+        except OSError as error:
+            self._not_started(error)
+
+    def failed(self, process: P, why: str) -> None:
+        """
+        Do without a process that cannot be asked any more.
+
+        :param process: another one than the present one is let be: it was let go long ago.
+        """
+        with self._lock:
+            if process is not self._process:
+                return
+            self._process = None
+            if self._clock() - self._since_s > LONGEST_PAUSE_S:
+                self._pause_s = PAUSE_S
+            self._ail(why)
+        process.close(0.0)
+
+    def close(self) -> None:
+        """End the process, if there is one."""
+        with self._lock:
+            processes = self._process, self._starting
+            self._process = self._starting = None
+            self.fault = ''
+        for process in processes:
+            if process is not None:
+                process.close()
+
+    def _begin(self) -> None:
+        self._since_s = self._clock()
+        try:
+            self._starting = self._make()
+        except OSError as error:  # no memory, no more processes
+            with self._lock:
+                self._ail(str(error))
+
+    def _serve(self) -> None:
+        """Have it asked from now on."""
+        with self._lock:
+            self._process, self._starting, self._since_s = self._starting, None, self._clock()
+            again, self.fault = bool(self.fault), ''
+        if again:
+            self._log.info(f'{self._does} in a process of its own again')
+
+    def _not_started(self, error: OSError) -> None:
+        starting, self._starting = self._starting, None
+        with self._lock:
+            self._ail(str(error))
+        if starting is not None:
+            starting.close(0.0)
+
+    def _ail(self, why: str) -> None:
+        """Say what ails it, and when it is to be started anew."""
+        self.fault = f'{self._does} without a process of its own: {why}'
+        self._log.error(self.fault)
+        self._due_s = self._clock() + self._pause_s
+        self._pause_s = min(2.0 * self._pause_s, LONGEST_PAUSE_S)
