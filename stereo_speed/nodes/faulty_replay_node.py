@@ -64,6 +64,16 @@ def _once(change: Callable[[Any], None]) -> Fault:
     return fault
 
 
+def _once_of_both(change: Callable[[Any], None]) -> Fault:
+    """Return the fault that spoils one message of each side, of the same pair."""
+    def fault(node: FaultyReplayNode, of: str, msg: Any) -> Sent:
+        if node.kept.setdefault('spoilt', stamp_ns(msg.header.stamp)) == stamp_ns(
+                msg.header.stamp):
+            change(msg)
+        return [(of, msg)]
+    return fault
+
+
 def _each(change: Callable[[Any], None], sides: Sequence[str] = ('left', 'right')) -> Fault:
     """Return the fault that spoils every message of some sides."""
     def fault(node: FaultyReplayNode, of: str, msg: Any) -> Sent:
@@ -201,6 +211,7 @@ FAULTS: dict[str, tuple[str, Fault]] = {
     'clock_an_hour_back': ('image', _each(_later(-3600.0))),
     'jitter': ('image', _jitter),
     'stamp_an_hour_on': ('image', _once(_later(3600.0))),
+    'pair_an_hour_on': ('image', _once_of_both(_later(3600.0))),
     'stamp_of_zero': ('image', _once(_stamp_of_zero)),
     'stamps_of_zero': ('image', _each(_stamp_of_zero)),
     'info_nan': ('camera_info', _once(_with('k', np.full(9, np.nan)))),

@@ -15,6 +15,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 import os
 from pathlib import Path
+import signal
 import sys
 import time
 from typing import Optional, Sequence, TYPE_CHECKING
@@ -36,6 +37,8 @@ _HOUR_NS = 3_600_000_000_000
 _RESPAWN_S = 0.2  # as the launch file has it
 _KILLS = ('kill_stereo_sync_node', 'kill_tracker_node', 'kill_speed_node')
 _KILLS_ONE = ('kill_speed_camera_node',)
+# Processes that work for the node that measures; it goes on without them.
+_KILLS_HELPER = {'kill_search_process': 'search_process', 'kill_pass_process': 'pass_process'}
 _APPROXIMATE = ('right_5_ms', 'right_20_ms', 'right_50_ms', 'exposed_apart')
 _ALWAYS = (*_APPROXIMATE, 'swapped', 'jitter', 'no_info')  # who does so does it from the start
 # At the start, before anything is known: the fault that holds then, and for how long, s.
@@ -96,7 +99,7 @@ def run(args: argparse.Namespace) -> int:
     private_graph()
     from ...nodes.faulty_replay_node import FAULTS
     names = [*FAULTS, *_AT_START, *_COMPRESSED, _NO_PROFILE,
-             *(_KILLS_ONE if args.single else _KILLS)]
+             *(_KILLS_ONE if args.single else _KILLS), *_KILLS_HELPER]
     names.remove('exposed_apart')  # for a bag of its own, whose period is the time between them
     known = [*names, 'exposed_apart']
     for name in args.fault or ():
@@ -130,14 +133,15 @@ def _one(name: str, args: argparse.Namespace, truth: Sequence[VehicleTruth]) -> 
     if name in _AT_START:
         begins_s = 0.0
         fault, length_s = _AT_START[name]
-    if name in (*_KILLS, *_KILLS_ONE, _NO_PROFILE):
+    if name in (*_KILLS, *_KILLS_ONE, *_KILLS_HELPER, _NO_PROFILE):
         fault = 'none'
     with ExitStack() as stack:
         nodes = {command[0]: stack.enter_context(Process(*command)) for command in commands}
         listener = FaultListener()
         stack.callback(listener.close)
         if not listener.spin(_START_S, lambda: listener.connected(
-                '/vehicle_speed', '/passes', '/tracks', '/diagnostics')):
+                '/vehicle_speed', '/passes', '/tracks', '/diagnostics')
+                and _measures(listener.heard)):
             raise InputError('faults', 'graph', 'nodes that do not connect', 'all of them')
         chain = [] if args.single else ['wait_for_topics:=stereo/image_pair tracks']
         profile = os.environ.pop(_PROFILE, None) if name == _NO_PROFILE else None
@@ -161,6 +165,10 @@ def _one(name: str, args: argparse.Namespace, truth: Sequence[VehicleTruth]) -> 
             command = next(c for c in commands if c[0] == killed)
             nodes[killed] = stack.enter_context(Process(*command))
             ended_s = time.monotonic()
+        elif name in _KILLS_HELPER:
+            node = nodes['speed_camera_node' if args.single else 'tracker_node']
+            os.kill(helper_of(node.process.pid, _KILLS_HELPER[name]), signal.SIGKILL)
+            ended_s = time.monotonic()
         rest_s = max(begun_s + args.play / args.rate - time.monotonic(), 0.0)
         listener.spin(rest_s, replay.ended)
         back = not any(_newest(listener.heard).values())
@@ -168,6 +176,29 @@ def _one(name: str, args: argparse.Namespace, truth: Sequence[VehicleTruth]) -> 
         alive = not any(node.ended() for node in nodes.values())
     return _row(name, listener.heard, truth, (begun_s, ended_s, args.play / args.rate), alive,
                 back)
+
+
+def helper_of(pid: int, module: str) -> int:
+    """
+    Return the number of the process that a node has started to run a module.
+
+    :raises InputError: there is none.
+    """
+    for folder in Path('/proc').glob('[0-9]*'):
+        try:
+            parent = int((folder / 'stat').read_text().rpartition(')')[2].split()[1])
+            command = (folder / 'cmdline').read_text()
+        except OSError:  # it has ended meanwhile
+            continue
+        if parent == pid and module in command:
+            return int(folder.name)
+    raise InputError('faults', f'process {pid}', f'no {module} that it has started', 'one')
+
+
+def _measures(heard: Heard) -> bool:
+    """Return whether the node that measures has said that it does, if pairs come."""
+    said = [message for _, name, _, message in heard.levels if name.endswith(': pipeline')]
+    return bool(said) and not said[-1].startswith(('not configured', 'inactive'))
 
 
 def _newest(heard: Heard) -> dict[str, int]:
@@ -244,20 +275,25 @@ def _error(reading: HeardReading, heard: Heard, truth: Sequence[VehicleTruth]
 
 def _pass_error(told: dict[str, object], heard: Heard, truth: Sequence[VehicleTruth]
                 ) -> Optional[tuple[float, float]]:
-    """Return the error of a measured pass against the mean of the true speeds in its time."""
+    """
+    Return the error of a measured pass against the mean of the true speeds in its pairs.
+
+    Those are the pairs that its track was told in, and all before: what was measured before the
+    vehicle was found counts, gaps do not.
+    """
     speed, std = told['speed_mps'], told['speed_std_mps']
     if not isinstance(speed, float) or not isinstance(std, float):
         return None
     first, last = told['first_stamp_ns'], told['last_stamp_ns']
     assert isinstance(first, int) and isinstance(last, int)  # noqa: S101 (for the types)
-    seen = Counter(
-        found[:2] for (ns, frame), place in heard.places.items()
-        if frame == f'vehicle_{told["track"]}' and first <= ns <= last
-        and (found := _vehicle_at(ns, place, truth)) is not None)
+    seen = [found for (ns, frame), place in heard.places.items()
+            if frame == f'vehicle_{told["track"]}' and first <= ns <= last
+            and (found := _vehicle_at(ns, place, truth)) is not None]
     if not seen:
         return None
-    (index, off_ns), _ = seen.most_common(1)[0]
+    (index, off_ns), _ = Counter(found[:2] for found in seen).most_common(1)[0]
     vehicle, slack_ns = truth[index], 60_000_000
-    during = ((vehicle.stamps_ns >= first + off_ns - slack_ns)
-              & (vehicle.stamps_ns <= last + off_ns + slack_ns))
-    return (speed - float(vehicle.speed_mps[during].mean()), std) if during.any() else None
+    told_in = {found[2] for found in seen if found[:2] == (index, off_ns)}
+    began = int(np.searchsorted(vehicle.stamps_ns, first + off_ns - slack_ns))
+    rows = sorted(told_in.union(range(began, min(told_in))))
+    return speed - float(vehicle.speed_mps[rows].mean()), std

@@ -30,10 +30,12 @@ def told(speed, off_ns=0):
 
 
 @pytest.mark.parametrize('off_ns', [0, HOUR, -HOUR])
-def test_a_pass_is_compared_with_its_vehicle_over_all_of_its_time(off_ns):
-    """Also where not all of its pairs were heard, and an hour off."""
-    assert _pass_error(told(16.1, off_ns), heard(0, 1, off_ns=off_ns), TRUTH) == pytest.approx(
-        (0.1, 0.5))
+@pytest.mark.parametrize(('rows', 'mean'), [((0, 1, 2, 3, 4), 16.0), ((0, 4), 16.0),
+                                            ((0, 1), 19.0), ((3, 4), 16.0), ((2, 4), 16.5)])
+def test_a_pass_is_compared_with_its_vehicle_in_its_pairs(rows, mean, off_ns):
+    """Those before the first one that was told count, a gap does not; also an hour off."""
+    assert _pass_error(told(mean + 0.1, off_ns), heard(*rows, off_ns=off_ns), TRUTH) \
+        == pytest.approx((0.1, 0.5))
 
 
 def test_what_cannot_be_compared_is_left_out():
