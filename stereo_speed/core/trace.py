@@ -76,6 +76,8 @@ class PassTrace:
     :param particles: number of particles it was started with.
     :param seen_mps: speed as the detector saw it; None where it saw none.
     :param pairs: those it was fed, in order of stamps.
+    :param stamp_std_s: 1-sigma of the stamps, where they were less even than the parameter has
+        it; else None.
     """
 
     track: int
@@ -85,6 +87,7 @@ class PassTrace:
     particles: int
     seen_mps: Optional[float]
     pairs: tuple[TracePair, ...]
+    stamp_std_s: Optional[float] = None
 
     def shown(self, measured_ns: Container[int]) -> tuple[TracePair, ...]:
         """

@@ -5,8 +5,11 @@ from __future__ import annotations
 
 from array import array
 import dataclasses
+import os
 import signal
 import sys
+from tempfile import TemporaryDirectory
+from types import FrameType
 from typing import Any, Callable, ClassVar, Optional, Sequence
 
 from builtin_interfaces.msg import Time
@@ -200,8 +203,13 @@ def run(make: Callable[[], Node], args: Optional[Sequence[str]] = None,
     # Ctrl-C, and SIGTERM as launch and supervisors send it, end the node in the same way, with its
     # context still valid: passes are finished and told.
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    told: list[int] = []  # signals that have come
+
+    def end(number: int, frame: Optional[FrameType]) -> None:
+        told.append(number)
+        signal.default_int_handler(number, frame)
     for ending in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(ending, signal.default_int_handler)
+        signal.signal(ending, end)
     node: Optional[Node] = None
     status = 0
     try:
@@ -217,6 +225,9 @@ def run(make: Callable[[], Node], args: Optional[Sequence[str]] = None,
         status = BAD_INPUT
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
+    except RuntimeError:
+        if not told:  # rclpy may make this of an interrupt that comes while a message is taken
+            raise
     finally:
         if node is not None:
             getattr(node, 'close', lambda: None)()
@@ -226,15 +237,25 @@ def run(make: Callable[[], Node], args: Optional[Sequence[str]] = None,
 
 
 def _print_help(make: Callable[[], Node]) -> None:
-    """Print what a node is and the parameters that it declares."""
+    """
+    Print what a node is and the parameters that it declares.
+
+    It is made in a folder of its own: a file that it begins is not for who only asks.
+    """
     Parameters.told.clear()
     rclpy.init(args=[])
-    try:
-        make().destroy_node()
-    except StereoSpeedError:
-        pass  # it lacks what has no default; that is declared all the same
-    finally:
-        rclpy.try_shutdown()
+    here = os.getcwd()
+    with TemporaryDirectory() as folder:
+        os.chdir(folder)
+        try:
+            node = make()
+            getattr(node, 'close', lambda: None)()
+            node.destroy_node()
+        except StereoSpeedError:
+            pass  # it lacks what has no default; that is declared all the same
+        finally:
+            os.chdir(here)
+            rclpy.try_shutdown()
     print((sys.modules[make.__module__].__doc__ or '').strip())
     print('\nusage: NODE [--ros-args -p NAME:=VALUE ... --params-file FILE -r FROM:=TO]')
     print('\nparameters, with their defaults in brackets; qos_overrides besides:')

@@ -35,6 +35,8 @@ class FaultyReplayNode(ReplayNode):
         self.begins_s = p.get('fault_start', 5.0, 'when it begins [s]', 0.0, 1e9)
         self.ends_s = self.begins_s + p.get('fault_length', 3.0, 'how long it holds [s]', 0.0, 1e9)
         self.plays_s = p.get('length', 1e9, 'seconds of the bag to play', 0.0, 1e9)
+        self.exposures = p.get('exposures', 2, 'of exposed_apart: exposures of the bag for each '
+                               'image of a camera', 2, 1000)
         if self.fault not in FAULTS:
             raise InputError(f'{self.get_name()}: parameter', 'fault', self.fault,
                              ', '.join(FAULTS))
@@ -111,9 +113,9 @@ def _delayed(node: FaultyReplayNode, of: str, msg: Any) -> Sent:
 
 
 def _apart(node: FaultyReplayNode, of: str, msg: Any) -> Sent:
-    """Send left images and right ones in turn, as cameras without a common trigger do."""
-    seen = node.kept[of] = node.kept.get(of, 0) + 1
-    return [(of, msg)] if (seen % 2 == 0) == (of == 'left') else []
+    """Send a left image and the right one of the next exposure, as without a common trigger."""
+    seen = node.kept[of] = node.kept.get(of, -1) + 1
+    return [(of, msg)] if seen % node.exposures == (0 if of == 'left' else 1) else []
 
 
 def _stamp_of_zero(msg: Any) -> None:

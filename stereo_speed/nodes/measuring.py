@@ -197,9 +197,12 @@ class Measuring:
                              'the path of the site file')
         self.site = load_site(self.site_path)
         self.annotations = load_init(self.init_path) if self.init_path else None
-        self._start_processes()  # they load their kernels while this process does
+        if self._searches_beside:
+            self._searcher.start()  # it loads its kernels while this process does
         self.log.debug(f'kernels: {warm_up()}')  # now, not in the first pairs
-        self._await_processes()
+        self._searcher.wait()
+        if self._pass_process_wanted:
+            self._passer.start()  # not waited for: the first pass takes longer than that
         self._infos = [
             OfferedSubscription(self.node, CameraInfo, f'{side}/camera_info',
                                 partial(self._on_info, side))
@@ -217,17 +220,6 @@ class Measuring:
     def _searches_beside(self) -> bool:
         return self._process_wanted and self.annotations is None \
             and DETECTORS.load(self.config.detector) is PlaneSweepDetector
-
-    def _start_processes(self) -> None:
-        """Start those that search for vehicles and measure passes, where wanted and possible."""
-        if self._pass_process_wanted:
-            self._passer.start()
-        if self._searches_beside:
-            self._searcher.start()
-
-    def _await_processes(self) -> None:
-        self._searcher.wait()
-        self._passer.wait()
 
     def _measured(self, measure: Measure) -> PassResult:
         """
@@ -588,6 +580,11 @@ class Measuring:
         if self._steps.recent:
             state.find(WARN, f'the clock stepped by {watch.last_step_s * 1e3:+.1f} ms: passes of '
                        'that moment are rejected')
+        if pipeline.uneven_stamps_s is not None:
+            off_ms = pipeline.uneven_stamps_s * 1e3
+            state.values['uneven_ms'] = round(off_ms, 3)
+            state.find(WARN, f'stamps are off an even pace by {off_ms:.1f} ms: 1-sigmas are '
+                       'greater')
         if lag is None:
             return state
         state.values.update(gap_ms=round(lag.gap_s * 1e3, 3), looks=lag.looks,

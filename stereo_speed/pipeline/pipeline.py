@@ -79,6 +79,8 @@ class _Track:
     :param doubted: whether it goes at another speed than its detector saw.
     :param lag_changes_s: of the time between the views, before it began.
     :param clock_stepped: whether the clock of the stamps has stepped since.
+    :param stamp_std_s: 1-sigma that its stamps were taken to have, where they were known to be
+        less even than they should be when it began.
     :param hurried: pairs in a row in which its tracker was told to do little.
     :param drift_rad: (3,) how far the right camera was taken to have turned in its first pair.
     :param drift_change_rad: (3,) the greatest change of that in its pairs so far, either way.
@@ -96,6 +98,7 @@ class _Track:
     doubted: bool = False
     lag_changes_s: float = 0.0
     clock_stepped: bool = False
+    stamp_std_s: Optional[float] = None
     hurried: int = 0
     drift_rad: Array = field(default_factory=lambda: np.zeros(3))
     drift_change_rad: Array = field(default_factory=lambda: np.zeros(3))
@@ -245,6 +248,12 @@ class SpeedPipeline:
         left_lately = any(((state.last_ns or 0) - u.stamp_ns) * 1e-9 < gone_s for u in state.gone)
         return not (self.open_tracks or left_lately or self.view_lag.concerned)
 
+    @property
+    def uneven_stamps_s(self) -> Optional[float]:
+        """Return the 1-sigma of the stamps where they are less even than they should be."""
+        return self.stamp_watch.unevenness_s(
+            self.config.uneven_stamp_sigmas * self.config.stamp_std_s)
+
     def look(self, pair: StereoPair) -> None:
         """Take in how the rig stood in a pair that is measured already."""
         if self.steadier is not None:
@@ -289,17 +298,20 @@ class SpeedPipeline:
         number, tracks = self.next_track, self._state.tracks
         trace = PassTrace(
             number, self.seed, lane.name, front, self._share(len(tracks) + 1),
-            seen_mps=detection.speed_mps if detection is not None else None, pairs=())
+            seen_mps=detection.speed_mps if detection is not None else None, pairs=(),
+            stamp_std_s=self.uneven_stamps_s)
         tracker = self._start_tracker(start_of(trace, self.rig, lane, self.config, pair))
         if isinstance(tracker, Refusal):
             return tracker
         self.next_track += 1
-        second = SecondOpinion(self.rig, lane, self.config) if self.config.second.enabled else None
+        config = _with_stamps(self.config, trace)
+        second = SecondOpinion(self.rig, lane, config) if config.second.enabled else None
         size = VehicleSize(self.rig, lane, self.config.classes,
                            front.std_px if detection is None else None)
         tracks.append(_Track(tracker, LaneAssigner(self.lanes, self.config.verdict), detection,
                              newest.stamp_ns, TraceBuilder(trace), size, second,
                              lag_changes_s=self.view_lag.changes_s,
+                             stamp_std_s=trace.stamp_std_s,
                              drift_rad=np.array((pair.motion or RigMotion()).drift_rad)))
         return tracks[-1]
 
@@ -371,9 +383,11 @@ class SpeedPipeline:
         """
         Return what a track says with the doubt of its times in its 1-sigma.
 
-        After a step of the clock there is no telling.
+        After a step of the clock there is no telling, nor where a track does not know that its
+        stamps are uneven.
         """
-        if track.clock_stepped:
+        unaware = track.stamp_std_s is None and self.uneven_stamps_s is not None
+        if track.clock_stepped or unaware:
             return update.unconfirmed()
         if not self.view_lag.concerned:
             return update
@@ -644,9 +658,15 @@ def start_of(trace: PassTrace, rig: StereoRig, lane: LanePath, config: TrackerCo
     """
     return TrackStart(
         rig=rig, lane=lane, front=trace.front, pair=pair, track=trace.track,
-        config=replace(config, particles=trace.particles),
+        config=replace(_with_stamps(config, trace), particles=trace.particles),
         rng=np.random.default_rng([trace.seed, trace.track]), seen_mps=trace.seen_mps,
         particles_alone=config.particles)
+
+
+def _with_stamps(config: TrackerConfig, trace: PassTrace) -> TrackerConfig:
+    """Return the parameters of a track: its stamps may be worse than they should be."""
+    return config if trace.stamp_std_s is None else replace(
+        config, stamp_std_s=trace.stamp_std_s)
 
 
 def _moved_on(update: TrackUpdate, stamp_ns: int) -> TrackUpdate:

@@ -50,6 +50,8 @@ def test_live_readings_equal_replay(sample, tmp_path):
     ('tracker_node', ['site:={site}', 'init:={init}', 'particles:=3'], ['particles']),
     ('replay_node', ['bag:={init}/none'], ['none']),
     ('stereo_sync_node', ['image_transport:=theora'], ['image_transport', 'theora']),
+    ('stereo_sync_node', ['approximate_sync:=true'],
+     ['approximate_sync_tolerance_seconds', 'more than 0']),
 ])
 def test_bad_input_ends_a_node_with_one_line(node, parameters, words, sample, tmp_path):
     bad = tmp_path / 'site.yaml'

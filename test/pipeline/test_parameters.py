@@ -302,6 +302,13 @@ def _scripted(speed_mps: float, at: tuple[int, ...] = (0,), earlier: int = 0, *,
     return made
 
 
+def _uneven(passing: Scenario) -> Scenario:
+    """Put stamps off their pace by some ms."""
+    return replace(passing, pairs=tuple(
+        replace(pair, stamp_ns=pair.stamp_ns + off_ns, right_stamp_ns=pair.stamp_ns + off_ns)
+        for pair, off_ns in zip(passing.pairs, 2 * (0, 4_000_000, 1_000_000, 3_000_000))))
+
+
 def _swept(passing: Scenario) -> Scenario:
     return replace(passing, fronts=(), pairs=passing.pairs[:4]).swept()
 
@@ -388,7 +395,7 @@ MAKERS: dict[str, Callable[[Scenario], Scenario]] = {
     'short path': _short_path, 'crossing': _crossing,
     'detected at 20': _scripted(20.0), 'detected late': _scripted(24.6, (3,), 3),
     'detected again': _scripted(24.6, (0, 1), again=True),
-    'found again': _scripted(24.6, (0, 1, 2, 3, 4)),
+    'found again': _scripted(24.6, (0, 1, 2, 3, 4)), 'uneven': _uneven,
     'swept': _swept, 'swept across': _swept_across,
     'swept behind a post': _swept_behind, 'slow': _slow, 'followed': _followed,
     'behind another': _near(10.0, 0.0), 'beside another': _near(0.0, 3.7)}
@@ -435,6 +442,7 @@ CASES: dict[str, Case] = {
     'particles': Case('passing', 60),
     'resample_ess': Case('passing', 0.0),
     'trigger_tolerance_s': Case('late'),
+    'uneven_stamp_sigmas': Case('uneven', 1e6),
     'max_speed_std_share': Case('passing', 0.0, {'max_speed_std_mps': 0.0}),
     'max_speed_std_mps': Case('passing', 0.0, {'max_speed_std_share': 0.0}),
     'max_scale_std_share': Case('passing', 0.0),

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+import math
 
 import numpy as np
 import pytest
@@ -373,6 +374,42 @@ def test_a_hurried_pass_is_measured_again_by_its_trace(scene, hurries):
             tracker.hurry(fed.hurried)
             tracker.update(pair)
         assert tracker.result().smoothed == result.smoothed
+
+
+def test_a_track_that_begins_among_uneven_stamps_takes_them_for_uncertain(scene):
+    """Its 1-sigma is greater by that; its trace says so, and measures the same again."""
+    sequence, lanes, marks = scene
+    pairs, results = sequence.pairs, []
+    for off_ns in (0, 4_000_000):
+        pipeline, _ = automatic(scene, marks[:1], {0})
+        for k in range(20, 0, -1):
+            pipeline.stamp_watch.add(pairs[0].stamp_ns - 200_000_000 * k + off_ns * (k % 2))
+        steps = [pipeline.process(pair) for pair in pairs]
+        assert any(u.state is TrackState.CONFIRMED for step in steps for u in step.updates)
+        results += pipeline.finish()
+    even, uneven = results
+    # Every other stamp is off by 4 ms: 2 ms to either side of an even pace.
+    assert even.trace.stamp_std_s is None
+    assert uneven.trace.stamp_std_s == pytest.approx(0.004 / math.sqrt(2), rel=0.15)
+    assert uneven.budget.stamps_mps > 5 * even.budget.stamps_mps
+    trace = trace_of(trace_record(uneven.trace), 'test')
+    tracker = start(start_of(trace, sequence.rig, lanes[trace.lane], TrackerConfig(), pairs[0]))
+    for pair, fed in zip(pairs, trace.pairs):
+        if fed.particles is not None:
+            tracker.share(fed.particles)
+        tracker.update(pair)
+    assert tracker.result().smoothed == uneven.smoothed
+
+
+def test_a_track_that_does_not_know_that_stamps_are_uneven_gives_no_readings(scene):
+    pipeline, _ = automatic(scene, scene[2][:1], {0})
+    states = []
+    for k, pair in enumerate(scene[0].pairs):
+        ns = pair.stamp_ns + 4_000_000 * (k % 2)
+        states += [u.state for u in pipeline.process(
+            replace(pair, stamp_ns=ns, right_stamp_ns=ns)).updates]
+    assert TrackState.CONFIRMED in states[:5] and TrackState.CONFIRMED not in states[5:]
+    assert len(states) > 7
 
 
 def test_who_hurries_much_all_the_time_finds_its_vehicle(sample):

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 _START_S, _AFTER_S = 180.0, 4.0  # the first start compiles the kernels
 _QUIET_S = 2.0  # of the start, in which nothing has come yet
 _NEAR_M, _WRONG_MPH, _WRONG_SIGMAS = 4.0, 1.0, 4.0
+_APART_PERIOD_S = 0.2  # of cameras that expose apart
 _HOUR_NS = 3_600_000_000_000
 _RESPAWN_S = 0.2  # as the launch file has it
 _KILLS = ('kill_stereo_sync_node', 'kill_tracker_node', 'kill_speed_node')
@@ -100,7 +101,7 @@ def run(args: argparse.Namespace) -> int:
     from ...nodes.faulty_replay_node import FAULTS
     names = [*FAULTS, *_AT_START, *_COMPRESSED, _NO_PROFILE,
              *(_KILLS_ONE if args.single else _KILLS), *_KILLS_HELPER]
-    names.remove('exposed_apart')  # for a bag of its own, whose period is the time between them
+    names.remove('exposed_apart')  # for a bag of its own, whose period is how far apart they are
     known = [*names, 'exposed_apart']
     for name in args.fault or ():
         if name not in known:
@@ -148,7 +149,8 @@ def _one(name: str, args: argparse.Namespace, truth: Sequence[VehicleTruth]) -> 
         replay = stack.enter_context(Process(
             'faulty_replay_node', f'bag:={args.traffic / "bag"}', f'rate:={args.rate}', *chain,
             *sending, f'fault:={fault}', f'fault_start:={begins_s}',
-            f'fault_length:={length_s}', f'length:={args.play}'))
+            f'fault_length:={length_s}', f'length:={args.play}',
+            f'exposures:={_exposures(truth)}'))
         if profile is not None:
             os.environ[_PROFILE] = profile
         if not listener.spin(_START_S, lambda: bool(listener.heard.begun_s)):
@@ -193,6 +195,12 @@ def helper_of(pid: int, module: str) -> int:
         if parent == pid and module in command:
             return int(folder.name)
     raise InputError('faults', f'process {pid}', f'no {module} that it has started', 'one')
+
+
+def _exposures(truth: Sequence[VehicleTruth]) -> int:
+    """Return how many exposures of the bag go into the time between two images of a camera."""
+    stamps_ns = np.unique(np.concatenate([vehicle.stamps_ns for vehicle in truth]))
+    return max(round(_APART_PERIOD_S / (float(np.diff(stamps_ns).min()) * 1e-9)), 2)
 
 
 def _measures(heard: Heard) -> bool:

@@ -1,0 +1,48 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""How nodes start and end, in this process."""
+from __future__ import annotations
+
+import os
+import signal
+
+import pytest
+
+pytest.importorskip('rclpy')
+
+from stereo_speed.nodes import common  # noqa: E402, I100
+from stereo_speed.nodes.log_node import LogNode, main  # noqa: E402
+
+
+@pytest.fixture(autouse=True)
+def handlers():
+    """Put the handlers of signals back that a node replaces."""
+    former = {one: signal.getsignal(one) for one in (signal.SIGINT, signal.SIGTERM)}
+    yield
+    for one, handler in former.items():
+        signal.signal(one, handler)
+
+
+def test_who_asks_what_a_node_takes_is_told_and_gets_no_file(
+        private_graph, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(['--help']) == 0
+    assert 'sync_s [1.0] (0.05 to 3600)' in capsys.readouterr().out
+    assert list(tmp_path.iterdir()) == [] and os.getcwd() == str(tmp_path)
+
+
+@pytest.mark.parametrize('one', [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_that_rclpy_makes_an_error_of_ends_a_node_all_the_same(
+        private_graph, tmp_path, one):
+    def spin(node):
+        try:
+            os.kill(os.getpid(), one)
+        except KeyboardInterrupt:
+            raise RuntimeError('Unable to convert call argument') from None
+
+    def broken(node):
+        raise RuntimeError('a fault of ours')
+    given = ['--ros-args', '-p', f'file:={tmp_path / "passes.sqlite"}']
+    assert common.run(LogNode, given, spin) == 0
+    with pytest.raises(RuntimeError, match='a fault of ours'):
+        common.run(LogNode, given, broken)
