@@ -185,8 +185,7 @@ class SpeedPipeline:
         state.last_ns = pair.stamp_ns
         self._check_size(pair)
         if self.stamp_watch.add(pair.stamp_ns):
-            for track in state.tracks:
-                track.clock_stepped = True
+            self._end_by_step()
         pair = self.view_lag.corrected(pair.triggered(self.config.trigger_tolerance_s))
         if self.steadier is not None:
             pair = self.steadier.steady(pair)
@@ -272,6 +271,21 @@ class SpeedPipeline:
             self.detector.reset()
         if self.steadier is not None:
             self.steadier.reset()
+
+    def _end_by_step(self) -> None:
+        """
+        End the passes of detected vehicles, for the clock has stepped: they are found anew.
+
+        What a person marked is not found again, and is followed on, without a speed.
+        """
+        for track in list(self._state.tracks):
+            track.clock_stepped = True
+            if track.detection is not None:
+                self._state.tracks.remove(track)
+                if track.confirmed:
+                    self._conclude(track)
+        if self.detector is not None:
+            self.detector.reset()  # its earlier pairs have the clock of before
 
     def _start_annotated(self, pair: StereoPair) -> None:
         """

@@ -55,6 +55,10 @@ class ScriptedFinder:
                           earlier=self.earlier)
                 for m in self.marks]
 
+    def reset(self):
+        """Remember that it was to forget."""
+        self.occupied.append('reset')
+
 
 @pytest.fixture(scope='module')
 def scene(tmp_path_factory):
@@ -374,6 +378,30 @@ def test_a_hurried_pass_is_measured_again_by_its_trace(scene, hurries):
             tracker.hurry(fed.hurried)
             tracker.update(pair)
         assert tracker.result().smoothed == result.smoothed
+
+
+@pytest.mark.parametrize('step_ns', [30_000_000, -30_000_000])
+def test_after_a_step_of_the_clock_a_detected_vehicle_is_found_anew(scene, step_ns):
+    """Its first pass has no speed; the second one begins after the step, and is right."""
+    sequence, _, marks = scene
+    pipeline, finder = automatic(scene, marks[:1], {0, 5})
+    for k in range(20, 0, -1):
+        pipeline.stamp_watch.add(sequence.pairs[0].stamp_ns - 200_000_000 * k)
+    results, updates = [], []
+    for k, pair in enumerate(sequence.pairs):
+        ns = pair.stamp_ns + step_ns * (k >= 4)
+        step = pipeline.process(replace(pair, stamp_ns=ns, right_stamp_ns=ns))
+        results, updates = results + step.passes, updates + step.updates
+        if k == 4:
+            assert step.updates == [] and finder.occupied[-2:] == ['reset', []]
+            left_px, right_px = project(sequence, marks[0], 5)
+            finder.marks = [replace(marks[0], left_px=left_px, right_px=right_px)]
+    first, = results
+    second, = pipeline.finish()
+    assert (first.reason, first.speed_mps) == ('stamps_uncertain', None)
+    assert second.first_ns == sequence.pairs[5].stamp_ns + step_ns
+    assert abs(second.speed_mps - 22.352) < 4 * second.speed_std_mps < 1.0
+    assert {u.track for u in updates} == {0, 1}
 
 
 def test_a_track_that_begins_among_uneven_stamps_takes_them_for_uncertain(scene):
