@@ -45,7 +45,7 @@ class TracePair:
     :param others: fronts of other vehicles in the pair.
     :param stamp_error_s: difference of the stamps, s, that was found to be an error.
     :param right_came_ns: header stamp of the right image as it came; None for that fed.
-    :param hurried: whether the tracker was told to do little with it, for other pairs waited.
+    :param hurried: whether the tracker was told to do little with it, for others had their turn.
     """
 
     stamp_ns: int

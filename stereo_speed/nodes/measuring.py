@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 from functools import partial
+import gc
 import threading
 import time
 from typing import Callable, Optional, Sequence
@@ -48,7 +49,7 @@ from ..pipeline.assembly import MakeDetector, MeasuringSite
 from ..pipeline.conclusions import Beside, Measure, OnlyHereError
 from ..pipeline.config import PipelineConfig, SiteConfig
 from ..pipeline.pass_process import PassProcess, PassProcessError
-from ..pipeline.pipeline import Hurry, SpeedPipeline
+from ..pipeline.pipeline import SpeedPipeline
 from ..pipeline.registry import DETECTORS, TRACKERS
 from ..site.calibration_age import calibration_age, CalibrationAge
 from ..site.file import load_site
@@ -63,7 +64,7 @@ _POLL_S = 0.1
 _JOIN_S = 20.0  # for the pair in hand, when the node stops
 _LATENCIES = 300  # of the newest pairs
 _ORDER_S = 10.0  # between two looks at whether the views are crossed; it takes some 50 ms
-_HARDLY_S = 10.0  # of hurried pairs: more than a moment
+_HARDLY = 0.5  # of the pairs, hurried: more than a moment
 _LAG_KNOWN_S = 2e-3  # 1-sigma of the time between the views
 
 
@@ -126,10 +127,9 @@ class Measuring:
                                0.1, 3600.0)
         self._most_wait_s = p.get('most_wait_s', 2.0, 'when a pair has waited longer [s], the '
                                   'newest pair is served and older ones are skipped', 0.0, 3600.0)
-        self._hurry = p.get('hurry', True, 'when a pair has waited for a tenth of most_wait_s, '
-                            'the machine does not keep up, and pairs are hurried: vehicles are '
-                            'solved for less often, with a greater 1-sigma; without it the only '
-                            'remedy is to skip pairs')
+        self._hurry = p.get('hurry', True, 'a pair that has waited for most of the time '
+                            'between two is hurried: vehicles are solved for less often, with a '
+                            'greater 1-sigma; without it the only remedy is to skip pairs')
         where = f'{node.get_name()}: parameter'
         self.config = _config(p, tracker, detector, where)
         # Files of parameters have those of every tracker and detector.
@@ -203,6 +203,7 @@ class Measuring:
         self._searcher.wait()
         if self._pass_process_wanted:
             self._passer.start()  # not waited for: the first pass takes longer than that
+        gc.freeze()  # what is there by now stays: a tenth of a second each time it is gone through
         self._infos = [
             OfferedSubscription(self.node, CameraInfo, f'{side}/camera_info',
                                 partial(self._on_info, side))
@@ -461,10 +462,11 @@ class Measuring:
         detector = pipeline.detector
         while isinstance(detector, TakesBoxes) and self._boxes:
             detector.offer(*self._boxes.popleft())
-        hurry = self.queue.hurry
-        self.hurried.add(hurry is not Hurry.NO)
+        hurried = self.queue.hurried
+        self.hurried.add(hurried)
         try:
-            step = pipeline.process(pair, hurry)
+            step = pipeline.process(
+                pair, hurried, partial(self.outputs.tell_readings, pipeline))
         except InputError as error:
             self.refusals.add('pair', error)
             return
@@ -553,7 +555,7 @@ class Measuring:
             state.find(WARN, 'stamps jumped back: all passes ended')
         if self.skipped.recent:
             state.find(WARN, f'does not keep up: {self.skipped.recent} pairs skipped')
-        if queue.hurrying_s > _HARDLY_S:
+        if self.hurried.recent > _HARDLY * self.measured.recent:
             state.find(WARN, 'the machine hardly keeps up: pairs are hurried')
         if self.frozen.recent:
             state.find(WARN, f'{self.frozen.recent} pairs withheld: an image is the last one '

@@ -22,7 +22,7 @@ from .common import (
 from .frames import StaticFrames
 from .messages import deletions, markers, odometry, path_markers, speed_of
 from ..core.passes import PassResult
-from ..core.records import StereoPair
+from ..core.records import StereoPair, TrackUpdate
 from ..core.units import KMH_MPS, MPH_MPS
 from ..enforcement.instrument import Instrument
 from ..io.pass_json import new_run, pass_text, track_states_text
@@ -50,6 +50,7 @@ class Outputs:
         self.log, self.run = node.get_logger(), new_run()
         self._frames = StaticFrames(node, p)
         self._last_ns = 0
+        self._readings: set[tuple[int, int]] = set()  # stamps and tracks, as told last
         # Told by two threads: that which measures, and that which runs self-tests.
         self._telling = threading.Lock()
         self._instrument: Optional[Instrument] = None
@@ -100,15 +101,21 @@ class Outputs:
         self._instrument = replace(instrument, self_test=self._self_test)
         self.instrument.publish(String(data=self._instrument.text()))
 
-    def tell(self, pipeline: SpeedPipeline, pair: StereoPair, step: Step) -> None:
-        """Publish what came of a pair."""
-        frame_id = pipeline.rig.frame_id
-        for update in step.updates:
-            track = odometry(update, frame_id)
+    def tell_readings(self, pipeline: SpeedPipeline, updates: Sequence[TrackUpdate]) -> None:
+        """Publish tracks of a pair, of which the others may not be known yet."""
+        for update in updates:
+            track = odometry(update, pipeline.rig.frame_id)
             self.tracks.publish(track)
             speed = speed_of(track)
             if self.speeds is not None and speed is not None:
                 self.speeds.publish(speed)
+        self._readings = {(u.stamp_ns, u.track) for u in updates}
+
+    def tell(self, pipeline: SpeedPipeline, pair: StereoPair, step: Step) -> None:
+        """Publish what came of a pair, but for what was told of it before."""
+        frame_id = pipeline.rig.frame_id
+        self.tell_readings(pipeline, [
+            u for u in step.updates if (u.stamp_ns, u.track) not in self._readings])
         self.track_states.publish(String(data=track_states_text(self.run, pair, step.updates)))
         interval_s = max(pair.stamp_ns - self._last_ns, 0) * 1e-9 if self._last_ns else 0.0
         lifetime_s = max(_LEAST_LIFETIME_S, _LIFETIME_INTERVALS * interval_s)

@@ -3,12 +3,11 @@
 """
 Pairs between the thread that receives and the thread that measures.
 
-Short delays are made good: what is measured live then is what ``replay`` measures. When the pair
-in hand has waited for long, the machine does not keep up: from then on pairs are hurried, those
-that had to wait most, until for some time none had to wait for half as long. Who is hurried again
-soon after is hurried for longer the next time. Where that does not do, and the pair in hand has
-waited too long, the newest pair is served and all older ones are skipped, whole and in order,
-until for some time there was nothing to skip.
+A pair that has waited for most of the time between two pairs is hurried: it has the less done with
+it, so that the next one waits for less.  Each is hurried by itself, so what is measured is what
+``replay`` measures but where the machine does not keep up for the moment.  Where that does not do,
+and the pair in hand has waited too long, the newest pair is served and all older ones are skipped,
+whole and in order, until for some time there was nothing to skip.
 """
 from __future__ import annotations
 
@@ -17,54 +16,10 @@ import threading
 import time
 from typing import Callable, Generic, Optional, TypeVar
 
-from ..pipeline.pipeline import Hurry
-
 Item = TypeVar('Item')
 RECOVER_S = 5.0  # without a pair skipped, the machine keeps up again
-CALM_S, MOST_CALM_S = 2.0, 60.0  # without a pair that waits for long, none is hurried any more
-AGAIN_S = 10.0  # who hurries again so soon after a calm stopped too soon
-LONG_S = 0.1  # that a pair waits, at least, until pairs are hurried
-_LONG = 0.1  # of most_wait_s, the same
-_PROLONGS = 0.5  # of that: one stall, or the jitter of arrivals, does not
-_SHORT_S = 0.01  # that pairs may wait while they are hurried
-
-
-class Haste:
-    """
-    Whether pairs are hurried.
-
-    :param begins_s: for which a pair must have waited.
-    """
-
-    def __init__(self, begins_s: float) -> None:
-        self._begins_s, self._calm_s = begins_s, CALM_S
-        self._on, self._begun_s = False, 0.0
-        self._late_s = self._ended_s = -float('inf')
-
-    def see(self, now_s: float, waited_s: float, overloaded: bool) -> bool:
-        """
-        Return whether pairs are hurried from now on.
-
-        :param now_s: steady time.
-        :param waited_s: how long the pair in hand has waited.
-        :param overloaded: whether pairs are skipped.
-        """
-        if self._on and not self._lasts(now_s):
-            self._on, self._ended_s = False, self._late_s + self._calm_s
-        if not self._on and (overloaded or waited_s > self._begins_s):
-            again = now_s - self._ended_s < self._calm_s + AGAIN_S
-            self._calm_s = min(2 * self._calm_s, MOST_CALM_S) if again else CALM_S
-            self._on, self._begun_s = True, now_s
-        if self._on and (overloaded or waited_s > _PROLONGS * self._begins_s):
-            self._late_s = now_s
-        return self._on
-
-    def _lasts(self, now_s: float) -> bool:
-        return now_s - self._late_s <= self._calm_s
-
-    def lasted_s(self, now_s: float) -> float:
-        """Return for how long pairs have been hurried without a break; 0 where they are not."""
-        return now_s - self._begun_s if self._on and self._lasts(now_s) else 0.0
+LEAST_LONG_S = 0.02  # that a pair may wait in any case: arrivals jitter
+_LONG = 0.6  # of the time between two pairs, the same
 
 
 class PairQueue(Generic[Item]):
@@ -75,6 +30,8 @@ class PairQueue(Generic[Item]):
     :param most: pairs that may wait.
     :param hurry: whether pairs are hurried before any are skipped.
     :param clock: steady time, s.
+
+    ``hurried`` says whether the pair that was taken last is.
     """
 
     def __init__(self, most_wait_s: float, most: int,
@@ -83,8 +40,8 @@ class PairQueue(Generic[Item]):
         self._waiting: deque[tuple[float, Item]] = deque()
         self._most, self._changed, self._closed = most, threading.Condition(), False
         self._skipped, self._skipped_s, self._ready_s = 0, -float('inf'), -float('inf')
-        self._haste = Haste(max(_LONG * most_wait_s, LONG_S))
-        self._may_hurry, self.overloaded, self.hurry = hurry, False, Hurry.NO
+        self._came_s, self._between_s = -float('inf'), 0.0
+        self._may_hurry, self.overloaded, self.hurried = hurry, False, False
 
     def ready(self) -> None:
         """Be told that measuring is ready: what waited until now did not wait for others."""
@@ -93,7 +50,9 @@ class PairQueue(Generic[Item]):
     def put(self, item: Item) -> None:
         """Add the newest pair; the oldest is skipped where too many wait."""
         with self._changed:
-            self._waiting.append((self._clock(), item))
+            now_s = self._clock()
+            self._came_s, self._between_s = now_s, now_s - self._came_s
+            self._waiting.append((now_s, item))
             skipped = max(len(self._waiting) - self._most, 0)
             for _ in range(skipped):
                 self._waiting.popleft()
@@ -114,19 +73,10 @@ class PairQueue(Generic[Item]):
                 while len(self._waiting) > 1:
                     self._waiting.popleft()
             came_s, item = self._waiting.popleft()
-            self.hurry = self._hurried(now_s, now_s - max(came_s, self._ready_s))
+            waited_s = now_s - max(came_s, self._ready_s)
+            self.hurried = self._may_hurry and (
+                self.overloaded or waited_s > max(LEAST_LONG_S, _LONG * self._between_s))
             return item
-
-    def _hurried(self, now_s: float, waited_s: float) -> Hurry:
-        """Return how the pair that is served is hurried."""
-        if not (self._may_hurry and self._haste.see(now_s, waited_s, self.overloaded)):
-            return Hurry.NO
-        return Hurry.MUCH if waited_s > _SHORT_S else Hurry.SOME
-
-    @property
-    def hurrying_s(self) -> float:
-        """Return for how long pairs have been hurried without a break; 0 where they are not."""
-        return self._haste.lasted_s(self._clock())
 
     def _skip(self, count: int) -> None:
         if count:

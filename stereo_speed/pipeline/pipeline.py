@@ -9,7 +9,6 @@ same speeds everywhere, but where a machine that does not keep up has pairs hurr
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from enum import Enum
 from functools import cached_property, partial
 import math
 from typing import Callable, Mapping, Optional, Sequence, Union
@@ -37,16 +36,16 @@ from ..tracking.lane_assigner import LaneAssigner
 from ..tracking.protocol import CanHurry, Refusal, SharesParticles, Tracker, TrackStart
 
 _UNSEARCHED_S = 0.3  # of stamps, at most: vehicles are in view for seconds
+_OLD_S = 0.3  # of a solution, when pairs wait: a vehicle that brakes changes its speed by 2 m/s
+_SELDOM = 3.0  # times as long, the same where it is occluded: nine looks in ten are in vain
+_MUST = 2.0  # intervals between solutions, after which no vehicle gives way to another
 
 StartTracker = Callable[[TrackStart], Union[Tracker, Refusal]]
+TellReadings = Callable[[Sequence[TrackUpdate]], object]
 
 
-class Hurry(Enum):
-    """How little is done with a pair where the machine does not keep up."""
-
-    NO = 'all that the parameters ask for'
-    SOME = 'one vehicle is solved for, that which has waited longest, or new ones are searched for'
-    MUCH = 'none is, but those whose last solution is old; new ones are searched for now and then'
+def _nobody(readings: Sequence[TrackUpdate]) -> None:
+    """Tell readings to nobody."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +80,7 @@ class _Track:
     :param clock_stepped: whether the clock of the stamps has stepped since.
     :param stamp_std_s: 1-sigma that its stamps were taken to have, where they were known to be
         less even than they should be when it began.
-    :param hurried: pairs in a row in which its tracker was told to do little.
+    :param hurried: whether its tracker was told to do little with the newest pair.
     :param drift_rad: (3,) how far the right camera was taken to have turned in its first pair.
     :param drift_change_rad: (3,) the greatest change of that in its pairs so far, either way.
     """
@@ -99,7 +98,7 @@ class _Track:
     lag_changes_s: float = 0.0
     clock_stepped: bool = False
     stamp_std_s: Optional[float] = None
-    hurried: int = 0
+    hurried: bool = False
     drift_rad: Array = field(default_factory=lambda: np.zeros(3))
     drift_change_rad: Array = field(default_factory=lambda: np.zeros(3))
 
@@ -120,6 +119,23 @@ class _Track:
             _holds(self.last) and self.tracker.result().end is TrackEnd.LEFT_VIEW)
 
 
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """
+    A search whose answer is taken with the next pair.
+
+    :param pair: that is searched.
+    :param tracked: what the tracks held in it.
+    :param doubted: tracks that were doubted, and the middle (3,) of the front that each held.
+    :param found: in it; None while that is not known.
+    """
+
+    pair: StereoPair
+    tracked: Sequence[TrackedRegion]
+    doubted: Sequence[tuple[_Track, Array]]
+    found: Optional[Sequence[Detection]] = None
+
+
 @dataclass
 class _State:
     """What a jump of time makes the pipeline forget."""
@@ -127,8 +143,8 @@ class _State:
     tracks: list[_Track] = field(default_factory=list)
     gone: list[TrackUpdate] = field(default_factory=list)  # last updates of what left lately
     last_ns: Optional[int] = None
-    searched: bool = False  # whether the last pair was in which that or solving had its turn
     searched_ns: Optional[int] = None  # stamp of the last pair that was
+    search: Optional[_Search] = None  # whose answer is still to be taken
     started: set[int] = field(default_factory=set)  # numbers of the annotations used
 
 
@@ -171,17 +187,25 @@ class SpeedPipeline:
         self.next_track = 0  # its number; who goes on from another pipeline sets its
         self._state = _State()
 
-    def process(self, pair: StereoPair, hurry: Hurry = Hurry.NO) -> Step:
+    def process(self, pair: StereoPair, hurried: bool = False,
+                readings: TellReadings = _nobody) -> Step:
         """
         Take in the next pair.
 
-        :param hurry: how little to do with it, for others wait.
+        :param hurried: whether to do little with it, for others wait: vehicles are followed, but
+            one is solved for where its last solution is old, and new ones are searched for where
+            none were for long.
+        :param readings: told those readings that are known before new vehicles are searched for;
+            the step has them too.
         :raises InputError: its stamp is not after the one before.
         """
         state = self._state
         if state.last_ns is not None and pair.stamp_ns <= state.last_ns:
             raise InputError('pairs', f'stamp of pair {pair.index}', pair.stamp_ns,
                              f'later than {state.last_ns}')
+        # Pairs come faster than vehicles are solved for: none waits for its search.
+        dense = state.last_ns is not None and (
+            pair.stamp_ns - state.last_ns) * 1e-9 < self.config.effort.solve_interval_s
         state.last_ns = pair.stamp_ns
         self._check_size(pair)
         if self.stamp_watch.add(pair.stamp_ns):
@@ -190,8 +214,11 @@ class SpeedPipeline:
         if self.steadier is not None:
             pair = self.steadier.steady(pair)
         self._start_annotated(pair)
-        searches = self._hurry(hurry, pair.stamp_ns)
-        if searches and isinstance(self.detector, LooksAhead):
+        searches = self._searches(pair.stamp_ns, hurried=hurried)
+        self._take_turns(pair.stamp_ns, hurried=hurried, dense=dense)
+        if searches and not dense and isinstance(self.detector, LooksAhead):
+            if state.search is not None:
+                state.search = replace(state.search, found=self._answer(state.search))
             self.detector.expect(pair, self._regions(pair, [
                 _moved_on(held, pair.stamp_ns) for held in self._held()],
                 self._lately_gone(pair)))
@@ -202,22 +229,43 @@ class SpeedPipeline:
         updates = [self._update(track, pair, share) for track in state.tracks]
         self._drop_missing()
         self._drop_doubles()
+        self._see_drift()
+        if not self.view_lag.concerned:  # else what this pair shows of the lag counts, too
+            going_on = {t.tracker.track for t in state.tracks if not t.tracker.ended}
+            readings([u for u in self._told(updates)
+                      if u.state is TrackState.CONFIRMED and u.track in going_on])
+        # Where others wait, so does what was found.
+        found = [] if hurried and not searches else self._take_answer(pair)
         self._see_gone(pair)
-        updates += self._detect(pair) if searches else []
-        if self.steadier is not None:
-            for track in state.tracks:
-                track.see_drift(self.steadier.drift.corrected_rad)
+        if searches and dense:
+            self._search_beside(pair)
+        elif searches:
+            found += self._detect(pair)
+        if found:
+            self._see_drift()
+        updates += found
         seen = [u for u in updates if u is not None]
         self.view_lag.observe(pair, seen)
         for track in state.tracks:
             track.trace.add_others(pair.stamp_ns, seen)
         self._collect(everything=False)
-        tracks = {track.tracker.track: track for track in state.tracks}
-        told = [self._timed(u, tracks[u.track]) for u in seen if u.track in tracks]
+        return Step(self._told(seen), self.concluded())
+
+    def _see_drift(self) -> None:
+        """Have the tracks take in how far the right camera is taken to have turned."""
         if self.steadier is not None:
-            told = [self._doubt.update(
-                update, self.steadier, tracks[update.track].drift_change_rad) for update in told]
-        return Step(told, self.concluded())
+            for track in self._state.tracks:
+                track.see_drift(self.steadier.drift.corrected_rad)
+
+    def _told(self, updates: Sequence[Optional[TrackUpdate]]) -> list[TrackUpdate]:
+        """Return the updates of tracks that there are, with the doubt of their times and rig."""
+        tracks = {track.tracker.track: track for track in self._state.tracks}
+        told = [self._timed(u, tracks[u.track]) for u in updates
+                if u is not None and u.track in tracks]
+        if self.steadier is None:
+            return told
+        return [self._doubt.update(u, self.steadier, tracks[u.track].drift_change_rad)
+                for u in told]
 
     def concluded(self, *, everything: bool = False) -> list[PassResult]:
         """
@@ -245,7 +293,9 @@ class SpeedPipeline:
         """
         state, gone_s = self._state, self.config.association.gone_s
         left_lately = any(((state.last_ns or 0) - u.stamp_ns) * 1e-9 < gone_s for u in state.gone)
-        return not (self.open_tracks or left_lately or self.view_lag.concerned)
+        found_none = state.search is None or (
+            state.search.found is not None and not state.search.found)
+        return found_none and not (self.open_tracks or left_lately or self.view_lag.concerned)
 
     @property
     def uneven_stamps_s(self) -> Optional[float]:
@@ -260,6 +310,7 @@ class SpeedPipeline:
 
     def finish(self) -> list[PassResult]:
         """End all tracks, the stream being over, and return their results."""
+        self._take_answer()
         self._collect(everything=True)
         return self.concluded(everything=True)
 
@@ -284,6 +335,7 @@ class SpeedPipeline:
                 self._state.tracks.remove(track)
                 if track.confirmed:
                     self._conclude(track)
+        self._state.search = None
         if self.detector is not None:
             self.detector.reset()  # its earlier pairs have the clock of before
 
@@ -344,7 +396,7 @@ class SpeedPipeline:
 
         :param particles: number of particles that its tracker was told; None where it was not.
         """
-        update, hurried = track.tracker.update(pair), bool(track.hurried)
+        update, hurried = track.tracker.update(pair), track.hurried
         if update is None:
             track.trace.add(pair, particles, None, hurried=hurried)
             return None
@@ -362,30 +414,37 @@ class SpeedPipeline:
         track.trace.add(pair, particles, track.last, hurried=hurried)
         return track.last
 
-    def _hurry(self, hurry: Hurry, stamp_ns: int) -> bool:
-        """Tell the tracks how little to do with the next pair; return whether it is searched."""
-        state, tracks = self._state, self._state.tracks
-        searches = hurry is Hurry.NO or (
-            hurry is Hurry.SOME and not (state.searched and tracks)) or (
-            hurry is Hurry.MUCH and self._search_is_due(stamp_ns))
-        spared = tracks if hurry is Hurry.NO else []
-        if hurry is Hurry.SOME and not searches:
-            seen = [track for track in tracks if _holds(track.last)]
-            spared = sorted(seen, key=lambda t: -t.hurried)[:1]
-        if searches or hurry is not Hurry.MUCH:
-            state.searched = searches
+    def _searches(self, stamp_ns: int, *, hurried: bool) -> bool:
+        """Return whether new vehicles are searched for in the next pair."""
+        last_ns = self._state.searched_ns
+        searches = not hurried or last_ns is None or (stamp_ns - last_ns) * 1e-9 >= _UNSEARCHED_S
         if searches:
-            state.searched_ns = stamp_ns
-        for track in tracks:
-            track.hurried = 0 if track in spared else track.hurried + 1
-            if isinstance(track.tracker, CanHurry):
-                track.tracker.hurry(bool(track.hurried))
+            self._state.searched_ns = stamp_ns
         return searches
 
-    def _search_is_due(self, stamp_ns: int) -> bool:
-        """Return whether a pair is to be searched however others wait: none was for long."""
-        last_ns = self._state.searched_ns
-        return last_ns is None or (stamp_ns - last_ns) * 1e-9 >= _UNSEARCHED_S
+    def _take_turns(self, stamp_ns: int, *, hurried: bool, dense: bool) -> None:
+        """
+        Tell the tracks whether to do little with the next pair.
+
+        Of those that are to be solved for, that has its turn which has waited longest: a pair in
+        which all were would take as long as several.  Where pairs are rare, none gives way.
+
+        :param dense: whether pairs come faster than vehicles are solved for.
+        """
+        tracks = self._state.tracks
+        interval_s = self.config.effort.solve_interval_s * (
+            self.config.particles / self._share(max(len(tracks), 1)))
+        waited_s = [_waited_s(track, stamp_ns) for track in tracks]
+        if hurried:
+            waited_s = [one_s if _holds(track.last) else one_s / _SELDOM
+                        for track, one_s in zip(tracks, waited_s)]
+        longest = max(range(len(tracks)), key=waited_s.__getitem__, default=None)
+        for k, track in enumerate(tracks):
+            gives_way = k != longest and waited_s[k] < math.inf
+            track.hurried = gives_way or waited_s[k] < _OLD_S if hurried else (
+                dense and gives_way and interval_s <= waited_s[k] < _MUST * interval_s)
+            if isinstance(track.tracker, CanHurry):
+                track.tracker.hurry(track.hurried)
 
     def _is_sure(self, update: TrackUpdate) -> bool:
         """Return whether the speed of a vehicle is known well enough to be a reading."""
@@ -429,10 +488,47 @@ class SpeedPipeline:
 
     def _detect(self, pair: StereoPair) -> list[Optional[TrackUpdate]]:
         """Start tracks at fronts that are detected, and feed them their first pairs."""
-        if self.detector is None:
+        search = self._search(pair)
+        return [self._begin(front, search) for front in self._answer(search)]
+
+    def _search(self, pair: StereoPair) -> _Search:
+        """Return what a pair is searched with."""
+        return _Search(pair, self._regions(pair, self._held(), self._state.gone), [
+            (t, t.last.position_m) for t in self._state.tracks
+            if t.doubted and t.last is not None])
+
+    def _answer(self, search: _Search) -> Sequence[Detection]:
+        """Return what is found in a pair."""
+        if search.found is not None:
+            return search.found
+        return [] if self.detector is None else self.detector.update(search.pair, search.tracked)
+
+    def _search_beside(self, pair: StereoPair) -> None:
+        """Begin to search a pair; the answer is taken with the next one."""
+        search = self._search(pair)
+        if isinstance(self.detector, LooksAhead):
+            self.detector.expect(pair, search.tracked)
+        else:
+            search = replace(search, found=self._answer(search))
+        self._state.search = search
+
+    def _take_answer(self, pair: Optional[StereoPair] = None) -> list[Optional[TrackUpdate]]:
+        """
+        Start tracks at fronts that were detected in an earlier pair, and feed them this one.
+
+        :param pair: the pair in hand; None where there comes no other.
+        """
+        search, self._state.search = self._state.search, None
+        if search is None:
             return []
-        found = self.detector.update(pair, self._regions(pair, self._held(), self._state.gone))
-        return [self._begin(front, pair) for front in found]
+        begun = {u.track for front in self._answer(search)
+                 if (u := self._begin(front, search)) is not None}
+        tracks = [t for t in self._state.tracks if t.tracker.track in begun]
+        if pair is None or not tracks:
+            return []
+        updates = [self._update(track, pair) for track in tracks]
+        self._drop_missing()
+        return updates
 
     def _see_gone(self, pair: StereoPair) -> None:
         """
@@ -465,13 +561,14 @@ class SpeedPipeline:
         return [self._region(one) for one in held] + [
             self._region(_moved_on(one, pair.stamp_ns)) for one in gone]
 
-    def _begin(self, front: Detection, pair: StereoPair) -> Optional[TrackUpdate]:
+    def _begin(self, front: Detection, search: _Search) -> Optional[TrackUpdate]:
         """
         Start a track where a front was first seen; where that fails, where it is now.
 
         A doubted track that is there goes on, and is doubted by what its detector sees now.
         """
-        doubted = self._doubted_at(front, pair)
+        pair = search.pair
+        doubted = self._doubted_at(front, search)
         if doubted is not None:
             if doubted.last is not None and self._same_speed(doubted.last, front):
                 doubted.detection, doubted.found_ns = front, pair.stamp_ns
@@ -495,11 +592,11 @@ class SpeedPipeline:
             self._state.tracks.remove(track)
         return None
 
-    def _doubted_at(self, front: Detection, pair: StereoPair) -> Optional[_Track]:
+    def _doubted_at(self, front: Detection, search: _Search) -> Optional[_Track]:
         """Return the doubted track that holds what is detected in a pair; None where none does."""
-        near_m, centre = self.config.association.same_vehicle_m, self._centre(front, pair)
-        return next((t for t in self._state.tracks if t.doubted and t.last is not None
-                     and np.linalg.norm(t.last.position_m - centre) < near_m), None)
+        near_m, centre = self.config.association.same_vehicle_m, self._centre(front, search.pair)
+        return next((track for track, at_m in search.doubted if track in self._state.tracks
+                     and np.linalg.norm(at_m - centre) < near_m), None)
 
     def _centre(self, front: Union[InitialFront, Detection], pair: StereoPair) -> Array:
         """Return the middle (3,) of a front of a pair, left optical frame, m."""
@@ -692,3 +789,8 @@ def _moved_on(update: TrackUpdate, stamp_ns: int) -> TrackUpdate:
 def _holds(update: Optional[TrackUpdate]) -> bool:
     """Return whether a track saw its vehicle in a pair."""
     return update is not None and update.state is not TrackState.COASTING
+
+
+def _waited_s(track: _Track, stamp_ns: int) -> float:
+    """Return for how long a track has not been solved for."""
+    return track.tracker.unsolved_s(stamp_ns) if isinstance(track.tracker, CanHurry) else 0.0

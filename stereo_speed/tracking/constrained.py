@@ -37,8 +37,9 @@ from ..estimation.weights import (
 from ..vision.haar import CELLS, PartGrid
 
 _JITTER = 1e-12  # keeps the covariance of particles that agree positive definite
-_HURRIED = 5  # times longer between solutions: a vehicle that brakes changes its speed by 2 m/s
-_HURRIED_OCCLUDED = 15  # the same where it is occluded, and does not show at a glance
+_HURRIED = 10  # times longer, at most, between solutions; who has the turn is not hurried
+_HURRIED_OCCLUDED = 30  # the same where it is occluded, and does not show at a glance
+_MOST_PATIENCE = 10  # solutions that what is occluded may go without: 0.6 s, as it may brake
 _DISTINCT_PER_DIM = 3  # distinct particles, per unknown, that still have a shape
 
 
@@ -105,7 +106,7 @@ class ConstrainedTracker:
         s_std_m = self.config.noise.start_std_px / abs(placed.disparity_slope)
         self.cloud = _Cloud(first_states(start, placed, s_std_m), np.zeros(self.config.particles))
         self._particles_alone = start.particles_alone or self.config.particles
-        self._hurried = False
+        self._hurried, self._in_vain = False, 0  # looks for what is occluded
         self.posterior: Optional[Posterior] = None
         self.reference: Optional[Reference] = None
         self._cloud_ns = start.pair.stamp_ns  # stamp of the pair that the cloud is of
@@ -121,13 +122,28 @@ class ConstrainedTracker:
         """Return the number of particles."""
         return len(self.cloud.states)
 
-    @property
-    def _solve_interval_s(self) -> float:
-        """Return the time between solutions; who has a share of the particles has it of these."""
-        shares = max(1.0, self._particles_alone / self.particles)
+    def _solve_interval_s(self, stamp_ns: int) -> float:
+        """
+        Return the time between solutions; who has a share of the particles has it of these.
+
+        :param stamp_ns: of the next pair.
+        """
+        shares = max(1.0, self._particles_alone / self.particles) * self._patience(stamp_ns)
         if self._hurried:
             shares = max(shares, _HURRIED_OCCLUDED if _coasts(self._reported) else _HURRIED)
         return self.config.effort.solve_interval_s * shares
+
+    def _patience(self, stamp_ns: int) -> int:
+        """
+        Return how many times longer to wait until what is occluded is looked for again.
+
+        The longer the more looks were in vain; where pairs are rare it is looked for in each.
+        """
+        last = self._reported
+        if last is None or not _coasts(last) or (
+                stamp_ns - last.stamp_ns) * 1e-9 >= self.config.effort.solve_interval_s:
+            return 1
+        return min(1 + self._in_vain, _MOST_PATIENCE)
 
     def share(self, particles: int) -> None:
         """Go on with another number of particles, when tracks come and go."""
@@ -136,8 +152,14 @@ class ConstrainedTracker:
             self.cloud = _Cloud(self.cloud.states[ancestors], np.zeros(particles))
 
     def hurry(self, hurried: bool) -> None:
-        """Be told whether the next pairs are to cost little, for others wait."""
+        """Be told whether the next pairs are to cost little, for others have their turn."""
         self._hurried = hurried
+
+    def unsolved_s(self, stamp_ns: int) -> float:
+        """Return how old its last solution is, s; infinite where it can do no less than solve."""
+        if not (_coasts(self._reported) or self._goes_on(self._reported)):
+            return math.inf
+        return (stamp_ns - self._cloud_ns) * 1e-9 / self._patience(stamp_ns)
 
     def update(self, pair: StereoPair) -> Optional[TrackUpdate]:
         """Predict, weigh, resample, refine (2012, Section III)."""
@@ -155,9 +177,11 @@ class ConstrainedTracker:
         if measured is not None:
             self.cloud, self.posterior = measured
         if measured is None or not measured[1].unoccluded[-1]:
+            self._in_vain += 1
             if not self.life.coasts(pair, partly_seen=measured is not None):
                 return None
             return self._report(pair, TrackState.COASTING, self.cloud.moments())
+        self._in_vain = 0
         self._update_reference(pair)
         state = self.life.seen(pair, self._quads(self.cloud.mean[None], pair)[0][0])
         # What braked out of sight shows its speed only in the second pair that it is seen in.
@@ -185,22 +209,27 @@ class ConstrainedTracker:
         """
         posterior, last = self.posterior, self._reported
         after_s = (pair.stamp_ns - self._cloud_ns) * 1e-9
-        if last is None or posterior is None or after_s >= self._solve_interval_s:
+        if last is None or posterior is None or after_s >= self._solve_interval_s(pair.stamp_ns):
             return None
         if _coasts(last):
             moments = self._predicted(after_s).moments()
-            # Who hurries looks at a glance: nine looks in ten are in vain.
-            if self._hurried and after_s >= self.config.effort.solve_interval_s \
+            # A glance at where it should be is cheap, and nine full looks in ten are in vain.
+            if after_s >= self.config.effort.solve_interval_s \
                     and self.window.shows(pair, moments[0]):
                 return None
             return self._report(pair, TrackState.COASTING, moments)
-        if last.state is not TrackState.CONFIRMED or len(posterior.stamps_s) < 2:
+        if not self._goes_on(last):
             return None
         moments = posterior.ahead(after_s, self.config)
         if not self.window.keep(pair, moments[0]):
             return None
         state = self.life.seen(pair, self._quads(moments[0][None], pair)[0][0])
         return self._report(pair, state, moments)
+
+    def _goes_on(self, last: Optional[TrackUpdate]) -> bool:
+        """Return whether a last update can be carried on to a pair: its speed is known."""
+        return last is not None and last.state is TrackState.CONFIRMED \
+            and self.posterior is not None and len(self.posterior.stamps_s) >= 2
 
     # -- the filter's steps ---------------------------------------------------------------
 

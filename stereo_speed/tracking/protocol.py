@@ -143,4 +143,13 @@ class CanHurry(Protocol):
     """A tracker that can do less with a pair, at the cost of a greater 1-sigma."""
 
     def hurry(self, hurried: bool) -> None:
-        """Be told whether the next pairs are to cost little, for others wait."""
+        """Be told whether the next pairs are to cost little, for others have their turn."""
+
+    def unsolved_s(self, stamp_ns: int) -> float:
+        """
+        Return how old its last solution is, s; infinite where it can do no less than solve.
+
+        Who has less need of one, as what is occluded and was looked for in vain, tells less.
+
+        :param stamp_ns: of the next pair.
+        """

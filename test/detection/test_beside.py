@@ -13,6 +13,7 @@ import time
 
 import numpy as np
 import pytest
+from stereo_speed.core.config import EffortConfig, TrackerConfig
 from stereo_speed.detection.beside import DetectorBeside, SearchProcess
 from stereo_speed.detection.config import DetectorConfig, SpacingConfig
 from stereo_speed.detection.detector import PlaneSweepDetector
@@ -84,10 +85,12 @@ def test_whatever_tracks_were_expected_to_hold_the_same_is_found(traffic, proces
 
 
 @pytest.mark.slow
-def test_a_pipeline_measures_the_same_with_it(traffic, process):
+@pytest.mark.parametrize('interval_s', [0.06, 1.0], ids=['rare', 'dense'])
+def test_a_pipeline_measures_the_same_with_it(traffic, process, interval_s):
     failures, results = [], []
+    config = PipelineConfig(TrackerConfig(effort=EffortConfig(solve_interval_s=interval_s)))
     for detect in (None, lambda *args: DetectorBeside(process, *args, failed=failures.append)):
-        pipeline = make_pipeline(traffic.rig, traffic.lanes, PipelineConfig(), detect=detect)
+        pipeline = make_pipeline(traffic.rig, traffic.lanes, config, detect=detect)
         steps = [pipeline.process(pair) for pair in traffic.pairs[:15]]
         results.append([(u.stamp_ns, u.track, u.speed_mps, u.speed_std_mps, u.s_m)
                         for step in steps for u in step.updates])

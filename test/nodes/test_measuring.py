@@ -43,18 +43,6 @@ def given(node, error):
     return process
 
 
-def hurried(node, lasted_s):
-    """Have a node's pairs hurried for some time, by a clock of its queue; return its state."""
-    queue, now_s = node.measuring.queue, [0.0]
-    queue._clock = lambda: now_s[0]
-    queue.put('pair')
-    for _ in range(int(lasted_s) + 1):
-        now_s[0] += 1.0
-        assert queue.take(0.0) == 'pair'
-        queue.put('pair')
-    return node.measuring.state()
-
-
 @pytest.fixture()
 def node(in_process, sample):
     with in_process(TrackerNode, f'site:={sample / "site.yaml"}') as node:
@@ -75,21 +63,28 @@ def test_each_state_and_a_jump_of_time_are_told(node):
     assert measuring.state().message == 'inactive'
 
 
-@pytest.mark.parametrize(('lasted_s', 'told'), [(9.0, False), (11.0, True)])
-def test_it_is_told_when_pairs_have_been_hurried_for_long(node, lasted_s, told):
+@pytest.mark.parametrize(('every', 'told'), [(3, False), (1, True)])
+def test_it_is_told_when_most_pairs_are_hurried(node, every, told):
     node.trigger_configure()
     node.trigger_activate()
-    node.trigger_deactivate()  # its thread takes no pairs from here on
-    node.measuring._stopping.clear()
-    state = hurried(node, lasted_s)
+    for k in range(30):
+        node.measuring.measured.add()
+        node.measuring.hurried.add(k % every == 0)
+    state = node.measuring.state()
     assert ('the machine hardly keeps up: pairs are hurried' in state.message) is told
     assert state.level == WARN or not told
 
 
 def test_without_hurry_no_pair_is(in_process, sample):
     with in_process(TrackerNode, f'site:={sample / "site.yaml"}', 'hurry:=false') as node:
-        hurried(node, 11.0)
-        assert node.measuring.queue.hurrying_s == 0.0
+        node.trigger_configure()
+        node.trigger_activate()
+        node.trigger_deactivate()  # its thread takes no pairs from here on
+        queue, now_s = node.measuring.queue, [0.0]
+        queue._clock = lambda: now_s[0]
+        queue.put('pair')
+        now_s[0] = 1.0
+        assert queue.take(0.0) == 'pair' and not queue.hurried
 
 
 def test_a_pass_that_cannot_be_told_to_the_process_is_measured_here_without_a_fault(node):

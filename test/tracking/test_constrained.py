@@ -268,10 +268,10 @@ def test_who_has_a_share_of_the_particles_has_it_of_the_solutions(
         assert (update.speed_mps, update.speed_std_mps) == (other.speed_mps, other.speed_std_mps)
 
 
-def test_who_hurries_is_solved_for_a_fifth_as_often(textured, textured_drive):
+def test_who_hurries_is_solved_for_a_tenth_as_often(textured, textured_drive):
     pairs, poses = textured_drive
     said = []
-    for interval_s, hurried in ((0.09, True), (0.45, False)):
+    for interval_s, hurried in ((0.045, True), (0.45, False)):
         config = replace(QUICK, effort=EffortConfig(solve_interval_s=interval_s))
         tracker = ConstrainedTracker.start(
             textured.start(pairs[0], poses[0], config), NoParameters())
