@@ -301,7 +301,8 @@ def _pass_error(told: dict[str, object], heard: Heard, truth: Sequence[VehicleTr
         return None
     (index, off_ns), _ = Counter(found[:2] for found in seen).most_common(1)[0]
     vehicle, slack_ns = truth[index], 60_000_000
-    told_in = {found[2] for found in seen if found[:2] == (index, off_ns)}
+    told_in = np.unique([found[2] for found in seen if found[:2] == (index, off_ns)])
     began = int(np.searchsorted(vehicle.stamps_ns, first + off_ns - slack_ns))
-    rows = sorted(told_in.union(range(began, min(told_in))))
+    step = int(np.diff(told_in).min()) if len(told_in) > 1 else 1  # exposures for each pair
+    rows = np.union1d(told_in, np.arange(told_in[0], began - 1, -step))
     return speed - float(vehicle.speed_mps[rows].mean()), std
