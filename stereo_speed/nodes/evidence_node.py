@@ -64,9 +64,9 @@ class EvidenceNode(Node):
         key = p.get('key', '', 'file of the private key (Ed25519, PEM) that signs records')
         approved = p.get('approved', '', 'file of fingerprints that were approved')
         kind, suffix = image_kind(p)
+        self.config = p.config(EnforcementConfig)
         if not out:
             raise InputError(where, 'out', 'nothing', 'the folder for the records')
-        self.config = p.config(EnforcementConfig)
         self.approved = load_approved(approved) if approved else Approved()
         self.store = EvidenceStore(out, Path(head) if head else None,
                                    load_private_key(key) if key else None,

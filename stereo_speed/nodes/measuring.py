@@ -40,7 +40,7 @@ from .worker import Worker
 from ..core.compiled import warm_up
 from ..core.config import ConfigRecord, TrackerConfig
 from ..core.errors import InputError, StereoSpeedError
-from ..core.passes import PassResult
+from ..core.passes import PassResult, Reason
 from ..core.records import StereoPair
 from ..detection.beside import DetectorBeside, SearchProcess
 from ..detection.detector import PlaneSweepDetector
@@ -175,6 +175,7 @@ class Measuring:
         self._repeats, self.arrivals = (Repeats(), Repeats()), Arrivals()
         self._steps, self._known_steps = Tally(), 0
         self._crossed, self._ordered_s = False, -_ORDER_S
+        self._rig_moved = False
         self._latencies_s: deque[float] = deque(maxlen=_LATENCIES)
         self._stopping = threading.Event()
 
@@ -336,6 +337,7 @@ class Measuring:
         try:
             while not self._stopping.is_set():
                 self._adopt()
+                self._correct()
                 if self.pipeline is not None:
                     self._move_search(self.pipeline)
                     self._tell_passes(self.pipeline, self.pipeline.concluded())
@@ -371,6 +373,19 @@ class Measuring:
             self._end_passes()
             self._give_up()
         self._adopted, self._unusable = version, ''
+
+    def _correct(self) -> None:
+        """Measure with the rig as looks at it have found it, once they have."""
+        stance, pipeline, newest = (
+            self.rig_watch.pop_correction(), self.pipeline, self.rig_watch.newest)
+        if stance is None or pipeline is None or newest is None:
+            return
+        self.log.warning(f'measuring with the rig as it stands now: {newest.text}')
+        self._give_up()
+        try:
+            self._measure_at(MeasuringSite(stance.site, stance.rig, stance.lanes), newest.text)
+        except StereoSpeedError as error:
+            self._unusable = str(error)
 
     def _move_search(self, pipeline: SpeedPipeline) -> None:
         """Have the process search that has been started anew, where there is one."""
@@ -411,10 +426,7 @@ class Measuring:
                  if (pair := self._made(arrival)) is not None] if self.refine_pairs else None
         try:
             place = MeasuringSite.of(self.site, rig, pairs, self.config.site)
-            conclusions = Beside(failed=self._pass_failed, measured=self._measured)
-            pipeline = place.pipeline(self.config, self.annotations, conclusions=conclusions,
-                                      detect=self._detect(), seed=self.seed,
-                                      where=self.init_path)
+            pipeline = self._measure_at(place)
         except StereoSpeedError as error:
             if not self._begun:
                 raise  # it is configured wrongly
@@ -422,10 +434,6 @@ class Measuring:
             self._waiting.clear()
             return
         self._told(place)
-        pipeline.next_track, self._begun, self.pipeline = self._next_track, True, pipeline
-        self._conclusions = conclusions
-        self.outputs.begin(pipeline, place, self.config)
-        self.rig_watch.begin(place, self.config.site)
         since_s = time.monotonic() - self._most_wait_s
         while self._waiting:
             arrival = self._waiting.popleft()
@@ -435,6 +443,21 @@ class Measuring:
             else:
                 self.skipped.add()
         self.queue.ready()
+
+    def _measure_at(self, place: MeasuringSite, corrected: str = '') -> SpeedPipeline:
+        """
+        Measure at a place from now on.
+
+        :param corrected: what was wrong with the site as it was read; empty for nothing.
+        """
+        conclusions = Beside(failed=self._pass_failed, measured=self._measured)
+        pipeline = place.pipeline(self.config, self.annotations, conclusions=conclusions,
+                                  detect=self._detect(), seed=self.seed, where=self.init_path)
+        pipeline.next_track, self._begun, self.pipeline = self._next_track, True, pipeline
+        self._conclusions = conclusions
+        self.outputs.begin(pipeline, place, self.config)
+        self.rig_watch.begin(place, self.config.site, corrected)
+        return pipeline
 
     def _told(self, place: MeasuringSite) -> None:
         """Log how the site was refined."""
@@ -457,7 +480,9 @@ class Measuring:
             self._start_anew(pipeline, arrival.ns)
         self._last_ns = arrival.ns
         pair = self._made(arrival)
-        if pair is None or self._is_withheld(pair):
+        withheld = pair is not None and self._is_withheld(pair)
+        self._mind_rig(pipeline)
+        if pair is None or withheld:
             return
         detector = pipeline.detector
         while isinstance(detector, TakesBoxes) and self._boxes:
@@ -480,6 +505,15 @@ class Measuring:
         self.outputs.tell(pipeline, pair, step)
         self.measured.add()
         self._latencies_s.append(time.monotonic() - arrival.came_s)
+
+    def _mind_rig(self, pipeline: SpeedPipeline) -> None:
+        """Reject the passes under way where a look has just found that the rig has moved."""
+        moved = self.rig_watch.withholds
+        if moved and not self._rig_moved:
+            self._tell_passes(pipeline, [
+                result.rejected(Reason.RIG_UNCERTAIN) for result in pipeline.finish()])
+            pipeline.reset()
+        self._rig_moved = moved
 
     def _is_withheld(self, pair: StereoPair) -> bool:
         """Return whether a pair tells nothing: an image is the last one again, or the rig moot."""

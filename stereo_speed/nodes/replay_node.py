@@ -36,8 +36,6 @@ class ReplayNode(Node):
         super().__init__(name)
         p = Parameters(self)
         bag = p.get('bag', '', 'rosbag2 folder, .mcap or .db3 file, or ROS 1 .bag')
-        if not bag:
-            raise InputError(f'{self.get_name()}: parameter', 'bag', 'nothing', 'a bag')
         left, right = (p.get(f'{side}_topic', '', f'topic of the {side} images in the bag; '
                              'empty finds it by type and name') for side in ('left', 'right'))
         self.rate = p.get('rate', 1.0, 'pace: 2 is twice as fast as recorded', 0.01, 100.0)
@@ -51,6 +49,8 @@ class ReplayNode(Node):
                               'between them, that must have a publisher and a subscriber before '
                               'it begins, as stereo/image_pair and tracks').split()
         self.wait_s = p.get('wait_timeout', 60.0, 'give up waiting after [s]', 0.0, 3600.0)
+        if not bag:
+            raise InputError(f'{self.get_name()}: parameter', 'bag', 'nothing', 'a bag')
         self.bag = StereoBag(bag, left or None, right or None)
         self.bag.__enter__()
         self.clock = self.create_publisher(Clock, '/clock', 10)

@@ -4,13 +4,16 @@
 The live rig against its site, at start and at intervals, in a process of its own.
 
 Lines and background of some pairs are looked at as refining a site does. Where what has moved
-changes speeds by more than the self-test allows, nothing is measured and ``/diagnostics`` has an
-ERROR, until a later look finds the rig right again.
+changes speeds by more than the self-test allows, or the right camera has turned beyond doubt,
+nothing is measured and ``/diagnostics`` has an ERROR. The rig is looked at again at once: where
+two looks in a row find it alike, it is measured with as they found it; where a later look finds
+it right again, as before.
 """
 from __future__ import annotations
 
 from multiprocessing import get_context
 from multiprocessing.pool import AsyncResult, Pool
+import os
 import threading
 import time
 from typing import Any, Callable, Optional
@@ -21,15 +24,16 @@ from ..core.records import StereoPair
 from ..pipeline.assembly import MeasuringSite
 from ..pipeline.config import SiteConfig
 from ..pipeline.self_test import LIMIT_SHARE
-from ..site.refine.rig_state import rig_state, RigState
+from ..site.refine.rig_state import rig_state, RigState, Stance
 
 _LONGEST_S = 300.0  # a look that takes longer, or whose process has died, has failed
+_NICE = 10  # of the process that looks: what measures goes first
 Check = Callable[..., RigState]
 
 
 def _process() -> Pool:
-    """Return a process of its own: looks take seconds that a thread would take from measuring."""
-    return get_context('spawn').Pool(1)
+    """Return a process of its own: looks take seconds that measuring must not wait for."""
+    return get_context('spawn').Pool(1, os.nice, (_NICE,))
 
 
 class RigWatch:
@@ -45,16 +49,20 @@ class RigWatch:
     def __init__(self, p: Parameters, log: Any, check: Check = rig_state,
                  pool: Callable[[], Pool] = _process) -> None:
         self.interval_s = p.get(
-            'rig_check_interval_s', 0.0, 'look at lines and background this often [s], and '
-            f'measure nothing while the rig has moved so that speeds are off by more than '
-            f'{100 * LIMIT_SHARE:g} %; 0 for never', 0.0, 1e6)
+            'rig_check_interval_s', 600.0, 'look at lines and background at start and this often '
+            '[s]: while the rig has moved so that speeds are off by more than '
+            f'{100 * LIMIT_SHARE:g} %, or the right camera has turned beyond doubt, nothing is '
+            'measured, until two looks find it alike, which is measured with then; 0 for never',
+            0.0, 1e6)
         self.pairs = p.get('rig_check_pairs', 9, 'pairs that such a look takes', 1, 100)
-        self.spread_s = p.get('rig_check_spread_s', 30.0, 'time that they are spread over [s]',
+        self.spread_s = p.get('rig_check_spread_s', 20.0, 'time that they are spread over [s]',
                               0.0, 3600.0)
         self.log, self._check, self._make_pool = log, check, pool
         self.newest: Optional[RigState] = None
-        self.looks, self.failure = 0, ''
-        self._place: Optional[MeasuringSite] = None
+        self.looks, self.failure, self.corrected = 0, '', ''
+        self._used: Optional[Stance] = None
+        self._suspected: Optional[Stance] = None  # as the newest look found a rig that is off
+        self._correction: Optional[Stance] = None
         self._config = SiteConfig()
         self._gathered: list[StereoPair] = []
         self._due_s = self._next_s = self._begun_s = 0.0
@@ -67,20 +75,28 @@ class RigWatch:
         """Return whether nothing may be measured: the rig has moved."""
         return self.newest is not None and self.newest.is_off(LIMIT_SHARE)
 
-    def begin(self, place: MeasuringSite, config: SiteConfig) -> None:
+    def begin(self, place: MeasuringSite, config: SiteConfig, corrected: str = '') -> None:
         """
         Look at the rig anew: it is measured with another one from now on.
 
         :param place: the site as it is measured at.
         :param config: what is known of roads, and how lines are found.
+        :param corrected: what was wrong with the site as it was read; empty for nothing.
         """
         self.close()
-        self._place, self._config, self.newest = place, config, None
+        self._used = Stance(place.site, place.rig, dict(place.lanes))
+        self._config, self.newest, self.corrected = config, None, corrected
+        self._suspected = self._correction = None
         self._gathered, self._due_s, self._next_s = [], 0.0, 0.0
+
+    def pop_correction(self) -> Optional[Stance]:
+        """Return how two looks found a rig that has moved, once; None where they have not."""
+        correction, self._correction = self._correction, None
+        return correction
 
     def take(self, pair: StereoPair) -> None:
         """Take the next pair, and begin a look that is due."""
-        if not self.interval_s or self._place is None:
+        if not self.interval_s or self._used is None:
             return
         if self._under_way is not None:
             self.poll()
@@ -92,11 +108,11 @@ class RigWatch:
         self._next_s = now_s + self.spread_s / max(self.pairs - 1, 1)
         if len(self._gathered) < self.pairs:
             return
-        place, pairs, self._gathered = self._place, self._gathered, []
+        pairs, self._gathered = self._gathered, []
         self._begun_s, self._pool = now_s, self._make_pool()
         self._under_way = self._pool.apply_async(self._check, (
-            place.site, place.rig, dict(place.lanes), pairs, self._config.site_refinement,
-            self._config.road))
+            self._used, pairs, self._config.site_refinement, self._config.road, self._suspected,
+            LIMIT_SHARE))
 
     def poll(self) -> None:
         """Take in what came of a look that is over; any thread may ask."""
@@ -115,6 +131,8 @@ class RigWatch:
             self.log.error(self.failure)
         else:
             self.looks += 1
+            self._suspected = self.newest.stance if self.withholds else None
+            self._correction = self._suspected if self.newest.confirmed else None
             (self.log.error if self.withholds else self.log.info)(self.newest.text)
         # what is wrong is looked at again at once
         self._due_s = time.monotonic() + (0.0 if self.withholds else self.interval_s)
@@ -137,4 +155,7 @@ class RigWatch:
             state.find(ERROR, f'{self.newest.text}: nothing is measured')
         elif self.failure:
             state.find(WARN, self.failure)
+        if self.corrected:
+            state.find(WARN, 'measured with as two looks found it, and not as the site says; '
+                       f'refine the site: {self.corrected}')
         return state

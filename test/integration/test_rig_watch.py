@@ -1,25 +1,45 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The live rig against its site: ``tracker_node`` looks at it in a process of its own."""
+"""The live rig against its site: a node looks at it in a process of its own."""
 from __future__ import annotations
+
+import json
 
 import pytest
 
 pytest.importorskip('rclpy')
 
 from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402, I100
+from scipy.spatial.transform import Rotation  # noqa: E402
+from std_msgs.msg import String  # noqa: E402
 
 from stereo_speed.cli.demo import (  # noqa: E402
     EVERY_PAIR, Process, RELIABLE_IMAGES, RELIABLE_INFOS)
+from stereo_speed.core.units import MPH_MPS  # noqa: E402
 
 STARTUP_S, LOOK_S = 60.0, 240.0
+TURNED_DEG, TRUE_MPH = 0.05, 55.0  # 6 % of the speed
 
 
-def test_a_look_at_the_rig_is_told(stand_in, sample):
+def heard_of(stand_in):
+    """Return the list to which what is told of the rig is appended."""
     states = []
     stand_in.create_subscription(
         DiagnosticArray, '/diagnostics',
         lambda m: states.extend(s for s in m.status if s.name.endswith(': rig')), 10)
+    return states
+
+
+def turned(topic, _, msg):
+    """Return a message of the sample as calibrated before its right camera turned."""
+    if topic.endswith('right/camera_info'):
+        before = Rotation.from_euler('y', TURNED_DEG, degrees=True).as_matrix()
+        msg.r = (msg.r.reshape(3, 3) @ before).ravel()
+    return msg
+
+
+def test_a_look_at_the_rig_is_told(stand_in, sample):
+    states = heard_of(stand_in)
     with Process('speed_camera_node', *RELIABLE_IMAGES, *RELIABLE_INFOS, *EVERY_PAIR,
                  f'site:={sample / "site.yaml"}', 'rig_check_interval_s:=3600',
                  'rig_check_pairs:=4', 'rig_check_spread_s:=0.0'):
@@ -28,3 +48,25 @@ def test_a_look_at_the_rig_is_told(stand_in, sample):
             stand_in.wait(lambda: states and states[-1].message.startswith('rig and lines'),
                           LOOK_S)
     assert states[-1].level == b'\x00'
+
+
+def test_a_camera_that_has_turned_is_noticed_and_then_measured_with(
+        stand_in, sample, rewrite, tmp_path):
+    from stereo_speed.nodes.common import LATCHED
+    states, passes = heard_of(stand_in), []
+    stand_in.create_subscription(
+        String, 'passes', lambda m: passes.append(json.loads(m.data)), LATCHED)
+    bag = rewrite(tmp_path / 'bag', turned, 1000)
+    with Process('speed_camera_node', *RELIABLE_IMAGES, *RELIABLE_INFOS, *EVERY_PAIR,
+                 f'site:={sample / "site.yaml"}', 'rig_check_interval_s:=3600',
+                 'rig_check_pairs:=8', 'rig_check_spread_s:=0.0'):
+        stand_in.wait(lambda: stand_in.count_subscribers('/left/image_raw'), STARTUP_S)
+        with Process('replay_node', f'bag:={bag}', 'loop:=true'):
+            stand_in.wait(lambda: any('two looks' in s.message for s in states), LOOK_S)
+            before = len(passes)
+            stand_in.wait(lambda: any(p['verdict'] == 'measured' for p in passes[before:]),
+                          LOOK_S)
+    assert any(s.level == b'\x02' and 'nothing is measured' in s.message for s in states)
+    last = next(p for p in passes[before:] if p['verdict'] == 'measured')
+    error_mph = last['speed_mps'] / MPH_MPS - TRUE_MPH
+    assert abs(error_mph) < min(1.0, 4 * last['speed_std_mps'] / MPH_MPS)

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A rig that has moved is not measured with, until a later look finds it right again."""
+"""A rig that has moved is not measured with until it is right again, or known anew."""
 from __future__ import annotations
 
 import math
@@ -41,11 +41,12 @@ class Log:
         self.info = self.error = self.lines.append
 
 
-def brightness(site, rig, lanes, pairs, config, prior):
-    """Stand for a look: the brightness of the pairs is the share in percent."""
+def brightness(used, pairs, config, prior, suspected, most_share):
+    """Stand for a look: the brightness of the pairs is the share in percent, and the stance."""
     if pairs[0].left[0, 0] == 255:
         raise ValueError('too bright')
-    return RigState(float(np.mean([pair.left for pair in pairs])) / 100, 'lane', f'{len(pairs)}')
+    grey = float(np.mean([pair.left for pair in pairs]))
+    return RigState(grey / 100, 'lane', f'{len(pairs)}', stance=grey, confirmed=suspected == grey)
 
 
 def place():
@@ -99,6 +100,33 @@ def test_a_look_that_never_ends_has_failed_and_the_next_is_taken(monkeypatch):
     assert rig.looks == 1 and rig.state().level == OK
 
 
+def test_what_two_looks_in_a_row_find_alike_is_measured_with():
+    rig = watch()
+    for grey in (2, 3):  # each finds another rig
+        looked(rig, grey)
+        assert rig.withholds and rig.pop_correction() is None
+    looked(rig, 3)
+    assert rig.pop_correction() == 3 and rig.pop_correction() is None
+    rig.begin(place(), SiteConfig(), 'it was off')
+    assert not rig.withholds and rig.state().level == WARN
+    assert 'it was off' in rig.state().message
+    looked(rig, 0)
+    assert rig.state().level == WARN  # the site is still another
+    rig.close()
+
+
+def test_looks_that_agree_across_one_that_found_the_rig_right_correct_nothing():
+    rig = watch()
+    for grey in (2, 0, 2):
+        looked(rig, grey)
+        assert rig.pop_correction() is None
+    assert rig.withholds
+
+
+def test_the_rig_is_looked_at_unless_nobody_wants_it():
+    assert RigWatch(Given(), Log(), brightness).interval_s == 600.0
+
+
 def test_another_rig_is_looked_at_anew():
     rig = watch()
     looked(rig, 2)
@@ -108,7 +136,7 @@ def test_another_rig_is_looked_at_anew():
 
 
 def test_nothing_is_looked_at_where_nobody_asks():
-    rig = RigWatch(Given(), Log(), brightness)
+    rig = RigWatch(Given(rig_check_interval_s=0.0), Log(), brightness)
     rig.begin(place(), SiteConfig())
     for _ in range(20):
         rig.take(StereoPair(0, 0, 0, np.zeros((2, 2)), np.zeros((2, 2))))
@@ -118,3 +146,13 @@ def test_nothing_is_looked_at_where_nobody_asks():
 def test_what_cannot_be_seen_is_not_held_against_the_rig():
     assert not RigState(None, '', 'dark').is_off(0.01)
     assert RigState(math.inf, '', 'gone').is_off(0.01)
+
+
+@pytest.mark.parametrize(('share', 'std_share', 'turned', 'off'), [
+    (0.004, 0.0009, True, True),  # a camera that has turned, however little it does
+    (0.004, 0.0009, False, False),
+    (0.015, 0.0030, False, True),
+    (0.015, 0.0098, False, False),  # of a rough site, whose 1-sigma covers it
+])
+def test_what_the_one_sigma_covers_is_not_off(share, std_share, turned, off):
+    assert RigState(share, 'lane', '', std_share, turned).is_off(0.01) == off

@@ -13,25 +13,28 @@ from stereo_speed.lab.sim.sequence import simulate
 from stereo_speed.road.path import StraightPath
 from stereo_speed.site.lane_paths import lane_paths
 from stereo_speed.site.refine import rig_state as module
-from stereo_speed.site.refine.rig_state import rig_state
+from stereo_speed.site.refine.rig_state import rig_state, Stance
+from stereo_speed.site.refine.speed_effect import Setup, speed_error
 
 SMALL = {'width_px': 512, 'height_px': 384, 'f_px': 900.0}
 
 
 @pytest.fixture(scope='module')
 def measured_with(make_scene):
-    """Give a site, its rig and its lanes, and the configuration of its scene."""
+    """Give the configuration of a scene, what is measured with there, and its pairs."""
     config = straight_config(pairs=5, rig=replace(straight_config().rig, **SMALL))
     scene = make_scene(config, 4)
     rig = scene.sequence.rig
-    return config, scene.site, rig, lane_paths(scene.site, rig), scene.sequence.pairs
+    used = Stance(scene.site, rig, lane_paths(scene.site, rig))
+    return config, used, scene.sequence.pairs
 
 
 @pytest.mark.slow
 def test_a_rig_that_stands_is_not_off(measured_with):
-    _, site, rig, lanes, pairs = measured_with
-    state = rig_state(site, rig, lanes, pairs)
+    _, used, pairs = measured_with
+    state = rig_state(used, pairs)
     assert state.share is not None and not state.is_off(0.01), state
+    assert not state.turned and not state.confirmed
 
 
 @pytest.mark.slow
@@ -40,27 +43,49 @@ def test_a_rig_that_stands_is_not_off(measured_with):
     {'camera_yaw_deg': 3.0},  # the pole turns
 ], ids=['right camera', 'pole'])
 def test_a_rig_that_has_moved_is_off(measured_with, changes):
-    config, site, rig, lanes, _ = measured_with
+    config, used, _ = measured_with
     pairs = simulate(replace(config, **changes), np.random.default_rng(5)).pairs
-    assert rig_state(site, rig, lanes, pairs).is_off(0.01)
+    assert rig_state(used, pairs).is_off(0.01)
+
+
+@pytest.mark.slow
+def test_two_looks_that_agree_show_how_the_rig_stands(measured_with):
+    config, used, standing = measured_with
+    turned = replace(config, rig_moved_deg=(0.05, 0.0, 0.0))
+    first = rig_state(used, simulate(turned, np.random.default_rng(5)).pairs)
+    assert first.turned and not first.confirmed
+    second = rig_state(used, simulate(turned, np.random.default_rng(6)).pairs,
+                       suspected=first.stance)
+    assert second.confirmed
+    # speeds by what it found are right where those of the site are off by tenths
+    seen_by = used.rig.drifted(np.radians(turned.rig_moved_deg))
+    true = {name: Setup(lane.path, seen_by) for name, lane in used.lanes.items()}
+    for stance, most in ((second.stance, 0.01), (used, None)):
+        errors = [abs(speed_error(true[name], Setup(stance.lanes[name].path, stance.rig)))
+                  for name in used.lanes]
+        assert max(errors) < most if most else min(errors) > 0.05
+    # the rig has been put right in between: the looks do not agree
+    third = rig_state(used, standing, suspected=first.stance)
+    assert not third.is_off(0.01) and not third.confirmed
 
 
 @pytest.mark.slow
 def test_a_road_that_cannot_be_seen_tells_nothing(measured_with):
-    _, site, rig, lanes, pairs = measured_with
+    _, used, pairs = measured_with
     dark = [replace(p, left=np.zeros_like(p.left), right=np.zeros_like(p.right)) for p in pairs]
-    state = rig_state(site, rig, lanes, dark)
+    state = rig_state(used, dark)
     assert state.share is None and not state.is_off(0.01) and state.text
 
 
 def test_a_lane_out_of_view_is_named_beside_one_that_stands(measured_with, monkeypatch):
-    _, site, rig, lanes, pairs = measured_with
-    name, lane = next(iter(lanes.items()))
+    _, used, pairs = measured_with
+    name, lane = next(iter(used.lanes.items()))
     behind = replace(lane, path=StraightPath(
         np.array([0.0, 2.0, -60.0]), np.array([0.0, 0.0, 1.0]), 40.0, np.array([0.0, -1.0, 0.0])))
     lanes = {name: lane, 'behind': behind}
     monkeypatch.setattr(module, 'refine_site', lambda *_: SimpleNamespace(
-        kept_clicks='', found=[name], lanes=lanes, rig=rig))
-    state = rig_state(site, rig, lanes, pairs)
+        kept_clicks='', found=[name], lanes=lanes, rig=used.rig, site=used.site,
+        drift=SimpleNamespace(moved=False)))
+    state = rig_state(replace(used, lanes=lanes), pairs)
     assert state.lane == name and state.share == pytest.approx(0.0, abs=1e-6)
-    assert state.text.endswith('out of view: behind')
+    assert state.text.endswith('out of view: behind') and state.stance is None
