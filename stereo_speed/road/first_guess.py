@@ -20,6 +20,7 @@ Line = tuple[Array, Array]
 _SAMPLES = 60  # along each image curve, so that long and short lines count alike
 _ROUNDS = 15  # of reweighting; mismatches have lost their weight after a few
 _ROLL = 1e-2  # weight of the prior of no roll, as a share of a good match's
+_FOLLOWED = 0.5  # of the share of the line that is followed best, from which others are followed
 _LONGEST = 1.5  # half lengths of the road, in lengths of its longest line, that picks may ask for
 
 
@@ -58,15 +59,29 @@ def guess_road(
     :param curvature_terms: number of curvature coefficients.
     :raises NoRoadError: when the two views have too little in common.
     """
-    surface = _surface(rig, lines)
+    followed = _followed(lines) if curvature_terms else list(range(len(lines)))
+    surface = _surface(rig, [lines[i] for i in followed])
     on_road = [_on_road(rig, line, surface) for line in lines]
-    longest = max((left for left, _ in on_road),
+    longest = max((on_road[i][0] for i in followed),
                   key=lambda p: np.linalg.norm(p[-1] - p[0]) if len(p) else 0.0)
     if len(longest) < 2:
         raise NoRoadError('the picks do not meet one road surface')
     n = surface.normal
     return _along(longest, [np.concatenate(views) for views in on_road], curvature_terms,
                   n if n @ CAMERA_UP > 0 else -n)
+
+
+def _followed(lines: Sequence[Line]) -> list[int]:
+    """
+    Return the numbers of the lines whose picks follow them.
+
+    Of a line of which little but its ends was found, the rest cuts through a bend.
+    """
+    shares = []
+    for views in lines:
+        steps = [np.linalg.norm(np.diff(view, axis=0), axis=-1) for view in views]
+        shares.append(min(float((step.sum() - step.max()) / step.sum()) for step in steps))
+    return [i for i, share in enumerate(shares) if share >= _FOLLOWED * max(shares)]
 
 
 def _surface(rig: StereoRig, lines: Sequence[Line]) -> Plane:

@@ -346,10 +346,12 @@ def log_chance(shape: RoadShape, prior: RoadPrior) -> float:
     """
     Return the logarithm of the probability of a family, but for a constant.
 
-    A bend that lies in a plane is the exception, as is each number more.
+    A bend that lies in a plane is the exception, as is each number more; but a bend whose
+    curvature changes evenly, as where it begins and ends, is as common as an arc.
     """
     plane_bend = bool(shape.curvature) and not shape.tilt
-    return (sum(shape) - shape.tilt + plane_bend) * float(np.log(prior.bent_probability))
+    numbers = sum(shape) - shape.tilt - (shape.curvature > 1)
+    return (numbers + plane_bend) * float(np.log(prior.bent_probability))
 
 
 def _promising(fit: RoadFit, known: set[RoadShape], most: int, variance: float

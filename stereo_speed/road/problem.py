@@ -49,7 +49,7 @@ class RoadPrior(CheckedRecord):
         'it changes; superelevation is built up to 8 %')
     bent_probability: float = parameter(
         0.1, 1e-6, 0.9, '', 'probability, beforehand, of each number more that describes how a '
-        'road bends, and of a bend that lies in a plane')
+        'road bends, and of a bend that lies in a plane; a clothoid is as common as an arc')
     taper_std_m: float = parameter(
         0.003, 0.0, 1.0, 'm', '1-sigma by which a line runs off from the others over half of the '
         'road: so parallel are lines that are to show a rotation of a camera')

@@ -30,6 +30,19 @@ def test_exact_picks_of_a_curve(make_scene):
     np.testing.assert_allclose(np.diff(np.sort(model.offsets(x))), [3.5, 3.5], atol=0.4)
 
 
+def test_a_line_of_which_little_but_its_ends_was_found_says_little(make_scene):
+    """Through its two ends it would cut through the bend."""
+    scene = make_scene(curvature=1 / 80, std_px=0.0)
+    whole, x = guess_road(scene.rig, list(scene.lines.values()), 1)
+    for name in scene.lines:
+        ends = {**scene.lines, name: tuple(
+            view[[0, -3, -2, -1]] for view in scene.lines[name])}
+        model, found = guess_road(scene.rig, list(ends.values()), 1)
+        assert found[4 + model.lines] / model.half_length_m == pytest.approx(
+            x[4 + whole.lines] / whole.half_length_m, rel=0.1)
+        assert model.frame[:, 2] @ whole.frame[:, 2] > np.cos(np.radians(0.5))
+
+
 def test_every_pick_is_within_the_road(make_scene):
     scene = make_scene(std_px=0.0)
     model, x = guess_road(scene.rig, list(scene.lines.values()), 0)

@@ -12,7 +12,7 @@ from stereo_speed.lab.reference.straight_path import straight_path
 from stereo_speed.lab.sim.scene import SimScene
 from stereo_speed.lab.sim.sequence import picked_site
 from stereo_speed.road.first_guess import guess_road
-from stereo_speed.road.fit import fit_road, same_family
+from stereo_speed.road.fit import fit_road, log_chance, same_family
 from stereo_speed.road.lanes import lane_of_road
 from stereo_speed.road.model import RoadShape
 from stereo_speed.road.problem import Picks, RoadPrior, RoadProblem
@@ -189,6 +189,15 @@ def test_a_crossfall_that_is_built_up_evenly_is_described_as_such(make_scene):
     fit = fit_road(rig, *banked_picks(rig))
     assert fit.problem.model.shape.curvature == 2
     assert fit.residual_px.max() < 0.03
+
+
+@pytest.mark.parametrize('shape, numbers', [
+    (RoadShape(), 0), (RoadShape(vertical=1), 1), (RoadShape(1, 2), 1), (RoadShape(2, 2), 1),
+    (RoadShape(3, 2), 2), (RoadShape(1), 2), (RoadShape(2, 2, 1, 3), 5)])
+def test_each_number_more_is_the_exception_but_the_second_of_a_bend(shape, numbers):
+    """A clothoid is as common as an arc; a bend that lies in a plane is one exception more."""
+    prior = RoadPrior(bent_probability=0.01)
+    assert log_chance(shape, prior) == pytest.approx(numbers * np.log(0.01))
 
 
 def test_evidence_is_that_of_the_road_fitted_with_the_scatter_there_is(make_scene):

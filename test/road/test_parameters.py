@@ -44,7 +44,8 @@ def makers(make_scene) -> Mapping[str, Maker]:
             'clicked': fitted(), 'precise': fitted(std_px=0.005),
             'crest': fitted(crest=1 / 150, std_px=0.1),
             'climbing bend': fitted(curvature=1 / 41, grade=0.02),
-            'twisted bend': fitted(curvature=1 / 41, twist=0.08, std_px=0.1)}
+            'twisted bend': fitted(curvature=1 / 41, twist=0.08, std_px=0.1),
+            'hardly twisted bend': fitted(curvature=1 / 41, twist=0.02, std_px=0.1)}
 
 
 @pytest.fixture(scope='module')

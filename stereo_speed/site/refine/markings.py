@@ -270,10 +270,11 @@ def _gathered(view: LineView, sections: CrossSections, places: Places, shape: Sh
     if len(segments) < 3:
         return None
     at = np.array([s.arc_px for s in segments])
-    s_m = np.interp(at, arc, sections.s_m)
-    across_m = np.array([s.off_px for s in segments]) / np.interp(at, arc, sections.px_per_m)
+    s_m, px_per_m = (np.interp(at, arc, values) for values in (sections.s_m, sections.px_per_m))
+    across_m = np.array([s.off_px for s in segments]) / px_per_m
+    beside_px = np.interp(at, arc[good], places.uneven[good]) * shape.displaced_px(px_per_m)
     return LocatedLine(
-        view.seen(s_m, across_m), np.array([s.std_px for s in segments]), s_m, shape,
+        view.seen(s_m, across_m), np.hypot([s.std_px for s in segments], beside_px), s_m, shape,
         robust_std((off_px - rough)[good]), len(good), sum(s.used for s in segments))
 
 

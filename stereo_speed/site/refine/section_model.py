@@ -57,6 +57,17 @@ class Shape:
         half = self.width_m / 2
         return half + np.maximum(MARGIN_PX / px_per_m, _MARGIN_WIDTHS * half)
 
+    def displaced_px(self, px_per_m: Array) -> Array:
+        """
+        Return how far (n,) px a band may seem displaced whose sides differ by its own contrast.
+
+        Where the one side becomes the other, at a kerb or at the grass, is not known.  What of it
+        runs into a band narrower than the blur cannot be told from the band.
+        """
+        if self.kind == EDGE:
+            return np.zeros(len(px_per_m))
+        return np.asarray(self.blur_px**2 / (self.width_m * px_per_m))
+
 
 @dataclass(frozen=True, eq=False)
 class Places:
@@ -67,12 +78,15 @@ class Places:
     :param contrast: (n,) grey levels, positive where the sign is the shape's.
     :param rms: (n,) of what the model leaves, grey levels.
     :param std_m: (n,) 1-sigma of ``across_m`` from what the model leaves.
+    :param uneven: (n,) by how much the sides of a band differ, in contrasts of the band; 0 of an
+        edge.
     """
 
     across_m: Array
     contrast: Array
     rms: Array
     std_m: Array
+    uneven: Array
 
 
 def fit_sections(shape: Shape, across_m: Array, grey: Array, px_per_m: Array, start_m: Array,
@@ -111,7 +125,10 @@ def fit_sections(shape: Shape, across_m: Array, grey: Array, px_per_m: Array, st
     rms = np.sqrt(np.sum(weight * (values - fitted)**2, axis=-1) / np.maximum(count - _LEVELS, 1))
     std = np.sqrt(np.maximum(np.linalg.inv(normal)[:, -1, -1], 0)) * np.maximum(rms, _LEAST_RMS)
     bad = count < _LEAST_SAMPLES
-    return Places(np.where(bad, np.nan, at), np.where(bad, 0.0, shape.sign * level), rms, std)
+    uneven = np.zeros(len(at)) if shape.kind == EDGE else np.abs(
+        solution[:, 1] / np.where(level == 0, np.inf, level))
+    return Places(np.where(bad, np.nan, at), np.where(bad, 0.0, shape.sign * level), rms, std,
+                  uneven)
 
 
 def _basis(shape: Shape, x: Array, blur: Array) -> tuple[Array, Array]:

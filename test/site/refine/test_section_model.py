@@ -53,6 +53,27 @@ def test_claimed_scatter_is_the_scatter(width_m):
     assert 0.85 < score.std() < 1.15 and abs(score.mean()) < 0.15
 
 
+@pytest.mark.parametrize('width_px', [0.3, 0.5, 1.0])
+def test_what_runs_into_a_narrow_band_is_allowed_for(width_px):
+    """
+    An edge of the grass somewhere within the samples displaces a band by about what is claimed.
+
+    It is a tenth as high as the band is light: what is claimed is to first order.
+    """
+    apart_px = np.linspace(0, 4, 41)
+    scale, start = np.full(len(apart_px), PX_PER_M), np.zeros(len(apart_px))
+    x, grey = sections(BAND, start, np.random.default_rng(5), width_m=width_px / PX_PER_M)
+    x, beyond = sections(EDGE, (width_px / 2 + apart_px) / PX_PER_M, np.random.default_rng(5),
+                         sides=(0.0, 10.0))
+    shape = Shape(BAND, width_px / PX_PER_M, 0.66, 1)
+    found = fit_sections(shape, x, grey + beyond, scale, start, 1.0)
+    claimed_px = found.uneven * shape.displaced_px(scale)
+    off_px = found.across_m * PX_PER_M
+    assert 0.5 < np.sqrt(np.mean(np.square(off_px)) / np.mean(np.square(claimed_px))) < 2
+    even = fit_sections(shape, x, grey, scale, start, 1.0)
+    assert np.max(even.uneven * shape.displaced_px(scale)) < 1e-3
+
+
 def test_width_and_blur_are_found():
     rng = np.random.default_rng(2)
     x, grey = sections(BAND, rng.uniform(-0.01, 0.01, 40), rng, width_m=0.12, noise=1.0)
