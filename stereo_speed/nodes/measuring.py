@@ -204,6 +204,7 @@ class Measuring:
         self._searcher.wait()
         if self._pass_process_wanted:
             self._passer.start()  # not waited for: the first pass takes longer than that
+        gc.collect()
         gc.freeze()  # what is there by now stays: a tenth of a second each time it is gone through
         self._infos = [
             OfferedSubscription(self.node, CameraInfo, f'{side}/camera_info',
