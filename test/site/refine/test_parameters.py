@@ -45,6 +45,9 @@ def results(drawn, drawn_off, drawn_refined) -> Mapping[str, Callable[..., Any]]
     rng = np.random.default_rng(2)
     texture = rng.normal(0, 14, (360, 640))
     images = [np.clip(drawn.image(right) + texture, 0, 255).astype(np.uint8) for right in (0, 1)]
+    row = int(drawn.lines['right'].left_px[7, 1])
+    rows = slice(row - 12, row + 13)
+    images[0][rows] = np.roll(images[0][rows], 1, axis=1)  # a piece of line that lies beside it
     views = Background(images[0].astype(np.float32), 1.0, 9), Background(
         images[1].astype(np.float32), 1.0, 9)
     dashed = drawn_off.image(0, period_m=8.0, noise=2.0)
