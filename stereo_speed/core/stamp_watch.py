@@ -13,6 +13,8 @@ from typing import Optional
 
 import numpy as np
 
+from .records import Array
+
 _PACE = 20  # intervals that must have kept the pace
 _JITTER_S = 5e-4  # by which an interval may differ from it
 _STEP_S = 3e-3  # a smaller difference is no step
@@ -20,6 +22,12 @@ _MOST_PERIODS = 10  # of a gap; after a longer one the pace has to be found anew
 _FEWEST = 5  # intervals that tell how even the stamps are
 _NO_PACE = 0.15  # of a period; without any pace the 1-sigma would be 0.2 of it (a uniform rest)
 _ROUNDED_S = 1e-5  # of an even pace: stamps are rounded to less
+_NEW_PACE = 3  # intervals that make another pace
+_STRAYS = 2  # intervals that one stray stamp makes
+_SHORT = 8  # one interval in so many is a stray shorter than the pace
+_FEWEST_BESIDE = 8  # intervals that such strays are held against
+_STRAY_SIGMAS = 4.0  # a stray is farther off than Gaussian intervals are
+_MAD_SIGMA = 1.4826  # 1-sigma of a Gaussian over its median absolute deviation
 
 
 class StampWatch:
@@ -46,13 +54,13 @@ class StampWatch:
         pace_s = self._pace_s()
         if pace_s is None:
             self._intervals_s.append(interval_s)
-            self._latest_s.append(interval_s)
+            self._take(interval_s)
             return 0.0
         periods = max(round(interval_s / pace_s), 1)
         off_s = interval_s - periods * pace_s
         if periods > _MOST_PERIODS or abs(off_s) < _STEP_S:
             self._intervals_s.append(interval_s / periods)
-            self._latest_s.append(interval_s)
+            self._take(interval_s)
             return 0.0
         self.steps, self.last_step_s = self.steps + 1, off_s
         # One step leaves the pace as it was; where they go on, there was none.
@@ -67,29 +75,37 @@ class StampWatch:
         """
         Return the 1-sigma of the stamps about an even pace.
 
-        Independent errors of two stamps make that of the interval between them.  What few
-        intervals tell of it is uncertain: the mean of the variance is given, by all they tell.
+        Independent errors of two stamps make that of the interval between them.  One stray stamp
+        says nothing of the others.  What few intervals tell is uncertain: the mean of the variance
+        is given, by all they tell.  Where there is no pace, as of exposures at any time, all
+        scatter of the intervals counts.
 
         :param most_s: that is as it should be.
-        :return: None where it is no more than that, where there is no pace, as of exposures at
-            any time, or where nothing is known yet.
+        :return: None where it is no more than that, or where nothing is known yet.
         """
         if len(self._latest_s) < _FEWEST:
             return None
-        intervals_s = np.array(self._latest_s)
-        pace_s = float(np.sort(intervals_s)[len(intervals_s) // 4])  # gaps are longer
-        for _ in range(2):
-            periods = np.maximum(np.round(intervals_s / pace_s), 1.0)
-            near = periods <= _MOST_PERIODS
-            pace_s = float(np.median((intervals_s / periods)[near]))
-        off_s = (intervals_s - periods * pace_s)[near]
+        off_s = _off_s(np.array(self._latest_s))
         if len(off_s) < _FEWEST:
             return None
-        std_s = float(np.sqrt(np.mean(off_s ** 2) / 2.0))
-        if not max(most_s, _ROUNDED_S) < std_s < _NO_PACE * pace_s:
+        std_s = _interval_std_s(off_s) / math.sqrt(2.0)
+        if not std_s > max(most_s, _ROUNDED_S):
             return None
         freedom = len(off_s) / 1.5  # neighbouring intervals share a stamp
         return std_s * math.sqrt(freedom / (freedom - 2.0))
+
+    def _take(self, interval_s: float) -> None:
+        """Take in an interval; where the newest few have another pace, forget the others."""
+        self._latest_s.append(interval_s)
+        if len(self._latest_s) < _FEWEST + _NEW_PACE:
+            return
+        intervals_s = _folded(np.array(self._latest_s))[0]
+        old_s, new_s = intervals_s[:-_NEW_PACE], intervals_s[-_NEW_PACE:]
+        apart_s = max(new_s.min() - old_s.max(), old_s.min() - new_s.max())
+        if apart_s > max(float(np.ptp(old_s)), float(np.ptp(new_s)), _ROUNDED_S):
+            newest = list(self._latest_s)[-_NEW_PACE:]
+            self._latest_s.clear()
+            self._latest_s.extend(newest)
 
     def _pace_s(self) -> Optional[float]:
         """Return the period of the stream; None where it keeps none."""
@@ -98,3 +114,41 @@ class StampWatch:
         pace_s = float(np.median(self._intervals_s))
         steady = np.abs(np.array(self._intervals_s) - pace_s) < _JITTER_S
         return pace_s if steady.all() else None
+
+
+def _folded(intervals_s: Array) -> tuple[Array, Array]:
+    """Return intervals over the periods that each spans, and the number of these."""
+    pace_s = float(np.sort(intervals_s)[len(intervals_s) // _SHORT])  # gaps are longer
+    for _ in range(2):
+        periods = np.maximum(np.round(intervals_s / pace_s), 1.0)
+        near = periods <= _MOST_PERIODS
+        pace_s = float(np.median((intervals_s / periods)[near]))
+    return intervals_s / periods, periods
+
+
+def _off_s(intervals_s: Array) -> Array:
+    """
+    Return by how much intervals are off a pace.
+
+    Those over missing images are off whole periods, where these show.
+    """
+    folded_s, periods = _folded(intervals_s)
+    near = periods <= _MOST_PERIODS
+    pace_s = float(np.median(folded_s[near]))
+    off_s = (intervals_s - periods * pace_s)[near]
+    if _interval_std_s(off_s) < _NO_PACE * math.sqrt(2.0) * pace_s:
+        return off_s
+    middle_s = float(np.median(intervals_s))
+    off_s = (intervals_s - middle_s)[intervals_s < _MOST_PERIODS * middle_s]
+    # A gap is no scatter, and without a pace only its length tells it.
+    return off_s[np.abs(off_s) < _STRAY_SIGMAS * _MAD_SIGMA * float(np.median(np.abs(off_s)))]
+
+
+def _interval_std_s(off_s: Array) -> float:
+    """Return the 1-sigma of intervals; what one stray stamp makes of two of them is left out."""
+    by_size_s = np.sort(np.abs(off_s))
+    rest_s = by_size_s[:-_STRAYS]
+    if len(rest_s) >= _FEWEST_BESIDE:
+        most_s = _STRAY_SIGMAS * _MAD_SIGMA * float(np.median(rest_s))
+        by_size_s = np.append(rest_s, by_size_s[-_STRAYS:][by_size_s[-_STRAYS:] <= most_s])
+    return float(np.sqrt(np.mean(by_size_s ** 2)))

@@ -6,6 +6,7 @@ import pytest
 from stereo_speed.core.stamp_watch import StampWatch
 
 PERIOD_NS = 200_000_000
+THIRTIETH_NS = 33_333_333
 
 
 def steps_s(stamps_ns):
@@ -72,9 +73,8 @@ def test_the_first_intervals_leave_more_open():
     PERIOD_NS * np.arange(5.0),  # too few to tell
     PERIOD_NS * np.delete(np.arange(60), [30, 31, 45, 52, 53]),
     PERIOD_NS * np.arange(60) + np.random.default_rng(0).normal(0, 2e5, 60),  # as it should be
-    np.cumsum(np.random.default_rng(1).uniform(1e8, 3e8, 60)),  # no pace
     PERIOD_NS * np.arange(60) + 30_000_000 * (np.arange(60) > 50)])  # a step
-def test_of_even_stamps_missing_images_steps_and_of_no_pace_nothing_is_said(stamps_ns):
+def test_of_even_stamps_missing_images_and_steps_nothing_is_said(stamps_ns):
     assert unevenness_s(stamps_ns) is None
 
 
@@ -83,3 +83,71 @@ def test_stamps_good_to_their_parameter_are_hardly_ever_told_to_be_worse():
     told = [unevenness_s(PERIOD_NS * np.arange(count) + rng.normal(0, 2e5, count)) is not None
             for count in rng.integers(6, 30, 2000)]
     assert np.mean(told) < 0.002
+
+
+def told_s(stamps_ns):
+    """Return what is said of the stamps after each of them."""
+    watch, told = StampWatch(), []
+    for ns in map(int, stamps_ns):
+        watch.add(ns)
+        told.append(watch.unevenness_s(4e-4))
+    return told
+
+
+@pytest.mark.parametrize('rate_hz, std_s', [
+    (60.0, 2e-3), (60.0, 3e-3), (30.0, 5e-3), (30.0, 6e-3), (30.0, 8e-3), (5.0, 0.03)])
+def test_however_great_the_scatter_is_it_is_told_and_goes_on_to_be(rate_hz, std_s):
+    """Beyond a sixth of the period no pace shows any more: all scatter of intervals counts."""
+    rng, found = np.random.default_rng(5), []
+    for _ in range(50):
+        told = told_s(1e9 * np.sort(np.arange(80) / rate_hz + rng.normal(0, std_s, 80)))
+        assert None not in told[8:]
+        found += told[40::20]
+    assert np.sqrt(np.mean(np.square(found))) == pytest.approx(std_s, rel=0.15)
+
+
+@pytest.mark.parametrize('rate_hz, std_s', [(30.0, 3e-3), (60.0, 3e-3)])
+def test_of_uneven_stamps_with_images_missing_no_less_is_told(rate_hz, std_s):
+    rng, found = np.random.default_rng(6), []
+    for _ in range(100):
+        stamps_ns = 1e9 * np.sort(np.arange(80) / rate_hz + rng.normal(0, std_s, 80))
+        found.append(told_s(stamps_ns[rng.random(80) > 0.2])[-1])
+    assert None not in found
+    assert 1.0 < np.sqrt(np.mean(np.square(found))) / std_s < 2.0
+
+
+def test_of_exposures_at_any_time_the_scatter_of_the_intervals_is_told():
+    """Intervals of 0.1 to 0.3 s have a 1-sigma of 0.2 s / sqrt(12)."""
+    rng = np.random.default_rng(1)
+    found = [unevenness_s(np.cumsum(rng.uniform(1e8, 3e8, 60))) for _ in range(100)]
+    assert None not in found
+    assert np.mean(found) == pytest.approx(0.2 / np.sqrt(12) / np.sqrt(2), rel=0.15)
+
+
+@pytest.mark.parametrize('off_ns', [2_500_000, -2_500_000, 10_000_000])
+@pytest.mark.parametrize('period_ns', [PERIOD_NS, THIRTIETH_NS])
+def test_one_stray_stamp_says_nothing_of_the_others(off_ns, period_ns):
+    stamps_ns = period_ns * np.arange(80)
+    stamps_ns[50] += off_ns
+    assert told_s(stamps_ns) == [None] * 80
+
+
+def test_two_stray_stamps_do():
+    stamps_ns = THIRTIETH_NS * np.arange(80)
+    stamps_ns[[50, 55]] += 2_500_000
+    assert told_s(stamps_ns)[56] > 4e-4
+
+
+@pytest.mark.parametrize('rate_hz', [29.0, 25.0, 20.0, 15.0, 50.0, 60.0])
+def test_another_even_pace_is_not_uneven(rate_hz):
+    stamps_s = np.concatenate([np.arange(40) / 30, 40 / 30 + np.arange(40) / rate_hz])
+    assert told_s(stamps_s * 1e9) == [None] * 80
+
+
+def test_jitter_that_begins_is_told_within_a_few_pairs():
+    rng = np.random.default_rng(7)
+    for _ in range(50):
+        stamps_ns = THIRTIETH_NS * np.arange(80.0)
+        stamps_ns[50:] += rng.normal(0, 3e6, 30)
+        told = told_s(stamps_ns)
+        assert told[:50] == [None] * 50 and None not in told[60:]
