@@ -174,7 +174,7 @@ def place_of(site: Site, calibration: Mapping[str, Any], config: PipelineConfig,
 
 def _site_yaml(place: MeasuringSite) -> str:
     """Return the text of the site file as it was measured at."""
-    if place.refined is not None:
+    if place.refined is not None or place.corrected:
         return site_text(place.site)
     try:
         return Path(place.site.where).read_text(encoding='utf-8')

@@ -41,7 +41,7 @@ from ..core.compiled import warm_up
 from ..core.config import ConfigRecord, TrackerConfig
 from ..core.errors import InputError, StereoSpeedError
 from ..core.passes import PassResult, Reason
-from ..core.records import StereoPair
+from ..core.records import RigMotion, StereoPair
 from ..detection.beside import DetectorBeside, SearchProcess
 from ..detection.detector import PlaneSweepDetector
 from ..detection.protocol import ImageBox, TakesBoxes
@@ -381,12 +381,13 @@ class Measuring:
             self.rig_watch.pop_correction(), self.pipeline, self.rig_watch.newest)
         if stance is None or pipeline is None or newest is None:
             return
-        self.log.warning(f'measuring with the rig as it stands now: {newest.text}')
-        self._give_up()
         try:
-            self._measure_at(MeasuringSite(stance.site, stance.rig, stance.lanes), newest.text)
-        except StereoSpeedError as error:
-            self._unusable = str(error)
+            self._measure_at(MeasuringSite(stance.site, stance.rig, stance.lanes, corrected=True),
+                             newest.text)
+        except StereoSpeedError as error:  # looks go on, and nothing is measured meanwhile
+            self.log.error(f'the rig as it stands now cannot be measured with: {error}')
+        else:
+            self.log.warning(f'measuring with the rig as it stands now: {newest.text}')
 
     def _move_search(self, pipeline: SpeedPipeline) -> None:
         """Have the process search that has been started anew, where there is one."""
@@ -454,6 +455,7 @@ class Measuring:
         conclusions = Beside(failed=self._pass_failed, measured=self._measured)
         pipeline = place.pipeline(self.config, self.annotations, conclusions=conclusions,
                                   detect=self._detect(), seed=self.seed, where=self.init_path)
+        self._give_up()
         pipeline.next_track, self._begun, self.pipeline = self._next_track, True, pipeline
         self._conclusions = conclusions
         self.outputs.begin(pipeline, place, self.config)
@@ -507,6 +509,11 @@ class Measuring:
         self.measured.add()
         self._latencies_s.append(time.monotonic() - arrival.came_s)
 
+    def _followed(self) -> Optional[RigMotion]:
+        """Return how the rig has turned since the first pair, as the pipeline allows for it."""
+        steadier = None if self.pipeline is None else self.pipeline.steadier
+        return None if steadier is None else steadier.rest
+
     def _mind_rig(self, pipeline: SpeedPipeline) -> None:
         """Reject the passes under way where a look has just found that the rig has moved."""
         moved = self.rig_watch.withholds
@@ -521,7 +528,7 @@ class Measuring:
         same = [r.add(image) for r, image in zip(self._repeats, (pair.left, pair.right))]
         self.frozen.add(any(same))
         if not any(same):
-            self.rig_watch.take(pair)
+            self.rig_watch.take(pair, self._followed())
         self._age = calibration_age(self.site.calibrated, pair.stamp_ns, self.calibration_months)
         moot = (not self.calibration.holds(self._adopted) or self._is_crossed(pair)
                 or self.self_test.withholds or self.rig_watch.withholds or self._age.expired)

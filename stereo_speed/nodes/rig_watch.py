@@ -4,10 +4,10 @@
 The live rig against its site, at start and at intervals, in a process of its own.
 
 Lines and background of some pairs are looked at as refining a site does. Where what has moved
-changes speeds by more than the self-test allows, or the right camera has turned beyond doubt,
+changes speeds beyond doubt by more than the self-test allows, or the right camera has turned,
 nothing is measured and ``/diagnostics`` has an ERROR. The rig is looked at again at once: where
 two looks in a row find it alike, it is measured with as they found it; where a later look finds
-it right again, as before.
+it right again, as before. What a look cannot tell changes nothing.
 """
 from __future__ import annotations
 
@@ -16,24 +16,32 @@ from multiprocessing.pool import AsyncResult, Pool
 import os
 import threading
 import time
-from typing import Any, Callable, Optional
+from typing import Any, Callable, Optional, Sequence
 
 from .common import Parameters
 from .health import ERROR, State, WARN
-from ..core.records import StereoPair
+from ..core.helper_process import leave_ending_to_parent
+from ..core.records import RigMotion, StereoPair
 from ..pipeline.assembly import MeasuringSite
 from ..pipeline.config import SiteConfig
-from ..pipeline.self_test import LIMIT_SHARE
-from ..site.refine.rig_state import rig_state, RigState, Stance
+from ..pipeline.rig_look import look_at_rig
+from ..site.refine.rig_state import MOST_SHARE, RigState, Stance
 
 _LONGEST_S = 300.0  # a look that takes longer, or whose process has died, has failed
 _NICE = 10  # of the process that looks: what measures goes first
-Check = Callable[..., RigState]
+Check = Callable[
+    [Stance, Sequence[StereoPair], SiteConfig, Optional[RigMotion], Optional[Stance]], RigState]
 
 
 def _process() -> Pool:
     """Return a process of its own: looks take seconds that measuring must not wait for."""
-    return get_context('spawn').Pool(1, os.nice, (_NICE,))
+    return get_context('spawn').Pool(1, _give_way)
+
+
+def _give_way() -> None:
+    """Let what measures go first, and leave ending to it."""
+    os.nice(_NICE)
+    leave_ending_to_parent()
 
 
 class RigWatch:
@@ -46,12 +54,12 @@ class RigWatch:
     :param pool: makes what runs that beside the thread that measures.
     """
 
-    def __init__(self, p: Parameters, log: Any, check: Check = rig_state,
+    def __init__(self, p: Parameters, log: Any, check: Check = look_at_rig,
                  pool: Callable[[], Pool] = _process) -> None:
         self.interval_s = p.get(
             'rig_check_interval_s', 600.0, 'look at lines and background at start and this often '
             '[s]: while the rig has moved so that speeds are off by more than '
-            f'{100 * LIMIT_SHARE:g} %, or the right camera has turned beyond doubt, nothing is '
+            f'{100 * MOST_SHARE:g} %, or the right camera has turned, beyond doubt, nothing is '
             'measured, until two looks find it alike, which is measured with then; 0 for never',
             0.0, 1e6)
         self.pairs = p.get('rig_check_pairs', 9, 'pairs that such a look takes', 1, 100)
@@ -73,7 +81,7 @@ class RigWatch:
     @property
     def withholds(self) -> bool:
         """Return whether nothing may be measured: the rig has moved."""
-        return self.newest is not None and self.newest.is_off(LIMIT_SHARE)
+        return self.newest is not None and self.newest.is_off
 
     def begin(self, place: MeasuringSite, config: SiteConfig, corrected: str = '') -> None:
         """
@@ -94,8 +102,13 @@ class RigWatch:
         correction, self._correction = self._correction, None
         return correction
 
-    def take(self, pair: StereoPair) -> None:
-        """Take the next pair, and begin a look that is due."""
+    def take(self, pair: StereoPair, followed: Optional[RigMotion] = None) -> None:
+        """
+        Take the next pair, and begin a look that is due.
+
+        :param pair: as it came.
+        :param followed: how the rig has turned, as what measures knows and allows for.
+        """
         if not self.interval_s or self._used is None:
             return
         if self._under_way is not None:
@@ -111,8 +124,7 @@ class RigWatch:
         pairs, self._gathered = self._gathered, []
         self._begun_s, self._pool = now_s, self._make_pool()
         self._under_way = self._pool.apply_async(self._check, (
-            self._used, pairs, self._config.site_refinement, self._config.road, self._suspected,
-            LIMIT_SHARE))
+            self._used, pairs, self._config, followed, self._suspected))
 
     def poll(self) -> None:
         """Take in what came of a look that is over; any thread may ask."""
@@ -125,24 +137,32 @@ class RigWatch:
                 return
             self.close()
         try:
-            self.newest, self.failure = look.get(timeout=0.0), ''
+            found, self.failure = look.get(timeout=0.0), ''
         except Exception as error:  # of the other process, whatever it was
             self.failure = f'the look at the rig failed: {error!r}'
             self.log.error(self.failure)
         else:
-            self.looks += 1
-            self._suspected = self.newest.stance if self.withholds else None
-            self._correction = self._suspected if self.newest.confirmed else None
-            (self.log.error if self.withholds else self.log.info)(self.newest.text)
+            self._learn(found)
         # what is wrong is looked at again at once
         self._due_s = time.monotonic() + (0.0 if self.withholds else self.interval_s)
+
+    def _learn(self, found: RigState) -> None:
+        """Take in what a look has found."""
+        self.looks += 1
+        if found.share is None and self.withholds:
+            self.log.info(found.text)  # what was wrong may be so still
+            return
+        self.newest = found
+        self._suspected = found.stance if found.is_off else None
+        self._correction = self._suspected if found.confirmed else None
+        (self.log.error if found.is_off else self.log.info)(found.text)
 
     def close(self) -> None:
         """End a look that is under way."""
         with self._lock:
-            if self._pool is not None:
-                self._pool.terminate()
-            self._pool = self._under_way = None
+            pool, self._pool, self._under_way = self._pool, None, None
+        if pool is not None:  # which may wait for one that has been killed
+            threading.Thread(target=pool.terminate, name='ends a look', daemon=True).start()
 
     def state(self) -> State:
         """Return its state for ``/diagnostics``."""

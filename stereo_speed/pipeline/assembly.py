@@ -40,6 +40,7 @@ class MeasuringSite:
         read; empty otherwise.
     :param reference: the pair that the rig's sway is measured against, with how the rig rests;
         None for the first pair that is measured.
+    :param corrected: whether lines and rig are as later looks found them, and not as read.
     """
 
     site: Site
@@ -48,6 +49,7 @@ class MeasuringSite:
     refined: Optional[RefinedSite] = None
     not_refined: str = ''
     reference: Optional[Reference] = None
+    corrected: bool = False
 
     @classmethod
     def of(cls, site: Site, rig: StereoRig,
@@ -65,11 +67,7 @@ class MeasuringSite:
         """
         not_refined = ''
         if refine_by is not None:
-            pairs = spread_pairs(refine_by)
-            reference = _reference(rig, pairs, config.steadying)
-            if reference is not None:
-                steadier = Steadier(rig, _each_pair(config.steadying), reference)
-                pairs = [steadied(steadier.steady(pair), rig) for pair in pairs]
+            pairs, reference = steadied_pairs(rig, spread_pairs(refine_by), config.steadying)
             try:
                 refined = refine_site(site, rig, pairs, config.site_refinement, config.road)
                 return cls(refined.site, refined.rig, refined.lanes, refined,
@@ -92,6 +90,21 @@ class MeasuringSite:
         return make_pipeline(self.rig, self.lanes, config.with_tolerances(self.site.tolerances),
                              annotations, reference=self.reference, conclusions=conclusions,
                              detect=detect, seed=seed, where=where)
+
+
+def steadied_pairs(rig: StereoRig, pairs: Sequence[StereoPair], config: SteadyingConfig
+                   ) -> tuple[list[StereoPair], Optional[Reference]]:
+    """
+    Return pairs as the rig would have taken them at rest, and what that was measured against.
+
+    :param pairs: some, spread over a while.
+    :param config: how the sway is found; where it is not to be, they stay as they are.
+    """
+    reference = _reference(rig, pairs, config)
+    if reference is None:
+        return list(pairs), None
+    steadier = Steadier(rig, _each_pair(config), reference)
+    return [steadied(steadier.steady(pair), rig) for pair in pairs], reference
 
 
 def _reference(rig: StereoRig, pairs: Sequence[StereoPair], config: SteadyingConfig

@@ -23,6 +23,7 @@ from ..geometry.rig import StereoRig
 LEAST_ROAD_M = 5.0  # of a line; the direction of a shorter one is too uncertain
 LEAST_STD_PX, MOST_STD_PX = 1e-6, 100.0  # beyond them a 1-sigma is a slip of whoever wrote it
 LEAST_STD_M, MOST_STD_M = 1e-6, 10.0
+_ROUNDING_RAD = 1e-8  # angles of a site file have six digits of a degree
 VIEWS = ('left_image', 'right_image')
 CLASSES = tuple(str(name) for name in VehicleClass if name is not VehicleClass.UNKNOWN)
 
@@ -158,7 +159,7 @@ class Site:
     def fits(self, rig: StereoRig) -> bool:
         """Return whether a rig is one that :meth:`corrected_rig` returns."""
         drift = np.zeros(3) if self.correction is None else self.correction.drift_rad
-        return bool(np.allclose(rig.drift_rad, drift, rtol=0, atol=1e-12))
+        return bool(np.allclose(rig.drift_rad, drift, rtol=0, atol=_ROUNDING_RAD))
 
 
 def load_site(path: Union[str, FilePath]) -> Site:

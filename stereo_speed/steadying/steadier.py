@@ -163,6 +163,11 @@ class Steadier:
         whole, rest = (Rotation.from_rotvec(_vector(a)) for a in (sway_rad, self._rest_rad))
         return np.asarray((rest.inv() * whole).as_rotvec()[_ORDER])
 
+    @property
+    def rest(self) -> RigMotion:
+        """Return how the rig rests now, against how it stood when the site was learnt."""
+        return RigMotion(_angles(self._from_rest(self._rest)), _angles(self.drift.corrected_rad))
+
     def state(self) -> Steadiness:
         """Return what has been found so far."""
         known = max(self._looks - self._unknown, 1)

@@ -20,6 +20,7 @@ from stereo_speed.pipeline.config import SiteConfig  # noqa: E402
 from stereo_speed.site.refine.rig_state import RigState  # noqa: E402
 
 LOOK_S = 60.0
+UNKNOWN = 200  # grey level of a pair that tells nothing
 
 
 class Given:
@@ -41,11 +42,13 @@ class Log:
         self.info = self.error = self.lines.append
 
 
-def brightness(used, pairs, config, prior, suspected, most_share):
+def brightness(used, pairs, config, followed, suspected):
     """Stand for a look: the brightness of the pairs is the share in percent, and the stance."""
     if pairs[0].left[0, 0] == 255:
         raise ValueError('too bright')
     grey = float(np.mean([pair.left for pair in pairs]))
+    if grey == UNKNOWN:
+        return RigState(None, '', 'not known')
     return RigState(grey / 100, 'lane', f'{len(pairs)}', stance=grey, confirmed=suspected == grey)
 
 
@@ -115,6 +118,19 @@ def test_what_two_looks_in_a_row_find_alike_is_measured_with():
     rig.close()
 
 
+def test_what_cannot_be_seen_does_not_lift_what_was_found():
+    rig = watch()
+    looked(rig, 2)
+    looked(rig, UNKNOWN)
+    assert rig.withholds and rig.state().level == ERROR
+    looked(rig, 2)  # as the look before that found it
+    assert rig.pop_correction() == 2
+    looked(rig, 0)
+    assert not rig.withholds
+    looked(rig, UNKNOWN)
+    assert not rig.withholds and rig.state().level == OK
+
+
 def test_looks_that_agree_across_one_that_found_the_rig_right_correct_nothing():
     rig = watch()
     for grey in (2, 0, 2):
@@ -144,15 +160,17 @@ def test_nothing_is_looked_at_where_nobody_asks():
 
 
 def test_what_cannot_be_seen_is_not_held_against_the_rig():
-    assert not RigState(None, '', 'dark').is_off(0.01)
-    assert RigState(math.inf, '', 'gone').is_off(0.01)
+    assert not RigState(None, '', 'dark').is_off
+    assert RigState(math.inf, '', 'gone').is_off
 
 
 @pytest.mark.parametrize(('share', 'std_share', 'turned', 'off'), [
     (0.004, 0.0009, True, True),  # a camera that has turned, however little it does
+    (0.004, 0.0011, True, False),
     (0.004, 0.0009, False, False),
-    (0.015, 0.0030, False, True),
-    (0.015, 0.0098, False, False),  # of a rough site, whose 1-sigma covers it
+    (0.015, 0.0015, False, True),
+    (0.015, 0.0098, False, False),  # of a rough site, or of a look that sees little
+    (0.2, 0.05, False, True),
 ])
-def test_what_the_one_sigma_covers_is_not_off(share, std_share, turned, off):
-    assert RigState(share, 'lane', '', std_share, turned).is_off(0.01) == off
+def test_what_is_off_is_so_beyond_doubt(share, std_share, turned, off):
+    assert RigState(share, 'lane', '', std_share, turned).is_off == off

@@ -20,13 +20,15 @@ from .refiner import refine_site
 from .speed_effect import lane_speed_std, Setup, speed_error
 from ..file import Site
 from ...core.errors import SiteError
-from ...core.records import StereoPair
+from ...core.records import RigMotion, StereoPair
 from ...geometry.rig import StereoRig
 from ...road.lanes import LanePath
 from ...road.problem import RoadPrior
 
+MOST_SHARE = 0.01  # of the speed, by which a rig may be off: what a self-test allows
 _AS_FAR_AS_FOUND = 100.0  # sigmas: lines beside their clicks are what is asked about here
-_SURELY = 4.0  # sigmas of speeds that no doubt of a site explains
+_SURELY = 4.0  # sigmas of speeds beyond which a camera that was found turned has moved
+_BEYOND_DOUBT = 3.0  # sigmas by which an error is greater than it may be
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,9 +55,9 @@ class RigState:
         speed, on the lanes that are in view; None where the images do not show it.
     :param lane: that it is the greatest on; empty where it is not known.
     :param text: what there is to say, in a few words.
-    :param std_share: 1-sigma of speeds by what is uncertain of what is measured with.
-    :param turned: whether the right camera is found turned, and the error is beyond doubt.
-    :param stance: as the images show it; None where they do not show all of it.
+    :param std_share: 1-sigma of that error, by what is uncertain of both.
+    :param turned: whether the right camera is found turned.
+    :param stance: as the images show it; None where they do not show all of it well.
     :param confirmed: whether that is how an earlier look found it.
     """
 
@@ -67,32 +69,36 @@ class RigState:
     stance: Optional[Stance] = field(default=None, compare=False)
     confirmed: bool = False
 
-    def is_off(self, most_share: float) -> bool:
+    @property
+    def is_off(self) -> bool:
         """
-        Return whether speeds are off; not where it is unknown.
+        Return whether speeds are off beyond doubt; not where it is unknown.
 
-        What the 1-sigma of a rough site covers is not off.
-
-        :param most_share: of the speed, by which they may be where the right camera stands.
+        A camera that has turned is off however little it does; lines may be by ``MOST_SHARE``.
         """
-        least = 0.0 if self.turned else max(most_share, _SURELY * self.std_share)
-        return self.share is not None and not self.share <= least
+        if self.share is None:
+            return False
+        if self.turned and self.share > _SURELY * self.std_share:
+            return True
+        return not self.share <= MOST_SHARE + _BEYOND_DOUBT * self.std_share
 
 
 def rig_state(used: Stance, pairs: Iterable[StereoPair], config: RefineConfig = RefineConfig(),
-              prior: RoadPrior = RoadPrior(), suspected: Optional[Stance] = None,
-              most_share: float = 0.01) -> RigState:
+              prior: RoadPrior = RoadPrior(), followed: Optional[RigMotion] = None,
+              suspected: Optional[Stance] = None) -> RigState:
     """
     Return how a rig stands against what is measured with.
 
     :param used: what is measured with.
-    :param pairs: some, spread over a while.
+    :param pairs: some, spread over a while, in which the rig does not sway.
     :param config: how markings are found and believed.
     :param prior: what is known of any road and rig.
+    :param followed: how the rig has turned meanwhile, as what measures knows and allows for.
     :param suspected: how an earlier look found it.
-    :param most_share: by which speeds may differ between that look and this one, as a share.
     """
-    beside = replace(config, clicked_sigmas=_AS_FAR_AS_FOUND)
+    # What lies beside the clicks, or contradicts them, is what is asked about here.
+    beside = replace(config, clicked_sigmas=_AS_FAR_AS_FOUND, disagreement_sigmas=_AS_FAR_AS_FOUND,
+                     disagreement_factor=_AS_FAR_AS_FOUND)
     try:
         now = refine_site(used.site, used.rig, pairs, beside, prior)
     except SiteError as error:
@@ -102,10 +108,10 @@ def rig_state(used: Stance, pairs: Iterable[StereoPair], config: RefineConfig = 
     if not now.found:
         return RigState(None, '', 'none of the lines is seen: how the rig stands is not known')
     stance = Stance(now.site, now.rig, now.lanes)
-    state = _compared(stance, used, now.drift.moved)
-    again = suspected is not None and not _compared(
-        stance, suspected, now.drift.moved).is_off(most_share)
-    return replace(state, confirmed=again)
+    state = _compared(stance, replace(used, rig=used.rig.as_taken(followed)), now.drift.moved)
+    again = None if suspected is None else _compared(stance, suspected, now.drift.moved)
+    return replace(state, confirmed=again is not None and again.share is not None
+                   and again.share <= MOST_SHARE)
 
 
 def _compared(now: Stance, used: Stance, turned: bool) -> RigState:
@@ -122,11 +128,11 @@ def _compared(now: Stance, used: Stance, turned: bool) -> RigState:
     if not known:
         return RigState(math.inf, '', 'the road is out of view: the rig has moved')
     lane = max(known, key=lambda name: known[name])
-    claimed = lane_speed_std(used.lanes[lane], used.rig)
-    std = math.hypot(lane_speed_std(now.lanes[lane], now.rig), claimed)
+    seen_to = max(lane_speed_std(now.lanes[name], now.rig) for name in known)
+    std = math.hypot(seen_to, lane_speed_std(used.lanes[lane], used.rig))
     text = (f'rig and lines as they stand now change speeds on {lane} '
             f'by {100 * known[lane]:.2f} ± {100 * std:.2f} %')
     hidden = [name for name in used.lanes if name not in known]
     return RigState(known[lane], lane, text + (
         f'; not known of what is out of view: {", ".join(hidden)}' if hidden else ''),
-        claimed, turned and known[lane] > _SURELY * std, None if hidden else now)
+        std, turned, None if hidden or seen_to > MOST_SHARE else now)
