@@ -33,12 +33,11 @@ from ..steadying.steadier import Steadier
 from ..steadying.view_lag import ViewLag
 from ..tracking.initialise import check_annotation
 from ..tracking.lane_assigner import LaneAssigner
-from ..tracking.protocol import CanHurry, Refusal, SharesParticles, Tracker, TrackStart
+from ..tracking.protocol import (
+    CanHurry, MOST_TIMES, OCCLUDED_TIMES, OLD_S, Refusal, SharesParticles, TellsAge, Tracker,
+    TrackStart)
 
 _UNSEARCHED_S = 0.3  # of stamps, at most: vehicles are in view for seconds
-_OLD_S = 0.3  # of a solution, when pairs wait: a vehicle that brakes changes its speed by 2 m/s
-_SELDOM = 3.0  # times as long, the same where it is occluded: nine looks in ten are in vain
-_MUST = 2.0  # intervals between solutions, after which no vehicle gives way to another
 
 StartTracker = Callable[[TrackStart], Union[Tracker, Refusal]]
 TellReadings = Callable[[Sequence[TrackUpdate]], object]
@@ -81,6 +80,7 @@ class _Track:
     :param stamp_std_s: 1-sigma that its stamps were taken to have, where they were known to be
         less even than they should be when it began.
     :param hurried: whether its tracker was told to do little with the newest pair.
+    :param unhurried_ns: stamp of the last pair in which it was not; None before there was one.
     :param drift_rad: (3,) how far the right camera was taken to have turned in its first pair.
     :param drift_change_rad: (3,) the greatest change of that in its pairs so far, either way.
     """
@@ -99,6 +99,7 @@ class _Track:
     clock_stepped: bool = False
     stamp_std_s: Optional[float] = None
     hurried: bool = False
+    unhurried_ns: Optional[int] = None
     drift_rad: Array = field(default_factory=lambda: np.zeros(3))
     drift_change_rad: Array = field(default_factory=lambda: np.zeros(3))
 
@@ -436,15 +437,17 @@ class SpeedPipeline:
             self.config.particles / self._share(max(len(tracks), 1)))
         waited_s = [_waited_s(track, stamp_ns) for track in tracks]
         if hurried:
-            waited_s = [one_s if _holds(track.last) else one_s / _SELDOM
+            waited_s = [one_s if _holds(track.last) else one_s / OCCLUDED_TIMES
                         for track, one_s in zip(tracks, waited_s)]
         longest = max(range(len(tracks)), key=waited_s.__getitem__, default=None)
         for k, track in enumerate(tracks):
             gives_way = k != longest and waited_s[k] < math.inf
-            track.hurried = gives_way or waited_s[k] < _OLD_S if hurried else (
-                dense and gives_way and interval_s <= waited_s[k] < _MUST * interval_s)
+            track.hurried = gives_way or waited_s[k] < OLD_S if hurried else (
+                dense and gives_way and interval_s <= waited_s[k] < MOST_TIMES * interval_s)
             if isinstance(track.tracker, CanHurry):
                 track.tracker.hurry(track.hurried)
+            if not track.hurried:
+                track.unhurried_ns = stamp_ns
 
     def _is_sure(self, update: TrackUpdate) -> bool:
         """Return whether the speed of a vehicle is known well enough to be a reading."""
@@ -792,5 +795,11 @@ def _holds(update: Optional[TrackUpdate]) -> bool:
 
 
 def _waited_s(track: _Track, stamp_ns: int) -> float:
-    """Return for how long a track has not been solved for."""
-    return track.tracker.unsolved_s(stamp_ns) if isinstance(track.tracker, CanHurry) else 0.0
+    """Return for how long a track has not been solved for; infinite where it must be."""
+    if isinstance(track.tracker, TellsAge):
+        return track.tracker.unsolved_s(stamp_ns)
+    if not isinstance(track.tracker, CanHurry):
+        return 0.0
+    if not track.confirmed or track.unhurried_ns is None:
+        return math.inf
+    return (stamp_ns - track.unhurried_ns) * 1e-9

@@ -25,7 +25,7 @@ from .likelihood import Reference, score
 from .motion_prior import PassPrior
 from .observation import ObservationSampler
 from .pass_result import calibration_share, conclude, live_std, Pass
-from .protocol import Refusal, TrackStart
+from .protocol import MOST_TIMES, OCCLUDED_TIMES, OLD_S, Refusal, TrackStart
 from .window import PhotometricWindow, Posterior
 from ..core.config import NoParameters, TrackerConfig
 from ..core.passes import PassResult, TrackEnd
@@ -37,9 +37,6 @@ from ..estimation.weights import (
 from ..vision.haar import CELLS, PartGrid
 
 _JITTER = 1e-12  # keeps the covariance of particles that agree positive definite
-_HURRIED = 10  # times longer, at most, between solutions; who has the turn is not hurried
-_HURRIED_OCCLUDED = 30  # the same where it is occluded, and does not show at a glance
-_MOST_PATIENCE = 10  # solutions that what is occluded may go without: 0.6 s, as it may brake
 _DISTINCT_PER_DIM = 3  # distinct particles, per unknown, that still have a shape
 
 
@@ -122,28 +119,36 @@ class ConstrainedTracker:
         """Return the number of particles."""
         return len(self.cloud.states)
 
+    @property
+    def _own_interval_s(self) -> float:
+        """Return the time between solutions; who has a share of the particles has it of these."""
+        return self.config.effort.solve_interval_s * max(
+            1.0, self._particles_alone / self.particles)
+
     def _solve_interval_s(self, stamp_ns: int) -> float:
         """
-        Return the time between solutions; who has a share of the particles has it of these.
+        Return the age at which a solution is renewed.
 
         :param stamp_ns: of the next pair.
         """
-        shares = max(1.0, self._particles_alone / self.particles) * self._patience(stamp_ns)
-        if self._hurried:
-            shares = max(shares, _HURRIED_OCCLUDED if _coasts(self._reported) else _HURRIED)
-        return self.config.effort.solve_interval_s * shares
+        interval_s = self._own_interval_s * self._patience(stamp_ns)
+        if not self._hurried:
+            return interval_s
+        times = MOST_TIMES * (OCCLUDED_TIMES if _coasts(self._reported) else 1.0)
+        return max(interval_s, times * OLD_S)
 
-    def _patience(self, stamp_ns: int) -> int:
+    def _patience(self, stamp_ns: int) -> float:
         """
         Return how many times longer to wait until what is occluded is looked for again.
 
-        The longer the more looks were in vain; where pairs are rare it is looked for in each.
+        The longer the more looks were in vain, until a solution is old, for it may brake; where
+        pairs are rare it is looked for in each.
         """
         last = self._reported
         if last is None or not _coasts(last) or (
                 stamp_ns - last.stamp_ns) * 1e-9 >= self.config.effort.solve_interval_s:
-            return 1
-        return min(1 + self._in_vain, _MOST_PATIENCE)
+            return 1.0
+        return max(1.0, min(1.0 + self._in_vain, OLD_S / self._own_interval_s))
 
     def share(self, particles: int) -> None:
         """Go on with another number of particles, when tracks come and go."""
@@ -213,6 +218,9 @@ class ConstrainedTracker:
             return None
         if _coasts(last):
             moments = self._predicted(after_s).moments()
+            # It has a last look before its pass is over.
+            if self.life.is_lost_by(pair.stamp_ns) or self._is_out_of_view(pair, moments[0]):
+                return None
             # A glance at where it should be is cheap, and nine full looks in ten are in vain.
             if after_s >= self.config.effort.solve_interval_s \
                     and self.window.shows(pair, moments[0]):
@@ -308,12 +316,17 @@ class ConstrainedTracker:
 
     def _leaves_view(self, pair: StereoPair) -> bool:
         """Return whether the pass ends before this pair, out of view or far beyond the path."""
-        mean, limits = self.cloud.mean, self.config.visibility
-        left, right = self._quads(mean[None], pair)
-        narrow = bool(self.life.stamps_ns) and np.ptp(left[0, :, 0]) < limits.least_width_px
-        if narrow or mean[0] > self.lane.path.length_m + limits.beyond_path_m:
+        if self._is_out_of_view(pair, self.cloud.mean):
             self.life.end = TrackEnd.LEFT_VIEW
-        return self.life.leaves_view(left[0], right[0])
+        return self.life.end is not None
+
+    def _is_out_of_view(self, pair: StereoPair, mean: Array) -> bool:
+        """Return whether a front at s, a, b, v (4,) is out of view or far beyond the path."""
+        limits = self.config.visibility
+        left, right = self._quads(mean[None], pair)
+        narrow = self.life.stamps_ns and np.ptp(left[0, :, 0]) < limits.least_width_px
+        beyond = mean[0] > self.lane.path.length_m + limits.beyond_path_m
+        return bool(narrow or beyond) or not self.life.is_in_view(left[0], right[0])
 
     def _report(self, pair: StereoPair, state: TrackState, moments: tuple[Array, Array]
                 ) -> TrackUpdate:

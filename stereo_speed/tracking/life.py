@@ -43,9 +43,13 @@ class TrackLife:
         :param left_px: (4, 2) its corners in the left view, and
         :param right_px: (4, 2) in the right one.
         """
-        if not (self.rig.left.holds(left_px) and self.rig.right.holds(right_px)):
+        if not self.is_in_view(left_px, right_px):
             self.end = TrackEnd.LEFT_VIEW
         return self.end is not None
+
+    def is_in_view(self, left_px: Array, right_px: Array) -> bool:
+        """Return whether a front (4, 2) is wholly in both images."""
+        return self.rig.left.holds(left_px) and self.rig.right.holds(right_px)
 
     def seen(self, pair: StereoPair, left_px: Array) -> TrackState:
         """
@@ -67,11 +71,14 @@ class TrackLife:
         :param partly_seen: whether it shows a part of the front.
         :return: whether the track goes on.
         """
-        now = pair.stamp_ns
         if partly_seen:
-            self._seen_ns = now
-        unoccluded_ns = self.stamps_ns[-1] if self.stamps_ns else self.first_ns
-        if (now - self._seen_ns) * 1e-9 > self.limits.lost_after_s \
-                or (now - unoccluded_ns) * 1e-9 > self.limits.occluded_for_s:
+            self._seen_ns = pair.stamp_ns
+        if self.is_lost_by(pair.stamp_ns):
             self.end = TrackEnd.LOST
         return self.end is None
+
+    def is_lost_by(self, stamp_ns: int) -> bool:
+        """Return whether a front that a pair does not show is lost: unseen for too long."""
+        unoccluded_ns = self.stamps_ns[-1] if self.stamps_ns else self.first_ns
+        return (stamp_ns - self._seen_ns) * 1e-9 > self.limits.lost_after_s \
+            or (stamp_ns - unoccluded_ns) * 1e-9 > self.limits.occluded_for_s

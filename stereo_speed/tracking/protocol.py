@@ -20,6 +20,11 @@ from ..core.records import InitialFront, StereoPair, TrackUpdate
 from ..geometry.rig import StereoRig
 from ..road.lanes import LanePath
 
+# What pipeline and trackers go by where not every vehicle is solved for in every pair.
+OLD_S = 0.3  # of a solution: a vehicle that brakes is 0.3 m off by then, and 2 m/s slower
+OCCLUDED_TIMES = 3.0  # as old when pairs wait and it is occluded: most looks are in vain
+MOST_TIMES = 2.0  # as long, after which no vehicle gives way to another
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class TrackStart:
@@ -144,6 +149,15 @@ class CanHurry(Protocol):
 
     def hurry(self, hurried: bool) -> None:
         """Be told whether the next pairs are to cost little, for others have their turn."""
+
+
+@runtime_checkable
+class TellsAge(Protocol):
+    """
+    A tracker that knows how old its last solution is.
+
+    Of one that does not, the last is taken to be that of the last pair that it was not hurried in.
+    """
 
     def unsolved_s(self, stamp_ns: int) -> float:
         """

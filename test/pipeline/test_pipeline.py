@@ -357,6 +357,39 @@ def test_of_hurried_tracks_that_is_solved_for_whose_solution_is_old(hurries):
     assert one[6] == other[6] is False
 
 
+class OnlyHurries:
+    """A tracker that can hurry, and does not tell how old its last solution is."""
+
+    def __init__(self, tracker):
+        self.tracker, self.told = tracker, []
+        self.track, self.update, self.result = tracker.track, tracker.update, tracker.result
+
+    @property
+    def ended(self):
+        """Return whether the pass is over."""
+        return self.tracker.ended
+
+    def hurry(self, hurried):
+        """Remember what it was told."""
+        self.told.append(hurried)
+        self.tracker.hurry(hurried)
+
+
+def test_who_does_not_tell_its_age_is_hurried_by_turns_as_well(scene, hurries):
+    sequence, lanes, marks = scene
+    trackers = []
+
+    def starting(request):
+        trackers.append(OnlyHurries(start(request)))
+        return trackers[-1]
+    pipeline = SpeedPipeline(sequence.rig, lanes, TrackerConfig(), starting, annotations=marks)
+    for pair in sequence.pairs[:7]:
+        pipeline.process(pair, 1 < pair.index < 6)
+    # By turns as those that tell it; who of the two is the first does not matter.
+    assert sorted(t.told for t in trackers) == sorted(hurries[0])
+    assert all(r.verdict is Verdict.MEASURED for r in pipeline.finish())
+
+
 def test_hurried_pairs_are_searched_when_none_was_for_long(hurries):
     assert hurries[1] == [0, 1, 3, 5, 6]
 

@@ -16,7 +16,7 @@ from stereo_speed.core.records import TrackState
 from stereo_speed.pipeline.assembly import make_pipeline
 from stereo_speed.pipeline.config import PipelineConfig
 from stereo_speed.tracking.constrained import ConstrainedTracker, may_follow, transport
-from stereo_speed.tracking.protocol import Refusal
+from stereo_speed.tracking.protocol import MOST_TIMES, OLD_S, Refusal
 
 MPS = 20.0
 SECOND = 1_000_000_000
@@ -268,11 +268,13 @@ def test_who_has_a_share_of_the_particles_has_it_of_the_solutions(
         assert (update.speed_mps, update.speed_std_mps) == (other.speed_mps, other.speed_std_mps)
 
 
-def test_who_hurries_is_solved_for_a_tenth_as_often(textured, textured_drive):
+@pytest.mark.parametrize('interval_s', [0.045, 0.06])
+def test_who_hurries_is_solved_for_when_its_solution_is_twice_as_old_as_it_should_be(
+        textured, textured_drive, interval_s):
     pairs, poses = textured_drive
     said = []
-    for interval_s, hurried in ((0.045, True), (0.45, False)):
-        config = replace(QUICK, effort=EffortConfig(solve_interval_s=interval_s))
+    for interval, hurried in ((interval_s, True), (MOST_TIMES * OLD_S, False)):
+        config = replace(QUICK, effort=EffortConfig(solve_interval_s=interval))
         tracker = ConstrainedTracker.start(
             textured.start(pairs[0], poses[0], config), NoParameters())
         tracker.hurry(hurried)
@@ -283,7 +285,7 @@ def test_who_hurries_is_solved_for_a_tenth_as_often(textured, textured_drive):
 @pytest.mark.parametrize('hide', [behind_a_post, blank], ids=['post', 'nothing'])
 def test_who_hurries_sees_at_a_glance_that_what_was_occluded_is_back(
         textured, textured_drive, hide):
-    """Hidden in pairs 5 to 8: it would be looked for anyhow after 0.75 s, not before."""
+    """Hidden in pairs 5 to 8: it would be looked for anyhow after 1.8 s, not before."""
     pairs, poses = textured_drive
     config = replace(QUICK, effort=EffortConfig(solve_interval_s=0.05))
     tracker = ConstrainedTracker.start(
@@ -292,6 +294,53 @@ def test_who_hurries_sees_at_a_glance_that_what_was_occluded_is_back(
     states = [tracker.update(hide(pair) if 5 <= pair.index < 9 else pair).state
               for pair in pairs[:11]]
     assert states[2:] == [CONFIRMED] * 3 + [COASTING] * 4 + [TENTATIVE, CONFIRMED]
+
+
+def hidden_for_long(textured, poses, hurried, of=1):
+    """
+    Follow a vehicle at 30 pairs a second, which nobody sees from pair 6 on.
+
+    :param poses: (n, 3) of the vehicle in each pair.
+    :param of: so many tracks in view, which share solutions.
+    :return: the tracker and, for each pair, the update and whether the vehicle was looked for.
+    """
+    pairs = [textured.pair(k, round(k * SECOND / 30), pose) for k, pose in enumerate(poses[:6])]
+    grey = blank(pairs[0])
+    pairs += [replace(grey, index=k, stamp_ns=round(k * SECOND / 30),
+                      right_stamp_ns=round(k * SECOND / 30)) for k in range(6, len(poses))]
+    tracker = ConstrainedTracker.start(textured.start(
+        pairs[0], poses[0], QUICK, particles_alone=of * QUICK.particles), NoParameters())
+    said = []
+    for pair in pairs:
+        tracker.hurry(hurried and pair.index > 5)
+        update = tracker.update(pair)
+        said.append((update, update is not None and tracker.unsolved_s(pair.stamp_ns) == 0.0))
+        if tracker.ended:
+            break
+    return tracker, said
+
+
+@pytest.mark.parametrize(('hurried', 'most_s'), [(False, OLD_S), (True, 1.5)])
+@pytest.mark.parametrize('of', [1, 4])
+def test_what_is_hidden_is_looked_for_in_time_and_lost_in_time(textured, hurried, most_s, of):
+    """It is lost 1.5 s after the last pair that showed it, 5, however seldom it was sought."""
+    poses = np.array([6.0, 0.1, 1.9]) + np.outer(np.arange(60) / 30, [10.0, 0, 0])
+    tracker, said = hidden_for_long(textured, poses, hurried, of)
+    assert tracker.life.end is TrackEnd.LOST
+    assert len(said) - 1 == 5 + 45 + 1  # the first pair more than 1.5 s later
+    assert said[-1][0] is None and {u.state for u, _ in said[6:-1]} == {COASTING}
+    looks = [k for k, (_, looked) in enumerate(said) if looked and k > 5] + [len(said) - 1]
+    assert max(np.diff(looks)) / 30 <= most_s + 1 / 30 and len(looks) < 23
+
+
+@pytest.mark.parametrize('hurried', [False, True])
+def test_what_is_hidden_leaves_the_view_in_time(textured, hurried):
+    """At 30 m/s its corner leaves the right image 17.8 m away, a metre a pair, 0.5 s later."""
+    poses = np.array([20.0, 1.0, 1.9]) + np.outer(np.arange(40) / 30, [30.0, 0, 0])
+    tracker, said = hidden_for_long(textured, poses, hurried)
+    assert tracker.life.end is TrackEnd.LEFT_VIEW
+    seen = sum(60 - pose[0] > 1.9 * 1500 / 160 for pose in poses)
+    assert 20 < seen < 25 and abs(len(said) - 1 - seen) <= 1
 
 
 @pytest.mark.parametrize('hide', [behind_a_post, blank], ids=['post', 'nothing'])
