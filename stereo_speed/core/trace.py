@@ -46,6 +46,8 @@ class TracePair:
     :param stamp_error_s: difference of the stamps, s, that was found to be an error.
     :param right_came_ns: header stamp of the right image as it came; None for that fed.
     :param hurried: whether the tracker was told to do little with it, for others had their turn.
+    :param stamp_std_s: 1-sigma, s, that the stamps were taken to have by then, where they were
+        less even than the parameter has it.
     """
 
     stamp_ns: int
@@ -57,6 +59,7 @@ class TracePair:
     stamp_error_s: float = 0.0
     right_came_ns: Optional[int] = None
     hurried: bool = False
+    stamp_std_s: Optional[float] = None
 
     @property
     def right_image_ns(self) -> int:
@@ -76,8 +79,8 @@ class PassTrace:
     :param particles: number of particles it was started with.
     :param seen_mps: speed as the detector saw it; None where it saw none.
     :param pairs: those it was fed, in order of stamps.
-    :param stamp_std_s: 1-sigma of the stamps, where they were less even than the parameter has
-        it; else None.
+    :param stamp_std_s: 1-sigma that the stamps were taken to have when it began, where they were
+        less even than the parameter has it; else None.
     """
 
     track: int
@@ -113,7 +116,8 @@ class TraceBuilder:
         self._pairs: list[TracePair] = []
 
     def add(self, pair: StereoPair, particles: Optional[int],
-            update: Optional[TrackUpdate], *, hurried: bool = False) -> None:
+            update: Optional[TrackUpdate], *, hurried: bool = False,
+            stamp_std_s: Optional[float] = None) -> None:
         """
         Add a pair that the tracker was fed.
 
@@ -121,11 +125,12 @@ class TraceBuilder:
         :param particles: number of particles it was told before; None where it was told none.
         :param update: what the tracker said.
         :param hurried: whether it was told to do little.
+        :param stamp_std_s: 1-sigma of the stamps, where they were less even than they should be.
         """
         self._pairs.append(TracePair(
             pair.stamp_ns, pair.right_stamp_ns, particles, pair.motion, update,
             stamp_error_s=pair.stamp_error_s, right_came_ns=pair.right_came_ns,
-            hurried=hurried))
+            hurried=hurried, stamp_std_s=stamp_std_s))
 
     def add_others(self, stamp_ns: int, updates: list[TrackUpdate]) -> None:
         """

@@ -26,7 +26,7 @@ from ..pipeline.pipeline import start_of
 from ..pipeline.registry import TRACKERS
 from ..site.file import load_site
 from ..tracking.lane_assigner import LaneAssigner
-from ..tracking.protocol import CanHurry, Refusal, SharesParticles
+from ..tracking.protocol import CanHurry, DoubtsStamps, Refusal, SharesParticles
 
 SITE, CALIBRATION, TRACE = 'site.yaml', 'calibration.json', 'trace.json'
 PICTURE = 'a whole JPEG or PNG image'
@@ -102,6 +102,8 @@ def measure_again(trace: PassTrace, pairs: list[StereoPair], place: MeasuringSit
             tracker.share(fed.particles)
         if isinstance(tracker, CanHurry):
             tracker.hurry(fed.hurried)
+        if fed.stamp_std_s is not None and isinstance(tracker, DoubtsStamps):
+            tracker.doubt_stamps(fed.stamp_std_s)
         update = tracker.update(pair)
         if update is not None:
             lanes.place(update)

@@ -25,6 +25,7 @@ FORMAT = 1
 # Fields that follow from the pair that an update is of; a calibrated camera stands still.
 _LEFT_OUT: Mapping[type, tuple[str, ...]] = {
     TrackUpdate: ('stamp_ns', 'track'), Camera: ('rotation',)}
+_IF_KNOWN: Mapping[type, tuple[str, ...]] = {TracePair: ('stamp_std_s',)}  # hardly ever is
 _SHAPES = {'position_m': (3,), 'position_cov_m2': (3, 3), 'axes': (3, 3), **dict.fromkeys(
     ('left_px', 'right_px', 'quad_left_px', 'quad_right_px'), (4, 2))}
 
@@ -129,7 +130,8 @@ def rig_of(data: Any, where: object) -> StereoRig:
 def _values(record: ConfigRecord) -> dict[str, Any]:
     """Return the fields of a record as JSON knows them, but for ``_LEFT_OUT``."""
     return {f.name: _plain(getattr(record, f.name)) for f in dataclasses.fields(record)
-            if f.name not in _LEFT_OUT.get(type(record), ())}
+            if f.name not in _LEFT_OUT.get(type(record), ()) and not (
+                getattr(record, f.name) is None and f.name in _IF_KNOWN.get(type(record), ()))}
 
 
 def _plain(value: Any) -> Any:

@@ -34,10 +34,11 @@ from ..steadying.view_lag import ViewLag
 from ..tracking.initialise import check_annotation
 from ..tracking.lane_assigner import LaneAssigner
 from ..tracking.protocol import (
-    CanHurry, MOST_TIMES, OCCLUDED_TIMES, OLD_S, Refusal, SharesParticles, TellsAge, Tracker,
-    TrackStart)
+    CanHurry, DoubtsStamps, MOST_TIMES, OCCLUDED_TIMES, OLD_S, Refusal, SharesParticles,
+    TellsAge, Tracker, TrackStart)
 
 _UNSEARCHED_S = 0.3  # of stamps, at most: vehicles are in view for seconds
+_WORSE = 1.5  # times what a track takes its stamps for: twenty intervals tell it to a fifth
 
 StartTracker = Callable[[TrackStart], Union[Tracker, Refusal]]
 TellReadings = Callable[[Sequence[TrackUpdate]], object]
@@ -77,8 +78,9 @@ class _Track:
     :param doubted: whether it goes at another speed than its detector saw.
     :param lag_changes_s: of the time between the views, before it began.
     :param clock_stepped: whether the clock of the stamps has stepped since.
-    :param stamp_std_s: 1-sigma that its stamps were taken to have, where they were known to be
-        less even than they should be when it began.
+    :param stamp_std_s: 1-sigma that its stamps are taken to have, where they are known to be less
+        even than they should be.
+    :param unaware: whether its tracker took no notice of how uneven they have become.
     :param hurried: whether its tracker was told to do little with the newest pair.
     :param unhurried_ns: stamp of the last pair in which it was not; None before there was one.
     :param drift_rad: (3,) how far the right camera was taken to have turned in its first pair.
@@ -98,10 +100,21 @@ class _Track:
     lag_changes_s: float = 0.0
     clock_stepped: bool = False
     stamp_std_s: Optional[float] = None
+    unaware: bool = False
     hurried: bool = False
     unhurried_ns: Optional[int] = None
     drift_rad: Array = field(default_factory=lambda: np.zeros(3))
     drift_change_rad: Array = field(default_factory=lambda: np.zeros(3))
+
+    def see_stamps(self, stamp_std_s: float) -> None:
+        """Take in that stamps are worse than they were taken for."""
+        self.stamp_std_s = stamp_std_s
+        if isinstance(self.tracker, DoubtsStamps):
+            self.tracker.doubt_stamps(stamp_std_s)
+        else:
+            self.unaware = True
+        if self.second is not None:
+            self.second.config = replace(self.second.config, stamp_std_s=stamp_std_s)
 
     def see_drift(self, drift_rad: Array) -> None:
         """Take in how far the right camera is taken to have turned, which may come and go."""
@@ -185,6 +198,8 @@ class SpeedPipeline:
         self._conclusions = AtOnce() if conclusions is None else conclusions
         self._concluding: set[int] = set()  # numbers of the tracks that it has
         self.view_lag, self.stamp_watch = ViewLag(rig), StampWatch()
+        #: 1-sigma of the stamps where they are less even than they should be, s
+        self.uneven_stamps_s: Optional[float] = None
         self.next_track = 0  # its number; who goes on from another pipeline sets its
         self._state = _State()
 
@@ -211,6 +226,7 @@ class SpeedPipeline:
         self._check_size(pair)
         if self.stamp_watch.add(pair.stamp_ns):
             self._end_by_step()
+        self._see_stamps()
         pair = self.view_lag.corrected(pair.triggered(self.config.trigger_tolerance_s))
         if self.steadier is not None:
             pair = self.steadier.steady(pair)
@@ -251,6 +267,16 @@ class SpeedPipeline:
             track.trace.add_others(pair.stamp_ns, seen)
         self._collect(everything=False)
         return Step(self._told(seen), self.concluded())
+
+    def _see_stamps(self) -> None:
+        """Have the tracks take in how uneven the stamps are."""
+        config = self.config
+        self.uneven_stamps_s = uneven_s = self.stamp_watch.unevenness_s(
+            config.uneven_stamp_sigmas * config.stamp_std_s)
+        for track in self._state.tracks:
+            if uneven_s is not None and uneven_s > _WORSE * (
+                    track.stamp_std_s or config.stamp_std_s):
+                track.see_stamps(uneven_s)
 
     def _see_drift(self) -> None:
         """Have the tracks take in how far the right camera is taken to have turned."""
@@ -297,12 +323,6 @@ class SpeedPipeline:
         found_none = state.search is None or (
             state.search.found is not None and not state.search.found)
         return found_none and not (self.open_tracks or left_lately or self.view_lag.concerned)
-
-    @property
-    def uneven_stamps_s(self) -> Optional[float]:
-        """Return the 1-sigma of the stamps where they are less even than they should be."""
-        return self.stamp_watch.unevenness_s(
-            self.config.uneven_stamp_sigmas * self.config.stamp_std_s)
 
     def look(self, pair: StereoPair) -> None:
         """Take in how the rig stood in a pair that is measured already."""
@@ -399,7 +419,7 @@ class SpeedPipeline:
         """
         update, hurried = track.tracker.update(pair), track.hurried
         if update is None:
-            track.trace.add(pair, particles, None, hurried=hurried)
+            track.trace.add(pair, particles, None, hurried=hurried, stamp_std_s=track.stamp_std_s)
             return None
         if _holds(update):
             track.size.take(pair, update)
@@ -412,7 +432,8 @@ class SpeedPipeline:
         if not self._is_sure(update):
             update = update.unconfirmed()
         track.last = track.lanes.place(update)
-        track.trace.add(pair, particles, track.last, hurried=hurried)
+        track.trace.add(pair, particles, track.last, hurried=hurried,
+                        stamp_std_s=track.stamp_std_s)
         return track.last
 
     def _searches(self, stamp_ns: int, *, hurried: bool) -> bool:
@@ -459,11 +480,10 @@ class SpeedPipeline:
         """
         Return what a track says with the doubt of its times in its 1-sigma.
 
-        After a step of the clock there is no telling, nor where a track does not know that its
-        stamps are uneven.
+        After a step of the clock there is no telling, nor where a tracker takes no notice that
+        its stamps are uneven.
         """
-        unaware = track.stamp_std_s is None and self.uneven_stamps_s is not None
-        if track.clock_stepped or unaware:
+        if track.clock_stepped or track.unaware:
             return update.unconfirmed()
         if not self.view_lag.concerned:
             return update
@@ -740,7 +760,7 @@ class _Conclusion:
 
     def _timed(self, result: PassResult) -> PassResult:
         """Return the result with the doubt of its stamps; rejected where that is too great."""
-        if self.track.clock_stepped and result.speed_mps is not None:
+        if (self.track.clock_stepped or self.track.unaware) and result.speed_mps is not None:
             return result.rejected(Reason.STAMPS_UNCERTAIN)
         if not self.lag_share:
             return result

@@ -160,6 +160,10 @@ class ConstrainedTracker:
         """Be told whether the next pairs are to cost little, for others have their turn."""
         self._hurried = hurried
 
+    def doubt_stamps(self, stamp_std_s: float) -> None:
+        """Take all stamps of the pass to have another 1-sigma, s."""
+        self.window.doubt_stamps(stamp_std_s)
+
     def unsolved_s(self, stamp_ns: int) -> float:
         """Return how old its last solution is, s; infinite where it can do no less than solve."""
         if not (_coasts(self._reported) or self._goes_on(self._reported)):

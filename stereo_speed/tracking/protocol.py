@@ -144,6 +144,18 @@ class SharesParticles(Protocol):
 
 
 @runtime_checkable
+class DoubtsStamps(Protocol):
+    """A tracker that takes in, under way, that its stamps are worse than it was told."""
+
+    def doubt_stamps(self, stamp_std_s: float) -> None:
+        """
+        Take all stamps of the pass to have another 1-sigma.
+
+        :param stamp_std_s: in place of that of its parameters, s.
+        """
+
+
+@runtime_checkable
 class CanHurry(Protocol):
     """A tracker that can do less with a pair, at the cost of a greater 1-sigma."""
 

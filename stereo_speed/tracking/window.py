@@ -340,6 +340,10 @@ class PhotometricWindow:
             self._window, self._agreement = window, posterior.cross_ncc
         return posterior
 
+    def doubt_stamps(self, stamp_std_s: float) -> None:
+        """Take all stamps to have another 1-sigma, s, in the answers from now on."""
+        self.motion = PassMotion(self.motion.prior, self.config, stamp_std_s)
+
     def keep(self, pair: StereoPair, guess: Array) -> bool:
         """
         Take in a pair that is solved for together with the next one.

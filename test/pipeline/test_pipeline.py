@@ -461,15 +461,74 @@ def test_a_track_that_begins_among_uneven_stamps_takes_them_for_uncertain(scene)
     assert tracker.result().smoothed == uneven.smoothed
 
 
-def test_a_track_that_does_not_know_that_stamps_are_uneven_gives_no_readings(scene):
-    pipeline, _ = automatic(scene, scene[2][:1], {0})
-    states = []
-    for k, pair in enumerate(scene[0].pairs):
-        ns = pair.stamp_ns + 4_000_000 * (k % 2)
-        states += [u.state for u in pipeline.process(
-            replace(pair, stamp_ns=ns, right_stamp_ns=ns)).updates]
-    assert TrackState.CONFIRMED in states[:5] and TrackState.CONFIRMED not in states[5:]
-    assert len(states) > 7
+def jittered(pairs, off_ns):
+    """Return pairs of which every other one has stamps that are late by so much."""
+    return [replace(pair, stamp_ns=ns, right_stamp_ns=ns) for pair, ns in (
+        (pair, pair.stamp_ns + off_ns * (k % 2)) for k, pair in enumerate(pairs))]
+
+
+@pytest.mark.parametrize('annotated', [False, True])
+def test_a_track_learns_under_way_that_its_stamps_are_uneven(scene, annotated):
+    """Readings go on with a greater 1-sigma; its pass, and what its trace gives, has it too."""
+    sequence, lanes, marks = scene
+    results, stds_mps = [], []
+    for off_ns in (0, 4_000_000):
+        pairs = jittered(sequence.pairs, off_ns)
+        pipeline = SpeedPipeline(
+            sequence.rig, lanes, TrackerConfig(), start, annotations=marks[:1]
+        ) if annotated else automatic(scene, marks[:1], {0})[0]
+        steps = [pipeline.process(pair) for pair in pairs]
+        readings = [u for step in steps for u in step.updates if u.state is TrackState.CONFIRMED]
+        assert len(readings) > 7
+        stds_mps.append(readings[-1].speed_std_mps)
+        results += pipeline.finish()
+    even, uneven = results
+    assert stds_mps[1] > 2 * stds_mps[0]
+    assert uneven.budget.stamps_mps > 5 * even.budget.stamps_mps
+    assert abs(uneven.speed_mps - 22.352) < 4 * uneven.speed_std_mps
+    assert {p.stamp_std_s for p in even.trace.pairs} == {None}
+    assert uneven.trace.stamp_std_s is None and uneven.trace.pairs[0].stamp_std_s is None
+    # Five intervals tell it to a factor of two.
+    assert 0.5 < uneven.trace.pairs[-1].stamp_std_s / (0.004 / math.sqrt(2)) < 2.5
+    written = trace_record(uneven.trace)
+    assert 'stamp_std_s' not in written['pairs'][0] and 'stamp_std_s' in written['pairs'][-1]
+    trace = trace_of(written, 'test')
+    tracker = start(start_of(trace, sequence.rig, lanes[trace.lane], TrackerConfig(), pairs[0]))
+    for pair, fed in zip(pairs, trace.pairs):
+        if fed.particles is not None:
+            tracker.share(fed.particles)
+        if fed.stamp_std_s is not None:
+            tracker.doubt_stamps(fed.stamp_std_s)
+        tracker.update(pair)
+    assert tracker.result().smoothed == uneven.smoothed
+
+
+class Trusting:
+    """A tracker that takes no notice of what it hears of its stamps."""
+
+    def __init__(self, tracker):
+        self._tracker, self.track = tracker, tracker.track
+
+    @property
+    def ended(self):
+        return self._tracker.ended
+
+    def update(self, pair):
+        return self._tracker.update(pair)
+
+    def result(self):
+        return self._tracker.result()
+
+
+def test_what_takes_no_notice_of_uneven_stamps_has_no_speed(scene):
+    sequence, lanes, marks = scene
+    pipeline = SpeedPipeline(sequence.rig, lanes, TrackerConfig(),
+                             lambda begun: Trusting(start(begun)), annotations=marks[:1])
+    states = [u.state for pair in jittered(sequence.pairs, 4_000_000)
+              for u in pipeline.process(pair).updates]
+    assert TrackState.CONFIRMED in states[:5] and TrackState.CONFIRMED not in states[6:]
+    result, = pipeline.finish()
+    assert (result.reason, result.speed_mps) == ('stamps_uncertain', None)
 
 
 def test_who_hurries_much_all_the_time_finds_its_vehicle(sample):
@@ -506,16 +565,21 @@ def dense(tmp_path_factory):
 
 def test_of_confirmed_tracks_at_most_one_is_solved_for_in_a_dense_pair(dense):
     sequence, lanes, marks = dense
-    pipeline, solved = SpeedPipeline(
-        sequence.rig, lanes, TrackerConfig(), start, annotations=marks), []
+    trackers, confirmed, solved = [], set(), []
+
+    def kept(begun):
+        trackers.append(start(begun))
+        return trackers[-1]
+    pipeline = SpeedPipeline(sequence.rig, lanes, TrackerConfig(), kept, annotations=marks)
     for pair in sequence.pairs:
-        known = [t for t in pipeline._state.tracks if t.confirmed]
-        pipeline.process(pair)
-        solved.append([t.tracker.unsolved_s(pair.stamp_ns) == 0.0 for t in known])
-    assert max(map(sum, solved)) == 1
+        known = [t for t in trackers if t.track in confirmed]
+        step = pipeline.process(pair)
+        confirmed |= {u.track for u in step.updates if u.state is TrackState.CONFIRMED}
+        solved.append([t.track for t in known if t.unsolved_s(pair.stamp_ns) == 0.0])
+    assert max(map(len, solved)) == 1
     # Either one in its turn, at least in every fourth pair.
     for k in range(2):
-        turns = [n for n, pair in enumerate(solved) if pair and pair[k]]
+        turns = [n for n, tracks in enumerate(solved) if k in tracks]
         assert max(np.diff(turns)) <= 4
 
 
