@@ -132,6 +132,9 @@ class Baseline(ABC, Generic[OwnSettings]):
             return None
         return self._report(pair, TrackState.COASTING, self._estimate())
 
+    def doubt_stamps(self, stamp_std_s: float) -> None:
+        """Take no notice: a baseline takes its 1-sigma from how its places scatter."""
+
     def result(self) -> PassResult:
         """Return the measurement of the pass from all its pairs, with its verdict."""
         seen = len(self.life.stamps_ns)
