@@ -9,7 +9,7 @@ measure the pass again.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Container, Optional
+from typing import Container, Optional, Sequence
 
 import numpy as np
 
@@ -132,19 +132,25 @@ class TraceBuilder:
             stamp_error_s=pair.stamp_error_s, right_came_ns=pair.right_came_ns,
             hurried=hurried, stamp_std_s=stamp_std_s))
 
-    def add_others(self, stamp_ns: int, updates: list[TrackUpdate]) -> None:
+    def add_others(self, stamp_ns: int, updates: Sequence[TrackUpdate]) -> None:
         """
-        Add the fronts of the other vehicles in the newest pair.
+        Add fronts of other vehicles in a pair to those that are there.
 
-        :param stamp_ns: of that pair; another one is left as it is.
-        :param updates: of all vehicles in it.
+        :param stamp_ns: of that pair; who was not fed it is left as it is.
+        :param updates: of vehicles in it.
         """
-        if not self._pairs or self._pairs[-1].stamp_ns != stamp_ns:
-            return
-        others = tuple(OtherFront(u.track, u.quad_left_px, u.quad_right_px) for u in updates
-                       if u.track != self._trace.track and np.isfinite(u.quad_left_px).all()
-                       and np.isfinite(u.quad_right_px).all())
-        self._pairs[-1] = replace(self._pairs[-1], others=others)
+        for k in range(len(self._pairs) - 1, -1, -1):
+            if self._pairs[k].stamp_ns <= stamp_ns:
+                if self._pairs[k].stamp_ns == stamp_ns:
+                    self._pairs[k] = replace(
+                        self._pairs[k], others=self._pairs[k].others + self._others(updates))
+                return
+
+    def _others(self, updates: Sequence[TrackUpdate]) -> tuple[OtherFront, ...]:
+        """Return the fronts of other vehicles that lie somewhere."""
+        return tuple(OtherFront(u.track, u.quad_left_px, u.quad_right_px) for u in updates
+                     if u.track != self._trace.track and np.isfinite(u.quad_left_px).all()
+                     and np.isfinite(u.quad_right_px).all())
 
     def built(self) -> PassTrace:
         """Return the trace so far."""

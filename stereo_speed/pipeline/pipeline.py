@@ -142,12 +142,14 @@ class _Search:
     :param tracked: what the tracks held in it.
     :param doubted: tracks that were doubted, and the middle (3,) of the front that each held.
     :param found: in it; None while that is not known.
+    :param seen: updates of the tracks in it.
     """
 
     pair: StereoPair
     tracked: Sequence[TrackedRegion]
     doubted: Sequence[tuple[_Track, Array]]
     found: Optional[Sequence[Detection]] = None
+    seen: Sequence[TrackUpdate] = ()
 
 
 @dataclass
@@ -255,7 +257,7 @@ class SpeedPipeline:
         found = [] if hurried and not searches else self._take_answer(pair)
         self._see_gone(pair)
         if searches and dense:
-            self._search_beside(pair)
+            self._search_beside(pair, [u for u in [*updates, *found] if u is not None])
         elif searches:
             found += self._detect(pair)
         if found:
@@ -330,8 +332,13 @@ class SpeedPipeline:
             self.steadier.steady(pair.triggered(self.config.trigger_tolerance_s))
 
     def finish(self) -> list[PassResult]:
-        """End all tracks, the stream being over, and return their results."""
-        self._take_answer()
+        """
+        End all tracks, the stream being over, and return their results.
+
+        What was found in the last pair, and not followed in another, is no vehicle as far as is
+        known: nothing was told of it.
+        """
+        self._state.search = None
         self._collect(everything=True)
         return self.concluded(everything=True)
 
@@ -526,30 +533,41 @@ class SpeedPipeline:
             return search.found
         return [] if self.detector is None else self.detector.update(search.pair, search.tracked)
 
-    def _search_beside(self, pair: StereoPair) -> None:
-        """Begin to search a pair; the answer is taken with the next one."""
-        search = self._search(pair)
+    def _search_beside(self, pair: StereoPair, seen: Sequence[TrackUpdate]) -> None:
+        """
+        Begin to search a pair; the answer is taken with the next one.
+
+        :param seen: updates of the tracks in it.
+        """
+        search = replace(self._search(pair), seen=seen)
         if isinstance(self.detector, LooksAhead):
             self.detector.expect(pair, search.tracked)
         else:
             search = replace(search, found=self._answer(search))
         self._state.search = search
 
-    def _take_answer(self, pair: Optional[StereoPair] = None) -> list[Optional[TrackUpdate]]:
+    def _take_answer(self, pair: StereoPair) -> list[Optional[TrackUpdate]]:
         """
         Start tracks at fronts that were detected in an earlier pair, and feed them this one.
 
-        :param pair: the pair in hand; None where there comes no other.
+        The earlier pair has the others' updates of then, and theirs has what was found in it.
+        What has gone meanwhile is no vehicle as far as is known: nothing was told of it.
         """
         search, self._state.search = self._state.search, None
         if search is None:
             return []
-        begun = {u.track for front in self._answer(search)
-                 if (u := self._begin(front, search)) is not None}
-        tracks = [t for t in self._state.tracks if t.tracker.track in begun]
-        if pair is None or not tracks:
+        found = [u for front in self._answer(search)
+                 if (u := self._begin(front, search)) is not None]
+        if not found:
             return []
-        updates = [self._update(track, pair) for track in tracks]
+        begun = {u.track for u in found}
+        for track in self._state.tracks:
+            new = track.tracker.track in begun
+            track.trace.add_others(search.pair.stamp_ns, [*search.seen, *found] if new else found)
+        updates = [self._update(track, pair) for track in self._state.tracks
+                   if track.tracker.track in begun]
+        gone = begun - {u.track for u in updates if u is not None}
+        self._state.tracks = [t for t in self._state.tracks if t.tracker.track not in gone]
         self._drop_missing()
         return updates
 

@@ -599,13 +599,60 @@ def test_what_is_found_in_a_dense_pair_is_followed_from_it_on_with_the_next(dens
     assert [bool(held) for held in finder.occupied[:4]] == [False, False, True, True]
 
 
-def test_what_is_found_in_the_last_dense_pair_has_a_track_still(dense):
+def test_what_is_found_in_the_last_dense_pair_has_no_pass_as_nothing_was_told_of_it(dense):
+    """Earlier pairs would have confirmed it at once."""
     sequence, _, marks = dense
-    pipeline, _ = automatic(dense, marks[:1], {1})
-    assert not [u for pair in sequence.pairs[:2] for u in pipeline.process(pair).updates]
+    pipeline, finder = automatic(dense, [replace(marks[0], left_px=left, right_px=right)
+                                 for left, right in [project(sequence, marks[0], 3)]], {3})
+    finder.earlier = EarlierFront(pairs=tuple(sequence.pairs[:3]), left_px=marks[0].left_px,
+                                  right_px=marks[0].right_px)
+    finder.speed_mps = 22.0
+    assert not [u for pair in sequence.pairs[:4] for u in pipeline.process(pair).updates]
     assert not pipeline.idle
-    pipeline.finish()
-    assert pipeline.next_track == 1
+    assert pipeline.finish() == [] and pipeline.idle
+    # With one more pair there is a pass, and the row that tells of it.
+    pipeline, again = automatic(dense, finder.marks, {3})
+    again.earlier, again.speed_mps = finder.earlier, 22.0
+    updates = [u for pair in sequence.pairs[:5] for u in pipeline.process(pair).updates]
+    assert [(u.stamp_ns, u.state) for u in updates] == [
+        (sequence.pairs[4].stamp_ns, TrackState.CONFIRMED)]
+    assert [p.track for p in pipeline.finish()] == [updates[0].track]
+
+
+def test_what_was_found_in_a_dense_pair_and_has_left_by_the_next_has_no_pass(dense):
+    """A front that is narrower than it may be has left."""
+    sequence, _, marks = dense
+    config = TrackerConfig(visibility=VisibilityConfig(least_width_px=500.0))
+    pipeline, _ = automatic(dense, marks[:1], {0}, config)
+    for k in range(2, 0, -1):
+        pipeline.process(replace(sequence.pairs[0], index=99, stamp_ns=sequence.pairs[0].stamp_ns
+                                 - 30_000_000 * k))
+    steps = [pipeline.process(pair) for pair in sequence.pairs[:4]]
+    assert pipeline.next_track == 1 and not pipeline.open_tracks
+    assert not any(step.updates or step.passes for step in steps) and pipeline.finish() == []
+
+
+def test_of_what_is_found_in_a_dense_pair_all_know_in_that_pair(dense):
+    """Vehicle 0 is marked in pair 0, 1 is found in pair 4."""
+    sequence, lanes, marks = dense
+    left, right = project(sequence, marks[1], 4, vehicle=1)
+    finder = ScriptedFinder(
+        [replace(marks[1], left_px=left, right_px=right)], list(lanes)[1], {4})
+    pipeline = SpeedPipeline(sequence.rig, lanes, TrackerConfig(), start,
+                             annotations=marks[:1], detector=finder)
+    for pair in sequence.pairs:
+        pipeline.process(pair)
+    older, newer = pipeline.finish()
+    for trace, other in ((older.trace, newer.track), (newer.trace, older.track)):
+        known = {fed.stamp_ns: [o.track for o in fed.others] for fed in trace.pairs}
+        assert [known[pair.stamp_ns] for pair in sequence.pairs if pair.stamp_ns in known] == [
+            [other] if pair.index >= 4 else []
+            for pair in sequence.pairs if pair.stamp_ns in known]
+    # It is where it is: the other's front in that pair.
+    shared_ns = sequence.pairs[4].stamp_ns
+    held, = (o for fed in newer.trace.pairs if fed.stamp_ns == shared_ns for o in fed.others)
+    told, = (fed.update for fed in older.trace.pairs if fed.stamp_ns == shared_ns)
+    assert (held.left_px == told.quad_left_px).all()
 
 
 def test_what_is_found_is_not_followed_over_a_step_of_the_clock(dense):
