@@ -259,7 +259,7 @@ def measure(bag: StereoBag, pipeline: SpeedPipeline, *, keep_frames: bool,
 
 def _from(pairs: Iterable[StereoPair], first: int, pipeline: SpeedPipeline
           ) -> Iterator[StereoPair]:
-    """Yield the pairs from a number on; what those before tell of the rig is taken in."""
+    """Yield the pairs from a number on; what those before tell of rig and clock is taken in."""
     for pair in pairs:
         if pair.index < first:
             pipeline.look(pair)

@@ -4,7 +4,8 @@
 Long bags are measured in parts, and a run that was interrupted goes on at the last of them.
 
 A part ends when it is long enough and no vehicle is in view any more; the next one begins with a
-pipeline that knows nothing but how the rig stands, and the numbers of the tracks. So a run that
+pipeline that knows nothing but how the rig stands, how even the stamps are, and the numbers of the
+tracks. So a run that
 goes on writes what one without interruption writes. What came of the pairs so far lies in a hidden
 folder until the run is over.
 """
@@ -127,7 +128,7 @@ class Parts:
         self._write({'pairs': pairs, 'next_track': pipeline.next_track,
                      'wall_s': so_far.wall_s}, flush=True)
         fresh = self._fresh()
-        fresh.next_track, fresh.steadier = pipeline.next_track, pipeline.steadier
+        fresh.go_on_from(pipeline)
         return fresh
 
     def add_frame(self, image: NDArray[np.uint8]) -> None:

@@ -314,7 +314,7 @@ class SpeedPipeline:
     @property
     def idle(self) -> bool:
         """
-        Return whether another pipeline with the same steadier would go on as this one does.
+        Return whether another pipeline could go on from this one as this one would itself.
 
         No vehicle is in view or has just left it, and the views have one stamp.  What a detector
         remembers of the pairs so far does not count: another one begins without it, and may
@@ -326,8 +326,15 @@ class SpeedPipeline:
             state.search.found is not None and not state.search.found)
         return found_none and not (self.open_tracks or left_lately or self.view_lag.concerned)
 
+    def go_on_from(self, other: SpeedPipeline) -> None:
+        """Take over from an idle pipeline: its numbers, how the rig stands, stamps so far."""
+        self.next_track, self.steadier = other.next_track, other.steadier
+        self.stamp_watch, self._state.last_ns = other.stamp_watch, other._state.last_ns
+
     def look(self, pair: StereoPair) -> None:
-        """Take in how the rig stood in a pair that is measured already."""
+        """Take in stamps, and how the rig stood, of a pair that is measured already."""
+        self.stamp_watch.add(pair.stamp_ns)
+        self._state.last_ns = pair.stamp_ns
         if self.steadier is not None:
             self.steadier.steady(pair.triggered(self.config.trigger_tolerance_s))
 

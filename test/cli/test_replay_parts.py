@@ -17,17 +17,23 @@ from stereo_speed.io.bags import StereoBag
 from stereo_speed.lab.sim.write import write_pairs
 
 STEP_NS = 200_000_000
+UNEVEN_NS = 2_500_000  # of every other stamp
 QUIET = 8  # pairs of the empty road after each vehicle
 
 
 @pytest.fixture(scope='module')
 def bag(sample, tmp_path_factory):
-    """Write three vehicles, 12 pairs each, and the empty road after each of them."""
+    """
+    Write three vehicles, 12 pairs each, and the empty road after each of them.
+
+    Stamps are uneven, and then become even: who goes on has to know what they were.
+    """
     with StereoBag(sample / 'bag') as source:
         rig, seen = source.rig, list(source.pairs())
     empty = replace(seen[0], **{side: np.median(
         [getattr(p, side) for p in seen], axis=0).astype(np.uint8) for side in ('left', 'right')})
-    stamps = (seen[0].stamp_ns + k * STEP_NS for k in itertools.count())
+    stamps = (seen[0].stamp_ns + k * STEP_NS + UNEVEN_NS * (k % 2) * (k < 42)
+              for k in itertools.count())
     pairs = [replace(pair, index=k, stamp_ns=ns, right_stamp_ns=ns) for k, (pair, ns) in enumerate(
         zip(3 * (seen + QUIET * [empty]), stamps))]
     return write_pairs(rig, pairs, tmp_path_factory.mktemp('long') / 'made') / 'bag'
@@ -63,6 +69,11 @@ def test_an_interrupted_run_goes_on_and_writes_the_same(
     wanted = files(tmp_path / 'at_once')
     assert json.loads(wanted['summary.json'])['passes']['measured'] == 3
     assert not any(name.startswith('.') for name in wanted)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(replay, 'PART_PAIRS', 1000)
+        assert main(argv('as_one')) == 0
+    assert files(tmp_path / 'as_one') == wanted
 
     with monkeypatch.context() as patch:
         interrupt(patch, 50)

@@ -503,6 +503,25 @@ def test_a_track_learns_under_way_that_its_stamps_are_uneven(scene, annotated):
     assert tracker.result().smoothed == uneven.smoothed
 
 
+def test_who_goes_on_from_another_pipeline_knows_its_stamps(scene):
+    """Whether it takes over from it, or looks at the pairs that were measured."""
+    sequence, lanes, _ = scene
+    pairs = jittered(sequence.pairs, 4_000_000)
+    first, over, looks = (SpeedPipeline(sequence.rig, lanes, TrackerConfig(), start)
+                          for _ in range(3))
+    for pair in pairs[:8]:
+        first.process(pair)
+        looks.look(pair)
+    over.go_on_from(first)
+    with pytest.raises(InputError, match='later than'):
+        over.process(pairs[7])
+    with pytest.raises(InputError, match='later than'):
+        looks.process(pairs[7])
+    over.process(pairs[8])
+    looks.process(pairs[8])
+    assert over.uneven_stamps_s == looks.uneven_stamps_s > 0.002
+
+
 class Trusting:
     """A tracker that takes no notice of what it hears of its stamps."""
 
