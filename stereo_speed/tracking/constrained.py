@@ -107,6 +107,7 @@ class ConstrainedTracker:
         self.posterior: Optional[Posterior] = None
         self.reference: Optional[Reference] = None
         self._cloud_ns = start.pair.stamp_ns  # stamp of the pair that the cloud is of
+        self._again_ns: Optional[int] = None  # of the pair that showed it again, after others
         self._reported: Optional[TrackUpdate] = None
 
     @property
@@ -193,9 +194,11 @@ class ConstrainedTracker:
         self._in_vain = 0
         self._update_reference(pair)
         state = self.life.seen(pair, self._quads(self.cloud.mean[None], pair)[0][0])
-        # What braked out of sight shows its speed only in the second pair that it is seen in.
-        update = self._report(pair, TrackState.TENTATIVE if _coasts(last) else state,
-                              self.cloud.moments())
+        if _coasts(last):
+            self._again_ns = pair.stamp_ns
+        update = self._report(
+            pair, TrackState.TENTATIVE if self._is_just_back(pair.stamp_ns) else state,
+            self.cloud.moments())
         if last is not None and not may_follow(update, last, self.config):
             update = self._reported = update.unconfirmed()
         return update
@@ -237,6 +240,16 @@ class ConstrainedTracker:
             return None
         state = self.life.seen(pair, self._quads(moments[0][None], pair)[0][0])
         return self._report(pair, state, moments)
+
+    def _is_just_back(self, stamp_ns: int) -> bool:
+        """
+        Return whether a vehicle that is seen again has not shown its speed yet.
+
+        What braked out of sight shows it in the second pair; nearer ones are as good as one.
+        """
+        return self._again_ns is not None and (
+            stamp_ns == self._again_ns
+            or (stamp_ns - self._again_ns) * 1e-9 < self.config.effort.solve_interval_s)
 
     def _goes_on(self, last: Optional[TrackUpdate]) -> bool:
         """Return whether a last update can be carried on to a pair: its speed is known."""
