@@ -38,6 +38,7 @@ from ..tracking.protocol import (
     TellsAge, Tracker, TrackStart)
 
 _UNSEARCHED_S = 0.3  # of stamps, at most: vehicles are in view for seconds
+_ARRIVAL_S = 0.01  # stamps made at arrival are off by some ms; more is exposures at any time
 _WORSE = 1.5  # times what a track takes its stamps for: twenty intervals tell it to a fifth
 
 StartTracker = Callable[[TrackStart], Union[Tracker, Refusal]]
@@ -200,7 +201,7 @@ class SpeedPipeline:
         self._conclusions = AtOnce() if conclusions is None else conclusions
         self._concluding: set[int] = set()  # numbers of the tracks that it has
         self.view_lag, self.stamp_watch = ViewLag(rig), StampWatch()
-        #: 1-sigma of the stamps where they are less even than they should be, s
+        #: 1-sigma that stamps are taken to have where they are less even than they should be, s
         self.uneven_stamps_s: Optional[float] = None
         self.next_track = 0  # its number; who goes on from another pipeline sets its
         self._state = _State()
@@ -273,8 +274,10 @@ class SpeedPipeline:
     def _see_stamps(self) -> None:
         """Have the tracks take in how uneven the stamps are."""
         config = self.config
-        self.uneven_stamps_s = uneven_s = self.stamp_watch.unevenness_s(
-            config.uneven_stamp_sigmas * config.stamp_std_s)
+        uneven_s = self.stamp_watch.unevenness_s(config.uneven_stamp_sigmas * config.stamp_std_s)
+        if uneven_s is not None:
+            uneven_s = min(uneven_s, max(_ARRIVAL_S, config.stamp_std_s))
+        self.uneven_stamps_s = uneven_s
         for track in self._state.tracks:
             if uneven_s is not None and uneven_s > _WORSE * (
                     track.stamp_std_s or config.stamp_std_s):

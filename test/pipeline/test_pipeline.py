@@ -522,6 +522,31 @@ def test_who_goes_on_from_another_pipeline_knows_its_stamps(scene):
     assert over.uneven_stamps_s == looks.uneven_stamps_s > 0.002
 
 
+@pytest.mark.parametrize('fps, jitter_s', [(5.0, 0.02), (5.0, 0.06), (1.25, 0.25)])
+def test_passes_of_exposures_at_any_time_are_measured(tmp_path, fps, jitter_s):
+    """Whatever the scatter, it is doubted by no more than stamps at arrival may be wrong."""
+    config = replace(
+        straight_config('50 mph', fps=fps, pairs=round(2.4 * fps) + 1, stamp_jitter_s=jitter_s),
+        vehicles=(VehicleConfig(speed_mps=22.352, lane=0),))
+    sequence = simulate(config, np.random.default_rng(2))
+    (tmp_path / 'site.yaml').write_text(yaml.safe_dump(dict(sequence.site_exact)))
+    (tmp_path / 'init.yaml').write_text(yaml.safe_dump(dict(sequence.init)))
+    pipeline = SpeedPipeline(
+        sequence.rig, lane_paths(load_site(tmp_path / 'site.yaml'), sequence.rig), TrackerConfig(),
+        start, annotations=load_init(tmp_path / 'init.yaml'))
+    now_ns, taken_s = sequence.pairs[0].stamp_ns, []
+    for k in range(20):  # the stream ran before, as unevenly
+        pipeline.stamp_watch.add(now_ns - round(1e9 / fps * (20 - k + 0.4 * (k % 2))))
+    for pair in sequence.pairs:
+        pipeline.process(pair)
+        taken_s.append(pipeline.uneven_stamps_s)
+    result, = pipeline.finish()
+    assert taken_s[-1] == 0.01
+    if fps == 5.0:
+        assert result.verdict is Verdict.MEASURED
+        assert abs(result.speed_mps - 22.352) < 4 * result.speed_std_mps
+
+
 class Trusting:
     """A tracker that takes no notice of what it hears of its stamps."""
 
