@@ -6,6 +6,7 @@ from __future__ import annotations
 from contextlib import ExitStack
 from dataclasses import dataclass
 import fcntl
+import gc
 import os
 from pathlib import Path
 import tempfile
@@ -77,6 +78,10 @@ def private_graph():
 def stand_in(private_graph):
     """Give a node whose ``wait(condition, seconds)`` spins it until the condition holds."""
     import rclpy
+    # Nodes of this process that an error ended live on as garbage, which one that was configured
+    # here has frozen: their services, which nobody spins, would be taken for those of the test's.
+    gc.unfreeze()
+    gc.collect()
     from rclpy.context import Context
     from rclpy.executors import SingleThreadedExecutor
     context = Context()
