@@ -56,6 +56,7 @@ from ..site.file import load_site
 from ..site.init_file import load_init
 from ..site.refine.report import report, summary_lines
 from ..steadying.report import steadiness_summary, warning
+from ..steadying.steadier import Steadier
 from ..steadying.view_order import views_crossed
 
 _WAITING_PAIRS = 50  # pairs kept until both calibrations have come
@@ -509,10 +510,9 @@ class Measuring:
         self.measured.add()
         self._latencies_s.append(time.monotonic() - arrival.came_s)
 
-    def _followed(self) -> Optional[RigMotion]:
-        """Return how the rig has turned since the first pair, as the pipeline allows for it."""
-        steadier = None if self.pipeline is None else self.pipeline.steadier
-        return None if steadier is None else steadier.rest
+    @property
+    def _steadier(self) -> Optional[Steadier]:
+        return None if self.pipeline is None else self.pipeline.steadier
 
     def _mind_rig(self, pipeline: SpeedPipeline) -> None:
         """Reject the passes under way where a look has just found that the rig has moved."""
@@ -528,7 +528,8 @@ class Measuring:
         same = [r.add(image) for r, image in zip(self._repeats, (pair.left, pair.right))]
         self.frozen.add(any(same))
         if not any(same):
-            self.rig_watch.take(pair, self._followed())
+            steadier = self._steadier
+            self.rig_watch.take(pair, None if steadier is None else steadier.rest)
         self._age = calibration_age(self.site.calibrated, pair.stamp_ns, self.calibration_months)
         moot = (not self.calibration.holds(self._adopted) or self._is_crossed(pair)
                 or self.self_test.withholds or self.rig_watch.withholds or self._age.expired)
@@ -645,7 +646,7 @@ class Measuring:
         return state
 
     def _tell_rig(self, state: State) -> None:
-        steadier = None if self.pipeline is None else self.pipeline.steadier
+        steadier = self._steadier
         if steadier is None:
             return
         state.values.update((f'rig_{key}', value)

@@ -60,17 +60,21 @@ class ScriptedFinder:
         self.occupied.append('reset')
 
 
-@pytest.fixture(scope='module')
-def scene(tmp_path_factory):
-    """Two vehicles side by side, 45 and 50 mph."""
-    folder = tmp_path_factory.mktemp('two')
-    config = replace(straight_config('50 mph'), vehicles=(
+def two_abreast(folder, **changes):
+    """Return a pass of two vehicles side by side, 45 and 50 mph, with its lanes and marks."""
+    config = replace(straight_config('50 mph', **changes), vehicles=(
         VehicleConfig(speed_mps=22.352, lane=0), VehicleConfig(speed_mps=20.117, lane=1)))
     sequence = simulate(config, np.random.default_rng(1))
     (folder / 'site.yaml').write_text(yaml.safe_dump(dict(sequence.site_exact)))
     (folder / 'init.yaml').write_text(yaml.safe_dump(dict(sequence.init)))
     lanes = lane_paths(load_site(folder / 'site.yaml'), sequence.rig)
     return sequence, lanes, load_init(folder / 'init.yaml')
+
+
+@pytest.fixture(scope='module')
+def scene(tmp_path_factory):
+    """Two vehicles side by side, 45 and 50 mph."""
+    return two_abreast(tmp_path_factory.mktemp('two'))
 
 
 def automatic(scene, marks, pairs, config=TrackerConfig()):
@@ -597,14 +601,7 @@ def test_who_hurries_much_all_the_time_finds_its_vehicle(sample):
 @pytest.fixture(scope='module')
 def dense(tmp_path_factory):
     """Return the scene at 30 pairs a second."""
-    folder = tmp_path_factory.mktemp('dense')
-    config = replace(straight_config('50 mph', fps=30.0, pairs=14), vehicles=(
-        VehicleConfig(speed_mps=22.352, lane=0), VehicleConfig(speed_mps=20.117, lane=1)))
-    sequence = simulate(config, np.random.default_rng(1))
-    (folder / 'site.yaml').write_text(yaml.safe_dump(dict(sequence.site_exact)))
-    (folder / 'init.yaml').write_text(yaml.safe_dump(dict(sequence.init)))
-    lanes = lane_paths(load_site(folder / 'site.yaml'), sequence.rig)
-    return sequence, lanes, load_init(folder / 'init.yaml')
+    return two_abreast(tmp_path_factory.mktemp('dense'), fps=30.0, pairs=14)
 
 
 def test_of_confirmed_tracks_at_most_one_is_solved_for_in_a_dense_pair(dense):
