@@ -41,7 +41,7 @@ from ..core.compiled import warm_up
 from ..core.config import ConfigRecord, TrackerConfig
 from ..core.errors import InputError, StereoSpeedError
 from ..core.passes import PassResult, Reason
-from ..core.records import RigMotion, StereoPair
+from ..core.records import StereoPair
 from ..detection.beside import DetectorBeside, SearchProcess
 from ..detection.detector import PlaneSweepDetector
 from ..detection.protocol import ImageBox, TakesBoxes
