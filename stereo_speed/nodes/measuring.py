@@ -20,7 +20,6 @@ import threading
 import time
 from typing import Callable, Optional, Sequence
 
-import numpy as np
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.subscription import Subscription
@@ -30,7 +29,9 @@ from .boxes import boxes_from_message, BOXES_TOPIC
 from .calibration import CalibrationWatch
 from .common import Parameters, qos_options, RELIABLE, stamp_ns
 from .diagnostics import Task
-from .health import Arrivals, ERROR, Refusals, Repeats, State, Tally, WARN
+from .health import Arrivals, ERROR, Refusals, Repeats, State, WARN
+from .measuring_settings import MeasuringSettings, MOST_REFINE_PAIRS
+from .measuring_state import ClockSteps, Counts, tell_stamps, tell_steadiness
 from .outputs import Outputs
 from .pair_queue import PairQueue
 from .rig_watch import RigWatch
@@ -38,7 +39,6 @@ from .self_test import SelfTestWatch
 from .subscriptions import OfferedSubscription
 from .worker import Worker
 from ..core.compiled import warm_up
-from ..core.config import ConfigRecord, TrackerConfig
 from ..core.errors import InputError, StereoSpeedError
 from ..core.passes import PassResult, Reason
 from ..core.records import StereoPair
@@ -47,26 +47,20 @@ from ..detection.detector import PlaneSweepDetector
 from ..detection.protocol import ImageBox, TakesBoxes
 from ..pipeline.assembly import MakeDetector, MeasuringSite
 from ..pipeline.conclusions import Beside, Measure, OnlyHereError
-from ..pipeline.config import PipelineConfig, SiteConfig
 from ..pipeline.pass_process import PassProcess, PassProcessError
 from ..pipeline.pipeline import SpeedPipeline
-from ..pipeline.registry import DETECTORS, TRACKERS
+from ..pipeline.registry import DETECTORS
 from ..site.calibration_age import calibration_age, CalibrationAge
 from ..site.file import load_site
 from ..site.init_file import load_init
 from ..site.refine.report import report, summary_lines
-from ..steadying.report import steadiness_summary, warning
 from ..steadying.steadier import Steadier
 from ..steadying.view_order import views_crossed
 
 _WAITING_PAIRS = 50  # pairs kept until both calibrations have come
-MOST_REFINE_PAIRS = 200
 _POLL_S = 0.1
 _JOIN_S = 20.0  # for the pair in hand, when the node stops
-_LATENCIES = 300  # of the newest pairs
 _ORDER_S = 10.0  # between two looks at whether the views are crossed; it takes some 50 ms
-_HARDLY = 0.5  # of the pairs, hurried: more than a moment
-_LAG_KNOWN_S = 2e-3  # 1-sigma of the time between the views
 
 
 class MeasuringError(StereoSpeedError):
@@ -106,48 +100,14 @@ class Measuring:
 
     def __init__(self, node: Node, p: Parameters, outputs: Outputs) -> None:
         self.node, self.outputs, self.log = node, outputs, node.get_logger()
-        self.site_path = p.get('site', '', 'path of the site file')
-        self.init_path = p.get('init', '', 'path of an init file that marks the vehicles; '
-                               'without it they are found automatically')
-        self.seed = p.get('seed', 0, 'seed of all randomness', 0, 2 ** 31 - 1)
-        tracker = p.get('tracker', 'constrained', 'tracker: ' + ', '.join(TRACKERS.names))
-        detector = p.get('detector', 'plane_sweep',
-                         'finds the vehicles: ' + ', '.join(DETECTORS.names))
-        self.refine_pairs = p.get('refine_site_pairs', 0, 'refine the site by the images of the '
-                                  'first so many pairs, which takes seconds; 0 takes it as it is',
-                                  0, MOST_REFINE_PAIRS)
-        self._process_wanted = p.get(
-            'detector_process', True, 'search for vehicles in a process of its own, while the '
-            'tracks of the same pair are updated: the results are the same, a second core is '
-            'used; of the detector plane_sweep alone')
-        self._pass_process_wanted = p.get(
-            'pass_process', True, 'measure passes that are over in a process of its own, beside '
-            'the pairs that follow: the results are the same')
-        self.silence_s = p.get('silence_s', 2.0, 'all passes end when no pair has come for so '
-                               'long [s], and for five times as long as between the last two',
-                               0.1, 3600.0)
-        self._most_wait_s = p.get('most_wait_s', 2.0, 'when a pair has waited longer [s], the '
-                                  'newest pair is served and older ones are skipped', 0.0, 3600.0)
-        self._hurry = p.get('hurry', True, 'a pair that has waited for most of the time '
-                            'between two is hurried: vehicles are solved for less often, with a '
-                            'greater 1-sigma; without it the only remedy is to skip pairs')
-        where = f'{node.get_name()}: parameter'
-        self.config = _config(p, tracker, detector, where)
-        # Files of parameters have those of every tracker and detector.
-        node.unused_parameters = tuple(
-            f'{registry.kind}s.{name}.' for registry in (TRACKERS, DETECTORS)
-            for name in registry.names if name not in (tracker, detector))
-        self.calibration_months = p.get(
-            'calibration_months', 12.0, 'a calibration older than that, by the date that the site '
-            'file gives, is not measured with; in the last month it warns', 0.1, 1200.0)
+        self.settings = settings = MeasuringSettings.declare(node, p)
+        self.config = settings.config
+        node.unused_parameters = settings.unused  # which files of parameters have all the same
         self.self_test = SelfTestWatch(node, p, self.config)
         self.rig_watch = RigWatch(p, self.log)
         self.configured = False
         self.refusals = Refusals(self.log.warning)
-        self.measured, self.skipped, self.frozen, self.failed = Tally(), Tally(), Tally(), Tally()
-        self.hurried = Tally()
-        self.resets = Tally()
-        self.withheld = self.repeated = self.passes = 0
+        self.counts = Counts()
         self._infos: list[OfferedSubscription] = []
         self.info_heard: list[Callable[[str, CameraInfo], None]] = []  # who else takes them
         self._boxes_subscription: Optional[Subscription] = None
@@ -165,19 +125,20 @@ class Measuring:
 
     def _begin_anew(self) -> None:
         """Forget the stream of pairs: measuring begins with the next one."""
+        settings = self.settings
         self.queue: PairQueue[_Arrival] = PairQueue(
-            self._most_wait_s, max(_WAITING_PAIRS, MOST_REFINE_PAIRS), hurry=self._hurry)
+            settings.most_wait_s, max(_WAITING_PAIRS, MOST_REFINE_PAIRS), hurry=settings.hurry)
         self.pipeline: Optional[SpeedPipeline] = None
         self._conclusions: Optional[Beside] = None
         self._adopted, self._unusable = 0, ''
-        self._waiting: deque[_Arrival] = deque(maxlen=max(_WAITING_PAIRS, self.refine_pairs))
+        self._waiting: deque[_Arrival] = deque(maxlen=max(_WAITING_PAIRS, settings.refine_pairs))
         self._boxes: deque[tuple[int, list[ImageBox]]] = deque(maxlen=_WAITING_PAIRS)
         self._index, self._offered_ns, self._last_ns = 0, -1, -1
         self._repeats, self.arrivals = (Repeats(), Repeats()), Arrivals()
-        self._steps, self._known_steps = Tally(), 0
+        self._steps = ClockSteps()
         self._crossed, self._ordered_s = False, -_ORDER_S
         self._rig_moved = False
-        self._latencies_s: deque[float] = deque(maxlen=_LATENCIES)
+        self.counts.latencies_s.clear()
         self._stopping = threading.Event()
 
     @property
@@ -194,16 +155,17 @@ class Measuring:
 
         :raises StereoSpeedError: a file that cannot be used, or none.
         """
-        if not self.site_path:
+        settings = self.settings
+        if not settings.site_path:
             raise InputError(f'{self.node.get_name()}: parameter', 'site', 'nothing',
                              'the path of the site file')
-        self.site = load_site(self.site_path)
-        self.annotations = load_init(self.init_path) if self.init_path else None
+        self.site = load_site(settings.site_path)
+        self.annotations = load_init(settings.init_path) if settings.init_path else None
         if self._searches_beside:
             self._searcher.start()  # it loads its kernels while this process does
         self.log.debug(f'kernels: {warm_up()}')  # now, not in the first pairs
         self._searcher.wait()
-        if self._pass_process_wanted:
+        if settings.pass_process:
             self._passer.start()  # not waited for: the first pass takes longer than that
         gc.collect()
         gc.freeze()  # what is there by now stays: a tenth of a second each time it is gone through
@@ -222,7 +184,7 @@ class Measuring:
 
     @property
     def _searches_beside(self) -> bool:
-        return self._process_wanted and self.annotations is None \
+        return self.settings.detector_process and self.annotations is None \
             and DETECTORS.load(self.config.detector) is PlaneSweepDetector
 
     def _measured(self, measure: Measure) -> PassResult:
@@ -311,7 +273,7 @@ class Measuring:
         :param pair: makes it, of its number in the stream, in the thread that measures.
         """
         if ns == self._offered_ns:
-            self.repeated += 1
+            self.counts.repeated += 1
             return
         if ns < self._offered_ns:
             self._index = 0
@@ -344,10 +306,10 @@ class Measuring:
                     self._move_search(self.pipeline)
                     self._tell_passes(self.pipeline, self.pipeline.concluded())
                 arrival = self.queue.take(_POLL_S)
-                self.skipped.add(self.queue.pop_skipped())
+                self.counts.skipped.add(self.queue.pop_skipped())
                 if arrival is not None:
                     self._take(arrival)
-                elif self.arrivals.silent_for(self.silence_s):
+                elif self.arrivals.silent_for(self.settings.silence_s):
                     self._end_passes()
             self._drain()
         except BaseException as error:  # told by check(), in the thread that can end the node
@@ -407,7 +369,7 @@ class Measuring:
     def _take(self, arrival: _Arrival) -> None:
         """Measure a pair, or keep it until there is all it takes to measure."""
         if self._unusable:
-            self.withheld += 1
+            self.counts.withheld += 1
             return
         if self.pipeline is not None:
             self._process(self.pipeline, arrival)
@@ -416,17 +378,17 @@ class Measuring:
             self.log.warning('stamps jumped back: waiting anew')
             self._waiting.clear()
         if len(self._waiting) == self._waiting.maxlen:
-            self.skipped.add()
+            self.counts.skipped.add()
         self._waiting.append(arrival)
         self._begin()
 
     def _begin(self) -> None:
         """Make the pipeline once the rig is known, and the pairs to refine the site have come."""
-        self._adopted, rig = self.calibration.current
-        if rig is None or len(self._waiting) < self.refine_pairs:
+        settings, (self._adopted, rig) = self.settings, self.calibration.current
+        if rig is None or len(self._waiting) < settings.refine_pairs:
             return
         pairs = [pair for arrival in self._waiting
-                 if (pair := self._made(arrival)) is not None] if self.refine_pairs else None
+                 if (pair := self._made(arrival)) is not None] if settings.refine_pairs else None
         try:
             place = MeasuringSite.of(self.site, rig, pairs, self.config.site)
             pipeline = self._measure_at(place)
@@ -437,14 +399,14 @@ class Measuring:
             self._waiting.clear()
             return
         self._told(place)
-        since_s = time.monotonic() - self._most_wait_s
+        since_s = time.monotonic() - settings.most_wait_s
         while self._waiting:
             arrival = self._waiting.popleft()
             # What the site was refined by has waited for that.
-            if self.refine_pairs or arrival.came_s > since_s:
+            if settings.refine_pairs or arrival.came_s > since_s:
                 self._process(pipeline, arrival)
             else:
-                self.skipped.add()
+                self.counts.skipped.add()
         self.queue.ready()
 
     def _measure_at(self, place: MeasuringSite, corrected: str = '') -> SpeedPipeline:
@@ -455,7 +417,8 @@ class Measuring:
         """
         conclusions = Beside(failed=self._pass_failed, measured=self._measured)
         pipeline = place.pipeline(self.config, self.annotations, conclusions=conclusions,
-                                  detect=self._detect(), seed=self.seed, where=self.init_path)
+                                  detect=self._detect(), seed=self.settings.seed,
+                                  where=self.settings.init_path)
         self._give_up()
         pipeline.next_track, self._begun, self.pipeline = self._next_track, True, pipeline
         self._conclusions = conclusions
@@ -492,7 +455,7 @@ class Measuring:
         while isinstance(detector, TakesBoxes) and self._boxes:
             detector.offer(*self._boxes.popleft())
         hurried = self.queue.hurried
-        self.hurried.add(hurried)
+        self.counts.hurried.add(hurried)
         try:
             step = pipeline.process(
                 pair, hurried, partial(self.outputs.tell_readings, pipeline))
@@ -500,15 +463,15 @@ class Measuring:
             self.refusals.add('pair', error)
             return
         except Exception as error:  # a fault of ours in one pair must not end an instrument
-            self.failed.add()
+            self.counts.failed.add()
             self.refusals.add('pipeline', f'pair at {pair.stamp_ns} ns: {error!r}; all tracks '
                               'are given up')
             pipeline.reset()
             return
-        self.passes += len(step.passes)
+        self.counts.passes += len(step.passes)
         self.outputs.tell(pipeline, pair, step)
-        self.measured.add()
-        self._latencies_s.append(time.monotonic() - arrival.came_s)
+        self.counts.measured.add()
+        self.counts.latencies_s.append(time.monotonic() - arrival.came_s)
 
     @property
     def _steadier(self) -> Optional[Steadier]:
@@ -526,14 +489,15 @@ class Measuring:
     def _is_withheld(self, pair: StereoPair) -> bool:
         """Return whether a pair tells nothing: an image is the last one again, or the rig moot."""
         same = [r.add(image) for r, image in zip(self._repeats, (pair.left, pair.right))]
-        self.frozen.add(any(same))
+        self.counts.frozen.add(any(same))
         if not any(same):
             steadier = self._steadier
             self.rig_watch.take(pair, None if steadier is None else steadier.rest)
-        self._age = calibration_age(self.site.calibrated, pair.stamp_ns, self.calibration_months)
+        self._age = calibration_age(
+            self.site.calibrated, pair.stamp_ns, self.settings.calibration_months)
         moot = (not self.calibration.holds(self._adopted) or self._is_crossed(pair)
                 or self.self_test.withholds or self.rig_watch.withholds or self._age.expired)
-        self.withheld += moot
+        self.counts.withheld += moot
         return any(same) or moot
 
     def _is_crossed(self, pair: StereoPair) -> bool:
@@ -551,19 +515,19 @@ class Measuring:
         self.log.warning(f'stamps jumped back from {self._last_ns} to {ns} ns: starting anew')
         self._end_passes()
         pipeline.reset()
-        self.resets.add()
+        self.counts.resets.add()
 
     def _end_passes(self) -> None:
         if self.pipeline is not None:
             self._tell_passes(self.pipeline, self.pipeline.finish())
 
     def _tell_passes(self, pipeline: SpeedPipeline, results: Sequence[PassResult]) -> None:
-        self.passes += len(results)
+        self.counts.passes += len(results)
         self.outputs.end(pipeline, results)
 
     def _pass_failed(self, error: Exception) -> None:
         """Account for a pass that has no result, which is a fault of ours."""
-        self.failed.add()
+        self.counts.failed.add()
         self.refusals.add('pass', f'a pass: {error!r}; it has no result')
 
     # -- what is told -----------------------------------------------------------------------
@@ -576,96 +540,30 @@ class Measuring:
             return state
         self.arrivals.tell(state, 'pair', 'pair')
         state.values.update(
-            run=self.outputs.run, pairs=self.measured.total, passes=self.passes,
-            measured_hz=round(self.measured.rate_hz, 2), hurried=self.hurried.total,
-            skipped=self.skipped.total,
-            withheld=self.withheld, frozen=self.frozen.total, failed=self.failed.total,
-            resets=self.resets.total, repeated=self.repeated,
-            waiting=len(self._waiting) + len(queue),
+            run=self.outputs.run, waiting=len(self._waiting) + len(queue),
             passes_waiting=0 if conclusions is None else conclusions.waiting)
-        latencies_s = list(self._latencies_s)
-        if latencies_s:
-            state.values.update({f'latency_p{q}_s': round(float(np.percentile(latencies_s, q)), 4)
-                                 for q in (50, 95)})
         self.calibration.tell(state)
         if self._unusable:
             state.find(ERROR, self._unusable)
-        if self.pipeline is None and self.calibration.current[1] is not None and self.refine_pairs:
+        if self.pipeline is None and self.calibration.current[1] is not None \
+                and self.settings.refine_pairs:
             state.find(WARN, 'waiting to refine the site')
         if self._crossed:
             state.find(ERROR, "the views are in each other's place: nothing is measured")
-        if self.resets.recent:
-            state.find(WARN, 'stamps jumped back: all passes ended')
-        if self.skipped.recent:
-            state.find(WARN, f'does not keep up: {self.skipped.recent} pairs skipped')
-        if self.hurried.recent > _HARDLY * self.measured.recent:
-            state.find(WARN, 'the machine hardly keeps up: pairs are hurried')
-        if self.frozen.recent:
-            state.find(WARN, f'{self.frozen.recent} pairs withheld: an image is the last one '
-                       'again')
-        if self.failed.recent:
-            state.find(ERROR, f'measuring failed {self.failed.recent} times')
+        self.counts.tell(state)
         for fault in filter(None, (self._searcher.fault, self._passer.fault)):
             state.find(WARN, fault)
         if self._age.text:
             state.find(ERROR if self._age.expired else WARN, self._age.text)
         self.refusals.tell(state)
-        self._tell_rig(state)
+        if self._steadier is not None:
+            tell_steadiness(self._steadier, state)
         return state
 
     def stamps(self) -> State:
         """Return what is known of the stamps for ``/diagnostics``."""
         state, pipeline = State('stamps fit the images'), self.pipeline
-        if pipeline is None:
-            return state
-        lag, watch = pipeline.view_lag.state, pipeline.stamp_watch
-        self._steps.add(watch.steps - self._known_steps)
-        self._known_steps = watch.steps
-        state.values['clock_steps'] = watch.steps
-        if self._steps.recent:
-            state.find(WARN, f'the clock stepped by {watch.last_step_s * 1e3:+.1f} ms: passes of '
-                       'that moment are rejected')
-        if pipeline.uneven_stamps_s is not None:
-            off_ms = pipeline.uneven_stamps_s * 1e3
-            state.values['uneven_ms'] = round(off_ms, 3)
-            state.find(WARN, f'stamps are off an even pace by {off_ms:.1f} ms: 1-sigmas are '
-                       'greater')
-        if lag is None:
-            return state
-        state.values.update(gap_ms=round(lag.gap_s * 1e3, 3), looks=lag.looks,
-                            correction_ms=round(lag.correction_s * 1e3, 3),
-                            lag_std_ms=round(lag.std_s * 1e3, 3))
-        say = f'stamps of the views are {lag.gap_s * 1e3:.1f} ms apart'
-        if lag.std_s > _LAG_KNOWN_S:
-            state.find(ERROR, f'{say}, and nothing shows yet whether the exposures were: readings '
-                       'are withheld')
-        elif lag.correction_s or lag.constant:
-            state.find(WARN, f'{say}, which the images contradict: corrected')
-        else:
-            state.find(WARN, f'{say}, as the exposures are')
+        if pipeline is not None:
+            self._steps.tell(pipeline, state)
+            tell_stamps(pipeline, state)
         return state
-
-    def _tell_rig(self, state: State) -> None:
-        steadier = self._steadier
-        if steadier is None:
-            return
-        state.values.update((f'rig_{key}', value)
-                            for key, value in steadiness_summary(steadier.state()).items())
-        if wrong := warning(steadier):
-            state.find(WARN, wrong)
-
-
-def _config(p: Parameters, tracker: str, detector: str, where: str) -> PipelineConfig:
-    """
-    Return the parameters, those of the chosen tracker and detector among them.
-
-    :raises InputError: an unknown name, a value out of bounds.
-    """
-    settings: dict[str, dict[str, ConfigRecord]] = {}
-    for registry, name in ((TRACKERS, tracker), (DETECTORS, detector)):
-        registry.check(name, where)
-        kind = type(registry.settings(name, {}, where))
-        settings[registry.kind] = {name: p.config(kind, f'{registry.kind}s.{name}.')}
-    return PipelineConfig(
-        p.config(TrackerConfig), tracker, detector, trackers=settings['tracker'],
-        detectors=settings['detector'], site=p.config(SiteConfig))

@@ -68,8 +68,8 @@ def test_it_is_told_when_most_pairs_are_hurried(node, every, told):
     node.trigger_configure()
     node.trigger_activate()
     for k in range(30):
-        node.measuring.measured.add()
-        node.measuring.hurried.add(k % every == 0)
+        node.measuring.counts.measured.add()
+        node.measuring.counts.hurried.add(k % every == 0)
     state = node.measuring.state()
     assert ('the machine hardly keeps up: pairs are hurried' in state.message) is told
     assert state.level == WARN or not told

@@ -1,0 +1,122 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""What the nodes that measure count, and how ``/diagnostics`` tells it."""
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Optional
+
+import numpy as np
+
+from .health import ERROR, State, Tally, WARN
+from ..core.stamp_watch import StampWatch
+from ..pipeline.pipeline import SpeedPipeline
+from ..steadying.report import steadiness_summary, warning
+from ..steadying.steadier import Steadier
+
+_LATENCIES = 300  # of the newest pairs
+_HARDLY = 0.5  # of the pairs, hurried: more than a moment
+_LAG_KNOWN_S = 2e-3  # 1-sigma of the time between the views
+
+
+@dataclass
+class Counts:
+    """
+    What became of the pairs, and of their stream.
+
+    :param measured: pairs that the pipeline has taken in.
+    :param hurried: those of them that were hurried.
+    :param skipped: pairs that were left out because the machine did not keep up.
+    :param withheld: pairs that must not be measured, whatever they show.
+    :param frozen: pairs whether an image of which was the last one again.
+    :param repeated: pairs with the stamp of the one before.
+    :param failed: pairs and passes in which a fault of ours was met.
+    :param resets: jumps of time.
+    :param passes: passes that were told.
+    :param latencies_s: of the newest pairs, from arrival to publication.
+    """
+
+    measured: Tally = field(default_factory=Tally)
+    hurried: Tally = field(default_factory=Tally)
+    skipped: Tally = field(default_factory=Tally)
+    withheld: int = 0
+    frozen: Tally = field(default_factory=Tally)
+    repeated: int = 0
+    failed: Tally = field(default_factory=Tally)
+    resets: Tally = field(default_factory=Tally)
+    passes: int = 0
+    latencies_s: deque[float] = field(default_factory=lambda: deque(maxlen=_LATENCIES))
+
+    def tell(self, state: State) -> None:
+        """Add what was counted, and what is wrong by it, to a state."""
+        state.values.update(
+            pairs=self.measured.total, passes=self.passes,
+            measured_hz=round(self.measured.rate_hz, 2), hurried=self.hurried.total,
+            skipped=self.skipped.total, withheld=self.withheld, frozen=self.frozen.total,
+            failed=self.failed.total, resets=self.resets.total, repeated=self.repeated)
+        latencies_s = list(self.latencies_s)  # another thread adds to them
+        if latencies_s:
+            state.values.update({f'latency_p{q}_s': round(float(np.percentile(latencies_s, q)), 4)
+                                 for q in (50, 95)})
+        if self.resets.recent:
+            state.find(WARN, 'stamps jumped back: all passes ended')
+        if self.skipped.recent:
+            state.find(WARN, f'does not keep up: {self.skipped.recent} pairs skipped')
+        if self.hurried.recent > _HARDLY * self.measured.recent:
+            state.find(WARN, 'the machine hardly keeps up: pairs are hurried')
+        if self.frozen.recent:
+            state.find(WARN, f'{self.frozen.recent} pairs withheld: an image is the last one '
+                       'again')
+        if self.failed.recent:
+            state.find(ERROR, f'measuring failed {self.failed.recent} times')
+
+
+class ClockSteps:
+    """Counts the steps of the cameras' clock, of one pipeline after the other."""
+
+    def __init__(self) -> None:
+        self._tally, self._known = Tally(), 0
+        self._watch: Optional[StampWatch] = None
+
+    def tell(self, pipeline: SpeedPipeline, state: State) -> None:
+        """Add what is known of the steps to a state."""
+        watch = pipeline.stamp_watch
+        if watch is not self._watch:  # of another pipeline, which counts from 0
+            self._watch, self._known = watch, 0
+        self._tally.add(watch.steps - self._known)
+        self._known = watch.steps
+        state.values['clock_steps'] = watch.steps
+        if self._tally.recent:
+            state.find(WARN, f'the clock stepped by {watch.last_step_s * 1e3:+.1f} ms: passes of '
+                       'that moment are rejected')
+
+
+def tell_stamps(pipeline: SpeedPipeline, state: State) -> None:
+    """Add how even the stamps are, and how far apart those of the views, to a state."""
+    if pipeline.uneven_stamps_s is not None:
+        off_ms = pipeline.uneven_stamps_s * 1e3
+        state.values['uneven_ms'] = round(off_ms, 3)
+        state.find(WARN, f'stamps are off an even pace by {off_ms:.1f} ms: 1-sigmas are greater')
+    lag = pipeline.view_lag.state
+    if lag is None:
+        return
+    state.values.update(gap_ms=round(lag.gap_s * 1e3, 3), looks=lag.looks,
+                        correction_ms=round(lag.correction_s * 1e3, 3),
+                        lag_std_ms=round(lag.std_s * 1e3, 3))
+    say = f'stamps of the views are {lag.gap_s * 1e3:.1f} ms apart'
+    if lag.std_s > _LAG_KNOWN_S:
+        state.find(ERROR, f'{say}, and nothing shows yet whether the exposures were: readings '
+                   'are withheld')
+    elif lag.correction_s or lag.constant:
+        state.find(WARN, f'{say}, which the images contradict: corrected')
+    else:
+        state.find(WARN, f'{say}, as the exposures are')
+
+
+def tell_steadiness(steadier: Steadier, state: State) -> None:
+    """Add how the rig sways and drifts to a state."""
+    state.values.update((f'rig_{key}', value)
+                        for key, value in steadiness_summary(steadier.state()).items())
+    if wrong := warning(steadier):
+        state.find(WARN, wrong)

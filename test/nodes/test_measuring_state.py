@@ -1,0 +1,73 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""What is counted of pairs and stamps turns into levels, and back."""
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+
+pytest.importorskip('rclpy')
+
+from stereo_speed.core.stamp_watch import StampWatch  # noqa: E402, I100
+from stereo_speed.nodes.health import ERROR, OK, State, WARN  # noqa: E402
+from stereo_speed.nodes.measuring_state import ClockSteps, Counts, tell_stamps  # noqa: E402
+
+
+def stepped(times):
+    """Return what stands for a pipeline whose stamps have stepped so often."""
+    watch = StampWatch()
+    watch.steps, watch.last_step_s = times, 0.03
+    return SimpleNamespace(stamp_watch=watch)
+
+
+def told(steps, pipeline):
+    state = State('fine')
+    steps.tell(pipeline, state)
+    return state.level, state.message, state.values['clock_steps']
+
+
+def test_a_step_of_the_clock_is_told():
+    assert told(ClockSteps(), stepped(1)) == (
+        WARN, 'the clock stepped by +30.0 ms: passes of that moment are rejected', 1)
+
+
+def test_steps_of_another_pipeline_are_counted_from_its_own_start():
+    """Else the first look after a new calibration finds fewer steps than before, and warns."""
+    steps, before = ClockSteps(), stepped(3)
+    told(steps, before)
+    steps._tally._events.clear()  # long ago
+    assert told(steps, before)[0] == OK
+    assert told(steps, stepped(0)) == (OK, 'fine', 0)
+
+
+@pytest.mark.parametrize(('name', 'level', 'says'), [
+    ('resets', WARN, 'stamps jumped back'), ('skipped', WARN, 'does not keep up: 1 pairs'),
+    ('frozen', WARN, '1 pairs withheld'), ('failed', ERROR, 'measuring failed 1 times')])
+def test_what_goes_wrong_is_told_with_its_count(name, level, says):
+    counts, state = Counts(), State('fine')
+    counts.tell(state)
+    assert (state.level, state.message) == (OK, 'fine')
+    getattr(counts, name).add()
+    counts.tell(state)
+    assert state.level == level and says in state.message and state.values[name] == 1
+
+
+def test_latencies_are_told_once_there_are_any():
+    counts, state = Counts(), State('fine')
+    counts.tell(state)
+    assert 'latency_p50_s' not in state.values
+    counts.latencies_s.extend([0.01, 0.02, 0.03])
+    counts.tell(state)
+    assert state.values['latency_p50_s'] == 0.02
+
+
+@pytest.mark.parametrize(('lag', 'level', 'says'), [
+    ({'std_s': 3e-3}, ERROR, 'nothing shows yet'), ({'correction_s': 5e-3}, WARN, 'corrected'),
+    ({'constant': True}, WARN, 'corrected'), ({}, WARN, 'as the exposures are')])
+def test_what_the_images_say_of_stamps_apart_is_told(lag, level, says):
+    known = {'gap_s': 5e-3, 'looks': 9, 'correction_s': 0.0, 'std_s': 1e-3, 'constant': False}
+    state = State('fine')
+    tell_stamps(SimpleNamespace(uneven_stamps_s=None, view_lag=SimpleNamespace(
+        state=SimpleNamespace(**{**known, **lag}))), state)
+    assert state.level == level and '5.0 ms apart' in state.message and says in state.message
