@@ -7,11 +7,14 @@ Where the stamps of a pair differ, they may be those of the exposures, or of som
 stamps when an image arrives. What stands still looks the same either way; what moves does not:
 after the time tau a point is off its epipolar line in the right view by
 
-    e = u tau + e0,
+    e = f(tau) + e0,
 
-with u the speed at which its image crosses that line, known from its track, and e0 what the
-calibration leaves. The details of each tracked front are matched between the views without regard
-to the line, and e and u of all of them make a linear regression for tau and e0.
+with f the way of its image across that line, known from its track, and e0 what the calibration
+leaves. What comes nearer grows, and its way with it: f bends, and each front is matched with the
+right view as it would show it at the time that is taken for right, but without regard to the line.
+The e of all of them make a regression for tau and e0. A front is not flat, so its way is as wrong
+as its depth, in all looks alike: its vehicle has an error of its own, and one vehicle, seen
+however often, tells tau to some percent.
 
 Either tau is what the stamps say plus a constant, or it is a constant whatever the stamps say;
 where the stamps' differences vary, the images tell which of both.  Depth along the baseline b is
@@ -21,7 +24,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, replace
-from typing import Any, Iterable, Optional
+from typing import Any, Iterable, Optional, Sequence
 
 import cv2
 import numpy as np
@@ -33,8 +36,9 @@ from ..vision.subpixel import parabola_peak
 
 _PRIOR_S = 0.02  # 1-sigma of what the stamps are wrong by, before anything is seen
 _OFFSET_PX = 0.1  # 1-sigma of e0
-_LOOK_PX = 0.15  # 1-sigma of one match; those of one vehicle share the faults of its front
-_SPEED_SHARE = 0.05  # 1-sigma of u, as a share
+_LOOK_PX = 0.15  # 1-sigma of one match
+# 1-sigmas of what all looks at a vehicle have in common: a metre of its depth at 35 m
+_FRONT_PX, _FRONT_SHARE = 0.1, 0.03
 _LOOKS = 400  # that the estimate rests on, the newest
 _LEAST_NCC = 0.7
 _LEAST_PX, _MOST_PX = 12, 96  # size of what is matched
@@ -44,6 +48,7 @@ _LEAST_CHANGE_S = 1e-4
 _VARIED_S = 5e-4  # standard deviation of the stamps' differences from which they can be judged
 _CLEARLY = 9.0  # difference of chi^2
 _EPSILON_S = 1e-3
+_LEAST_LONG_S = 0.01  # over which the bend of a way is told
 
 
 @dataclass(frozen=True)
@@ -51,14 +56,22 @@ class _Look:
     """
     One front in one pair.
 
+    After the time tau it is off its epipolar line by ``rate_px_s tau + bend_px_s2 tau^2``.
+
+    :param track: its number.
     :param gap_s: difference of the stamps, as they came.
     :param across_px: e, how far it is off its epipolar line.
-    :param rate_px_s: u, at which it crosses the line.
+    :param rate_px_s: u, at which it crosses the line at first.
+    :param bend_px_s2: by which that grows.
+    :param speed_share: 1-sigma of its speed, as a share.
     """
 
+    track: int
     gap_s: float
     across_px: float
     rate_px_s: float
+    bend_px_s2: float
+    speed_share: float
 
 
 @dataclass(frozen=True)
@@ -149,11 +162,11 @@ class ViewLag:
 
     def _decide(self) -> None:
         """Solve both regressions, and apply what is significant."""
-        gap, across, rate = np.array([(k.gap_s, k.across_px, k.rate_px_s) for k in self._looks]).T
-        added = _solve(across, rate, gap)
+        gap = np.array([look.gap_s for look in self._looks])
+        added = _solve(self._looks, gap)
         best, constant = added, False
         if np.std(gap) > _VARIED_S:
-            fixed = _solve(across, rate, np.zeros_like(gap))
+            fixed = _solve(self._looks, np.zeros_like(gap))
             margin = 0.0 if self._constant else _CLEARLY
             if fixed.chi2 < added.chi2 - margin:
                 best, constant = fixed, True
@@ -176,35 +189,43 @@ class _Regression:
     chi2: float
 
 
-def _solve(across_px: Array, rate_px_s: Array, known_s: Array) -> _Regression:
+def _solve(looks: Sequence[_Look], known_s: Array) -> _Regression:
     """
-    Return tau of e = u (known + tau) + e0, with priors about 0; far outliers count little.
+    Return tau of e = f(known + tau) + e0, with priors about 0; far outliers count little.
 
-    :param across_px: e (n,).
-    :param rate_px_s: u (n,).
+    What is wrong with a vehicle is so in all its looks: an unknown place, and an unknown share of
+    its way, are those of its track.
+
+    :param looks: n of them.
     :param known_s: (n,) the part of the time that tau is added to.
     """
-    tau, wanted = 0.0, across_px - rate_px_s * known_s
-    weight = np.ones(len(across_px))
-    columns = np.column_stack([rate_px_s, np.ones(len(rate_px_s))])
+    across, rate, bend, share = np.array([
+        (k.across_px, k.rate_px_s, k.bend_px_s2, k.speed_share) for k in looks]).T
+    tracks = np.unique([k.track for k in looks], return_inverse=True)[1]
+    member = np.eye(int(tracks.max()) + 1)[tracks]
+    prior = np.repeat([_PRIOR_S, _OFFSET_PX, _FRONT_PX, _FRONT_SHARE],
+                      [1, 1, member.shape[1], member.shape[1]])**-2.0
+    tau, weight = 0.0, np.ones(len(across))
     for _ in range(5):
-        variance = _LOOK_PX**2 + (_SPEED_SHARE * rate_px_s * (known_s + tau))**2
-        w = weight / variance
-        information = (columns * w[:, None]).T @ columns + np.diag(
-            [_PRIOR_S**-2, _OFFSET_PX**-2])
+        time_s = known_s + tau
+        expected, slope = (rate + bend * time_s) * time_s, rate + 2 * bend * time_s
+        variance = _LOOK_PX**2 + (share * expected)**2
+        columns = np.column_stack([slope, np.ones(len(rate)), member, member * expected[:, None]])
+        wanted, w = across - expected + slope * tau, weight / variance
+        information = (columns * w[:, None]).T @ columns + np.diag(prior)
         x = np.linalg.solve(information, (columns * w[:, None]).T @ wanted)
         residual = (wanted - columns @ x) / np.sqrt(variance)
         weight, tau = 1.0 / (1.0 + residual**2 / 9.0), float(x[0])
     # What fits worse than foreseen is known less well.
     excess = max(1.0, float(np.sum(weight * residual**2) / max(len(residual) - 2, 1)))
     std_s = float(np.sqrt(excess * np.linalg.inv(information)[0, 0]))
-    return _Regression(tau, std_s, float(np.sum(np.log1p(residual**2 / 9.0)) * 9.0))
+    chi2 = float(np.sum(np.log1p(residual**2 / 9.0)) * 9.0 + np.sum(x[1:]**2 * prior[1:]))
+    return _Regression(tau, std_s, chi2)
 
 
 def _look(pair: StereoPair, update: TrackUpdate, rig: StereoRig, gap_s: float
           ) -> Optional[_Look]:
     """Return how far a front is off its epipolar line; None where it cannot be matched."""
-    rate = _rate(update, rig)
     left_px, right_px = update.quad_left_px, update.quad_right_px
     low, high = np.ceil(left_px.min(axis=0)), np.floor(left_px.max(axis=0))
     middle = (low + high) / 2
@@ -212,10 +233,20 @@ def _look(pair: StereoPair, update: TrackUpdate, rig: StereoRig, gap_s: float
     if 2 * half.min() < _LEAST_PX:
         return None
     low, high = (middle - half).round().astype(int), (middle + half).round().astype(int)
+    at = (low + high - 1) / 2
+    way_m = update.speed_mps * update.axes[:, 0]  # in a second
+    lag_s = pair.right_lag_s
+    content_m = rig.triangulate(at, _moved(left_px, right_px, at))
+    corners_m = rig.triangulate(left_px, right_px)
+    # As the right view should show what the left one shows, if the time is as it is taken to be.
+    now_px, then_px = (_right_px(rig, corners_m + seconds * way_m) for seconds in (
+        lag_s, lag_s + _EPSILON_S))
+    if not np.isfinite(now_px + then_px + content_m.sum()).all():
+        return None
+    rate_px_s = float(np.abs(then_px - now_px).max()) / _EPSILON_S
+    reach = int(np.ceil(_REACH_PX + _REACH_S * rate_px_s))
     patch = _cut(pair.left, low, high)
-    reach = int(np.ceil(_REACH_PX + _REACH_S * np.abs(rate).max()))
-    guess = low + (right_px.mean(axis=0) - left_px.mean(axis=0)).round().astype(int)
-    window = _cut(pair.right, guess - reach, guess + (high - low) + reach)
+    window = _warped(pair.right, left_px, now_px, low - reach, high + reach)
     if patch is None or window is None:
         return None
     scores = np.asarray(cv2.matchTemplate(window, patch, cv2.TM_CCOEFF_NORMED), np.float64)
@@ -225,29 +256,50 @@ def _look(pair: StereoPair, update: TrackUpdate, rig: StereoRig, gap_s: float
         return None
     du, dv = float(parabola_peak(scores[row, :, None])[0][0]), float(
         parabola_peak(scores[:, column, None])[0][0])
-    centre = (low + high - 1) / 2
-    found = centre + (guess - reach - low) + np.array([du, dv])
-    return _Look(gap_s, float(_across(rig, centre, found)),
-                 float(_across(rig, update_centre(update), _later(update, rig)) / _EPSILON_S))
+    found = _moved(left_px, now_px, at + np.array([du, dv]) - reach)
+    # Its way is no even one in the images: what comes nearer moves faster and faster.
+    long_s = lag_s if abs(lag_s) > _LEAST_LONG_S else _LEAST_LONG_S
+    short, long = (float(_across(rig, at, _right_px(rig, content_m + seconds * way_m)))
+                   for seconds in (_EPSILON_S, long_s))
+    bend = (long / long_s - short / _EPSILON_S) / (long_s - _EPSILON_S)
+    return _Look(update.track, gap_s, float(_across(rig, at, found)),
+                 short / _EPSILON_S - bend * _EPSILON_S, bend,
+                 update.speed_std_mps / max(abs(update.speed_mps), _EPSILON_S))
 
 
-def update_centre(update: TrackUpdate) -> Array:
-    """Return the pixel (2,) of a front's centre in the left view."""
-    return np.asarray(update.quad_left_px.mean(axis=0))
+def _right_px(rig: StereoRig, points_m: Array) -> Array:
+    """Return the pixels (..., 2) of points (..., 3) in the right view, wherever they are."""
+    return np.asarray(rig.right.project(rig.to_right(points_m))[0])
 
 
-def _rate(update: TrackUpdate, rig: StereoRig) -> Array:
-    """Return the speed (2,) of a front's image in the right view, px/s."""
-    moved = update.position_m + _EPSILON_S * update.speed_mps * update.axes[:, 0]
-    both, _ = rig.right.project(rig.to_right(np.stack([update.position_m, moved])))
-    return np.asarray((both[1] - both[0]) / _EPSILON_S)
+def _moved(quad_px: Array, to_px: Array, points_px: Array) -> Array:
+    """Return where pixels (2,) of the plane of a quad are when this is another quad (4, 2)."""
+    matrix = cv2.getPerspectiveTransform(quad_px.astype(np.float32), to_px.astype(np.float32))
+    x, y, w = matrix @ np.append(points_px, 1.0)
+    return np.array([x / w, y / w])
 
 
-def _later(update: TrackUpdate, rig: StereoRig) -> Array:
-    """Return where the content of a front's centre is in the right view a moment later, px."""
-    centre = rig.triangulate(update_centre(update), update.quad_right_px.mean(axis=0))
-    moved = centre + _EPSILON_S * update.speed_mps * update.axes[:, 0]
-    return np.asarray(rig.right.project(rig.to_right(moved))[0])
+def _warped(image: NDArray[Any], quad_px: Array, to_px: Array, low: NDArray[Any],
+            high: NDArray[Any]) -> Optional[NDArray[np.float32]]:
+    """
+    Return an image as it would be if a quad in it were another one; None beyond its edges.
+
+    :param quad_px: (4, 2) that it would be.
+    :param to_px: (4, 2) that it is.
+    :param low: (2,) corner of what is returned.
+    :param high: (2,) the other corner.
+    """
+    matrix = cv2.getPerspectiveTransform(
+        (quad_px - low).astype(np.float32), to_px.astype(np.float32))
+    width, height = (int(n) for n in high - low)
+    corners = np.array([[0, 0], [width, 0], [width, height], [0, height]], np.float32)
+    seen = cv2.perspectiveTransform(corners[None], matrix)[0]
+    if not (np.isfinite(seen).all() and seen.min() >= 0.0
+            and (seen <= np.array(image.shape[1::-1]) - 1).all()):
+        return None
+    out = cv2.warpPerspective(image, matrix, (width, height),
+                              flags=cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP)
+    return np.asarray(out, dtype=np.float32)
 
 
 def _across(rig: StereoRig, left_px: Array, right_px: Array) -> float:
