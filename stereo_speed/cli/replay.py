@@ -8,7 +8,7 @@ The same bag, site and seed give the same files, byte for byte.
 from __future__ import annotations
 
 import argparse
-from contextlib import nullcontext
+from contextlib import ExitStack, nullcontext
 from dataclasses import replace
 import math
 from pathlib import Path
@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from .replay_evidence import add_evidence_options, check_options, ReplayEvidence
+from .replay_helpers import Helpers
 from .replay_parts import identity_of, is_kept, PART_PAIRS, Parts
 from .replay_report import add_report_options, run_warnings, RunPictures
 from ..core.errors import InputError
@@ -35,6 +36,7 @@ from ..io.results import (
     file_sha256, software_versions, staged_run, stream_timings, TRACKS, write_run)
 from ..io.track_rows import TrackRows
 from ..pipeline.assembly import MeasuringSite
+from ..pipeline.conclusions import Later
 from ..pipeline.config import load_pipeline_config, PipelineConfig
 from ..pipeline.pipeline import SpeedPipeline, Step
 from ..pipeline.registry import DETECTORS, Registry, TRACKERS
@@ -121,13 +123,17 @@ def check(args: argparse.Namespace) -> None:
         load_init(args.init)
 
 
-def run(args: argparse.Namespace) -> int:
-    """Measure, then write everything, then print the table."""
+def run(args: argparse.Namespace, *, beside: bool = True) -> int:
+    """
+    Measure, then write everything, then print the table.
+
+    :param beside: whether other cores are free to help.
+    """
     with RunPictures(args) as pictures:
-        return _run(args, pictures)
+        return _run(args, pictures, beside)
 
 
-def _run(args: argparse.Namespace, pictures: RunPictures) -> int:
+def _run(args: argparse.Namespace, pictures: RunPictures, beside: bool) -> int:
     config = _config(args)
     check_options(args)
     site = load_site(args.site)
@@ -138,7 +144,9 @@ def _run(args: argparse.Namespace, pictures: RunPictures) -> int:
                          f'overwrite {args.site}')
     tolerance = None if args.tolerance_ms is None else round(args.tolerance_ms * 1e6)
     rows = TrackRows(args.out)
-    with StereoBag(args.bag, left=args.left, right=args.right, tolerance_ns=tolerance) as bag:
+    with ExitStack() as open_:
+        bag = open_.enter_context(
+            StereoBag(args.bag, left=args.left, right=args.right, tolerance_ns=tolerance))
         place = MeasuringSite.of(site, bag.rig, bag.pairs() if args.refine_site else None,
                                  config.site)
         figures = None if place.refined is None else report(place.refined)
@@ -147,7 +155,14 @@ def _run(args: argparse.Namespace, pictures: RunPictures) -> int:
         if place.not_refined:
             print(f'warning: site not refined, measured as it was read: {place.not_refined}',
                   file=sys.stderr)
-        pipeline = place.pipeline(config, annotations, seed=args.seed, where=str(args.init))
+        helpers = open_.enter_context(Helpers.of(
+            bag.pair_count, None if annotations is not None else config.detector, beside=beside))
+
+        def fresh() -> SpeedPipeline:
+            return place.pipeline(
+                config, annotations, conclusions=helpers.later, detect=helpers.detect,
+                seed=args.seed, where=str(args.init))
+        pipeline = fresh()
         feed = BoxFeed(pipeline.detector, args.boxes, args.detector)
         if annotations is not None:
             _check_frames(annotations, bag.pair_count, args.init)
@@ -159,12 +174,11 @@ def _run(args: argparse.Namespace, pictures: RunPictures) -> int:
             draw_pair(pair, step)
         parts = None if args.boxes is not None else Parts(
             args.out if is_kept(args) and bag.pair_count > PART_PAIRS else None,
-            identity_of(args), lambda: place.pipeline(
-                config, annotations, seed=args.seed, where=str(args.init)), PART_PAIRS)
+            identity_of(args), fresh, PART_PAIRS)
         with evidence, parts or nullcontext():
             result, frames = measure(
                 bag, pipeline, keep_frames=args.report or not args.no_plots, feed=feed,
-                observe=observe, rows=rows, parts=parts)
+                observe=observe, rows=rows, parts=parts, later=helpers.later)
             evidence.finish(result.passes)
         summary = summarize(args, config.with_tolerances(place.site.tolerances), bag, result,
                             place.lanes)
@@ -215,8 +229,8 @@ def _check_frames(annotations: Sequence[InitialFront], pairs: int, where: Path) 
 
 def measure(bag: StereoBag, pipeline: SpeedPipeline, *, keep_frames: bool,
             feed: Optional[BoxFeed] = None, observe: Optional[Observer] = None,
-            rows: Optional[TrackRows] = None, parts: Optional[Parts] = None
-            ) -> tuple[Run, list[NDArray[np.uint8]]]:
+            rows: Optional[TrackRows] = None, parts: Optional[Parts] = None,
+            later: Optional[Later] = None) -> tuple[Run, list[NDArray[np.uint8]]]:
     """
     Run every pair of a bag through a pipeline, with a progress bar.
 
@@ -227,6 +241,7 @@ def measure(bag: StereoBag, pipeline: SpeedPipeline, *, keep_frames: bool,
     :param observe: called with each pair and what came of it.
     :param rows: takes the updates of bags that are too long to hold them all.
     :param parts: in which it is measured; None measures it as one.
+    :param later: measures the passes of the pipeline, if that does not.
     :return: the run, and annotated frames evenly spread over it.
     """
     frames: EvenSampler[NDArray[np.uint8]] = EvenSampler(_STRIP_FRAMES)
@@ -253,7 +268,7 @@ def measure(bag: StereoBag, pipeline: SpeedPipeline, *, keep_frames: bool,
         unit='pair', disable=None)
     pairs = pairs if feed is None else feed.through(pairs)
     result = run_pipeline(pipeline, pairs, keep, rows, so_far=done,
-                          relay=None if parts is None else parts.after)
+                          relay=parts, later=later)
     return result, frames.items()
 
 

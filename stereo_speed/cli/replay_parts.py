@@ -74,6 +74,7 @@ class Parts:
         self._fresh, self._least_pairs = fresh, least_pairs
         self._file: Optional[TextIO] = None
         self._since, self._frames = 0, 0  # pair that the part begins with, frames kept
+        self._pairs = 0  # measured
         self._open: set[int] = set()
         self.done: Optional[Done] = None
 
@@ -110,22 +111,30 @@ class Parts:
                     updates, passes, open_tracks = content
                     yield Step(updates, passes), set(open_tracks)
 
-    def after(self, pair: StereoPair, step: Step, pipeline: SpeedPipeline, so_far: Run
-              ) -> SpeedPipeline:
+    def tell(self, pair: StereoPair, step: Step, open_tracks: Collection[int]) -> None:
         """
-        Take in what came of a pair; return the pipeline for the next one.
+        Keep what came of a pair.
 
-        :param so_far: the run with it.
+        :param open_tracks: numbers of the tracks whose passes are still to come.
         """
-        open_tracks = pipeline.open_tracks
         if step.updates or step.passes or open_tracks != self._open:
             self._write([step.updates, [replace(p, trace=None) for p in step.passes],
                          sorted(open_tracks)])
-        self._open, pairs = open_tracks, pair.index + 1
-        if pairs - self._since < self._least_pairs or not pipeline.idle:
-            return pipeline
-        self._since = pairs
-        self._write({'pairs': pairs, 'next_track': pipeline.next_track,
+        self._open = set(open_tracks)
+
+    def ends(self, pair: StereoPair, pipeline: SpeedPipeline) -> bool:
+        """Return whether a part ends with a pair."""
+        self._pairs = pair.index + 1
+        return self._pairs - self._since >= self._least_pairs and pipeline.idle
+
+    def begin(self, pipeline: SpeedPipeline, so_far: Run) -> SpeedPipeline:
+        """
+        Return the pipeline of the next part.
+
+        :param so_far: the run up to its beginning.
+        """
+        self._since = self._pairs
+        self._write({'pairs': self._pairs, 'next_track': pipeline.next_track,
                      'wall_s': so_far.wall_s}, flush=True)
         fresh = self._fresh()
         fresh.go_on_from(pipeline)

@@ -9,19 +9,19 @@ with what the tracks are expected to hold, while they are updated, and tells wha
 and how they answered.  Where the tracks as they are now answer alike, what it has found is what a
 search after them would have found, to the last bit; where they do not, it searches again.
 
-A process that dies or does not answer costs what the detector remembered, no more: from then on
-the search is done here, until there is another one.
+Each answer tells what the detector remembers, too.  So the search can go on in a process that is
+ready by now, and goes on here where one dies or does not answer, as if it had always been there.
 """
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 import math
 from typing import Any, Callable, Mapping, Optional, Sequence, Union
 
 import numpy as np
 
 from .config import DetectorConfig
-from .detector import PlaneSweepDetector
+from .detector import Memory, PlaneSweepDetector
 from .protocol import Detection, TrackedRegion
 from .spacing import Question
 from ..core.helper_process import HelperProcess
@@ -40,11 +40,15 @@ class Begin:
     :param rig: the cameras.
     :param lanes: lane name to lane path.
     :param config: parameters.
+    :param memory: what is remembered of the pairs so far.
+    :param pairs: those that it names, by stamp.
     """
 
     rig: StereoRig
     lanes: Mapping[str, LanePath]
     config: DetectorConfig
+    memory: Memory = Memory()
+    pairs: Mapping[int, StereoPair] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -99,16 +103,20 @@ class Found:
     :param detections: without the pairs of their earlier fronts.
     :param since_ns: stamps of those pairs, for each.
     :param asked: of the tracks, with their answers.
-    :param remembered_ns: stamps of the pairs that may come up in later answers.
+    :param memory: what is remembered; its pairs may come up in later answers.
     """
 
     detections: Sequence[Detection]
     since_ns: Sequence[Sequence[int]]
     asked: Sequence[Question]
-    remembered_ns: Sequence[int]
+    memory: Memory
 
 
 Request = Union[Begin, Forget, Search, Again]
+
+
+def _none() -> None:
+    """Return nothing."""
 
 
 class SearchProcess(HelperProcess):
@@ -151,15 +159,18 @@ class DetectorBeside:
     :param lanes: lane name to lane path.
     :param config: parameters.
     :param failed: takes the reason when the process is of no more use.
+    :param coming: asked before each pair that is searched here for a process to move to.
     """
 
     def __init__(self, process: Optional[SearchProcess], rig: StereoRig,
                  lanes: Mapping[str, LanePath], config: DetectorConfig,
-                 failed: Callable[[str], object]) -> None:
+                 failed: Callable[[str], object],
+                 coming: Callable[[], Optional[SearchProcess]] = _none) -> None:
         self._here = PlaneSweepDetector(rig, lanes, config)
         self._begin = Begin(rig, lanes, config)
         self._process: Optional[SearchProcess] = None
-        self._failed = failed
+        self._memory = self._here.memory
+        self._failed, self._coming = failed, coming
         self._pair: Optional[StereoPair] = None  # that is being searched
         self._pairs: dict[int, StereoPair] = {}  # those that may come up in answers, by stamp
         self._most_bytes = 2 * _PIXEL_BYTES * max(
@@ -174,19 +185,20 @@ class DetectorBeside:
 
     def move(self, process: SearchProcess, failed: Callable[[str], object]) -> None:
         """
-        Search in a process from now on, which remembers nothing of the pairs so far.
+        Search in a process from now on, which remembers what was searched here.
 
         :param failed: takes the reason when it is of no more use.
         """
-        self._here.reset()  # it does not see the pairs that follow
+        self._memory, self._pairs = self._here.memory, self._here.pairs
         self._pair, self._process, self._failed = None, process, failed
-        self._send(self._begin)
+        self._here.reset()  # it does not see the pairs that follow
+        self._send(replace(self._begin, memory=self._memory, pairs=self._pairs))
 
     def reset(self) -> None:
         """Forget the earlier pairs, as after a jump back of time."""
         self._here.reset()
         self._abandon()
-        self._pairs.clear()
+        self._memory, self._pairs = self._memory.forgotten(), {}
         self._send(Forget())
 
     def expect(self, pair: StereoPair, tracked: Sequence[TrackedRegion]) -> None:
@@ -197,6 +209,8 @@ class DetectorBeside:
         :param tracked: what the tracks are expected to hold in it.
         """
         self._abandon()
+        if self._process is None and (ready := self._coming()) is not None:
+            self.move(ready, self._failed)
         self._pair, process = pair, self._process
         if process is None:
             return
@@ -236,7 +250,7 @@ class DetectorBeside:
     def _remember(self, pair: StereoPair, found: Found) -> None:
         """Keep the pairs that may come up in later answers."""
         pairs = {**self._pairs, pair.stamp_ns: pair}
-        self._pairs = {ns: pairs[ns] for ns in found.remembered_ns}
+        self._memory, self._pairs = found.memory, {ns: pairs[ns] for ns in found.memory.past_ns}
 
     def _abandon(self) -> None:
         """Let go of a pair whose search nobody asks for: a fault has come between."""
@@ -262,7 +276,8 @@ class DetectorBeside:
         return None
 
     def _give_up(self, error: Exception) -> None:
-        """Search here from now on."""
+        """Search here from now on, with what was remembered there."""
         self._process = None
-        self._pairs.clear()
+        self._here.recall(self._memory, self._pairs)
+        self._pairs = {}
         self._failed(str(error))

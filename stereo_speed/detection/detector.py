@@ -17,7 +17,7 @@ import math
 from typing import Mapping, Optional, Sequence
 
 from .config import DetectorConfig
-from .front_search import FrontSearch, Moment, NoiseEstimate
+from .front_search import FIRST_NOISE, FrontSearch, Moment, NoiseEstimate
 from .plane_sweep import PlaneSweep, Proposal
 from .protocol import Detection, TrackedRegion
 from .pyramid import PairPyramids, PairRegions, region_of
@@ -27,6 +27,7 @@ from ..geometry.rig import StereoRig
 from ..road.lanes import LanePath
 
 _SAME_RATE = 0.01  # of a pair, by which stamps may scatter
+_MANY_PAIRS = 3  # in a round: more than the 20 a second of most cameras
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +47,31 @@ class Look:
     def since(self, before: PairPyramids) -> tuple[StereoPair, ...]:
         """Return an earlier pair and those since that are remembered."""
         return tuple(v.pair for v in self.past if v.age_s(before.pair.stamp_ns) <= 0)
+
+
+@dataclass(frozen=True)
+class Memory:
+    """
+    What a detector remembers of the pairs so far, but for their images.
+
+    :param past_ns: stamps of the earlier pairs that vehicles may be found in.
+    :param due: lanes that are still to be searched in this round.
+    :param last_ns: stamp of the last pair, and
+    :param last_index: its number; None before there was one.
+    :param noise: 1-sigma of a grey value.
+    :param searched: rounds so far.
+    """
+
+    past_ns: tuple[int, ...] = ()
+    due: tuple[str, ...] = ()
+    last_ns: Optional[int] = None
+    last_index: Optional[int] = None
+    noise: float = FIRST_NOISE
+    searched: int = 0
+
+    def forgotten(self) -> Memory:
+        """Return what is left after a jump back of time."""
+        return Memory(noise=self.noise, searched=self.searched)
 
 
 class PlaneSweepDetector:
@@ -82,9 +108,27 @@ class PlaneSweepDetector:
             for k, camera in enumerate((rig.left, rig.right))))
 
     @property
-    def remembered_ns(self) -> tuple[int, ...]:
-        """Return the stamps of the earlier pairs that vehicles may be found in."""
-        return tuple(v.pair.stamp_ns for v in self._past)
+    def pairs(self) -> dict[int, StereoPair]:
+        """Return the earlier pairs that vehicles may be found in, by stamp."""
+        return {v.pair.stamp_ns: v.pair for v in self._past}
+
+    @property
+    def memory(self) -> Memory:
+        """Return what it remembers, but for the images of these pairs."""
+        return Memory(tuple(self.pairs), tuple(self._due), self._last_ns, self._last_index,
+                      self._noise.std, self._searched)
+
+    def recall(self, memory: Memory, pairs: Mapping[int, StereoPair]) -> None:
+        """
+        Go on from what another one remembers, as that would.
+
+        :param pairs: those that it names, by stamp.
+        """
+        self._past = deque(PairPyramids.of(pairs[ns], self._regions, self._search.rig)
+                           for ns in memory.past_ns)
+        self._due = deque(memory.due)
+        self._last_ns, self._last_index = memory.last_ns, memory.last_index
+        self._noise, self._searched = NoiseEstimate(memory.noise), memory.searched
 
     def reset(self) -> None:
         """Forget the earlier pairs, as after a jump back of time."""
@@ -110,7 +154,8 @@ class PlaneSweepDetector:
         Take in a pair and return what of the search does not depend on the tracks.
 
         Each lane is searched once in ``interval_s``.  Where that takes several pairs, the lanes
-        take turns, so that no pair takes much longer than the others.
+        take turns, so that no pair takes much longer than the others; where it takes many, once
+        in ``motion.reference_s`` will do.
         Where pairs were skipped because they came too fast, one lane a pair is searched: a pair
         that took longer would have the more of the next ones skipped.
 
@@ -122,7 +167,7 @@ class PlaneSweepDetector:
         passed_s = math.inf if self._last_ns is None else (pair.stamp_ns - self._last_ns) * 1e-9
         self._last_ns = pair.stamp_ns
         begins = not (self._past
-                      and self._past[-1].age_s(pair.stamp_ns) < self.config.interval_s)
+                      and self._past[-1].age_s(pair.stamp_ns) < self._round_s(passed_s))
         skipped = self._last_index is not None and pair.index - self._last_index > 1
         self._last_index = pair.index
         lanes = self._turn(begins, passed_s, skipped)
@@ -168,9 +213,25 @@ class PlaneSweepDetector:
         """
         if begins:  # what a slower stream than expected has left over comes first
             self._due.extend(lane for lane in self._sweeps if lane not in self._due)
-        pairs = max(math.ceil(self.config.interval_s / passed_s - _SAME_RATE), 1)
-        count = 1 if skipped else math.ceil(len(self._sweeps) / pairs)
+        count = 1 if skipped else math.ceil(len(self._sweeps) / self._pairs_a_round(passed_s))
         return [self._due.popleft() for _ in range(min(count, len(self._due)))]
+
+    def _pairs_a_round(self, passed_s: float) -> int:
+        """Return how many pairs, so far apart, share a round of ``interval_s``."""
+        return max(math.ceil(self.config.interval_s / passed_s - _SAME_RATE), 1)
+
+    def _round_s(self, passed_s: float) -> float:
+        """
+        Return the least time between the beginnings of two rounds.
+
+        A round compares with pairs of ``reference_s`` ago.  Where there are many pairs, one that
+        begins before sees little that the last one did not, and what it finds the sooner is
+        followed back to that time anyway.
+        """
+        config = self.config
+        if self._pairs_a_round(passed_s) < _MANY_PAIRS:
+            return config.interval_s
+        return max(config.interval_s, config.motion.reference_s)
 
     def _references(self, stamp_ns: int) -> list[PairPyramids]:
         """Return the youngest pair that is old enough; at times, for the slow, an older too."""

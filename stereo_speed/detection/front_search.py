@@ -38,7 +38,7 @@ _WHOLE_SHARE = 0.85  # what shows less of the width of a front shows part of it
 _BLUR_M = 0.15  # what goes with a front seems wider by this
 _NOISE_SHARE = 0.2  # of each pair in the running estimate of the noise
 _NOISE_STEP = 8  # pixels between those that the noise is estimated from
-_FIRST_NOISE = 2.0  # grey levels, before two pairs have been seen
+FIRST_NOISE = 2.0  # grey levels, before two pairs have been seen
 _NORMAL = 0.6745  # median of the absolute value of a normal variable of unit variance
 
 
@@ -101,10 +101,14 @@ class Moment:
 
 
 class NoiseEstimate:
-    """The noise of a grey value, from how most pixels differ from one pair to the next."""
+    """
+    The noise of a grey value, from how most pixels differ from one pair to the next.
 
-    def __init__(self) -> None:
-        self.std = _FIRST_NOISE
+    :param std: 1-sigma to begin with.
+    """
+
+    def __init__(self, std: float = FIRST_NOISE) -> None:
+        self.std = std
 
     def learn(self, now: PairPyramids, before: PairPyramids) -> None:
         """Take in two pairs."""

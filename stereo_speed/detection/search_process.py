@@ -20,6 +20,8 @@ from ..core.compiled import warm_up
 from ..core.helper_process import leave_ending_to_parent
 from ..core.records import StereoPair
 
+_PATIENCE = 3  # of the processor: readings come first, and the answer with the next pair
+
 
 class Searcher:
     """
@@ -42,6 +44,7 @@ class Searcher:
         """
         if isinstance(request, Begin):
             self._detector = PlaneSweepDetector(request.rig, request.lanes, request.config)
+            self._detector.recall(request.memory, request.pairs)
             return None
         if self._detector is None:
             raise ValueError('found no site to search at, wanted one first')
@@ -70,12 +73,13 @@ def _found(detector: PlaneSweepDetector, look: Optional[Look], held: Held) -> Fo
         earlier = one.earlier
         since_ns.append(() if earlier is None else tuple(p.stamp_ns for p in earlier.pairs))
         bare.append(one if earlier is None else replace(one, earlier=replace(earlier, pairs=())))
-    return Found(bare, since_ns, held.asked, detector.remembered_ns)
+    return Found(bare, since_ns, held.asked, detector.memory)
 
 
 def main(pipe_fd: int, memory_fd: int) -> None:
     """Do what comes through a pipe, until it is closed."""
     leave_ending_to_parent()
+    os.nice(_PATIENCE)
     cv2.setNumThreads(1)  # the tracks have the other cores
     warm_up()
     searcher = Searcher(memory_fd)

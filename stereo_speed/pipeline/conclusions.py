@@ -3,9 +3,10 @@
 """
 When a pass that is over is measured: at once, or beside the pairs that follow.
 
-Measuring a whole pass takes as long as some pairs do.  Offline that does not matter, and what is
-measured at once comes in the same order whenever it is run.  Live, other vehicles' readings would
-wait for it.  A pass that cannot be measured has its error raised where results are asked for.
+Measuring a whole pass takes as long as some pairs do.  What is measured at once comes in the same
+order whenever it is run.  Live, other vehicles' readings would wait for it; offline, who can tell
+what came of the pairs a little later has it measured beside and told in the same order.  A pass
+that cannot be measured has its error raised where results are asked for.
 """
 from __future__ import annotations
 
@@ -39,7 +40,7 @@ class Conclusions(Protocol):
         Take in a pass.
 
         :param measure: measures it and touches nothing else.
-        :param failed: told where that fails, perhaps in another thread.
+        :param failed: told where it is not to be waited for, perhaps in another thread.
         """
 
     def done(self, *, everything: bool = False) -> list[PassResult]:
@@ -136,3 +137,37 @@ class Beside:
         self._thread.shutdown(cancel_futures=True)
         self._waiting.clear()
         self._ready = []
+
+
+class Later:
+    """
+    Has passes measured in a thread of its own; who runs the pipeline asks for their results.
+
+    The pipeline is told of none: ``pop`` gives out, after each pair, those that were over with it.
+
+    :param measured: where they are measured; in that thread, if it is not told.
+    """
+
+    def __init__(self, measured: Callable[[Measure], PassResult] = _here) -> None:
+        self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix='passes')
+        self._new: list[Future[PassResult]] = []
+        self._measure = measured
+
+    def add(self, measure: Measure, failed: Callable[[], object] = _nothing) -> None:
+        """Take in a pass, which the pipeline does not wait for."""
+        self._new.append(self._thread.submit(self._measure, measure))
+        failed()
+
+    def pop(self) -> list[Future[PassResult]]:
+        """Return the passes that were taken in since the last call, as they are to come."""
+        new, self._new = self._new, []
+        return new
+
+    def done(self, *, everything: bool = False) -> list[PassResult]:
+        """Return the results that nobody has asked for, the stream being over; before, none."""
+        return [future.result() for future in self.pop()] if everything else []
+
+    def close(self) -> None:
+        """Give up what has not begun, and wait for what has."""
+        self._thread.shutdown(cancel_futures=True)
+        self._new = []

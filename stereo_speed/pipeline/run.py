@@ -3,16 +3,20 @@
 """From a stream of pairs to the results of a run: the one loop that does it."""
 from __future__ import annotations
 
+from collections import deque
+from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
 import time
 from typing import Callable, Collection, Iterable, Optional, Protocol, Sequence
 
+from .conclusions import Later
 from .pipeline import SpeedPipeline, Step
 from ..core.passes import PassResult
 from ..core.records import StereoPair, TrackUpdate
 
 Observer = Callable[[StereoPair, Step], None]
-Relay = Callable[[StereoPair, Step, SpeedPipeline, 'Run'], SpeedPipeline]
+# What a pair's passes are waited for before it is told: each holds its images.
+MOST_UNTOLD = 48
 # A run that has a sink holds so many updates, for pictures: 60 MB.
 KEPT_UPDATES = 40_000
 
@@ -29,6 +33,19 @@ class Sink(Protocol):
         :param passes: that are over since the last pair.
         :param open_tracks: numbers of the tracks whose passes are still to come.
         """
+
+
+class Relay(Protocol):
+    """Has one pipeline go on from another, and keeps what came of the pairs."""
+
+    def ends(self, pair: StereoPair, pipeline: SpeedPipeline) -> bool:
+        """Return whether another pipeline is to go on after a pair."""
+
+    def begin(self, pipeline: SpeedPipeline, so_far: Run) -> SpeedPipeline:
+        """Return the pipeline that goes on from one; all pairs so far have been told."""
+
+    def tell(self, pair: StereoPair, step: Step, open_tracks: Collection[int]) -> None:
+        """Take in what came of a pair, in order; see :class:`Sink`."""
 
 
 @dataclass
@@ -78,7 +95,7 @@ class Run:
 def run(pipeline: SpeedPipeline, pairs: Iterable[StereoPair],
         observe: Optional[Observer] = None, sink: Optional[Sink] = None,
         most_updates: int = KEPT_UPDATES, so_far: Optional[Run] = None,
-        relay: Optional[Relay] = None) -> Run:
+        relay: Optional[Relay] = None, later: Optional[Later] = None) -> Run:
     """
     Measure every pair of a stream.
 
@@ -89,25 +106,25 @@ def run(pipeline: SpeedPipeline, pairs: Iterable[StereoPair],
     :param most_updates: how many updates to hold where there is a sink; passes are held without
         their traces then, but those that end with the stream.
     :param so_far: what came of earlier pairs, to be added to.
-    :param relay: called with each pair, what came of it, the pipeline and the run; returns the
-        pipeline for the next pair.
+    :param relay: keeps what came of the pairs, and has other pipelines go on.
+    :param later: measures the passes of the pipeline, if that does not.  What came of a pair is
+        told when its passes are measured, in the same order.
     :raises InputError: a pair that cannot be used.
     """
     out = Run() if so_far is None else so_far
+    telling = _Telling(out, observe, sink, most_updates, relay)
     for pair in pairs:
         wall_s, cpu_s = time.perf_counter(), time.process_time()
         step = pipeline.process(pair)
         out.wall_s += time.perf_counter() - wall_s
         out.cpu_s += time.process_time() - cpu_s
         out.stamps_ns.append(pair.stamp_ns)
-        if sink is None:
-            gather(out, step, (), None)
-        else:
-            gather(out, _untraced(step), pipeline.open_tracks, sink, most_updates)
-        if observe is not None:
-            observe(pair, step)
-        if relay is not None:
-            pipeline = relay(pair, step, pipeline, out)
+        open_tracks = () if sink is None and relay is None else pipeline.open_tracks
+        telling.add(_Untold(pair, step, open_tracks, later.pop() if later else ()))
+        if relay is not None and relay.ends(pair, pipeline):
+            telling.finish()
+            pipeline = relay.begin(pipeline, out)
+    telling.finish()
     wall_s = time.perf_counter()
     last = Step([], pipeline.finish())
     out.wall_s += time.perf_counter() - wall_s
@@ -116,6 +133,69 @@ def run(pipeline: SpeedPipeline, pairs: Iterable[StereoPair],
     # Of what the detector found, only what became a vehicle is reported.
     out.forget_others({p.track for p in out.passes})
     return out
+
+
+@dataclass(frozen=True, eq=False)
+class _Untold:
+    """
+    What came of a pair, before it is told.
+
+    :param pair: the pair.
+    :param step: without the passes to come.
+    :param open_tracks: numbers of the tracks whose passes are still to come after it.
+    :param passes: that are being measured.
+    """
+
+    pair: StereoPair
+    step: Step
+    open_tracks: Collection[int]
+    passes: Sequence[Future[PassResult]]
+
+    @property
+    def is_whole(self) -> bool:
+        """Return whether all of its passes are measured."""
+        return all(one.done() for one in self.passes)
+
+    def whole(self) -> Step:
+        """Return what came of it, with the passes that it has waited for."""
+        return Step(self.step.updates, [
+            *self.step.passes, *(one.result() for one in self.passes)])
+
+
+@dataclass(eq=False)
+class _Telling:
+    """Tells what came of the pairs, in their order; its parameters are those of :func:`run`."""
+
+    out: Run
+    observe: Optional[Observer]
+    sink: Optional[Sink]
+    most_updates: int
+    relay: Optional[Relay]
+    untold: deque[_Untold] = field(default_factory=deque)
+
+    def add(self, one: _Untold) -> None:
+        """Take in what came of the next pair; tell what can be told, and what has waited long."""
+        self.untold.append(one)
+        while self.untold and (self.untold[0].is_whole or len(self.untold) > MOST_UNTOLD):
+            self._tell(self.untold.popleft())
+
+    def finish(self) -> None:
+        """Tell everything."""
+        while self.untold:
+            self._tell(self.untold.popleft())
+
+    def _tell(self, one: _Untold) -> None:
+        waited_s = time.perf_counter()
+        step = one.whole()
+        self.out.wall_s += time.perf_counter() - waited_s
+        if self.sink is None:
+            gather(self.out, step, (), None)
+        else:
+            gather(self.out, _untraced(step), one.open_tracks, self.sink, self.most_updates)
+        if self.observe is not None:
+            self.observe(one.pair, step)
+        if self.relay is not None:
+            self.relay.tell(one.pair, step, one.open_tracks)
 
 
 def gather(out: Run, step: Step, open_tracks: Collection[int], sink: Optional[Sink],

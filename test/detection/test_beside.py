@@ -114,18 +114,19 @@ def test_a_process_that_dies_leaves_the_search_here(straight, process):
     failures = []
     turn, beside = both(straight, process, failures.append)
     pairs = straight.pairs
-    beside.update(pairs[0])
+    for pair in pairs[:2]:
+        assert_same(beside.update(pair), turn.update(pair))
     process.process.kill()
     process.process.wait(END_S)
-    # What the process remembered is lost: from here on it is as for a detector that begins.
-    for pair in pairs[1:]:
+    # What the process remembered is known here.
+    for pair in pairs[2:]:
         beside.expect(pair, [])
         assert_same(beside.update(pair), turn.update(pair))
     assert len(failures) == 1
 
 
 def test_without_a_process_it_searches_here_until_there_is_one(straight, process):
-    """Whoever goes on remembers nothing of the pairs before, as a detector that begins."""
+    """Whoever goes on remembers the pairs before."""
     failures, pairs = [], straight.pairs
     turn, beside = both(straight, None, failures.append)
 
@@ -136,14 +137,36 @@ def test_without_a_process_it_searches_here_until_there_is_one(straight, process
     assert beside.is_here
     compare(pairs[:2])
     beside.move(process, failures.append)
-    turn.reset()
     compare(pairs[2:4])
     assert not beside.is_here and failures == []
     process.process.kill()
     process.process.wait(END_S)
-    turn.reset()
     compare(pairs[4:])
     assert beside.is_here and len(failures) == 1
+
+
+@pytest.mark.slow
+def test_wherever_it_moves_to_and_back_the_same_is_found(traffic):
+    """There with the fourth pair, in the middle of a round, and gone after the ninth."""
+    process, failures, asked, found = SearchProcess(), [], [], 0
+    process.wait()
+    turn = PlaneSweepDetector(traffic.rig, traffic.lanes, DetectorConfig())
+    beside = DetectorBeside(
+        None, traffic.rig, traffic.lanes, DetectorConfig(), failures.append,
+        lambda: asked.append(0) or (process if len(asked) == 4 else None))
+    try:
+        for number, pair in enumerate(traffic.pairs[:15]):
+            beside.expect(pair, [])
+            if number == 9:
+                process.process.kill()
+                process.process.wait(END_S)
+            wanted = turn.update(pair)
+            assert_same(beside.update(pair), wanted)
+            found += len(wanted)
+            assert beside.is_here == (number not in range(3, 9))
+        assert found > 1 and len(failures) == 1
+    finally:
+        process.close()
 
 
 def test_a_process_that_does_not_answer_is_waited_for_so_long_and_no_longer(straight):

@@ -3,7 +3,9 @@
 """Passes measured beside the pairs: the same results in the same order, and nobody waits."""
 from __future__ import annotations
 
+from dataclasses import replace
 import threading
+import time
 
 import numpy as np
 import pytest
@@ -12,7 +14,7 @@ from stereo_speed.core.passes import PassResult, Verdict
 from stereo_speed.core.records import InitialFront, StereoPair, TrackState, TrackUpdate
 from stereo_speed.io.bags import StereoBag
 from stereo_speed.pipeline.assembly import MeasuringSite
-from stereo_speed.pipeline.conclusions import AtOnce, Beside
+from stereo_speed.pipeline.conclusions import AtOnce, Beside, Later
 from stereo_speed.pipeline.config import PipelineConfig
 from stereo_speed.pipeline.pipeline import SpeedPipeline
 from stereo_speed.pipeline.run import run
@@ -74,6 +76,20 @@ def test_who_adds_a_pass_is_told_where_it_fails(way):
         one.done(everything=True)
     one.add(lambda: 'b', lambda: failed.append('b'))
     assert one.done(everything=True) == ['b'] and failed == ['a']
+    one.close()
+
+
+def test_later_passes_are_given_out_once_in_their_order_and_not_waited_for():
+    go, told, one = threading.Event(), [], Later(lambda measure: measure().upper())
+    one.add(lambda: go.wait(30) and 'first', lambda: told.append(0))
+    one.add(lambda: 'second')
+    assert told == [0] and one.done() == []
+    first, second = one.pop()
+    assert one.pop() == [] and not (first.done() or second.done())
+    go.set()
+    assert (first.result(), second.result()) == ('FIRST', 'SECOND')
+    one.add(lambda: 'third')
+    assert one.done(everything=True) == ['THIRD'] and one.done(everything=True) == []
     one.close()
 
 
@@ -212,3 +228,31 @@ def test_the_sample_measured_beside_the_pairs_reads_as_at_once(sample, beside):
     assert len(one.passes) == len(other.passes) == 1
     for field in ('speed_mps', 'speed_std_mps', 'smoothed', 'smoothed_std', 'budget', 'reason'):
         assert getattr(one.passes[0], field) == getattr(other.passes[0], field)
+
+
+@pytest.mark.slow
+def test_the_sample_measured_later_is_told_as_at_once(sample):
+    """Pair by pair, with its passes, also where one takes longer than some pairs."""
+    site = load_site(sample / 'site.yaml')
+    with StereoBag(sample / 'bag') as bag:
+        place, seen = MeasuringSite.of(site, bag.rig), list(bag.pairs())
+    told = []
+    later = Later(lambda measure: time.sleep(0.5) or measure())
+    for way in (None, later):
+        pipeline, steps = place.pipeline(PipelineConfig(), conclusions=way), []
+        done = run(pipeline, two_passes(seen), lambda pair, step: steps.append((
+            pair.index, [(u.track, u.speed_mps) for u in step.updates],
+            [(p.track, p.speed_mps, p.speed_std_mps) for p in step.passes])), later=way)
+        told.append((steps, [(p.track, p.speed_mps) for p in done.passes], done.stamps_ns))
+    later.close()
+    assert told[0] == told[1]
+    assert any(passes for _, _, passes in told[0][0]) and len(told[0][1]) == 2
+
+
+def two_passes(seen):
+    """Return pairs twice, with some of an empty road between."""
+    empty = replace(seen[0], **{side: np.median([getattr(p, side) for p in seen], axis=0).astype(
+        np.uint8) for side in ('left', 'right')})
+    step_ns = seen[1].stamp_ns - seen[0].stamp_ns
+    return [replace(pair, index=k, stamp_ns=k * step_ns, right_stamp_ns=k * step_ns)
+            for k, pair in enumerate(seen + 6 * [empty] + seen)]

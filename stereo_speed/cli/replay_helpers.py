@@ -1,0 +1,138 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Processes that do part of what a replay of a long bag takes, on another core.
+
+One searches for vehicles while the tracks of the same pairs are updated, one measures passes that
+are over while the pairs that follow are.  What is written is the same to the last bit, with them,
+without them, and where one dies: each does what would be done here, and is asked in order.
+"""
+from __future__ import annotations
+
+import os
+import sys
+from types import TracebackType
+from typing import Any, Mapping, Optional
+
+from ..core.passes import PassResult
+from ..detection.beside import DetectorBeside, SearchProcess
+from ..detection.detector import PlaneSweepDetector
+from ..geometry.rig import StereoRig
+from ..pipeline.assembly import MakeDetector
+from ..pipeline.conclusions import Later, Measure, OnlyHereError
+from ..pipeline.pass_process import PassProcess, PassProcessError
+from ..pipeline.registry import DETECTORS
+from ..road.lanes import LanePath
+
+# To start a process takes some two seconds of a core, and saves some ten milliseconds a pair.
+FEWEST_PAIRS = 400
+
+
+class Helpers:
+    """
+    The processes of one replay; a context manager.
+
+    :param wanted: whether there are to be any.
+    :param detector: name of the detector; None where vehicles are annotated.
+    """
+
+    def __init__(self, wanted: bool, detector: Optional[str]) -> None:
+        self._search: Optional[SearchProcess] = None
+        self._pass: Optional[PassProcess] = None
+        self._search_ready = self._pass_ready = False
+        self.later: Optional[Later] = None  # measures passes; None has the pipeline do it
+        self.detect: Optional[MakeDetector] = None  # makes its detector; None as ever
+        if not wanted:
+            return
+        try:
+            self._pass = PassProcess()
+            self.later = Later(self._measured)
+            if detector is not None and DETECTORS.load(detector) is PlaneSweepDetector:
+                self._search = SearchProcess()
+                self.detect = self._detector
+        except OSError as error:  # no more processes: what there is will do
+            _warn(str(error))
+
+    @classmethod
+    def of(cls, pairs: int, detector: Optional[str], *, beside: bool) -> Helpers:
+        """
+        Return those that pay.
+
+        :param pairs: of the bag.
+        :param detector: as above.
+        :param beside: whether other cores are free for them.
+        """
+        cores = len(os.sched_getaffinity(0))
+        return cls(beside and cores > 1 and pairs >= FEWEST_PAIRS, detector)
+
+    def __enter__(self) -> Helpers:
+        """Return itself."""
+        return self
+
+    def __exit__(self, kind: Optional[type[BaseException]], error: Optional[BaseException],
+                 trace: Optional[TracebackType]) -> None:
+        """End the processes."""
+        if self.later is not None:
+            self.later.close()
+        for process in (self._search, self._pass):
+            if process is not None:
+                process.close()
+        self._search = self._pass = None
+
+    @property
+    def search_pid(self) -> Optional[int]:
+        """Return the number of the process that searches; None where there is none."""
+        return None if self._search is None else self._search.process.pid
+
+    def wait(self) -> None:
+        """
+        Wait until the process that searches is ready, where there is to be one.
+
+        :raises OSError: it has ended.
+        """
+        if self._search is not None and not self._search_ready:
+            self._search.wait()
+            self._search_ready = True
+
+    def _detector(self, rig: StereoRig, lanes: Mapping[str, LanePath], settings: Any
+                  ) -> DetectorBeside:
+        """Return a detector that moves to the process once that is ready."""
+        return DetectorBeside(None, rig, lanes, settings, self._search_failed, self._searching)
+
+    def _searching(self) -> Optional[SearchProcess]:
+        """Return the process that searches, where it is ready."""
+        if self._search is not None and not self._search_ready:
+            try:
+                self._search_ready = self._search.is_ready()
+            except OSError as error:
+                self._search_failed(str(error))
+        return self._search if self._search_ready else None
+
+    def _search_failed(self, why: str) -> None:
+        """Do without the process that searches."""
+        _warn(f'the process that searches for vehicles: {why}')
+        process, self._search, self._search_ready = self._search, None, False
+        if process is not None:
+            process.close(0.0)
+
+    def _measured(self, measure: Measure) -> PassResult:
+        """Return the result of a pass; in the thread of the passes."""
+        process = self._pass
+        if process is not None:
+            try:
+                if not self._pass_ready:
+                    process.wait()
+                    self._pass_ready = True
+                return process.measured(measure)
+            except OnlyHereError:
+                pass
+            except (PassProcessError, OSError) as error:
+                _warn(f'the process that measures passes: {error}')
+                self._pass = None
+                process.close(0.0)
+        return measure()
+
+
+def _warn(why: str) -> None:
+    """Say that it goes on without a process."""
+    print(f'warning: {why}: going on without it, to the same results', file=sys.stderr)

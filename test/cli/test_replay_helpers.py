@@ -1,0 +1,65 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""A replay that has processes help it writes what it would have written alone."""
+from __future__ import annotations
+
+import os
+import signal
+
+import pytest
+from stereo_speed.cli import replay
+from stereo_speed.cli.main import main
+from stereo_speed.cli.replay_helpers import FEWEST_PAIRS, Helpers
+
+
+@pytest.fixture(autouse=True)
+def two_cores(monkeypatch):
+    """Have helpers pay wherever this runs."""
+    monkeypatch.setattr(os, 'sched_getaffinity', lambda pid: {0, 1})
+
+
+def files(folder):
+    return {p.name: p.read_bytes() for p in folder.iterdir()}
+
+
+@pytest.mark.slow
+def test_the_same_is_written_with_helpers_without_and_where_one_is_killed(
+        sample, tmp_path, monkeypatch, capfd):
+    def written(name, helpers):
+        monkeypatch.setattr(replay.Helpers, 'of', helpers)
+        assert main(['replay', str(sample / 'bag'), '--site', str(sample / 'site.yaml'), '--out',
+                     str(tmp_path / name), '--no-plots']) == 0
+        return files(tmp_path / name)
+
+    def ready(pairs, detector, *, beside):
+        helpers = Helpers(True, detector)
+        helpers.wait()
+        used.append(helpers)
+        return helpers
+
+    def dying(pairs, detector, *, beside):
+        """Have the process killed as soon as a detector is to move to it."""
+        helpers = ready(pairs, detector, beside=beside)
+        os.kill(helpers.search_pid, signal.SIGKILL)
+        return helpers
+    used = []
+    alone = written('alone', lambda *_, beside: Helpers(False, None))
+    assert written('helped', ready) == alone
+    assert 'warning' not in capfd.readouterr().err
+    assert written('killed', dying) == alone
+    assert 'the process that searches for vehicles: ' in capfd.readouterr().err
+    assert len(used) == 2 and all(helpers.search_pid is None for helpers in used)
+
+
+def test_short_bags_and_those_of_many_go_without():
+    for pairs, beside in ((FEWEST_PAIRS - 1, True), (10 * FEWEST_PAIRS, False)):
+        with Helpers.of(pairs, 'plane_sweep', beside=beside) as helpers:
+            assert helpers.later is None and helpers.detect is None
+
+
+def test_other_detectors_and_annotated_fronts_are_searched_for_here():
+    for detector in (None, 'boxes'):
+        with Helpers(True, detector) as helpers:
+            assert helpers.later is not None and helpers.detect is None
+    with Helpers(True, 'plane_sweep') as helpers:
+        assert helpers.detect is not None and helpers.search_pid is not None
