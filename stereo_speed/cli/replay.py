@@ -29,6 +29,7 @@ from ..core.passes import PassResult, Verdict
 from ..core.records import InitialFront, StereoPair
 from ..core.sampling import EvenSampler
 from ..core.units import KMH_MPS, MPH_MPS
+from ..io.ahead import ahead
 from ..io.atomic import prepare_folder
 from ..io.bags import StereoBag
 from ..io.boxes import BoxFeed
@@ -241,7 +242,7 @@ def measure(bag: StereoBag, pipeline: SpeedPipeline, *, keep_frames: bool,
     :param observe: called with each pair and what came of it.
     :param rows: takes the updates of bags that are too long to hold them all.
     :param parts: in which it is measured; None measures it as one.
-    :param later: measures the passes of the pipeline, if that does not.
+    :param later: measures the passes of the pipeline, if that does not; pairs are read ahead then.
     :return: the run, and annotated frames evenly spread over it.
     """
     frames: EvenSampler[NDArray[np.uint8]] = EvenSampler(_STRIP_FRAMES)
@@ -263,8 +264,9 @@ def measure(bag: StereoBag, pipeline: SpeedPipeline, *, keep_frames: bool,
             frames.add(draw(pair, step.updates, pipeline.lanes, pipeline.rig))
             if parts is not None:
                 parts.add_frame(frames.kept[-1])
+    read = bag.pairs() if later is None else ahead(bag.pairs())
     pairs: Iterable[StereoPair] = tqdm(
-        _from(bag.pairs(), first, pipeline), initial=first, total=bag.pair_count, desc='replay',
+        _from(read, first, pipeline), initial=first, total=bag.pair_count, desc='replay',
         unit='pair', disable=None)
     pairs = pairs if feed is None else feed.through(pairs)
     result = run_pipeline(pipeline, pairs, keep, rows, so_far=done,

@@ -32,6 +32,7 @@ from .diagnostics import Task
 from .health import Arrivals, ERROR, Refusals, Repeats, State, WARN
 from .measuring_settings import MeasuringSettings, MOST_REFINE_PAIRS
 from .measuring_state import ClockSteps, Counts, tell_stamps, tell_steadiness
+from .order_watch import OrderWatch
 from .outputs import Outputs
 from .pair_queue import PairQueue
 from .rig_watch import RigWatch
@@ -55,12 +56,10 @@ from ..site.file import load_site
 from ..site.init_file import load_init
 from ..site.refine.report import report, summary_lines
 from ..steadying.steadier import Steadier
-from ..steadying.view_order import views_crossed
 
 _WAITING_PAIRS = 50  # pairs kept until both calibrations have come
 _POLL_S = 0.1
 _JOIN_S = 20.0  # for the pair in hand, when the node stops
-_ORDER_S = 10.0  # between two looks at whether the views are crossed; it takes some 50 ms
 
 
 class MeasuringError(StereoSpeedError):
@@ -136,7 +135,7 @@ class Measuring:
         self._index, self._offered_ns, self._last_ns = 0, -1, -1
         self._repeats, self.arrivals = (Repeats(), Repeats()), Arrivals()
         self._steps = ClockSteps()
-        self._crossed, self._ordered_s = False, -_ORDER_S
+        self._order = OrderWatch()
         self._rig_moved = False
         self.counts.latencies_s.clear()
         self._stopping = threading.Event()
@@ -239,6 +238,8 @@ class Measuring:
             self._thread.join(_JOIN_S)
             if self._thread.is_alive():
                 self.log.warning(f'the last passes are not measured after {_JOIN_S:.0f} s')
+            else:
+                self._order.close()
         self.rig_watch.close()
 
     def cleanup(self) -> None:
@@ -501,14 +502,9 @@ class Measuring:
         return any(same) or moot
 
     def _is_crossed(self, pair: StereoPair) -> bool:
-        """Return whether the views are in each other's place, by a look now and then."""
-        now_s, rig = time.monotonic(), self.calibration.current[1]
-        # Who has them crossed waits for them to be put right.
-        if rig is not None and now_s - self._ordered_s > (1.0 if self._crossed else _ORDER_S):
-            crossed = views_crossed(rig, pair)
-            self._ordered_s = now_s
-            self._crossed = self._crossed if crossed is None else crossed
-        return self._crossed
+        """Return whether the views are in each other's place."""
+        rig = self.calibration.current[1]
+        return self._order.crossed if rig is None else self._order.take(rig, pair)
 
     def _start_anew(self, pipeline: SpeedPipeline, ns: int) -> None:
         """End all passes: time has jumped back."""
@@ -548,7 +544,7 @@ class Measuring:
         if self.pipeline is None and self.calibration.current[1] is not None \
                 and self.settings.refine_pairs:
             state.find(WARN, 'waiting to refine the site')
-        if self._crossed:
+        if self._order.crossed:
             state.find(ERROR, "the views are in each other's place: nothing is measured")
         self.counts.tell(state)
         for fault in filter(None, (self._searcher.fault, self._passer.fault)):

@@ -82,6 +82,13 @@ def spline_through(x: Array, values: Array) -> CubicSpline:
     return CubicSpline(x, values, bc_type=ends)
 
 
+def _everywhere(values: Array, shape: tuple[int, ...]) -> Array:
+    """Return the same values at many places; so often asked for that np.broadcast_to is slow."""
+    out = np.empty(shape + values.shape)
+    out[...] = values
+    return out
+
+
 class StraightPath:
     """
     A straight line.
@@ -110,11 +117,11 @@ class StraightPath:
 
     def tangent(self, s_m: Array) -> Array:
         """Return the unit directions of travel (..., 3) at arc lengths (...,)."""
-        return np.broadcast_to(self._direction, np.shape(s_m) + (3,)).copy()
+        return _everywhere(self._direction, np.shape(s_m))
 
     def frame(self, s_m: Array) -> Array:
         """Return the frames (..., 3, 3) at arc lengths (...,): columns T, P left, B up."""
-        return np.broadcast_to(self._frame, np.shape(s_m) + (3, 3)).copy()
+        return _everywhere(self._frame, np.shape(s_m))
 
     def arc_length(self, points_m: Array) -> Array:
         """Return the arc lengths (...,) of the feet of points (..., 3)."""

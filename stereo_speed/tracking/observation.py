@@ -198,8 +198,9 @@ def _clipped(crop: Patches, dtype: np.dtype[Any], noise: NoiseConfig) -> Optiona
     Light from a lamp spreads by some pixels in the lens, and much of that is clipped, too: as
     seen from afar, the lamp is the larger beside the front.
     """
-    clipped = (crop >= noise.clipped_share * np.iinfo(dtype).max).astype(np.uint8)
-    if not clipped.any():
+    most = noise.clipped_share * np.iinfo(dtype).max
+    if not crop.max() >= most:
         return None
+    clipped = (crop >= most).astype(np.uint8)
     size = 2 * round(noise.clipped_reach_px) + 1
     return cv2.dilate(clipped, np.ones((size, size), np.uint8)).astype(np.float32)

@@ -1,0 +1,42 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Reading ahead changes neither what comes nor its order."""
+from __future__ import annotations
+
+import threading
+
+import pytest
+from stereo_speed.io.ahead import ahead
+
+
+@pytest.mark.parametrize('most', [1, 3, 50])
+def test_the_same_comes_in_the_same_order(most):
+    assert list(ahead(range(20), most)) == list(range(20))
+    assert list(ahead([], most)) == []
+
+
+def test_items_are_fetched_before_they_are_asked_for_and_no_further_than_told():
+    third, fetched = threading.Event(), []
+
+    def items():
+        for number in range(10):
+            fetched.append(number)
+            if number == 2:
+                third.set()
+            yield number
+    coming = ahead(items(), 2)
+    assert next(coming) == 0
+    assert third.wait(30)  # fetched while nobody asks for more than the first
+    coming.close()
+    assert len(fetched) <= 3
+
+
+def test_an_error_comes_after_what_was_before_it():
+    def items():
+        yield 1
+        yield 2
+        raise OSError('torn')
+    coming = ahead(items())
+    assert [next(coming), next(coming)] == [1, 2]
+    with pytest.raises(OSError, match='torn'):
+        next(coming)
