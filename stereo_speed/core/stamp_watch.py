@@ -20,6 +20,7 @@ _JITTER_S = 5e-4  # by which an interval may differ from it
 _STEP_S = 3e-3  # a smaller difference is no step
 _MOST_PERIODS = 10  # of a gap; after a longer one the pace has to be found anew
 _FEWEST = 5  # intervals that tell how even the stamps are
+_FEWEST_ODD = 2  # intervals, of which one is odd where they differ
 _NO_PACE = 0.15  # of a period; without any pace the 1-sigma would be 0.2 of it (a uniform rest)
 _ROUNDED_S = 1e-5  # of an even pace: stamps are rounded to less
 _NEW_PACE = 3  # intervals that make another pace
@@ -94,6 +95,31 @@ class StampWatch:
         freedom = len(off_s) / 1.5  # neighbouring intervals share a stamp
         return std_s * math.sqrt(freedom / (freedom - 2.0))
 
+    def odd_share(self, odd_s: float, most_s: float, least_s: float) -> float:
+        """
+        Return the 1-sigma of a speed at the newest stamp by odd ones among the last, as a share.
+
+        A stamp off an even pace by more than stamps are known to be may be a stray one or the
+        first of many, which only those to come will tell. A way since then is wrong as if it had
+        taken so much longer or shorter.
+
+        :param odd_s: by which intervals are off as stamps are known to be; more is odd.
+        :param most_s: by which a stamp may be wrong; exposures are off by more.
+        :param least_s: for which a speed is measured at least.
+        """
+        intervals_s = np.array(self._latest_s)
+        if len(intervals_s) < _FEWEST_ODD:
+            return 0.0
+        folded_s, periods = _folded(intervals_s)
+        near = periods <= _MOST_PERIODS
+        pace_s = float(np.median(folded_s[near]))
+        off_s = np.where(near, np.abs(intervals_s - periods * pace_s), 0.0)
+        if not _keeps_pace(off_s[near], pace_s):
+            return 0.0
+        off_s[off_s <= max(odd_s, _ROUNDED_S)] = 0.0
+        since_s = np.maximum(np.cumsum(intervals_s[::-1])[::-1], least_s)
+        return float(np.max(np.minimum(off_s, most_s) / since_s))
+
     def _take(self, interval_s: float) -> None:
         """Take in an interval; where the newest few have another pace, forget the others."""
         self._latest_s.append(interval_s)
@@ -136,12 +162,17 @@ def _off_s(intervals_s: Array) -> Array:
     near = periods <= _MOST_PERIODS
     pace_s = float(np.median(folded_s[near]))
     off_s = (intervals_s - periods * pace_s)[near]
-    if _interval_std_s(off_s) < _NO_PACE * math.sqrt(2.0) * pace_s:
+    if _keeps_pace(off_s, pace_s):
         return off_s
     middle_s = float(np.median(intervals_s))
     off_s = (intervals_s - middle_s)[intervals_s < _MOST_PERIODS * middle_s]
     # A gap is no scatter, and without a pace only its length tells it.
     return off_s[np.abs(off_s) < _STRAY_SIGMAS * _MAD_SIGMA * float(np.median(np.abs(off_s)))]
+
+
+def _keeps_pace(off_s: Array, pace_s: float) -> bool:
+    """Return whether intervals that are off a pace by so much have one at all."""
+    return _interval_std_s(off_s) < _NO_PACE * math.sqrt(2.0) * pace_s
 
 
 def _interval_std_s(off_s: Array) -> float:

@@ -39,6 +39,7 @@ from ..tracking.protocol import (
 
 _UNSEARCHED_S = 0.3  # of stamps, at most: vehicles are in view for seconds
 _ARRIVAL_S = 0.01  # stamps made at arrival are off by some ms; more is exposures at any time
+_ODD_SIGMAS = 3.0  # of an interval that says more of stamps than is known of them
 _WORSE = 1.5  # times what a track takes its stamps for: twenty intervals tell it to a fifth
 
 StartTracker = Callable[[TrackStart], Union[Tracker, Refusal]]
@@ -502,10 +503,23 @@ class SpeedPipeline:
         """
         if track.clock_stepped or track.unaware:
             return update.unconfirmed()
-        if not self.view_lag.concerned:
+        share = self._odd_share(track)
+        if self.view_lag.concerned:
+            share = math.hypot(share, self._lag_share(track, update))
+        if not share:
             return update
-        update = update.doubted(self._lag_share(track, update))
+        update = update.doubted(share)
         return update if self._is_sure(update) else update.unconfirmed()
+
+    def _odd_share(self, track: _Track) -> float:
+        """Return the 1-sigma of a track's speed, as a share, by stamps it does not doubt yet."""
+        config = self.config
+        known_s = track.stamp_std_s or config.stamp_std_s
+        if known_s >= _ARRIVAL_S:  # whatever there is, or exposures at any time
+            return 0.0
+        odd_s = math.sqrt(2.0) * max(_ODD_SIGMAS, config.uneven_stamp_sigmas) * known_s
+        return self.stamp_watch.odd_share(
+            odd_s, _ARRIVAL_S, config.effort.solve_interval_s)
 
     def _lag_share(self, track: _Track, update: TrackUpdate) -> float:
         """Return the 1-sigma of a track's speed by the time between the views, as a share."""

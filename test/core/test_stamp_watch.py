@@ -151,3 +151,43 @@ def test_jitter_that_begins_is_told_within_a_few_pairs():
         stamps_ns[50:] += rng.normal(0, 3e6, 30)
         told = told_s(stamps_ns)
         assert told[:50] == [None] * 50 and None not in told[60:]
+
+
+def odd_shares(stamps_ns, odd_s=9e-4, most_s=0.01, least_s=0.06):
+    """Return the share by which speeds are doubted at each stamp."""
+    watch, shares = StampWatch(), []
+    for ns in map(int, stamps_ns):
+        watch.add(ns)
+        shares.append(watch.odd_share(odd_s, most_s, least_s))
+    return np.array(shares)
+
+
+def test_speeds_near_an_odd_stamp_are_doubted_by_the_share_that_it_is_off():
+    stamps_ns = 100_000_000 * np.arange(80)
+    stamps_ns[50] += 2_500_000
+    shares = odd_shares(stamps_ns)
+    assert not shares[:50].any() and not shares[71:].any()
+    assert shares[50] == pytest.approx(2.5 / 102.5)
+    assert shares[51] == pytest.approx(2.5 / 97.5)  # the way from it is too short by as much
+    assert shares[52:71] == pytest.approx(2.5 / (97.5 + 100 * np.arange(1, 20)))
+
+
+@pytest.mark.parametrize('stamps_ns', [
+    PERIOD_NS * np.arange(60),
+    PERIOD_NS * np.delete(np.arange(60), [30, 31, 45, 52, 53]),
+    PERIOD_NS * np.arange(60) + np.random.default_rng(0).normal(0, 2e5, 60)])  # as it should be
+def test_of_stamps_as_they_should_be_none_is_odd(stamps_ns):
+    assert not odd_shares(stamps_ns)[3:].any()
+
+
+def test_no_way_is_shorter_than_speeds_are_measured_over_and_no_stamp_off_by_more_than_it_may():
+    stamps_ns = THIRTIETH_NS * np.arange(80)
+    stamps_ns[50] += 2_500_000
+    assert odd_shares(stamps_ns)[50] == pytest.approx(2.5 / 60)
+    assert odd_shares(stamps_ns, most_s=1e-3)[50] == pytest.approx(1.0 / 60)
+
+
+def test_a_stamp_that_is_odd_among_the_first_is_noticed():
+    """Of two intervals that differ either may be right: each is off by half."""
+    assert odd_shares(PERIOD_NS * np.arange(3) + [0, 0, 4_000_000])[2] == pytest.approx(2 / 204)
+    assert odd_shares(PERIOD_NS * np.arange(4) + [0, 0, 0, 4_000_000])[3] == pytest.approx(4 / 204)
