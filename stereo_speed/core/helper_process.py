@@ -39,10 +39,11 @@ class HelperProcess:
     :param module: that it runs, with the descriptors of its pipe and of the shared memory as
         arguments; it says that it is ready, and then answers.
     :param answer_s: that an answer may take.
+    :param patience: with the processor, from its very start; 19 is the most there is.
     :raises OSError: no memory, no more processes.
     """
 
-    def __init__(self, module: str, answer_s: float) -> None:
+    def __init__(self, module: str, answer_s: float, patience: int = 0) -> None:
         self._answer_s = answer_s
         one_blas_thread()
         ours, theirs = socket.socketpair()
@@ -58,6 +59,9 @@ class HelperProcess:
                     [sys.executable, '-m', module, str(theirs.fileno()), str(self._memory_fd)],
                     stdin=subprocess.DEVNULL, pass_fds=(theirs.fileno(), self._memory_fd),
                     env=environment)
+            if patience:  # now, for its imports take a second of one core
+                os.setpriority(os.PRIO_PROCESS, self.process.pid,
+                               os.getpriority(os.PRIO_PROCESS, 0) + patience)
         except OSError:
             ours.close()
             os.close(self._memory_fd)
@@ -85,6 +89,10 @@ class HelperProcess:
             return False
         self._received(0.0)
         return True
+
+    def has_answer(self) -> bool:
+        """Return whether ``received`` would not wait: there is an answer, or it has ended."""
+        return self._pipe.poll(0.0)
 
     def send(self, request: Any) -> None:
         """

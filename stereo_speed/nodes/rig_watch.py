@@ -11,37 +11,19 @@ it right again, as before. What a look cannot tell changes nothing.
 """
 from __future__ import annotations
 
-from multiprocessing import get_context
-from multiprocessing.pool import AsyncResult, Pool
-import os
 import threading
 import time
-from typing import Any, Callable, Optional, Sequence
+from typing import Any, Callable, Optional
 
 from .common import Parameters
 from .health import ERROR, State, WARN
-from ..core.helper_process import leave_ending_to_parent
 from ..core.records import RigMotion, StereoPair
 from ..pipeline.assembly import MeasuringSite
 from ..pipeline.config import SiteConfig
-from ..pipeline.rig_look import look_at_rig
+from ..pipeline.look_process import LookProcess
 from ..site.refine.rig_state import MOST_SHARE, RigState, Stance
 
 _LONGEST_S = 300.0  # a look that takes longer, or whose process has died, has failed
-_NICE = 10  # of the process that looks: what measures goes first
-Check = Callable[
-    [Stance, Sequence[StereoPair], SiteConfig, Optional[RigMotion], Optional[Stance]], RigState]
-
-
-def _process() -> Pool:
-    """Return a process of its own: looks take seconds that measuring must not wait for."""
-    return get_context('spawn').Pool(1, _give_way)
-
-
-def _give_way() -> None:
-    """Let what measures go first, and leave ending to it."""
-    os.nice(_NICE)
-    leave_ending_to_parent()
 
 
 class RigWatch:
@@ -50,12 +32,11 @@ class RigWatch:
 
     :param p: declares the parameters.
     :param log: of the node.
-    :param check: looks at the rig.
-    :param pool: makes what runs that beside the thread that measures.
+    :param make: starts the process of a look; may raise OSError.
     """
 
-    def __init__(self, p: Parameters, log: Any, check: Check = look_at_rig,
-                 pool: Callable[[], Pool] = _process) -> None:
+    def __init__(self, p: Parameters, log: Any,
+                 make: Callable[[], LookProcess] = LookProcess) -> None:
         self.interval_s = p.get(
             'rig_check_interval_s', 600.0, 'look at lines and background at start and this often '
             '[s]: while the rig has moved so that speeds are off by more than '
@@ -65,18 +46,17 @@ class RigWatch:
         self.pairs = p.get('rig_check_pairs', 9, 'pairs that such a look takes', 1, 100)
         self.spread_s = p.get('rig_check_spread_s', 20.0, 'time that they are spread over [s]',
                               0.0, 3600.0)
-        self.log, self._check, self._make_pool = log, check, pool
+        self.log, self._make = log, make
         self.newest: Optional[RigState] = None
         self.looks, self.failure, self.corrected = 0, '', ''
         self._used: Optional[Stance] = None
         self._suspected: Optional[Stance] = None  # as the newest look found a rig that is off
         self._correction: Optional[Stance] = None
         self._config = SiteConfig()
-        self._gathered: list[StereoPair] = []
         self._due_s = self._next_s = self._begun_s = 0.0
         self._lock = threading.RLock()
-        self._pool: Optional[Pool] = None
-        self._under_way: Optional[AsyncResult[RigState]] = None
+        self._process: Optional[LookProcess] = None  # of a look for which pairs are gathered
+        self._gathered, self._ready, self._asked = 0, False, False
 
     @property
     def withholds(self) -> bool:
@@ -95,7 +75,7 @@ class RigWatch:
         self._used = Stance(place.site, place.rig, dict(place.lanes))
         self._config, self.newest, self.corrected = config, None, corrected
         self._suspected = self._correction = None
-        self._gathered, self._due_s, self._next_s = [], 0.0, 0.0
+        self._due_s = self._next_s = 0.0
 
     def pop_correction(self) -> Optional[Stance]:
         """Return how two looks found a rig that has moved, once; None where they have not."""
@@ -111,38 +91,64 @@ class RigWatch:
         """
         if not self.interval_s or self._used is None:
             return
-        if self._under_way is not None:
+        with self._lock:
+            try:
+                self._go_on(pair, followed)
+            except Exception as error:  # of the other process, whatever it was
+                self._failed(error)
+
+    def _go_on(self, pair: StereoPair, followed: Optional[RigMotion]) -> None:
+        """
+        Do what the next pair allows: begin a look, give it the pair, have it look, take it in.
+
+        :raises OSError: its process has ended, or cannot be started.
+        :raises LookProcessError: the look has failed.
+        """
+        now_s = time.monotonic()
+        if self._asked:
             self.poll()
             return
-        now_s = time.monotonic()
-        if now_s < max(self._due_s, self._next_s):
+        if self._gathered < self.pairs and now_s >= max(self._due_s, self._next_s):
+            if self._process is None:
+                self._process, self._begun_s = self._make(), now_s
+            self._process.lay(pair)
+            self._gathered += 1
+            self._next_s = now_s + self.spread_s / max(self.pairs - 1, 1)
+        process = self._process
+        if process is None or self._gathered < self.pairs or self._used is None:
             return
-        self._gathered.append(pair)
-        self._next_s = now_s + self.spread_s / max(self.pairs - 1, 1)
-        if len(self._gathered) < self.pairs:
-            return
-        pairs, self._gathered = self._gathered, []
-        self._begun_s, self._pool = now_s, self._make_pool()
-        self._under_way = self._pool.apply_async(self._check, (
-            self._used, pairs, self._config, followed, self._suspected))
+        self._ready = self._ready or process.is_ready()
+        if self._ready:
+            process.look(self._used, self._config, followed, self._suspected)
+            self._asked, self._begun_s = True, now_s
+        elif now_s - self._begun_s > self.spread_s + _LONGEST_S:
+            raise TimeoutError(f'no process for it in {_LONGEST_S:g} s')
 
     def poll(self) -> None:
         """Take in what came of a look that is over; any thread may ask."""
         with self._lock:
-            look = self._under_way
-            if look is None:
+            if self._process is None or not self._asked:
                 return
-            over = time.monotonic() - self._begun_s > _LONGEST_S
-            if not (look.ready() or over):
+            try:
+                found = self._process.found()
+                if found is None and time.monotonic() - self._begun_s > _LONGEST_S:
+                    raise TimeoutError(f'not over in {_LONGEST_S:g} s')
+            except Exception as error:  # of the other process, whatever it was
+                self._failed(error)
                 return
-            self.close()
-        try:
-            found, self.failure = look.get(timeout=0.0), ''
-        except Exception as error:  # of the other process, whatever it was
-            self.failure = f'the look at the rig failed: {error!r}'
-            self.log.error(self.failure)
-        else:
-            self._learn(found)
+            if found is not None:
+                self.failure = ''
+                self._learn(found)
+                self._end()
+
+    def _failed(self, error: Exception) -> None:
+        self.failure = f'the look at the rig failed: {error}'
+        self.log.error(self.failure)
+        self._end()
+
+    def _end(self) -> None:
+        """Let go of a look, and set when the next one is due."""
+        self.close()
         # what is wrong is looked at again at once
         self._due_s = time.monotonic() + (0.0 if self.withholds else self.interval_s)
 
@@ -160,9 +166,11 @@ class RigWatch:
     def close(self) -> None:
         """End a look that is under way."""
         with self._lock:
-            pool, self._pool, self._under_way = self._pool, None, None
-        if pool is not None:  # which may wait for one that has been killed
-            threading.Thread(target=pool.terminate, name='ends a look', daemon=True).start()
+            process, self._process = self._process, None
+            self._gathered, self._ready, self._asked = 0, False, False
+        if process is not None:  # which may take a while to end: all others go first
+            threading.Thread(target=process.close, args=(0.0,), name='ends a look',
+                             daemon=True).start()
 
     def state(self) -> State:
         """Return its state for ``/diagnostics``."""

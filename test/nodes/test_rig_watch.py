@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-from multiprocessing.pool import AsyncResult, ThreadPool
 import time
 from types import SimpleNamespace
 
@@ -17,6 +16,7 @@ from stereo_speed.core.records import StereoPair  # noqa: E402, I100
 from stereo_speed.nodes.health import ERROR, OK, WARN  # noqa: E402
 from stereo_speed.nodes.rig_watch import RigWatch  # noqa: E402
 from stereo_speed.pipeline.config import SiteConfig  # noqa: E402
+from stereo_speed.pipeline.look_process import LookProcess, LookProcessError  # noqa: E402
 from stereo_speed.site.refine.rig_state import RigState  # noqa: E402
 
 LOOK_S = 60.0
@@ -42,14 +42,68 @@ class Log:
         self.info = self.error = self.lines.append
 
 
-def brightness(used, pairs, config, followed, suspected):
-    """Stand for a look: the brightness of the pairs is the share in percent, and the stance."""
-    if pairs[0].left[0, 0] == 255:
-        raise ValueError('too bright')
-    grey = float(np.mean([pair.left for pair in pairs]))
-    if grey == UNKNOWN:
-        return RigState(None, '', 'not known')
-    return RigState(grey / 100, 'lane', f'{len(pairs)}', stance=grey, confirmed=suspected == grey)
+class Brightness:
+    """
+    Stand for the process of a look.
+
+    The brightness of the pairs is the share in percent, and the stance.
+    """
+
+    def __init__(self):
+        self.grey, self.turns, self.state, self.closed = [], 0, None, False
+
+    def lay(self, pair):
+        """Keep what a look needs of a pair."""
+        assert self.state is None
+        self.grey.append(pair.left[0, 0])
+
+    def is_ready(self):
+        """Return whether it has started, as it has when asked again."""
+        self.turns += 1
+        return self.turns > 1
+
+    def look(self, used, config, followed, suspected):
+        """Look at the pairs so far."""
+        assert self.turns > 1
+        grey = float(np.mean(self.grey))
+        self.state = RigState(grey / 100, 'lane', f'{len(self.grey)}', stance=grey,
+                              confirmed=suspected == grey)
+        if grey == UNKNOWN:
+            self.state = RigState(None, '', 'not known')
+
+    def found(self):
+        """Return what it has found, or fail."""
+        if self.grey[0] == 255:
+            raise LookProcessError('too bright')
+        return self.state
+
+    def close(self, most_s):
+        """End it, once."""
+        assert not self.closed
+        self.closed = True
+
+
+class NeverReady(Brightness):
+    """One that does not start."""
+
+    def is_ready(self):
+        """Return that it is not."""
+        return False
+
+
+class NeverOver(Brightness):
+    """One whose look does not end."""
+
+    def found(self):
+        """Return that it is under way."""
+
+
+class Dead(Brightness):
+    """One that has been killed."""
+
+    def found(self):
+        """Fail as a process that has ended."""
+        raise BrokenPipeError('it has ended')
 
 
 def place():
@@ -57,10 +111,10 @@ def place():
     return SimpleNamespace(site=None, rig=None, lanes={})
 
 
-def watch(**values):
+def watch(make=Brightness):
     """Return a watch that has begun."""
-    out = RigWatch(Given(rig_check_interval_s=0.01, rig_check_pairs=2, rig_check_spread_s=0.0,
-                         **values), Log(), brightness, lambda: ThreadPool(1))
+    out = RigWatch(Given(rig_check_interval_s=0.01, rig_check_pairs=2, rig_check_spread_s=0.0),
+                   Log(), make)
     out.begin(place(), SiteConfig())
     return out
 
@@ -87,20 +141,57 @@ def test_what_is_off_is_withheld_until_it_is_right_again():
     rig.close()
 
 
-def test_a_look_that_never_ends_has_failed_and_the_next_is_taken(monkeypatch):
-    rig = watch()
-    # as multiprocessing has it, whose process was killed
-    never = SimpleNamespace(ready=lambda: False, wait=lambda timeout: None,
-                            get=lambda timeout: AsyncResult.get(never, timeout))
-    dead = SimpleNamespace(apply_async=lambda *_: never, terminate=lambda: None)
-    monkeypatch.setattr(rig, '_make_pool', lambda: dead)
+@pytest.mark.parametrize('make', [NeverReady, NeverOver, Dead])
+def test_a_look_that_does_not_end_has_failed_and_the_next_is_taken(make, monkeypatch):
+    rig = watch(make)
     monkeypatch.setattr('stereo_speed.nodes.rig_watch._LONGEST_S', 0.05)
     looked(rig, 2)
     assert rig.state().level == WARN and rig.looks == 0
-    monkeypatch.setattr(rig, '_make_pool', lambda: ThreadPool(1))
+    monkeypatch.setattr(rig, '_make', Brightness)
     monkeypatch.setattr('stereo_speed.nodes.rig_watch._LONGEST_S', LOOK_S)
     looked(rig, 0)
     assert rig.looks == 1 and rig.state().level == OK
+
+
+def test_a_process_that_cannot_be_started_is_a_look_that_has_failed():
+    def no_more():
+        raise BlockingIOError('no more processes')
+    rig = watch(no_more)
+    looked(rig, 2)
+    assert rig.state().level == WARN and 'no more processes' in rig.state().message
+
+
+def test_pairs_of_a_look_that_was_given_up_are_in_no_other():
+    rig = watch()
+    image = np.full((2, 2), 2, np.uint8)
+    rig.take(StereoPair(0, 0, 0, image, image))
+    rig.begin(place(), SiteConfig())
+    looked(rig, 0)
+    assert not rig.withholds and rig.log.lines == ['2']
+
+
+@pytest.mark.slow
+def test_a_process_that_is_killed_in_a_look_is_another_one_in_the_next():
+    made = []
+
+    def make():
+        made.append(LookProcess())
+        return made[-1]
+    rig = watch(make)
+    image, end_s = np.zeros((2, 2), np.uint8), time.monotonic() + LOOK_S
+    while not made:
+        rig.take(StereoPair(0, 0, 0, image, image))
+    made[0].process.kill()
+    while not rig.failure:
+        assert time.monotonic() < end_s
+        rig.take(StereoPair(0, 0, 0, image, image))
+        time.sleep(0.01)
+    assert rig.state().level == WARN and made[0].process.wait(LOOK_S) < 0
+    while len(made) < 2:
+        assert time.monotonic() < end_s
+        rig.take(StereoPair(0, 0, 0, image, image))
+    rig.close()
+    assert made[1].process.wait(LOOK_S) < 0
 
 
 def test_what_two_looks_in_a_row_find_alike_is_measured_with():
@@ -140,7 +231,7 @@ def test_looks_that_agree_across_one_that_found_the_rig_right_correct_nothing():
 
 
 def test_the_rig_is_looked_at_unless_nobody_wants_it():
-    assert RigWatch(Given(), Log(), brightness).interval_s == 600.0
+    assert RigWatch(Given(), Log(), Brightness).interval_s == 600.0
 
 
 def test_another_rig_is_looked_at_anew():
@@ -152,7 +243,7 @@ def test_another_rig_is_looked_at_anew():
 
 
 def test_nothing_is_looked_at_where_nobody_asks():
-    rig = RigWatch(Given(rig_check_interval_s=0.0), Log(), brightness)
+    rig = RigWatch(Given(rig_check_interval_s=0.0), Log(), Brightness)
     rig.begin(place(), SiteConfig())
     for _ in range(20):
         rig.take(StereoPair(0, 0, 0, np.zeros((2, 2)), np.zeros((2, 2))))
