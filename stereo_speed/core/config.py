@@ -107,6 +107,9 @@ class NoiseConfig(CheckedRecord):
     relief_std_m: float = parameter(
         0.04, 0.0001, 0.5, 'm', '1-sigma of the relief of a front: bumper, grille and lamps lie '
         'centimetres apart in depth')
+    relief_dof: float = parameter(
+        2.0, 1.0, 1e6, '', 'degrees of freedom of the t distribution of the relief: the fewer, '
+        'the freer are parts far behind the rest, as of a rider; a million for none of them')
     gauge_std_m: float = parameter(
         0.005, 0.0001, 0.5, 'm', '1-sigma of the place of the front across and above the path in '
         'its first observation, which defines its centre')

@@ -6,12 +6,17 @@ The relief of a front: how far its parts stand out of its plane.
 Bumpers, grilles and lights lie centimetres apart in depth.  As a vehicle comes nearer they shift
 against each other, and on one plane this would be taken for motion: 5 cm cost 0.1 to 0.3 mph.  A
 front does not change its shape, so its relief is a static unknown of the pass.
+
+Not all fronts are nearly planes: a rider sits most of a metre behind the fork, and held near it
+would be taken to scale and to turn otherwise than he does.  So the relief has heavy tails: what
+lies far off the plane, as the images show it, is hardly held to it.
 """
 from __future__ import annotations
 
 from functools import lru_cache
 
 import numpy as np
+from scipy.linalg import cho_solve
 from scipy.sparse import csr_matrix
 
 from ..core.records import Array
@@ -30,6 +35,32 @@ def relief_basis(unit_xy: Array) -> Array:
                                           - np.arange(count)), 0)
                     for axis, count in enumerate(NODES))
     return np.asarray((down[:, :, None] * across[:, None, :]).reshape(len(unit_xy), -1))
+
+
+def node_weights(square_m2: Array, std_m: float, dof: float) -> Array:
+    """
+    Return the shares of the usual information by which nodes are held to the plane.
+
+    It is the step of the t distribution's expectation maximisation: 1 for a node that lies as far
+    off as is usual.
+
+    :param square_m2: (M,) mean square of the relief of each node, as far as is known.
+    :param std_m: what is usual.
+    :param dof: degrees of freedom of the t distribution.
+    """
+    return np.asarray((dof + 1) / (dof + square_m2 / std_m ** 2))
+
+
+def node_variances(factor: tuple[Array, bool], gain: Array, poses: Array) -> Array:
+    """
+    Return the variances (M,) of the relief where the poses are not known exactly.
+
+    :param factor: Cholesky's of the information (M, M) of the relief where they are.
+    :param gain: (M, k) change of the relief by the poses.
+    :param poses: (k, k) their covariance.
+    """
+    known = cho_solve(factor, np.eye(len(gain)), check_finite=False)
+    return np.asarray(np.diag(known) + ((gain @ poses) * gain).sum(axis=1))
 
 
 class NodeSums:

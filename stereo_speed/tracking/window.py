@@ -31,6 +31,7 @@ from .observation import Observation, ObservationSampler
 from .onset import Moments, with_onsets
 from .photometry import (
     Equations, PassPhotometry, Photometry, scatters_px, views_agree)
+from .relief import node_variances, node_weights
 from .sharpness import equal_blurs_px, trial_blurs_px
 from ..core.config import TrackerConfig
 from ..core.records import Array, StereoPair
@@ -174,11 +175,13 @@ class _Window:
     :param occluded_ns: stamps of the pairs, active or not, that do not count.
     :param changing_lanes: probability that the vehicle does.
     :param more_px: scatter of the disparities beyond what is usual, px.
+    :param relief_weights: (m,) shares of the usual information that hold nodes to the plane.
     """
 
     keyframes: tuple[_Keyframe, ...]
     state: Array
     relief: Array
+    relief_weights: Array
     inactive: tuple[StereoPair, ...] = ()
     occluded_ns: frozenset[int] = frozenset()
     changing_lanes: float = 0.0
@@ -278,6 +281,7 @@ class _Solution:
 
     :param mean: of the unknowns but for accelerations, in the order of ``StateIndex``.
     :param relief: (m,) mean of the relief.
+    :param relief_square: (m,) mean of its square, by the likeliest hypothesis, m^2.
     :param weights: of all hypotheses.
     :param likely: weight and answer of each that counts.
     :param photometry: what the images say.
@@ -286,6 +290,7 @@ class _Solution:
 
     mean: Array
     relief: Array
+    relief_square: Array
     weights: Array
     likely: Sequence[tuple[float, Moments]]
     photometry: Photometry
@@ -315,7 +320,7 @@ class PhotometricWindow:
         self.motion = PassMotion(prior, config, config.stamp_std_s)
         self.exact_motion = PassMotion(prior, config, 0.0)
         self.hypotheses = _hypotheses(config)
-        self._window = _Window((), np.zeros((0, 4)), np.zeros(nodes))
+        self._window = _Window((), np.zeros((0, 4)), np.zeros(nodes), np.ones(nodes))
         self._agreement: Array = np.zeros(0)  # left-right NCC of what was solved for last
 
     def add(self, pair: StereoPair, guess: Array, *, reacquires: bool = False
@@ -459,8 +464,8 @@ class PhotometricWindow:
         """
         seen = self.photometry(window.observations, window.counts(), window.more_px)
         # The relief is the same whatever the motion: it is eliminated once.
-        said = {more_px: _without_relief(seen.scattered(more_px), len(window.keyframes),
-                                         self.config.noise.relief_std_m)
+        held = window.relief_weights / self.config.noise.relief_std_m ** 2
+        said = {more_px: _without_relief(seen.scattered(more_px), len(window.keyframes), held)
                 for more_px in {h.more_px: None for h in hypotheses}}
         before = np.array([math.log(h.share) + said[h.more_px].log_density for h in hypotheses])
         evidence = np.array([a.log_evidence for a in self._answers(
@@ -479,9 +484,14 @@ class PhotometricWindow:
         mean = _total(w * answer.mean for w, answer in likely)
         relief = _total(w * said[h.more_px].relief(answer.mean[window.index.poses.ravel()])
                         for w, h, answer in zip(shares, some, found) if w > 0)
+        most = int(np.argmax(shares))
+        poses = window.index.poses.ravel()
+        strays = said[some[most].more_px].relief_variances(
+            found[most].covariance[np.ix_(poses, poses)])
         rate = math.sqrt(sum(
             float(w) * (h.motion.speed_rate_std or 0.0) ** 2 for w, h in zip(shares, some)))
-        return _Solution(mean, relief, weights, likely, seen, rate)
+        return _Solution(
+            mean, relief, np.square(relief) + strays, weights, likely, seen, rate)
 
     def _answers(self, window: _Window, hypotheses: Sequence[_Hypothesis], motion: PassMotion,
                  said: Mapping[float, _PoseEquations], *, covariances: bool) -> list[Moments]:
@@ -533,7 +543,10 @@ class PhotometricWindow:
         """Return the window at a solution, and how far the observations made again moved, px."""
         at = window.index
         state = np.column_stack([solution.mean[at.poses], solution.mean[at.speeds]])
-        window = replace(window, state=state, relief=solution.relief)
+        noise = self.config.noise
+        window = replace(
+            window, state=state, relief=solution.relief, relief_weights=node_weights(
+                solution.relief_square, noise.relief_std_m, noise.relief_dof))
         rates, _, heading = self._directions(window)
         seen = window.observations
         changes = state[:, :3] - np.array([o.pose for o in seen])
@@ -570,25 +583,31 @@ class _PoseEquations(Equations):
 
     :param alone: (m,) relief where the poses are 0.
     :param gain: (m, 3 n) its change by them, but for its sign.
+    :param factor: Cholesky's of its information (m, m) where the poses are known.
     """
 
     alone: Array
     gain: Array
+    factor: tuple[Array, bool]
 
     def relief(self, poses: Array) -> Array:
         """Return the relief that poses (3 n,) lead to."""
         return np.asarray(self.alone - self.gain @ poses)
 
+    def relief_variances(self, poses: Array) -> Array:
+        """Return the variances (m,) of the relief, by the covariance (3 n, 3 n) of the poses."""
+        return node_variances(self.factor, self.gain, poses)
 
-def _without_relief(said: Equations, observations: int, std_m: float) -> _PoseEquations:
+
+def _without_relief(said: Equations, observations: int, held: Array) -> _PoseEquations:
     """
     Return what images say of the poses alone.
 
     :param said: what they say of poses and relief.
-    :param std_m: 1-sigma of the relief at each node before them.
+    :param held: (m,) information of the relief at each node before them, 1/m^2.
     """
     n = 3 * observations
-    own = said.H[n:, n:] + np.eye(len(said.H) - n) / std_m ** 2
+    own = said.H[n:, n:] + np.diag(held)
     factor = cho_factor(own, lower=True, check_finite=False)
     gain = cho_solve(factor, said.H[n:, :n], check_finite=False)
     alone = cho_solve(factor, said.right[n:], check_finite=False)
@@ -596,7 +615,7 @@ def _without_relief(said: Equations, observations: int, std_m: float) -> _PoseEq
         np.log(np.diag(factor[0])).sum())
     return _PoseEquations(
         said.H[:n, :n] - said.H[:n, n:] @ gain, said.right[:n] - said.H[:n, n:] @ alone,
-        log_density, alone, gain)
+        log_density, alone, gain, factor)
 
 
 def _given_heading(covariance: Array, at: StateIndex) -> Array:

@@ -8,9 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy import stats
+from scipy.linalg import cho_factor
 from stereo_speed.core.config import NoiseConfig, SecondConfig, TrackerConfig
 from stereo_speed.lab.sim import simulate, straight_config, VehicleConfig
-from stereo_speed.tracking.relief import NODES, NodeSums, relief_basis
+from stereo_speed.tracking.relief import (
+    node_variances, node_weights, NODES, NodeSums, relief_basis)
 
 
 def test_basis_interpolates_its_nodes_and_sums_to_one():
@@ -29,6 +31,36 @@ def test_sums_over_samples_are_those_of_matrices(dense):
     weights = rng.uniform(-1, 2, 70)
     np.testing.assert_allclose(NodeSums(basis)(weights), basis @ np.diag(weights) @ basis.T,
                                atol=1e-12)
+
+
+def test_a_node_is_held_the_less_the_further_it_lies_off_the_plane():
+    """By hand, with 2 degrees of freedom: 3 / (2 + 1), 3 / (2 + 100)."""
+    np.testing.assert_allclose(node_weights(0.04 ** 2 * np.array([1.0, 100.0]), 0.04, 2.0),
+                               [1, 3 / 102])
+    np.testing.assert_allclose(node_weights(np.array([0.0, 1.0]), 0.04, 1e9), 1.0, atol=1e-5)
+
+
+def test_what_is_seen_far_behind_is_found_there_and_the_rest_stays_near_the_plane():
+    """Each node by itself, seen to 5 cm: one 0.7 m behind, one nearly in the plane, one unseen."""
+    seen_m, information = np.array([-0.7, 0.03, 0.0]), np.array([400.0, 400.0, 0.0])
+    weights = np.ones(3)
+    for _ in range(20):
+        whole = information + weights / 0.04 ** 2
+        found_m = information * seen_m / whole
+        weights = node_weights(np.square(found_m) + 1 / whole, 0.04, 2.0)
+    assert found_m[0] < -0.65 and 0 < found_m[1] < 0.5 * seen_m[1]
+    assert weights[2] == pytest.approx(1.0)  # what is not seen is as it was
+
+
+def test_variances_of_the_relief_are_those_of_poses_and_relief_together():
+    """Beside the inverse of the information of both."""
+    root = np.random.default_rng(2).standard_normal((9, 9))
+    whole = root @ root.T + np.eye(9)
+    own, mixed = whole[5:, 5:], whole[5:, :5]
+    inverse = np.linalg.inv(whole)
+    found = node_variances(
+        cho_factor(own, lower=True), np.linalg.solve(own, mixed), inverse[:5, :5])
+    np.testing.assert_allclose(found, np.diag(inverse)[5:])
 
 
 @pytest.mark.slow
