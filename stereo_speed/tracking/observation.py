@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from .front import Front, plane_points
 from .observation_kernels import Spread, spread, Views, views
 from .relief import relief_basis
+from .sharpness import grown_blurs_px
 from ..core.config import NoiseConfig
 from ..core.records import Array, StereoPair
 from ..geometry.rig import StereoRig
@@ -92,7 +93,8 @@ class ObservationSampler:
     :param noise: what is clipped, and how far that reaches.
 
     ``blur_px`` is the 1-sigma of a blur of the left and of the right view, px, that makes the
-    sharper one as sharp as the other: see :mod:`.sharpness`.
+    sharper one as sharp as the other: see :mod:`.sharpness`.  That was seen where the front
+    covered ``blurred_at_px`` pixels in a view.
     """
 
     def __init__(self, rig: StereoRig, front: Front, unit_xy: Array,
@@ -102,6 +104,7 @@ class ObservationSampler:
         self._plane_m = np.concatenate([front.grid_m(inner), front.corners_m])
         self._count = len(unit_xy)
         self.blur_px: tuple[float, float] = (0.0, 0.0)
+        self.blurred_at_px = math.inf
         self.relief_basis = relief_basis(unit_xy)
 
     def observe(self, pair: StereoPair, pose: Array, velocity_mps: Array, heading_rad: float,
@@ -125,9 +128,11 @@ class ObservationSampler:
         if not (in_left[0].all() and in_right[0].all()):
             return None
         lie = Spread(*spread(left, right, *self.grid_shape, _STEP_M))
+        covered_px = 0.5 * n * float(lie.apart.prod(axis=1).sum())
         crops = [self._cropped(image, bounds, np.hypot(_BLUR_STEPS * apart, blur_px).tolist())
                  for image, bounds, apart, blur_px in zip(
-                     (pair.left, pair.right), lie.bounds, lie.apart, self.blur_px)]
+                     (pair.left, pair.right), lie.bounds, lie.apart,
+                     grown_blurs_px(self.blur_px, covered_px / self.blurred_at_px))]
         origins = np.array([origin for _, _, origin in crops], dtype=np.float64)
         seen = Views(*views(*crops[0][:2], *crops[1][:2], origins, lie.at, lie.motion))
         per_m = np.hypot(lie.centre[..., 0], lie.centre[..., 1])

@@ -50,3 +50,18 @@ def equal_blurs_px(patches: Array, pixels: float, noise: NoiseConfig) -> tuple[f
     place = float(parabola_peak(log_likelihood)[0])
     square = float(np.interp(place, np.arange(len(_SHARES)), _SHARES)) * noise.most_blur_px ** 2
     return math.sqrt(max(square, 0.0)), math.sqrt(max(-square, 0.0))
+
+
+def grown_blurs_px(blur_px: tuple[float, float], growth: float) -> tuple[float, float]:
+    """
+    Return the blurs of both views that leave a front as blurred beside its size as it was.
+
+    What a lens blurs keeps its size in pixels while the front grows; taken for a part of the
+    front, it would hold the front back.
+
+    :param blur_px: of the left and the right view that made them equally sharp; one of them is 0.
+    :param growth: of the area of the front since then; one that shrinks is as blurred as it is.
+    """
+    usual_px = max(blur_px)
+    more = usual_px ** 2 * (max(growth, 1.0) - 1)
+    return math.sqrt(blur_px[0] ** 2 + more), math.sqrt(blur_px[1] ** 2 + more)

@@ -394,6 +394,7 @@ class PhotometricWindow:
                                             trial_blurs_px(self.config.noise))
         if seen is not None:
             self.sampler.blur_px = equal_blurs_px(*seen, self.config.noise)
+            self.sampler.blurred_at_px = seen[1]
 
     def solve_pass(self) -> SolvedPass:
         """Return the pass solved from all keyframes, the inactive ones among them."""

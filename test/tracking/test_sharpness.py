@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+import math
 
 import cv2
 import numpy as np
@@ -11,7 +12,8 @@ import pytest
 from stereo_speed.core.config import NoiseConfig
 from stereo_speed.tracking.front import Front
 from stereo_speed.tracking.observation import ObservationSampler
-from stereo_speed.tracking.sharpness import equal_blurs_px, trial_blurs_px
+from stereo_speed.tracking.sharpness import (
+    equal_blurs_px, grown_blurs_px, trial_blurs_px)
 from stereo_speed.vision.haar import PartGrid
 
 GRID = PartGrid(10, 8)
@@ -41,6 +43,38 @@ def test_the_sharper_view_is_to_be_blurred_by_as_much(textured, left_px, right_p
         patches = sampler.observe(pair, POSE, STILL, 0.0, np.zeros(32)).patches
         return float(np.mean(patches[0] * patches[1]))
     assert 1 - agreement(found) < 0.5 * (1 - agreement((0.0, 0.0)))
+
+
+@pytest.mark.parametrize(('blur_px', 'growth', 'wanted'), [
+    ((2.0, 0.0), 1.0, (2.0, 0.0)), ((2.0, 0.0), 4.0, (4.0, math.sqrt(12))),
+    ((0.0, 1.5), 4.0, (math.sqrt(6.75), 3.0)), ((2.0, 0.0), 0.25, (2.0, 0.0)),
+    ((0.0, 0.0), 4.0, (0.0, 0.0))])
+def test_a_front_twice_as_high_and_wide_is_blurred_twice_as_far(blur_px, growth, wanted):
+    """By hand: 4 px in the sharp view; the other has 2 px, and sqrt(16 - 4) more make it 4."""
+    assert grown_blurs_px(blur_px, growth) == pytest.approx(wanted)
+
+
+def test_a_front_out_of_focus_looks_near_as_it_did_far_away(textured):
+    """What is blurred by 2 px all the way is less so beside its size from half as far."""
+    sampler = ObservationSampler(textured.rig, Front(textured.path, textured.corners_m),
+                                 GRID.unit_xy, GRID.shape)
+    near, still = POSE + [20.0, 0, 0], np.zeros(3)
+
+    def agreement(covered_px):
+        sampler.blur_px, sampler.blurred_at_px = (2.0, 0.0), covered_px
+        far_left, near_right = (
+            sampler.observe(pair, pose, still, 0.0, np.zeros(32)).patches[view]
+            for view, pose in enumerate((POSE, near))
+            for pair in [blurred_right(textured.pair(0, 0, pose))])
+        return float(np.mean(far_left * near_right))
+    seen = sampler.blurred_patches(textured.pair(0, 0, POSE), POSE, still,
+                                   trial_blurs_px(NoiseConfig()))
+    assert 1 - agreement(seen[1]) < 0.5 * (1 - agreement(math.inf))
+
+
+def blurred_right(pair):
+    """Return a pair whose right camera is 2 px out of focus."""
+    return replace(pair, right=cv2.GaussianBlur(pair.right, (0, 0), 2.0))
 
 
 @pytest.mark.parametrize('blur_px', [0.0, 1.5])
