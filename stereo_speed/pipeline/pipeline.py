@@ -503,13 +503,28 @@ class SpeedPipeline:
         """
         if track.clock_stepped or track.unaware:
             return update.unconfirmed()
-        share = self._odd_share(track)
+        share = math.hypot(self._odd_share(track), self._hidden_share(track, update))
         if self.view_lag.concerned:
             share = math.hypot(share, self._lag_share(track, update))
         if not share:
             return update
         update = update.doubted(share)
         return update if self._is_sure(update) else update.unconfirmed()
+
+    def _hidden_share(self, track: _Track, update: TrackUpdate) -> float:
+        """
+        Return the 1-sigma of a track's speed, as a share, by changes that uneven stamps hide.
+
+        Of an acceleration that has begun or ended nothing shows until its way, a t^2 / 2, is more
+        than the way by which the stamps of an interval may be wrong.
+        """
+        onset_mps2, way_m = self.config.onset_std_mps2, abs(update.speed_mps) * (
+            math.sqrt(2.0) * (track.stamp_std_s or 0.0))
+        if not (way_m and onset_mps2):
+            return 0.0
+        hidden_s = math.sqrt(2.0 * way_m / onset_mps2)
+        likely = min(self.config.onset_per_s * hidden_s, 1.0)
+        return math.sqrt(likely) * onset_mps2 * hidden_s / abs(update.speed_mps)
 
     def _odd_share(self, track: _Track) -> float:
         """Return the 1-sigma of a track's speed, as a share, by stamps it does not doubt yet."""
