@@ -22,8 +22,8 @@ from ..io.decoding import read_image
 from ..io.trace_json import trace_of
 from ..pipeline.assembly import MeasuringSite
 from ..pipeline.config import PipelineConfig
-from ..pipeline.pipeline import start_of
 from ..pipeline.registry import TRACKERS
+from ..pipeline.track import start_of
 from ..site.file import load_site
 from ..tracking.lane_assigner import LaneAssigner
 from ..tracking.protocol import CanHurry, DoubtsStamps, Refusal, SharesParticles

@@ -9,17 +9,20 @@ same speeds everywhere, but where a machine that does not keep up has pairs hurr
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import partial
 import math
 from typing import Callable, Mapping, Optional, Sequence, Union
 
 import numpy as np
 
 from .conclusions import AtOnce, Conclusions
+from .pass_end import PassEnd
+from .track import holds, start_of, Track, with_stamps
+from .turns import take_turns
 from ..classification.size import VehicleSize
 from ..core.config import TrackerConfig
 from ..core.errors import InputError
-from ..core.passes import Direction, PassResult, Reason, TrackEnd
+from ..core.passes import PassResult, Reason
 from ..core.records import (
     Array, InitialFront, RigMotion, StereoPair, TrackState, TrackUpdate)
 from ..core.stamp_watch import StampWatch
@@ -27,15 +30,13 @@ from ..core.trace import PassTrace, TraceBuilder
 from ..detection.protocol import Detection, Detector, LooksAhead, TrackedRegion
 from ..geometry.rig import StereoRig
 from ..road.lanes import LanePath
-from ..second.estimate import SecondOpinion, with_second
+from ..second.estimate import SecondOpinion
 from ..steadying.doubt import SpeedDoubt
 from ..steadying.steadier import Steadier
 from ..steadying.view_lag import ViewLag
 from ..tracking.initialise import check_annotation
 from ..tracking.lane_assigner import LaneAssigner
-from ..tracking.protocol import (
-    CanHurry, DoubtsStamps, MOST_TIMES, OCCLUDED_TIMES, OLD_S, Refusal, SharesParticles,
-    TellsAge, Tracker, TrackStart)
+from ..tracking.protocol import Refusal, SharesParticles, Tracker, TrackStart
 
 _UNSEARCHED_S = 0.3  # of stamps, at most: vehicles are in view for seconds
 _ARRIVAL_S = 0.01  # stamps made at arrival are off by some ms; more is exposures at any time
@@ -63,78 +64,6 @@ class Step:
     passes: list[PassResult]
 
 
-@dataclass(eq=False)
-class _Track:
-    """
-    A track and what the pipeline keeps of it.
-
-    :param tracker: follows the vehicle.
-    :param lanes: assigns it to lanes.
-    :param detection: what it was started by; None where a person annotated it.
-    :param found_ns: stamp of the pair that it was detected in.
-    :param trace: gathers how its pass comes about.
-    :param size: measures the vehicle.
-    :param second: estimates its speed by other evidence; None where that is not asked for.
-    :param last: its newest update.
-    :param confirmed: whether it ever was.
-    :param doubted: whether it goes at another speed than its detector saw.
-    :param lag_changes_s: of the time between the views, before it began.
-    :param clock_stepped: whether the clock of the stamps has stepped since.
-    :param stamp_std_s: 1-sigma that its stamps are taken to have, where they are known to be less
-        even than they should be.
-    :param unaware: whether its tracker took no notice of how uneven they have become.
-    :param hurried: whether its tracker was told to do little with the newest pair.
-    :param unhurried_ns: stamp of the last pair in which it was not; None before there was one.
-    :param drift_rad: (3,) how far the right camera was taken to have turned in its first pair.
-    :param drift_change_rad: (3,) the greatest change of that in its pairs so far, either way.
-    """
-
-    tracker: Tracker
-    lanes: LaneAssigner
-    detection: Optional[Detection]
-    found_ns: int
-    trace: TraceBuilder
-    size: VehicleSize
-    second: Optional[SecondOpinion] = None
-    last: Optional[TrackUpdate] = None
-    confirmed: bool = False
-    doubted: bool = False
-    lag_changes_s: float = 0.0
-    clock_stepped: bool = False
-    stamp_std_s: Optional[float] = None
-    unaware: bool = False
-    hurried: bool = False
-    unhurried_ns: Optional[int] = None
-    drift_rad: Array = field(default_factory=lambda: np.zeros(3))
-    drift_change_rad: Array = field(default_factory=lambda: np.zeros(3))
-
-    def see_stamps(self, stamp_std_s: float) -> None:
-        """Take in that stamps are worse than they were taken for."""
-        self.stamp_std_s = stamp_std_s
-        if isinstance(self.tracker, DoubtsStamps):
-            self.tracker.doubt_stamps(stamp_std_s)
-        else:
-            self.unaware = True
-        if self.second is not None:
-            self.second.config = replace(self.second.config, stamp_std_s=stamp_std_s)
-
-    def see_drift(self, drift_rad: Array) -> None:
-        """Take in how far the right camera is taken to have turned, which may come and go."""
-        self.drift_change_rad = np.maximum(
-            self.drift_change_rad, np.abs(drift_rad - self.drift_rad))
-
-    @cached_property
-    def is_vehicle(self) -> bool:
-        """
-        Return whether what this track followed to its end is told as a pass.
-
-        It was confirmed, or marked by a person, or it left the view before it could be confirmed.
-        What was lost before, as in a gap of the stream, is no vehicle as far as is known.
-        """
-        return self.confirmed or self.detection is None or (
-            _holds(self.last) and self.tracker.result().end is TrackEnd.LEFT_VIEW)
-
-
 @dataclass(frozen=True, eq=False)
 class _Search:
     """
@@ -149,7 +78,7 @@ class _Search:
 
     pair: StereoPair
     tracked: Sequence[TrackedRegion]
-    doubted: Sequence[tuple[_Track, Array]]
+    doubted: Sequence[tuple[Track, Array]]
     found: Optional[Sequence[Detection]] = None
     seen: Sequence[TrackUpdate] = ()
 
@@ -158,7 +87,7 @@ class _Search:
 class _State:
     """What a jump of time makes the pipeline forget."""
 
-    tracks: list[_Track] = field(default_factory=list)
+    tracks: list[Track] = field(default_factory=list)
     gone: list[TrackUpdate] = field(default_factory=list)  # last updates of what left lately
     last_ns: Optional[int] = None
     searched_ns: Optional[int] = None  # stamp of the last pair that was
@@ -236,7 +165,8 @@ class SpeedPipeline:
             pair = self.steadier.steady(pair)
         self._start_annotated(pair)
         searches = self._searches(pair.stamp_ns, hurried=hurried)
-        self._take_turns(pair.stamp_ns, hurried=hurried, dense=dense)
+        take_turns(state.tracks, pair.stamp_ns, self._solve_interval_s(), hurried=hurried,
+                   dense=dense)
         if searches and not dense and isinstance(self.detector, LooksAhead):
             if state.search is not None:
                 state.search = replace(state.search, found=self._answer(state.search))
@@ -392,7 +322,7 @@ class SpeedPipeline:
                     raise track.error()
 
     def _start(self, front: InitialFront, pair: StereoPair, lane: LanePath,
-               detection: Optional[Detection], newest: StereoPair) -> Union[_Track, Refusal]:
+               detection: Optional[Detection], newest: StereoPair) -> Union[Track, Refusal]:
         """
         Start a track; tracks share the particles there are.
 
@@ -409,15 +339,15 @@ class SpeedPipeline:
         if isinstance(tracker, Refusal):
             return tracker
         self.next_track += 1
-        config = _with_stamps(self.config, trace)
+        config = with_stamps(self.config, trace)
         second = SecondOpinion(self.rig, lane, config) if config.second.enabled else None
         size = VehicleSize(self.rig, lane, self.config.classes,
                            front.std_px if detection is None else None)
-        tracks.append(_Track(tracker, LaneAssigner(self.lanes, self.config.verdict), detection,
-                             newest.stamp_ns, TraceBuilder(trace), size, second,
-                             lag_changes_s=self.view_lag.changes_s,
-                             stamp_std_s=trace.stamp_std_s,
-                             drift_rad=np.array((pair.motion or RigMotion()).drift_rad)))
+        tracks.append(Track(
+            tracker, LaneAssigner(self.lanes, self.config.verdict), detection, newest.stamp_ns,
+            TraceBuilder(trace), size, second, lag_changes_s=self.view_lag.changes_s,
+            stamp_std_s=trace.stamp_std_s,
+            drift_rad=np.array((pair.motion or RigMotion()).drift_rad)))
         return tracks[-1]
 
     def _share(self, tracks: int) -> int:
@@ -428,7 +358,7 @@ class SpeedPipeline:
         fewest = self.config.effort.fewest_particles
         return min(wanted, max(self.config.particle_budget // tracks, fewest))
 
-    def _update(self, track: _Track, pair: StereoPair,
+    def _update(self, track: Track, pair: StereoPair,
                 particles: Optional[int] = None) -> Optional[TrackUpdate]:
         """
         Feed a track, and place its vehicle in a lane.
@@ -439,7 +369,7 @@ class SpeedPipeline:
         if update is None:
             track.trace.add(pair, particles, None, hurried=hurried, stamp_std_s=track.stamp_std_s)
             return None
-        if _holds(update):
+        if holds(update):
             track.size.take(pair, update)
             if track.second is not None:
                 track.second.take(pair, update.quad_left_px, update.quad_right_px)
@@ -462,31 +392,10 @@ class SpeedPipeline:
             self._state.searched_ns = stamp_ns
         return searches
 
-    def _take_turns(self, stamp_ns: int, *, hurried: bool, dense: bool) -> None:
-        """
-        Tell the tracks whether to do little with the next pair.
-
-        Of those that are to be solved for, that has its turn which has waited longest: a pair in
-        which all were would take as long as several.  Where pairs are rare, none gives way.
-
-        :param dense: whether pairs come faster than vehicles are solved for.
-        """
-        tracks = self._state.tracks
-        interval_s = self.config.effort.solve_interval_s * (
-            self.config.particles / self._share(max(len(tracks), 1)))
-        waited_s = [_waited_s(track, stamp_ns) for track in tracks]
-        if hurried:
-            waited_s = [one_s if _holds(track.last) else one_s / OCCLUDED_TIMES
-                        for track, one_s in zip(tracks, waited_s)]
-        longest = max(range(len(tracks)), key=waited_s.__getitem__, default=None)
-        for k, track in enumerate(tracks):
-            gives_way = k != longest and waited_s[k] < math.inf
-            track.hurried = gives_way or waited_s[k] < OLD_S if hurried else (
-                dense and gives_way and interval_s <= waited_s[k] < MOST_TIMES * interval_s)
-            if isinstance(track.tracker, CanHurry):
-                track.tracker.hurry(track.hurried)
-            if not track.hurried:
-                track.unhurried_ns = stamp_ns
+    def _solve_interval_s(self) -> float:
+        """Return the time between two solutions of a track, which share the effort there is."""
+        return self.config.effort.solve_interval_s * (
+            self.config.particles / self._share(max(len(self._state.tracks), 1)))
 
     def _is_sure(self, update: TrackUpdate) -> bool:
         """Return whether the speed of a vehicle is known well enough to be a reading."""
@@ -494,7 +403,7 @@ class SpeedPipeline:
         return update.speed_std_mps <= max(
             limits.reading_std_mps, limits.reading_std_share * abs(update.speed_mps))
 
-    def _timed(self, update: TrackUpdate, track: _Track) -> TrackUpdate:
+    def _timed(self, update: TrackUpdate, track: Track) -> TrackUpdate:
         """
         Return what a track says with the doubt of its times in its 1-sigma.
 
@@ -511,7 +420,7 @@ class SpeedPipeline:
         update = update.doubted(share)
         return update if self._is_sure(update) else update.unconfirmed()
 
-    def _hidden_share(self, track: _Track, update: TrackUpdate) -> float:
+    def _hidden_share(self, track: Track, update: TrackUpdate) -> float:
         """
         Return the 1-sigma of a track's speed, as a share, by changes that uneven stamps hide.
 
@@ -526,7 +435,7 @@ class SpeedPipeline:
         likely = min(self.config.onset_per_s * hidden_s, 1.0)
         return math.sqrt(likely) * onset_mps2 * hidden_s / abs(update.speed_mps)
 
-    def _odd_share(self, track: _Track) -> float:
+    def _odd_share(self, track: Track) -> float:
         """Return the 1-sigma of a track's speed, as a share, by stamps it does not doubt yet."""
         config = self.config
         known_s = track.stamp_std_s or config.stamp_std_s
@@ -536,11 +445,11 @@ class SpeedPipeline:
         return self.stamp_watch.odd_share(
             odd_s, _ARRIVAL_S, config.effort.solve_interval_s)
 
-    def _lag_share(self, track: _Track, update: TrackUpdate) -> float:
+    def _lag_share(self, track: Track, update: TrackUpdate) -> float:
         """Return the 1-sigma of a track's speed by the time between the views, as a share."""
         return self.view_lag.share(update, self.view_lag.changes_s - track.lag_changes_s)
 
-    def _is_doubtful(self, track: _Track, update: TrackUpdate) -> bool:
+    def _is_doubtful(self, track: Track, update: TrackUpdate) -> bool:
         """
         Return whether a young track sees another speed than its detector saw, or none.
 
@@ -619,7 +528,7 @@ class SpeedPipeline:
         state = self._state
         state.gone = self._lately_gone(pair) + [
             t.last for t in state.tracks if t.last is not None and t.tracker.ended
-            and _holds(t.last) and t.is_vehicle]
+            and holds(t.last) and t.is_vehicle]
 
     def _held(self) -> list[TrackUpdate]:
         """
@@ -666,13 +575,13 @@ class SpeedPipeline:
                 continue
             updates = [self._update(track, one) for one in pairs]
             newest = updates[-1]
-            if newest is not None and all(map(_holds, updates)) and (
+            if newest is not None and all(map(holds, updates)) and (
                     len(pairs) == 1 or self._same_speed(newest, front)):
                 return newest
             self._state.tracks.remove(track)
         return None
 
-    def _doubted_at(self, front: Detection, search: _Search) -> Optional[_Track]:
+    def _doubted_at(self, front: Detection, search: _Search) -> Optional[Track]:
         """Return the doubted track that holds what is detected in a pair; None where none does."""
         near_m, centre = self.config.association.same_vehicle_m, self._centre(front, search.pair)
         return next((track for track, at_m in search.doubted if track in self._state.tracks
@@ -696,7 +605,7 @@ class SpeedPipeline:
         """End tracks that miss a pair before they are confirmed; a vehicle is found again."""
         self._state.tracks = [
             t for t in self._state.tracks if t.confirmed or t.detection is None
-            or t.tracker.ended or _holds(t.last)]
+            or t.tracker.ended or holds(t.last)]
 
     def _drop_doubles(self) -> None:
         """
@@ -706,7 +615,7 @@ class SpeedPipeline:
         """
         tracks, near_m = self._state.tracks, self.config.association.same_vehicle_m
         held: list[TrackUpdate] = []
-        for track in sorted(tracks, key=lambda t: not _holds(t.last)):
+        for track in sorted(tracks, key=lambda t: not holds(t.last)):
             if track.last is None or track.tracker.ended:
                 continue
             at = track.last.position_m
@@ -763,7 +672,7 @@ class SpeedPipeline:
         limit = self.config.association.same_speed_sigmas * std + change_mps
         return abs(update.speed_mps - front.speed_mps) < limit
 
-    def _conclude(self, track: _Track, reason: Optional[Reason] = None) -> None:
+    def _conclude(self, track: Track, reason: Optional[Reason] = None) -> None:
         """
         Have the whole pass of a track measured, which is over.
 
@@ -774,109 +683,12 @@ class SpeedPipeline:
             self.steadier, track.drift_change_rad)
         self._concluding.add(track.tracker.track)
         self._conclusions.add(
-            _Conclusion(
+            PassEnd(
                 track, self.lanes, self.config, self._doubt, lag_share, rig_shares, reason),
             partial(self._concluding.discard, track.tracker.track))
-
-
-@dataclass(frozen=True, eq=False)
-class _Conclusion:
-    """
-    Measures a pass that is over; perhaps in another process, so it holds all that it takes.
-
-    :param track: that is over.
-    :param lanes: lane name to lane path.
-    :param config: parameters that all trackers share.
-    :param doubt: of the rig.
-    :param lag_share: 1-sigma of its speed by the time between the views, as a share.
-    :param rig_shares: of its speed by lane, which a turned camera leaves uncertain.
-    :param reason: why it is rejected whatever comes out; None where it is not.
-    """
-
-    track: _Track
-    lanes: Mapping[str, LanePath]
-    config: TrackerConfig
-    doubt: SpeedDoubt
-    lag_share: float
-    rig_shares: Mapping[str, float]
-    reason: Optional[Reason]
-
-    def __call__(self) -> PassResult:
-        """Return the result of the pass."""
-        track = self.track
-        result = replace(track.lanes.conclude(track.tracker.result()), trace=track.trace.built(),
-                         vehicle=track.size.measured())
-        if result.lane in self.lanes:
-            result = replace(result, direction=_direction(self.lanes[result.lane]))
-        result = self._timed(result)
-        if track.second is not None:
-            result = with_second(result, track.second, self.config.second)
-        if self.reason is not None:
-            result = result.rejected(self.reason)
-        return self.doubt.result(result, self.rig_shares.get(result.lane, 0.0))
-
-    def _timed(self, result: PassResult) -> PassResult:
-        """Return the result with the doubt of its stamps; rejected where that is too great."""
-        if (self.track.clock_stepped or self.track.unaware) and result.speed_mps is not None:
-            return result.rejected(Reason.STAMPS_UNCERTAIN)
-        if not self.lag_share:
-            return result
-        result, limits = result.doubted(self.lag_share, 'stamps_mps'), self.config
-        if result.speed_mps is None or result.speed_std_mps is None:
-            return result
-        most_mps = max(limits.max_speed_std_share * result.speed_mps, limits.max_speed_std_mps)
-        return result if result.speed_std_mps < most_mps else result.rejected(
-            Reason.STAMPS_UNCERTAIN)
-
-
-def _direction(lane: LanePath) -> Direction:
-    """Return whether a lane leads towards the left camera or away from it."""
-    ends = lane.path.position(np.array([0.0, lane.path.length_m]))
-    start_m, end_m = np.linalg.norm(ends, axis=-1)
-    return Direction.APPROACHING if end_m < start_m else Direction.RECEDING
-
-
-def start_of(trace: PassTrace, rig: StereoRig, lane: LanePath, config: TrackerConfig,
-             pair: StereoPair) -> TrackStart:
-    """
-    Return what a tracker starts from, or started from when the pass was measured first.
-
-    :param trace: how the pass began.
-    :param rig: the cameras.
-    :param lane: the lane of its first front.
-    :param config: parameters that all trackers share.
-    :param pair: the pair of its first front.
-    """
-    return TrackStart(
-        rig=rig, lane=lane, front=trace.front, pair=pair, track=trace.track,
-        config=replace(_with_stamps(config, trace), particles=trace.particles),
-        rng=np.random.default_rng([trace.seed, trace.track]), seen_mps=trace.seen_mps,
-        particles_alone=config.particles)
-
-
-def _with_stamps(config: TrackerConfig, trace: PassTrace) -> TrackerConfig:
-    """Return the parameters of a track: its stamps may be worse than they should be."""
-    return config if trace.stamp_std_s is None else replace(
-        config, stamp_std_s=trace.stamp_std_s)
 
 
 def _moved_on(update: TrackUpdate, stamp_ns: int) -> TrackUpdate:
     """Return where a vehicle is along its lane some time after it left."""
     ahead_m = update.speed_mps * (stamp_ns - update.stamp_ns) * 1e-9
     return replace(update, s_m=update.s_m + ahead_m)
-
-
-def _holds(update: Optional[TrackUpdate]) -> bool:
-    """Return whether a track saw its vehicle in a pair."""
-    return update is not None and update.state is not TrackState.COASTING
-
-
-def _waited_s(track: _Track, stamp_ns: int) -> float:
-    """Return for how long a track has not been solved for; infinite where it must be."""
-    if isinstance(track.tracker, TellsAge):
-        return track.tracker.unsolved_s(stamp_ns)
-    if not isinstance(track.tracker, CanHurry):
-        return 0.0
-    if not track.confirmed or track.unhurried_ns is None:
-        return math.inf
-    return (stamp_ns - track.unhurried_ns) * 1e-9

@@ -20,7 +20,8 @@ from stereo_speed.io.trace_json import trace_of, trace_record
 from stereo_speed.lab.sim import simulate, straight_config, VehicleConfig
 from stereo_speed.pipeline.assembly import MeasuringSite
 from stereo_speed.pipeline.config import PipelineConfig
-from stereo_speed.pipeline.pipeline import SpeedPipeline, start_of
+from stereo_speed.pipeline.pipeline import SpeedPipeline
+from stereo_speed.pipeline.track import start_of
 from stereo_speed.road.lanes import LanePath
 from stereo_speed.road.path import StraightPath
 from stereo_speed.site.file import load_site

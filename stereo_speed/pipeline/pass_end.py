@@ -1,0 +1,73 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""What is left to do once a pass is over: its result, doubted by what its times and rig leave."""
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Mapping, Optional
+
+import numpy as np
+
+from .track import Track
+from ..core.config import TrackerConfig
+from ..core.passes import Direction, PassResult, Reason
+from ..road.lanes import LanePath
+from ..second.estimate import with_second
+from ..steadying.doubt import SpeedDoubt
+
+
+@dataclass(frozen=True, eq=False)
+class PassEnd:
+    """
+    Measures a pass that is over; perhaps in another process, so it holds all that it takes.
+
+    :param track: that is over.
+    :param lanes: lane name to lane path.
+    :param config: parameters that all trackers share.
+    :param doubt: of the rig.
+    :param lag_share: 1-sigma of its speed by the time between the views, as a share.
+    :param rig_shares: of its speed by lane, which a turned camera leaves uncertain.
+    :param reason: why it is rejected whatever comes out; None where it is not.
+    """
+
+    track: Track
+    lanes: Mapping[str, LanePath]
+    config: TrackerConfig
+    doubt: SpeedDoubt
+    lag_share: float
+    rig_shares: Mapping[str, float]
+    reason: Optional[Reason]
+
+    def __call__(self) -> PassResult:
+        """Return the result of the pass."""
+        track = self.track
+        result = replace(track.lanes.conclude(track.tracker.result()), trace=track.trace.built(),
+                         vehicle=track.size.measured())
+        if result.lane in self.lanes:
+            result = replace(result, direction=_direction(self.lanes[result.lane]))
+        result = self._timed(result)
+        if track.second is not None:
+            result = with_second(result, track.second, self.config.second)
+        if self.reason is not None:
+            result = result.rejected(self.reason)
+        return self.doubt.result(result, self.rig_shares.get(result.lane, 0.0))
+
+    def _timed(self, result: PassResult) -> PassResult:
+        """Return the result with the doubt of its stamps; rejected where that is too great."""
+        if (self.track.clock_stepped or self.track.unaware) and result.speed_mps is not None:
+            return result.rejected(Reason.STAMPS_UNCERTAIN)
+        if not self.lag_share:
+            return result
+        result, limits = result.doubted(self.lag_share, 'stamps_mps'), self.config
+        if result.speed_mps is None or result.speed_std_mps is None:
+            return result
+        most_mps = max(limits.max_speed_std_share * result.speed_mps, limits.max_speed_std_mps)
+        return result if result.speed_std_mps < most_mps else result.rejected(
+            Reason.STAMPS_UNCERTAIN)
+
+
+def _direction(lane: LanePath) -> Direction:
+    """Return whether a lane leads towards the left camera or away from it."""
+    ends = lane.path.position(np.array([0.0, lane.path.length_m]))
+    start_m, end_m = np.linalg.norm(ends, axis=-1)
+    return Direction.APPROACHING if end_m < start_m else Direction.RECEDING

@@ -1,0 +1,138 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""A track, and what the pipeline keeps of it."""
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+import math
+from typing import Optional
+
+import numpy as np
+
+from ..classification.size import VehicleSize
+from ..core.config import TrackerConfig
+from ..core.passes import TrackEnd
+from ..core.records import Array, StereoPair, TrackState, TrackUpdate
+from ..core.trace import PassTrace, TraceBuilder
+from ..detection.protocol import Detection
+from ..geometry.rig import StereoRig
+from ..road.lanes import LanePath
+from ..second.estimate import SecondOpinion
+from ..tracking.lane_assigner import LaneAssigner
+from ..tracking.protocol import CanHurry, DoubtsStamps, TellsAge, Tracker, TrackStart
+
+
+@dataclass(eq=False)
+class Track:
+    """
+    A track and what the pipeline keeps of it.
+
+    :param tracker: follows the vehicle.
+    :param lanes: assigns it to lanes.
+    :param detection: what it was started by; None where a person annotated it.
+    :param found_ns: stamp of the pair that it was detected in.
+    :param trace: gathers how its pass comes about.
+    :param size: measures the vehicle.
+    :param second: estimates its speed by other evidence; None where that is not asked for.
+    :param last: its newest update.
+    :param confirmed: whether it ever was.
+    :param doubted: whether it goes at another speed than its detector saw.
+    :param lag_changes_s: of the time between the views, before it began.
+    :param clock_stepped: whether the clock of the stamps has stepped since.
+    :param stamp_std_s: 1-sigma that its stamps are taken to have, where they are known to be less
+        even than they should be.
+    :param unaware: whether its tracker took no notice of how uneven they have become.
+    :param hurried: whether its tracker was told to do little with the newest pair.
+    :param unhurried_ns: stamp of the last pair in which it was not; None before there was one.
+    :param drift_rad: (3,) how far the right camera was taken to have turned in its first pair.
+    :param drift_change_rad: (3,) the greatest change of that in its pairs so far, either way.
+    """
+
+    tracker: Tracker
+    lanes: LaneAssigner
+    detection: Optional[Detection]
+    found_ns: int
+    trace: TraceBuilder
+    size: VehicleSize
+    second: Optional[SecondOpinion] = None
+    last: Optional[TrackUpdate] = None
+    confirmed: bool = False
+    doubted: bool = False
+    lag_changes_s: float = 0.0
+    clock_stepped: bool = False
+    stamp_std_s: Optional[float] = None
+    unaware: bool = False
+    hurried: bool = False
+    unhurried_ns: Optional[int] = None
+    drift_rad: Array = field(default_factory=lambda: np.zeros(3))
+    drift_change_rad: Array = field(default_factory=lambda: np.zeros(3))
+
+    def see_stamps(self, stamp_std_s: float) -> None:
+        """Take in that stamps are worse than they were taken for."""
+        self.stamp_std_s = stamp_std_s
+        if isinstance(self.tracker, DoubtsStamps):
+            self.tracker.doubt_stamps(stamp_std_s)
+        else:
+            self.unaware = True
+        if self.second is not None:
+            self.second.config = replace(self.second.config, stamp_std_s=stamp_std_s)
+
+    def see_drift(self, drift_rad: Array) -> None:
+        """Take in how far the right camera is taken to have turned, which may come and go."""
+        self.drift_change_rad = np.maximum(
+            self.drift_change_rad, np.abs(drift_rad - self.drift_rad))
+
+    def waited_s(self, stamp_ns: int) -> float:
+        """
+        Return for how long it has not been solved for; infinite where it must be.
+
+        :param stamp_ns: of the pair in hand.
+        """
+        if isinstance(self.tracker, TellsAge):
+            return self.tracker.unsolved_s(stamp_ns)
+        if not isinstance(self.tracker, CanHurry):
+            return 0.0
+        if not self.confirmed or self.unhurried_ns is None:
+            return math.inf
+        return (stamp_ns - self.unhurried_ns) * 1e-9
+
+    @cached_property
+    def is_vehicle(self) -> bool:
+        """
+        Return whether what this track followed to its end is told as a pass.
+
+        It was confirmed, or marked by a person, or it left the view before it could be confirmed.
+        What was lost before, as in a gap of the stream, is no vehicle as far as is known.
+        """
+        return self.confirmed or self.detection is None or (
+            holds(self.last) and self.tracker.result().end is TrackEnd.LEFT_VIEW)
+
+
+def start_of(trace: PassTrace, rig: StereoRig, lane: LanePath, config: TrackerConfig,
+             pair: StereoPair) -> TrackStart:
+    """
+    Return what a tracker starts from, or started from when the pass was measured first.
+
+    :param trace: how the pass began.
+    :param rig: the cameras.
+    :param lane: the lane of its first front.
+    :param config: parameters that all trackers share.
+    :param pair: the pair of its first front.
+    """
+    return TrackStart(
+        rig=rig, lane=lane, front=trace.front, pair=pair, track=trace.track,
+        config=replace(with_stamps(config, trace), particles=trace.particles),
+        rng=np.random.default_rng([trace.seed, trace.track]), seen_mps=trace.seen_mps,
+        particles_alone=config.particles)
+
+
+def with_stamps(config: TrackerConfig, trace: PassTrace) -> TrackerConfig:
+    """Return the parameters of a track: its stamps may be worse than they should be."""
+    return config if trace.stamp_std_s is None else replace(
+        config, stamp_std_s=trace.stamp_std_s)
+
+
+def holds(update: Optional[TrackUpdate]) -> bool:
+    """Return whether a track saw its vehicle in a pair."""
+    return update is not None and update.state is not TrackState.COASTING
