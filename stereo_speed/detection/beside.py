@@ -68,6 +68,8 @@ class Search:
     :param shape: of each image.
     :param dtype: of both.
     :param tracked: what the tracks are expected to hold.
+    :param last_ns: stamp of the pair before, of which it may not have been told, and
+    :param last_index: its number; None where there was none.
     """
 
     index: int
@@ -77,6 +79,8 @@ class Search:
     shape: tuple[int, ...]
     dtype: str
     tracked: Sequence[TrackedRegion]
+    last_ns: Optional[int] = None
+    last_index: Optional[int] = None
 
     @property
     def image_bytes(self) -> int:
@@ -172,6 +176,7 @@ class DetectorBeside:
         self._memory = self._here.memory
         self._failed, self._coming = failed, coming
         self._pair: Optional[StereoPair] = None  # that is being searched
+        self._passing: Optional[Memory] = None  # what is remembered after it, if it is not
         self._pairs: dict[int, StereoPair] = {}  # those that may come up in answers, by stamp
         self._most_bytes = 2 * _PIXEL_BYTES * max(
             camera.width_px * camera.height_px for camera in (rig.left, rig.right))
@@ -190,7 +195,8 @@ class DetectorBeside:
         :param failed: takes the reason when it is of no more use.
         """
         self._memory, self._pairs = self._here.memory, self._here.pairs
-        self._pair, self._process, self._failed = None, process, failed
+        self._pair, self._passing = None, None
+        self._process, self._failed = process, failed
         self._here.reset()  # it does not see the pairs that follow
         self._send(replace(self._begin, memory=self._memory, pairs=self._pairs))
 
@@ -214,9 +220,13 @@ class DetectorBeside:
         self._pair, process = pair, self._process
         if process is None:
             return
+        self._passing = self._memory.passing(pair, self._begin.config)
+        if self._passing is not None:
+            return
         process.share((pair.left, pair.right), self._most_bytes)
         self._send(Search(pair.index, pair.stamp_ns, pair.right_stamp_ns, pair.motion,
-                          pair.left.shape, pair.left.dtype.str, tracked))
+                          pair.left.shape, pair.left.dtype.str, tracked,
+                          self._memory.last_ns, self._memory.last_index))
 
     def update(self, pair: StereoPair, tracked: Sequence[TrackedRegion] = ()) -> list[Detection]:
         """
@@ -227,6 +237,8 @@ class DetectorBeside:
         """
         if self._pair is not pair:
             self.expect(pair, tracked)
+        if self._pass():
+            return []
         found = self._answer()
         if found is not None and not self._here.spacing.agree(
                 found.asked, self._here.spacing.tracked(tracked)):
@@ -239,6 +251,13 @@ class DetectorBeside:
                for one in zip(found.detections, found.since_ns, strict=True)]
         self._remember(pair, found)
         return out
+
+    def _pass(self) -> bool:
+        """Take in the pair where nothing is searched in it; return whether that is so."""
+        if self._passing is None:
+            return False
+        self._memory, self._passing, self._pair = self._passing, None, None
+        return True
 
     def _whole(self, detection: Detection, since_ns: Sequence[int]) -> Detection:
         """Return a detection with the pairs of these stamps, as they were measured here."""
@@ -254,6 +273,8 @@ class DetectorBeside:
 
     def _abandon(self) -> None:
         """Let go of a pair whose search nobody asks for: a fault has come between."""
+        if self._pass():
+            return
         pair, self._pair = self._pair, None
         found = None if pair is None else self._answer()
         if pair is not None and found is not None:

@@ -12,7 +12,7 @@ anything to be learned first.
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 from typing import Mapping, Optional, Sequence
 
@@ -73,6 +73,35 @@ class Memory:
         """Return what is left after a jump back of time."""
         return Memory(noise=self.noise, searched=self.searched)
 
+    def begins(self, stamp_ns: int, config: DetectorConfig) -> bool:
+        """
+        Return whether a round, in which each lane is searched, begins with the next pair.
+
+        Rounds begin ``interval_s`` after each other.  They compare with pairs of ``reference_s``
+        ago: where there are many pairs, a round that begins before that sees little that the last
+        one did not, and what it finds the sooner is followed back to that time anyway.
+
+        :param stamp_ns: of the pair.
+        """
+        if not self.past_ns:
+            return True
+        passed_s = math.inf if self.last_ns is None else (stamp_ns - self.last_ns) * 1e-9
+        many = pairs_a_round(passed_s, config) >= _MANY_PAIRS
+        round_s = max(config.interval_s, config.motion.reference_s if many else 0.0)
+        age_s = (stamp_ns - self.past_ns[-1]) * 1e-9
+        return age_s >= round_s or age_s > config.forget_after_s
+
+    def passing(self, pair: StereoPair, config: DetectorConfig) -> Optional[Memory]:
+        """Return what is remembered if nothing is searched in the next pair; None if it is."""
+        if self.due or self.begins(pair.stamp_ns, config):
+            return None
+        return replace(self, last_ns=pair.stamp_ns, last_index=pair.index)
+
+
+def pairs_a_round(passed_s: float, config: DetectorConfig) -> int:
+    """Return how many pairs, so far apart, share a round of ``interval_s``."""
+    return max(math.ceil(config.interval_s / passed_s - _SAME_RATE), 1)
+
 
 class PlaneSweepDetector:
     """
@@ -130,6 +159,15 @@ class PlaneSweepDetector:
         self._last_ns, self._last_index = memory.last_ns, memory.last_index
         self._noise, self._searched = NoiseEstimate(memory.noise), memory.searched
 
+    def pass_over(self, last_ns: Optional[int], last_index: Optional[int]) -> None:
+        """
+        Be told of pairs in which nothing was to be searched.
+
+        :param last_ns: stamp of the last of them, or of what was searched last.
+        :param last_index: its number.
+        """
+        self._last_ns, self._last_index = last_ns, last_index
+
     def reset(self) -> None:
         """Forget the earlier pairs, as after a jump back of time."""
         self._past.clear()
@@ -165,9 +203,7 @@ class PlaneSweepDetector:
         if self._past and self._past[-1].age_s(pair.stamp_ns) > self.config.forget_after_s:
             self.reset()
         passed_s = math.inf if self._last_ns is None else (pair.stamp_ns - self._last_ns) * 1e-9
-        self._last_ns = pair.stamp_ns
-        begins = not (self._past
-                      and self._past[-1].age_s(pair.stamp_ns) < self._round_s(passed_s))
+        begins, self._last_ns = self.memory.begins(pair.stamp_ns, self.config), pair.stamp_ns
         skipped = self._last_index is not None and pair.index - self._last_index > 1
         self._last_index = pair.index
         lanes = self._turn(begins, passed_s, skipped)
@@ -213,25 +249,9 @@ class PlaneSweepDetector:
         """
         if begins:  # what a slower stream than expected has left over comes first
             self._due.extend(lane for lane in self._sweeps if lane not in self._due)
-        count = 1 if skipped else math.ceil(len(self._sweeps) / self._pairs_a_round(passed_s))
+        pairs = pairs_a_round(passed_s, self.config)
+        count = 1 if skipped else math.ceil(len(self._sweeps) / pairs)
         return [self._due.popleft() for _ in range(min(count, len(self._due)))]
-
-    def _pairs_a_round(self, passed_s: float) -> int:
-        """Return how many pairs, so far apart, share a round of ``interval_s``."""
-        return max(math.ceil(self.config.interval_s / passed_s - _SAME_RATE), 1)
-
-    def _round_s(self, passed_s: float) -> float:
-        """
-        Return the least time between the beginnings of two rounds.
-
-        A round compares with pairs of ``reference_s`` ago.  Where there are many pairs, one that
-        begins before sees little that the last one did not, and what it finds the sooner is
-        followed back to that time anyway.
-        """
-        config = self.config
-        if self._pairs_a_round(passed_s) < _MANY_PAIRS:
-            return config.interval_s
-        return max(config.interval_s, config.motion.reference_s)
 
     def _references(self, stamp_ns: int) -> list[PairPyramids]:
         """Return the youngest pair that is old enough; at times, for the slow, an older too."""

@@ -52,6 +52,7 @@ class Searcher:
             self._detector.reset()
             return None
         if isinstance(request, Search):
+            self._detector.pass_over(request.last_ns, request.last_index)
             self._look = self._detector.look(self._pair(request))
         return _found(self._detector, self._look, self._detector.held(request.tracked))
 

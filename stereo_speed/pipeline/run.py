@@ -15,8 +15,9 @@ from ..core.passes import PassResult
 from ..core.records import StereoPair, TrackUpdate
 
 Observer = Callable[[StereoPair, Step], None]
-# What a pair's passes are waited for before it is told: each holds its images.
-MOST_UNTOLD = 48
+# Pairs that may wait for passes to be measured before they are told, each with its images: these
+# take as long as some forty pairs, and longer beside other programs.
+MOST_UNTOLD = 80
 # A run that has a sink holds so many updates, for pictures: 60 MB.
 KEPT_UPDATES = 40_000
 

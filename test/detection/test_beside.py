@@ -85,6 +85,27 @@ def test_whatever_tracks_were_expected_to_hold_the_same_is_found(traffic, proces
 
 
 @pytest.mark.slow
+def test_pairs_in_which_nothing_is_searched_are_not_sent(traffic, process):
+    """At 30 pairs a second two lanes have their turn in six of them, and time jumps once."""
+    failures, sent, found = [], [], 0
+    turn, beside = both(traffic, process, failures.append)
+    process.share = lambda images, most: sent.append(number) or SearchProcess.share(
+        process, images, most)
+    base = traffic.pairs[0].stamp_ns
+    for number, pair in enumerate(traffic.pairs[k // 6] for k in range(60)):
+        ns = base + number * 33_333_333 + (20_000_000_000 if number > 40 else 0)
+        pair = replace(pair, index=number, stamp_ns=ns, right_stamp_ns=ns)
+        if number == 50:  # a jump of time
+            turn.reset(), beside.reset()
+        beside.expect(pair, [])
+        wanted = turn.update(pair)
+        if number % 7 != 3:  # else nobody asks
+            assert_same(beside.update(pair), wanted)
+            found += len(wanted)
+    assert found > 0 and failures == [] and 10 < len(sent) < 35
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize('interval_s', [0.06, 1.0], ids=['rare', 'dense'])
 def test_a_pipeline_measures_the_same_with_it(traffic, process, interval_s):
     failures, results = [], []
