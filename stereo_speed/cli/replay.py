@@ -179,7 +179,8 @@ def _run(args: argparse.Namespace, pictures: RunPictures, beside: bool) -> int:
         with evidence, parts or nullcontext():
             result, frames = measure(
                 bag, pipeline, keep_frames=args.report or not args.no_plots, feed=feed,
-                observe=observe, rows=rows, parts=parts, later=helpers.later)
+                observe=observe, rows=rows, parts=parts, later=helpers.later,
+                read_ahead=helpers.ahead)
             evidence.finish(result.passes)
         summary = summarize(args, config.with_tolerances(place.site.tolerances), bag, result,
                             place.lanes)
@@ -231,7 +232,8 @@ def _check_frames(annotations: Sequence[InitialFront], pairs: int, where: Path) 
 def measure(bag: StereoBag, pipeline: SpeedPipeline, *, keep_frames: bool,
             feed: Optional[BoxFeed] = None, observe: Optional[Observer] = None,
             rows: Optional[TrackRows] = None, parts: Optional[Parts] = None,
-            later: Optional[Later] = None) -> tuple[Run, list[NDArray[np.uint8]]]:
+            later: Optional[Later] = None, read_ahead: bool = False
+            ) -> tuple[Run, list[NDArray[np.uint8]]]:
     """
     Run every pair of a bag through a pipeline, with a progress bar.
 
@@ -242,7 +244,8 @@ def measure(bag: StereoBag, pipeline: SpeedPipeline, *, keep_frames: bool,
     :param observe: called with each pair and what came of it.
     :param rows: takes the updates of bags that are too long to hold them all.
     :param parts: in which it is measured; None measures it as one.
-    :param later: measures the passes of the pipeline, if that does not; pairs are read ahead then.
+    :param later: measures the passes of the pipeline, if that does not.
+    :param read_ahead: whether a thread is to read and decode pairs ahead.
     :return: the run, and annotated frames evenly spread over it.
     """
     frames: EvenSampler[NDArray[np.uint8]] = EvenSampler(_STRIP_FRAMES)
@@ -264,7 +267,7 @@ def measure(bag: StereoBag, pipeline: SpeedPipeline, *, keep_frames: bool,
             frames.add(draw(pair, step.updates, pipeline.lanes, pipeline.rig))
             if parts is not None:
                 parts.add_frame(frames.kept[-1])
-    read = bag.pairs() if later is None else ahead(bag.pairs())
+    read = ahead(bag.pairs()) if read_ahead else bag.pairs()
     pairs: Iterable[StereoPair] = tqdm(
         _from(read, first, pipeline), initial=first, total=bag.pair_count, desc='replay',
         unit='pair', disable=None)

@@ -1,11 +1,12 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Processes that do part of what a replay of a long bag takes, on another core.
+What a replay has done on another core.
 
-One searches for vehicles while the tracks of the same pairs are updated, one measures passes that
-are over while the pairs that follow are.  What is written is the same to the last bit, with them,
-without them, and where one dies: each does what would be done here, and is asked in order.
+A thread reads and decodes pairs ahead.  Of a long bag two processes do part of the rest: one
+searches for vehicles while the tracks of the pairs are updated, one measures passes that are over
+while the pairs that follow are.  What is written is the same to the last bit, with them, without
+them, and where one dies: each does what would be done here, and is asked in order.
 """
 from __future__ import annotations
 
@@ -24,27 +25,29 @@ from ..pipeline.pass_process import PassProcess, PassProcessError
 from ..pipeline.registry import DETECTORS
 from ..road.lanes import LanePath
 
-# To start a process takes some two seconds of a core, and saves some ten milliseconds a pair.
-FEWEST_PAIRS = 400
+# To start both takes four seconds of a core, and they save some four milliseconds a pair.
+FEWEST_PAIRS = 1500
 # After which a thread gives way to another that asks: what reads ahead asks ten times a pair.
 _TURN_S = 5e-4
 
 
 class Helpers:
     """
-    The processes of one replay; a context manager.
+    What helps one replay; a context manager.
 
-    :param wanted: whether there are to be any.
+    :param processes: whether there are to be any.
     :param detector: name of the detector; None where vehicles are annotated.
+    :param ahead: whether pairs are to be read ahead.
     """
 
-    def __init__(self, wanted: bool, detector: Optional[str]) -> None:
+    def __init__(self, processes: bool, detector: Optional[str], *, ahead: bool = True) -> None:
+        self.ahead = ahead
         self._search: Optional[SearchProcess] = None
         self._pass: Optional[PassProcess] = None
         self._search_ready = self._pass_ready = False
         self.later: Optional[Later] = None  # measures passes; None has the pipeline do it
         self.detect: Optional[MakeDetector] = None  # makes its detector; None as ever
-        if not wanted:
+        if not processes:
             return
         try:
             self._pass = PassProcess()
@@ -58,19 +61,19 @@ class Helpers:
     @classmethod
     def of(cls, pairs: int, detector: Optional[str], *, beside: bool) -> Helpers:
         """
-        Return those that pay.
+        Return what pays.
 
         :param pairs: of the bag.
         :param detector: as above.
         :param beside: whether other cores are free for them.
         """
-        cores = len(os.sched_getaffinity(0))
-        return cls(beside and cores > 1 and pairs >= FEWEST_PAIRS, detector)
+        beside = beside and len(os.sched_getaffinity(0)) > 1
+        return cls(beside and pairs >= FEWEST_PAIRS, detector, ahead=beside)
 
     def __enter__(self) -> Helpers:
         """Return itself; threads take shorter turns from now on, where there are any."""
         self._turn_s = sys.getswitchinterval()
-        if self.later is not None:
+        if self.ahead:
             sys.setswitchinterval(min(self._turn_s, _TURN_S))
         return self
 

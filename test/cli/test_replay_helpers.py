@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 
 import pytest
 from stereo_speed.cli import replay
@@ -43,18 +44,23 @@ def test_the_same_is_written_with_helpers_without_and_where_one_is_killed(
         os.kill(helpers.search_pid, signal.SIGKILL)
         return helpers
     used = []
-    alone = written('alone', lambda *_, beside: Helpers(False, None))
+    alone = written('alone', lambda *_, beside: Helpers(False, None, ahead=False))
+    assert written('read ahead', lambda *_, beside: Helpers(False, None)) == alone
     assert written('helped', ready) == alone
-    assert 'warning' not in capfd.readouterr().err
+    capfd.readouterr()
     assert written('killed', dying) == alone
     assert 'the process that searches for vehicles: ' in capfd.readouterr().err
     assert len(used) == 2 and all(helpers.search_pid is None for helpers in used)
 
 
-def test_short_bags_and_those_of_many_go_without():
+def test_short_bags_and_those_of_many_go_without_processes():
+    turn_s = sys.getswitchinterval()
     for pairs, beside in ((FEWEST_PAIRS - 1, True), (10 * FEWEST_PAIRS, False)):
         with Helpers.of(pairs, 'plane_sweep', beside=beside) as helpers:
             assert helpers.later is None and helpers.detect is None
+            assert helpers.ahead == beside
+            assert (sys.getswitchinterval() < turn_s) == beside
+    assert sys.getswitchinterval() == turn_s
 
 
 def test_other_detectors_and_annotated_fronts_are_searched_for_here():
