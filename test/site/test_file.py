@@ -88,6 +88,15 @@ def test_site_faults(write, place, value, match, put):
     assert '\n' not in str(info.value) and 'wanted' in str(info.value)
 
 
+def test_lines_that_were_found_in_the_images_may_cross_between_their_points(write, put):
+    """In a bend, where one is found here and there alone; clicked, that would be a slip."""
+    crossing = put(SITE, ['lines', 'b', 'left_image'], [[180, 300], [150, 420], [130, 500]])
+    for view in ('left', 'right'):
+        count = len(crossing['lines']['b'][f'{view}_image'])
+        crossing = put(crossing, ['lines', 'b', f'{view}_std_px'], [0.5] * count)
+    assert len(load_site(write(crossing)).lines) == len(SITE['lines'])
+
+
 @pytest.mark.parametrize('text, match', [
     ('[1, 2', 'readable YAML'), ('', 'found nothing, wanted a mapping'), ('[]', 'found a list'),
     ('stereo_speed_site: 1\nname: a\nname: b\n', "key 'name' given twice"),
