@@ -125,7 +125,7 @@ class Parts:
     def ends(self, pair: StereoPair, pipeline: SpeedPipeline) -> bool:
         """Return whether a part ends with a pair."""
         self._pairs = pair.index + 1
-        return self._pairs - self._since >= self._least_pairs and pipeline.idle
+        return self._pairs - self._since >= self._least_pairs and pipeline.is_idle()
 
     def begin(self, pipeline: SpeedPipeline, so_far: Run) -> SpeedPipeline:
         """

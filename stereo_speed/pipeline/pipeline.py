@@ -168,8 +168,7 @@ class SpeedPipeline:
         take_turns(state.tracks, pair.stamp_ns, self._solve_interval_s(), hurried=hurried,
                    dense=dense)
         if searches and not dense and isinstance(self.detector, LooksAhead):
-            if state.search is not None:
-                state.search = replace(state.search, found=self._answer(state.search))
+            self._settle()
             self.detector.expect(pair, self._regions(pair, [
                 _moved_on(held, pair.stamp_ns) for held in self._held()],
                 self._lately_gone(pair)))
@@ -245,20 +244,21 @@ class SpeedPipeline:
         """Return the numbers of the tracks whose passes may still come."""
         return {t.tracker.track for t in self._state.tracks} | self._concluding
 
-    @property
-    def idle(self) -> bool:
+    def is_idle(self) -> bool:
         """
         Return whether another pipeline could go on from this one as this one would itself.
 
         No vehicle is in view or has just left it, and the views have one stamp.  What a detector
         remembers of the pairs so far does not count: another one begins without it, and may
-        detect the next vehicle some pairs later or earlier.
+        detect the next vehicle some pairs later or earlier.  Where only a search under way is
+        left to tell, its answer is waited for: it tells the same in whichever process it is.
         """
         state, gone_s = self._state, self.config.association.gone_s
         left_lately = any(((state.last_ns or 0) - u.stamp_ns) * 1e-9 < gone_s for u in state.gone)
-        found_none = state.search is None or (
-            state.search.found is not None and not state.search.found)
-        return found_none and not (self.open_tracks or left_lately or self.view_lag.concerned)
+        if self.open_tracks or left_lately or self.view_lag.concerned:
+            return False
+        self._settle()
+        return state.search is None or not state.search.found
 
     def go_on_from(self, other: SpeedPipeline) -> None:
         """Take over from an idle pipeline: its numbers, how the rig stands, stamps so far."""
@@ -480,6 +480,12 @@ class SpeedPipeline:
         if search.found is not None:
             return search.found
         return [] if self.detector is None else self.detector.update(search.pair, search.tracked)
+
+    def _settle(self) -> None:
+        """Have the answer of the search under way, to be taken with the next pair."""
+        search = self._state.search
+        if search is not None:
+            self._state.search = replace(search, found=self._answer(search))
 
     def _search_beside(self, pair: StereoPair, seen: Sequence[TrackUpdate]) -> None:
         """

@@ -3,6 +3,7 @@
 """A replay that has processes help it writes what it would have written alone."""
 from __future__ import annotations
 
+from dataclasses import replace
 import os
 import signal
 import sys
@@ -11,6 +12,8 @@ import pytest
 from stereo_speed.cli import replay
 from stereo_speed.cli.main import main
 from stereo_speed.cli.replay_helpers import FEWEST_PAIRS, Helpers
+from stereo_speed.io.bags import StereoBag
+from stereo_speed.lab.sim.write import write_pairs
 
 
 @pytest.fixture(autouse=True)
@@ -51,6 +54,44 @@ def test_the_same_is_written_with_helpers_without_and_where_one_is_killed(
     assert written('killed', dying) == alone
     assert 'the process that searches for vehicles: ' in capfd.readouterr().err
     assert len(used) == 2 and all(helpers.search_pid is None for helpers in used)
+
+
+@pytest.fixture(scope='module')
+def dense(sample, tmp_path_factory):
+    """Write a road on which nothing moves, at 20 pairs a second."""
+    with StereoBag(sample / 'bag') as source:
+        rig, still = source.rig, next(iter(source.pairs()))
+    pairs = [replace(still, index=k, stamp_ns=ns, right_stamp_ns=ns)
+             for k, ns in enumerate(range(0, 35 * 50_000_000, 50_000_000))]
+    return write_pairs(rig, pairs, tmp_path_factory.mktemp('dense') / 'made') / 'bag'
+
+
+@pytest.mark.slow
+def test_parts_of_dense_pairs_end_where_they_do_without_helpers(
+        dense, sample, tmp_path, monkeypatch):
+    """When a part is to end the answer of the last search is still under way."""
+    class Counted(replay.Parts):
+        """Parts that tell after how many pairs they ended."""
+
+        def begin(self, pipeline, so_far):
+            ends.append(len(so_far.stamps_ns))
+            return super().begin(pipeline, so_far)
+
+    def helpers(pairs, detector, *, beside):
+        one = Helpers(helped, detector, ahead=helped)
+        one.wait()
+        return one
+    monkeypatch.setattr(replay, 'Parts', Counted)
+    monkeypatch.setattr(replay, 'PART_PAIRS', 10)
+    monkeypatch.setattr(replay.Helpers, 'of', helpers)
+    told = []
+    for helped in (False, True):
+        ends, out = [], tmp_path / str(helped)
+        assert main(['replay', str(dense), '--site', str(sample / 'site.yaml'), '--out', str(out),
+                     '--no-plots']) == 0
+        told.append((ends, files(out)))
+    assert told[0] == told[1]
+    assert ends == [10, 20, 30]
 
 
 def test_short_bags_and_those_of_many_go_without_processes():

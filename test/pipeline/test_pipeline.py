@@ -654,8 +654,8 @@ def test_what_is_found_in_the_last_dense_pair_has_no_pass_as_nothing_was_told_of
                                   right_px=marks[0].right_px)
     finder.speed_mps = 22.0
     assert not [u for pair in sequence.pairs[:4] for u in pipeline.process(pair).updates]
-    assert not pipeline.idle
-    assert pipeline.finish() == [] and pipeline.idle
+    assert not pipeline.is_idle()
+    assert pipeline.finish() == [] and pipeline.is_idle()
     # With one more pair there is a pass, and the row that tells of it.
     pipeline, again = automatic(dense, finder.marks, {3})
     again.earlier, again.speed_mps = finder.earlier, 22.0
@@ -663,6 +663,28 @@ def test_what_is_found_in_the_last_dense_pair_has_no_pass_as_nothing_was_told_of
     assert [(u.stamp_ns, u.state) for u in updates] == [
         (sequence.pairs[4].stamp_ns, TrackState.CONFIRMED)]
     assert [p.track for p in pipeline.finish()] == [updates[0].track]
+
+
+class Ahead(ScriptedFinder):
+    """One that is told of each pair before it is asked."""
+
+    def expect(self, pair, tracked):
+        """Begin with a pair."""
+
+
+@pytest.mark.parametrize('kind', [ScriptedFinder, Ahead])
+def test_another_pipeline_may_go_on_where_the_search_under_way_in_a_dense_pair_finds_none(
+        dense, kind):
+    sequence, lanes, marks = dense
+    finder = kind(marks[:1], next(iter(lanes)), {2})
+    pipeline = SpeedPipeline(sequence.rig, lanes, TrackerConfig(), start, detector=finder)
+    idle = []
+    for pair in sequence.pairs[:4]:
+        pipeline.process(pair)
+        idle.append(pipeline.is_idle())
+    assert idle == [True, True, False, False]
+    # Each was searched once, and none waited for where a vehicle is followed.
+    assert len(finder.occupied) == (3 if kind is Ahead else 4)
 
 
 def test_what_was_found_in_a_dense_pair_and_has_left_by_the_next_has_no_pass(dense):
