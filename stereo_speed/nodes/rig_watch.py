@@ -7,7 +7,8 @@ Lines and background of some pairs are looked at as refining a site does. Where 
 changes speeds beyond doubt by more than the self-test allows, or the right camera has turned,
 nothing is measured and ``/diagnostics`` has an ERROR. The rig is looked at again at once: where
 two looks in a row find it alike, it is measured with as they found it; where a later look finds
-it right again, as before. What a look cannot tell changes nothing.
+it right again, as before. What a look cannot tell changes nothing. One that fails is made again
+after a minute.
 """
 from __future__ import annotations
 
@@ -23,7 +24,9 @@ from ..pipeline.config import SiteConfig
 from ..pipeline.look_process import LookProcess
 from ..site.refine.rig_state import MOST_SHARE, RigState, Stance
 
-_LONGEST_S = 300.0  # a look that takes longer, or whose process has died, has failed
+# A look that takes longer has failed: it hangs, for a tenth of a core is enough in minutes.
+_LONGEST_S = 1800.0
+_AGAIN_S = 60.0  # after a look that has failed: of the rig nothing is known yet
 
 
 class RigWatch:
@@ -33,10 +36,11 @@ class RigWatch:
     :param p: declares the parameters.
     :param log: of the node.
     :param make: starts the process of a look; may raise OSError.
+    :param clock: steady time, s.
     """
 
-    def __init__(self, p: Parameters, log: Any,
-                 make: Callable[[], LookProcess] = LookProcess) -> None:
+    def __init__(self, p: Parameters, log: Any, make: Callable[[], LookProcess] = LookProcess,
+                 clock: Callable[[], float] = time.monotonic) -> None:
         self.interval_s = p.get(
             'rig_check_interval_s', 600.0, 'look at lines and background at start and this often '
             '[s]: while the rig has moved so that speeds are off by more than '
@@ -46,7 +50,7 @@ class RigWatch:
         self.pairs = p.get('rig_check_pairs', 9, 'pairs that such a look takes', 1, 100)
         self.spread_s = p.get('rig_check_spread_s', 20.0, 'time that they are spread over [s]',
                               0.0, 3600.0)
-        self.log, self._make = log, make
+        self.log, self._make, self._clock = log, make, clock
         self.newest: Optional[RigState] = None
         self.looks, self.failure, self.corrected = 0, '', ''
         self._used: Optional[Stance] = None
@@ -104,7 +108,7 @@ class RigWatch:
         :raises OSError: its process has ended, or cannot be started.
         :raises LookProcessError: the look has failed.
         """
-        now_s = time.monotonic()
+        now_s = self._clock()
         if self._asked:
             self.poll()
             return
@@ -131,7 +135,7 @@ class RigWatch:
                 return
             try:
                 found = self._process.found()
-                if found is None and time.monotonic() - self._begun_s > _LONGEST_S:
+                if found is None and self._clock() - self._begun_s > _LONGEST_S:
                     raise TimeoutError(f'not over in {_LONGEST_S:g} s')
             except Exception as error:  # of the other process, whatever it was
                 self._failed(error)
@@ -139,18 +143,18 @@ class RigWatch:
             if found is not None:
                 self.failure = ''
                 self._learn(found)
-                self._end()
+                self._end(self.interval_s)
 
     def _failed(self, error: Exception) -> None:
         self.failure = f'the look at the rig failed: {error}'
         self.log.error(self.failure)
-        self._end()
+        self._end(min(_AGAIN_S, self.interval_s))
 
-    def _end(self) -> None:
+    def _end(self, wait_s: float) -> None:
         """Let go of a look, and set when the next one is due."""
         self.close()
         # what is wrong is looked at again at once
-        self._due_s = time.monotonic() + (0.0 if self.withholds else self.interval_s)
+        self._due_s = self._clock() + (0.0 if self.withholds else wait_s)
 
     def _learn(self, found: RigState) -> None:
         """Take in what a look has found."""

@@ -25,8 +25,9 @@ from ..core.records import RigMotion, StereoPair
 from ..site.refine.rig_state import RigState, Stance
 
 _TURN_S = 5.0  # that the pipe may stand still: what goes through it is small
-# With the processor: all that measures goes first, and a look ends though it does so always.
-_PATIENCE = 15
+# With the processor: what measures goes first, and where that has all of it a tenth of a core is
+# left; with 15 it was a thirtieth.
+_PATIENCE = 10
 
 
 class LookProcessError(Exception):
