@@ -41,6 +41,7 @@ from ..tracking.protocol import Refusal, SharesParticles, Tracker, TrackStart
 _UNSEARCHED_S = 0.3  # of stamps, at most: vehicles are in view for seconds
 _ARRIVAL_S = 0.01  # stamps made at arrival are off by some ms; more is exposures at any time
 _ODD_SIGMAS = 3.0  # of an interval that says more of stamps than is known of them
+_USUAL_S = TrackerConfig().stamp_std_s  # of stamps, which what trackers know of onsets allows for
 _WORSE = 1.5  # times what a track takes its stamps for: twenty intervals tell it to a fifth
 
 StartTracker = Callable[[TrackStart], Union[Tracker, Refusal]]
@@ -425,10 +426,11 @@ class SpeedPipeline:
         Return the 1-sigma of a track's speed, as a share, by changes that uneven stamps hide.
 
         Of an acceleration that has begun or ended nothing shows until its way, a t^2 / 2, is more
-        than the way by which the stamps of an interval may be wrong.
+        than the way by which the stamps of an interval may be wrong, more than stamps usually are.
         """
-        onset_mps2, way_m = self.config.onset_std_mps2, abs(update.speed_mps) * (
-            math.sqrt(2.0) * (track.stamp_std_s or 0.0))
+        known_s = track.stamp_std_s or self.config.stamp_std_s
+        late_s = math.sqrt(2.0 * max(known_s**2 - _USUAL_S**2, 0.0))
+        onset_mps2, way_m = self.config.onset_std_mps2, abs(update.speed_mps) * late_s
         if not (way_m and onset_mps2):
             return 0.0
         hidden_s = math.sqrt(2.0 * way_m / onset_mps2)

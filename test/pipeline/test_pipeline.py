@@ -470,6 +470,19 @@ def test_a_track_that_begins_among_uneven_stamps_takes_them_for_uncertain(scene)
     assert tracker.result().smoothed == uneven.smoothed
 
 
+def test_stamps_that_are_declared_uncertain_hide_changes_of_speed_too(scene):
+    """Though they are even: 4 ms at 22.352 m/s hide 4 m/s^2 for a quarter of a second."""
+    least_mps = []
+    for stamp_std_s in (2e-4, 0.004):
+        config = TrackerConfig(stamp_std_s=stamp_std_s)
+        pipeline, _ = automatic(scene, scene[2][:1], {0}, config)
+        readings = [u for pair in scene[0].pairs for u in pipeline.process(pair).updates
+                    if u.state is TrackState.CONFIRMED]
+        least_mps.append(min(u.speed_std_mps for u in readings))
+    hidden_s = math.sqrt(2 * 22.352 * math.sqrt(2) * 0.004 / 4.0)
+    assert least_mps[0] < 0.15 < 0.9 * math.sqrt(0.3 * hidden_s) * 4.0 * hidden_s < least_mps[1]
+
+
 def jittered(pairs, off_ns):
     """Return pairs of which every other one has stamps that are late by so much."""
     return [replace(pair, stamp_ns=ns, right_stamp_ns=ns) for pair, ns in (
