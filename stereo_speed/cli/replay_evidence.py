@@ -4,10 +4,11 @@
 from __future__ import annotations
 
 import argparse
+from collections import deque
 from contextlib import AbstractContextManager, ExitStack
 import dataclasses
 from pathlib import Path
-from typing import Any, Optional, Sequence
+from typing import Any, NamedTuple, Optional, Sequence
 
 from ..core.errors import InputError
 from ..core.passes import PassResult
@@ -54,9 +55,20 @@ def check_options(args: argparse.Namespace) -> None:
                              '--evidence beside it')
 
 
+class _Taken(NamedTuple):
+    """A pair, with its images as they came."""
+
+    pair: StereoPair
+    left: SourceImage
+    right: SourceImage
+
+
 class ReplayEvidence(AbstractContextManager['ReplayEvidence']):
     """
     Follows a replay and records its violations; does nothing where that is not asked for.
+
+    Pairs are read before they are told, by some pairs: until then their images wait beside the
+    ring, for in it they would drive out those of the passes that are told first.
 
     :param recorder: decides and writes; None where no evidence is asked for.
     :param run: names the run.
@@ -67,6 +79,7 @@ class ReplayEvidence(AbstractContextManager['ReplayEvidence']):
                  config: EnforcementConfig) -> None:
         self.recorder, self.run, self.config = recorder, run, config
         self._offered: set[int] = set()
+        self._taken: deque[_Taken] = deque()  # and not told
         self._last_ns = 0
         self._stack = ExitStack()
 
@@ -106,14 +119,14 @@ class ReplayEvidence(AbstractContextManager['ReplayEvidence']):
         self._stack.close()
 
     def take(self, pair: StereoPair, left: SourceImage, right: SourceImage) -> None:
-        """Keep the images of a pair as they came."""
+        """Keep the images of a pair as they came; in the thread that reads."""
         if self.recorder is not None:
-            self.recorder.ring.add('left', pair.stamp_ns, left)
-            self.recorder.ring.add('right', pair.right_stamp_ns, right)
+            self._taken.append(_Taken(pair, left, right))
 
     def observe(self, pair: StereoPair, step: Step) -> None:
         """Decide on the passes that a pair has ended."""
         self._last_ns = pair.stamp_ns
+        self._lay_down(pair.index)
         self._offer(step.passes)
 
     def finish(self, passes: Sequence[PassResult]) -> None:
@@ -121,6 +134,13 @@ class ReplayEvidence(AbstractContextManager['ReplayEvidence']):
         self._offer([p for p in passes if p.track not in self._offered])
         if self.recorder is not None:
             self.recorder.delete_older(self._last_ns)
+
+    def _lay_down(self, index: int) -> None:
+        """Lay the images of the pairs up to a number into the ring."""
+        while self.recorder is not None and self._taken and self._taken[0].pair.index <= index:
+            pair, left, right = self._taken.popleft()
+            self.recorder.ring.add('left', pair.stamp_ns, left)
+            self.recorder.ring.add('right', pair.right_stamp_ns, right)
 
     def _offer(self, passes: Sequence[PassResult]) -> None:
         for result in passes:
