@@ -40,7 +40,7 @@ class HelperProcess:
         arguments; it says that it is ready, and then answers.
     :param answer_s: that an answer may take.
     :param patience: with the processor, from its very start; 19 is the most there is.
-    :raises OSError: no memory, no more processes.
+    :raises OSError: no memory, no more processes, no such patience.
     """
 
     def __init__(self, module: str, answer_s: float, patience: int = 0) -> None:
@@ -59,15 +59,19 @@ class HelperProcess:
                     [sys.executable, '-m', module, str(theirs.fileno()), str(self._memory_fd)],
                     stdin=subprocess.DEVNULL, pass_fds=(theirs.fileno(), self._memory_fd),
                     env=environment)
-            if patience:  # now, for its imports take a second of one core
-                os.setpriority(os.PRIO_PROCESS, self.process.pid,
-                               os.getpriority(os.PRIO_PROCESS, 0) + patience)
         except OSError:
             ours.close()
             os.close(self._memory_fd)
             raise
         self._pipe: Connection[Any, Any] = Connection(ours.detach())
         self._memory: Optional[mmap] = None
+        try:
+            if patience:  # now, for its imports take a second of one core
+                os.setpriority(os.PRIO_PROCESS, self.process.pid,
+                               os.getpriority(os.PRIO_PROCESS, 0) + patience)
+        except OSError:
+            self.close(0.0)
+            raise
 
     def wait(self) -> None:
         """
