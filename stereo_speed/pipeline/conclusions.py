@@ -146,16 +146,22 @@ class Later:
     The pipeline is told of none: ``pop`` gives out, after each pair, those that were over with it.
 
     :param measured: where they are measured; in that thread, if it is not told.
+    :param most: passes that may wait, as in :class:`Beside`.
     """
 
-    def __init__(self, measured: Callable[[Measure], PassResult] = _here) -> None:
+    def __init__(self, measured: Callable[[Measure], PassResult] = _here, most: int = 8) -> None:
         self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix='passes')
         self._new: list[Future[PassResult]] = []
-        self._measure = measured
+        self._waiting: list[Future[PassResult]] = []
+        self._measure, self._most = measured, most
 
     def add(self, measure: Measure, failed: Callable[[], object] = _nothing) -> None:
-        """Take in a pass, which the pipeline does not wait for."""
+        """Take in a pass, which the pipeline does not wait for, but where too many wait."""
+        self._waiting = [future for future in self._waiting if not future.done()]
+        if len(self._waiting) >= self._most:
+            wait(self._waiting[:1])
         self._new.append(self._thread.submit(self._measure, measure))
+        self._waiting.append(self._new[-1])
         failed()
 
     def pop(self) -> list[Future[PassResult]]:
@@ -170,4 +176,4 @@ class Later:
     def close(self) -> None:
         """Give up what has not begun, and wait for what has."""
         self._thread.shutdown(cancel_futures=True)
-        self._new = []
+        self._new, self._waiting = [], []

@@ -18,6 +18,7 @@ Observer = Callable[[StereoPair, Step], None]
 # Pairs that may wait for passes to be measured before they are told, each with its images: these
 # take as long as some forty pairs, and longer beside other programs.
 MOST_UNTOLD = 80
+MOST_UNTOLD_BYTES = 128 << 20  # of their images: 80 pairs of 1024 x 768, and fewer of larger
 # A run that has a sink holds so many updates, for pictures: 60 MB.
 KEPT_UPDATES = 40_000
 
@@ -157,6 +158,11 @@ class _Untold:
         """Return whether all of its passes are measured."""
         return all(one.done() for one in self.passes)
 
+    @property
+    def image_bytes(self) -> int:
+        """Return the bytes of its images."""
+        return self.pair.left.nbytes + self.pair.right.nbytes
+
     def whole(self) -> Step:
         """Return what came of it, with the passes that it has waited for."""
         return Step(self.step.updates, [
@@ -173,20 +179,25 @@ class _Telling:
     most_updates: int
     relay: Optional[Relay]
     untold: deque[_Untold] = field(default_factory=deque)
+    untold_bytes: int = 0  # of their images
 
     def add(self, one: _Untold) -> None:
         """Take in what came of the next pair; tell what can be told, and what has waited long."""
         self.untold.append(one)
-        while self.untold and (self.untold[0].is_whole or len(self.untold) > MOST_UNTOLD):
-            self._tell(self.untold.popleft())
+        self.untold_bytes += one.image_bytes
+        while self.untold and (
+                self.untold[0].is_whole or len(self.untold) > MOST_UNTOLD
+                or self.untold_bytes > MOST_UNTOLD_BYTES):
+            self._tell_first()
 
     def finish(self) -> None:
         """Tell everything."""
         while self.untold:
-            self._tell(self.untold.popleft())
+            self._tell_first()
 
-    def _tell(self, one: _Untold) -> None:
-        waited_s = time.perf_counter()
+    def _tell_first(self) -> None:
+        one, waited_s = self.untold.popleft(), time.perf_counter()
+        self.untold_bytes -= one.image_bytes
         step = one.whole()
         self.out.wall_s += time.perf_counter() - waited_s
         if self.sink is None:

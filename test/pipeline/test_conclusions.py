@@ -121,10 +121,11 @@ def test_a_pass_that_fails_costs_only_itself_where_someone_takes_its_error():
     one.close()
 
 
-def test_who_adds_to_a_full_queue_waits_for_its_first_pass():
+@pytest.mark.parametrize('way', [Beside, Later])
+def test_who_adds_to_a_full_queue_waits_for_its_first_pass(way):
     """So that images of no more than a few passes are held."""
     go, added = threading.Event(), threading.Event()
-    one = Beside(most=2)
+    one = way(most=2)
 
     def add():
         one.add(lambda: 'third')

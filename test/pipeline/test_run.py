@@ -3,14 +3,16 @@
 """The loop: what it gathers, in which order, and what it leaves out."""
 from __future__ import annotations
 
+from concurrent.futures import Future
 from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 from stereo_speed.core.passes import PassResult, Verdict
 from stereo_speed.core.records import StereoPair, TrackState, TrackUpdate
 from stereo_speed.pipeline.pipeline import Step
-from stereo_speed.pipeline.run import run
+from stereo_speed.pipeline.run import MOST_UNTOLD, MOST_UNTOLD_BYTES, run
 
 UPDATE = TrackUpdate(
     stamp_ns=0, track=0, lane='lane', state=TrackState.CONFIRMED, speed_mps=20.0,
@@ -51,6 +53,30 @@ def test_an_observer_sees_every_pair_with_what_came_of_it():
     steps, seen = [Step([UPDATE], []), Step([], [PASS]), Step([], [])], []
     run(scripted(steps, []), pairs(3), lambda pair, step: seen.append((pair.index, step)))
     assert seen == list(enumerate(steps))
+
+
+class Awaited(Future):
+    """A pass that is measured when somebody waits for it."""
+
+    def result(self, timeout=None):
+        """Return it."""
+        return PASS
+
+
+@pytest.mark.parametrize(('image_bytes', 'most'), [
+    (4, MOST_UNTOLD), (MOST_UNTOLD_BYTES // 20, 10), (MOST_UNTOLD_BYTES, 0)])
+def test_as_many_pairs_wait_for_a_pass_as_their_images_have_room(image_bytes, most):
+    image, told, waiting = np.broadcast_to(np.uint8(0), (1, image_bytes)), [], []
+    seen = [replace(pair, left=image, right=image) for pair in pairs(MOST_UNTOLD + 10)]
+
+    def process(pair):
+        waiting.append(pair.index - len(told))
+        return Step([], [])
+    later = SimpleNamespace(pop=lambda: [Awaited()])
+    done = run(SimpleNamespace(process=process, finish=list), seen,
+               lambda pair, step: told.append((pair.index, len(step.passes))), later=later)
+    assert max(waiting) == most
+    assert told == [(pair.index, 1) for pair in seen] and len(done.passes) == len(seen)
 
 
 def test_time_in_the_pipeline_is_counted():
