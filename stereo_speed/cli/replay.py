@@ -8,7 +8,7 @@ The same bag, site and seed give the same files, byte for byte.
 from __future__ import annotations
 
 import argparse
-from contextlib import ExitStack, nullcontext
+from contextlib import closing, ExitStack, nullcontext
 from dataclasses import replace
 import math
 from pathlib import Path
@@ -267,13 +267,15 @@ def measure(bag: StereoBag, pipeline: SpeedPipeline, *, keep_frames: bool,
             frames.add(draw(pair, step.updates, pipeline.lanes, pipeline.rig))
             if parts is not None:
                 parts.add_frame(frames.kept[-1])
-    read = ahead(bag.pairs()) if read_ahead else bag.pairs()
-    pairs: Iterable[StereoPair] = tqdm(
-        _from(read, first, pipeline), initial=first, total=bag.pair_count, desc='replay',
-        unit='pair', disable=None)
-    pairs = pairs if feed is None else feed.through(pairs)
-    result = run_pipeline(pipeline, pairs, keep, rows, so_far=done,
-                          relay=parts, later=later)
+    with ExitStack() as open_:  # nothing is read any more when the bag is closed
+        read = open_.enter_context(
+            closing(ahead(bag.pairs()))) if read_ahead else bag.pairs()
+        pairs: Iterable[StereoPair] = tqdm(
+            _from(read, first, pipeline), initial=first, total=bag.pair_count, desc='replay',
+            unit='pair', disable=None)
+        pairs = pairs if feed is None else feed.through(pairs)
+        result = run_pipeline(pipeline, pairs, keep, rows, so_far=done,
+                              relay=parts, later=later)
     return result, frames.items()
 
 

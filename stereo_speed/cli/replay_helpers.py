@@ -93,6 +93,11 @@ class Helpers:
         """Return the number of the process that searches; None where there is none."""
         return None if self._search is None else self._search.process.pid
 
+    @property
+    def pass_pid(self) -> Optional[int]:
+        """Return the number of the process that measures passes; None where there is none."""
+        return None if self._pass is None else self._pass.process.pid
+
     def wait(self) -> None:
         """
         Wait until the process that searches is ready, where there is to be one.

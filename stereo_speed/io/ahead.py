@@ -5,17 +5,18 @@ from __future__ import annotations
 
 from collections import deque
 from concurrent.futures import ThreadPoolExecutor
-from typing import Iterable, Iterator, TypeVar
+from typing import Generator, Iterable, TypeVar
 
 Item = TypeVar('Item')
 MOST = 4  # read ahead: enough for a pair that takes long, and little memory
 
 
-def ahead(items: Iterable[Item], most: int = MOST) -> Iterator[Item]:
+def ahead(items: Iterable[Item], most: int = MOST) -> Generator[Item, None, None]:
     """
     Yield items that a thread of its own fetches some ahead, in their order.
 
-    An error comes after the items before it.  Who stops early waits for those under way.
+    An error comes after the items before it.  Who stops early closes it, and waits
+    for those under way: what they are read from may be closed then.
     """
     iterator, end = iter(items), object()
     with ThreadPoolExecutor(1, 'ahead') as thread:

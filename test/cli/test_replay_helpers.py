@@ -7,6 +7,8 @@ from dataclasses import replace
 import os
 import signal
 import sys
+import threading
+from types import SimpleNamespace
 
 import pytest
 from stereo_speed.cli import replay
@@ -27,7 +29,7 @@ def files(folder):
 
 
 @pytest.mark.slow
-def test_the_same_is_written_with_helpers_without_and_where_one_is_killed(
+def test_the_same_is_written_with_helpers_without_and_where_they_are_killed(
         sample, tmp_path, monkeypatch, capfd):
     def written(name, helpers):
         monkeypatch.setattr(replay.Helpers, 'of', helpers)
@@ -42,9 +44,10 @@ def test_the_same_is_written_with_helpers_without_and_where_one_is_killed(
         return helpers
 
     def dying(pairs, detector, *, beside):
-        """Have the process killed as soon as a detector is to move to it."""
+        """Have them killed as soon as a detector is to move to one, and before any pass."""
         helpers = ready(pairs, detector, beside=beside)
-        os.kill(helpers.search_pid, signal.SIGKILL)
+        for pid in (helpers.search_pid, helpers.pass_pid):
+            os.kill(pid, signal.SIGKILL)
         return helpers
     used = []
     alone = written('alone', lambda *_, beside: Helpers(False, None, ahead=False))
@@ -52,8 +55,11 @@ def test_the_same_is_written_with_helpers_without_and_where_one_is_killed(
     assert written('helped', ready) == alone
     capfd.readouterr()
     assert written('killed', dying) == alone
-    assert 'the process that searches for vehicles: ' in capfd.readouterr().err
-    assert len(used) == 2 and all(helpers.search_pid is None for helpers in used)
+    said = capfd.readouterr().err
+    assert 'the process that searches for vehicles: ' in said
+    assert 'the process that measures passes: ' in said
+    assert len(used) == 2
+    assert all(helpers.search_pid is helpers.pass_pid is None for helpers in used)
 
 
 @pytest.fixture(scope='module')
@@ -92,6 +98,15 @@ def test_parts_of_dense_pairs_end_where_they_do_without_helpers(
         told.append((ends, files(out)))
     assert told[0] == told[1]
     assert ends == [10, 20, 30]
+
+
+def test_after_an_error_nothing_is_read_ahead_any_more(sample):
+    def fail(pair):
+        raise ZeroDivisionError
+    with StereoBag(sample / 'bag') as bag, pytest.raises(ZeroDivisionError) as kept:
+        replay.measure(bag, SimpleNamespace(process=fail), keep_frames=False, read_ahead=True)
+    assert kept.tb is not None  # which holds what was under way, as whoever catches it does
+    assert not [one.name for one in threading.enumerate() if one.name.startswith('ahead')]
 
 
 def test_short_bags_and_those_of_many_go_without_processes():
