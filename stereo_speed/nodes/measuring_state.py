@@ -5,7 +5,8 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, field
-from typing import Optional
+import time
+from typing import Callable, Optional
 
 import numpy as np
 
@@ -73,10 +74,14 @@ class Counts:
 
 
 class ClockSteps:
-    """Counts the steps of the cameras' clock, of one pipeline after the other."""
+    """
+    Counts the steps of the cameras' clock, of one pipeline after the other.
 
-    def __init__(self) -> None:
-        self._tally, self._known = Tally(), 0
+    :param clock: steady time of this machine, s.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._tally, self._known = Tally(clock), 0
         self._watch: Optional[StampWatch] = None
 
     def tell(self, pipeline: SpeedPipeline, state: State) -> None:

@@ -273,7 +273,8 @@ def _refuse_crossings(where: object, lines: Mapping[str, SiteLine]) -> None:
     Refuse lines that cross themselves or each other in a view, as slips of the mouse do.
 
     Points with a 1-sigma were found in the images, where they could be: in a bend straight lines
-    between those of two lines, far apart from each other, cross though the lines do not.
+    between those of two lines, far apart from each other, cross though the lines do not. One of
+    two is enough: of a site that is refined some lines stay as they were clicked.
     """
     picked = [line for line in lines.values() if isinstance(line, PickedLine)]
     for right, view in enumerate(VIEWS):

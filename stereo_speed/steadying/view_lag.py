@@ -48,6 +48,7 @@ _LEAST_CHANGE_S = 1e-4
 _VARIED_S = 5e-4  # standard deviation of the stamps' differences from which they can be judged
 _CLEARLY = 9.0  # difference of chi^2
 _EPSILON_S = 1e-3
+_LEAST_MPS = 1e-3  # of which an error may be a share
 _LEAST_LONG_S = 0.01  # over which the bend of a way is told
 
 
@@ -212,13 +213,17 @@ def _solve(looks: Sequence[_Look], known_s: Array) -> _Regression:
         variance = _LOOK_PX**2 + (share * expected)**2
         columns = np.column_stack([slope, np.ones(len(rate)), member, member * expected[:, None]])
         wanted, w = across - expected + slope * tau, weight / variance
-        information = (columns * w[:, None]).T @ columns + np.diag(prior)
+        told = (columns * w[:, None]).T @ columns
+        information = told + np.diag(prior)
         x = np.linalg.solve(information, (columns * w[:, None]).T @ wanted)
         residual = (wanted - columns @ x) / np.sqrt(variance)
         weight, tau = 1.0 / (1.0 + residual**2 / 9.0), float(x[0])
-    # What fits worse than foreseen is known less well.
-    excess = max(1.0, float(np.sum(weight * residual**2) / max(len(residual) - 2, 1)))
-    std_s = float(np.sqrt(excess * np.linalg.inv(information)[0, 0]))
+    # What fits worse than foreseen is known less well; a look that tells of its own vehicle
+    # alone fits in any case.
+    covariance = np.linalg.inv(information)
+    freedom = max(len(residual) - float(np.trace(covariance @ told)), 1.0)
+    excess = max(1.0, float(np.sum(weight * residual**2)) / freedom)
+    std_s = float(np.sqrt(excess * covariance[0, 0]))
     chi2 = float(np.sum(np.log1p(residual**2 / 9.0)) * 9.0 + np.sum(x[1:]**2 * prior[1:]))
     return _Regression(tau, std_s, chi2)
 
@@ -264,7 +269,7 @@ def _look(pair: StereoPair, update: TrackUpdate, rig: StereoRig, gap_s: float
     bend = (long / long_s - short / _EPSILON_S) / (long_s - _EPSILON_S)
     return _Look(update.track, gap_s, float(_across(rig, at, found)),
                  short / _EPSILON_S - bend * _EPSILON_S, bend,
-                 update.speed_std_mps / max(abs(update.speed_mps), _EPSILON_S))
+                 update.speed_std_mps / max(abs(update.speed_mps), _LEAST_MPS))
 
 
 def _right_px(rig: StereoRig, points_m: Array) -> Array:

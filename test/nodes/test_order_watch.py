@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import threading
+import time
 
 from stereo_speed.nodes.order_watch import OrderWatch
 
@@ -50,8 +51,9 @@ def test_later_looks_are_taken_in_with_a_later_pair():
     looks.may.set()
     assert looks.over.acquire(timeout=LONG_S)
     watch.close()
+    end_s = time.monotonic() + LONG_S
     while not watch.take(None, 3):  # as soon as it is known, in the time a thread takes
-        pass
+        assert time.monotonic() < end_s
     assert looks.pairs == [0, 2]
 
 

@@ -101,6 +101,23 @@ def test_what_one_vehicle_leaves_unknown_others_tell():
     assert std_s(400, 9) == pytest.approx(std_s(400, 1) / 3, rel=0.2)
 
 
+def test_what_fits_worse_than_foreseen_is_known_less_well_however_few_looks_each_vehicle_has():
+    """A vehicle of few looks has its own errors fitted to them: they leave less of the misfit."""
+    def std_s(tracks, looks, noise):
+        rng, out = np.random.default_rng(1), []
+        for _ in range(40):
+            own = rng.normal(0, 0.1, tracks)
+            seen = [(k, rate) for k in range(tracks) for rate in rng.uniform(20.0, 300.0, looks)]
+            out.append(_solve([
+                _Look(k, 0.0, own[k] + rng.normal(0, 0.15 * noise), rate, 0.0, 0.01)
+                for k, rate in seen], np.zeros(len(seen))).std_s)
+        return np.mean(out)
+    few, many = (std_s(tracks, looks, 3.0) / std_s(tracks, looks, 1.0)
+                 for tracks, looks in ((60, 1), (5, 12)))
+    assert many > 1.7
+    assert few == pytest.approx(many, rel=0.06)
+
+
 def test_before_anything_moves_nothing_is_known(rig):
     watch = ViewLag(rig)
     image = np.zeros((768, 1024), np.uint8)
