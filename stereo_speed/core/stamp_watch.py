@@ -45,10 +45,12 @@ class StampWatch:
         self._latest_s: deque[float] = deque(maxlen=_PACE)  # as they are, but for steps
         self._last_ns: Optional[int] = None
         self.steps, self.last_step_s = 0, 0.0
+        self._odd: dict[tuple[float, float, float], float] = {}  # shares at the newest stamp
 
     def add(self, ns: int) -> float:
         """Take the next stamp; return by how much the clock has stepped before it, s."""
         last_ns, self._last_ns = self._last_ns, ns
+        self._odd.clear()
         if last_ns is None:
             return 0.0
         interval_s = (ns - last_ns) * 1e-9
@@ -107,6 +109,12 @@ class StampWatch:
         :param most_s: by which a stamp may be wrong; exposures are off by more.
         :param least_s: for which a speed is measured at least.
         """
+        asked = odd_s, most_s, least_s
+        if asked not in self._odd:  # each track of a pair asks the same
+            self._odd[asked] = self._odd_share(*asked)
+        return self._odd[asked]
+
+    def _odd_share(self, odd_s: float, most_s: float, least_s: float) -> float:
         intervals_s = np.array(self._latest_s)
         if len(intervals_s) < _FEWEST_ODD:
             return 0.0

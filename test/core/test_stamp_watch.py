@@ -162,6 +162,17 @@ def odd_shares(stamps_ns, odd_s=9e-4, most_s=0.01, least_s=0.06):
     return np.array(shares)
 
 
+def test_an_odd_share_is_found_once_for_all_tracks_of_a_pair_and_anew_with_the_next():
+    watch = StampWatch()
+    for ns in PERIOD_NS * np.arange(30) + 2_500_000 * (np.arange(30) == 29):
+        watch.add(int(ns))
+    share = watch.odd_share(9e-4, 0.01, 0.06)
+    assert share > 0 and watch.odd_share(9e-4, 0.01, 0.06) is share
+    assert watch.odd_share(9e-4, 1e-3, 0.06) == pytest.approx(share / 2.5)
+    watch.add(30 * PERIOD_NS)
+    assert watch.odd_share(9e-4, 0.01, 0.06) == pytest.approx(2.5 / 197.5)
+
+
 def test_speeds_near_an_odd_stamp_are_doubted_by_the_share_that_it_is_off():
     stamps_ns = 100_000_000 * np.arange(80)
     stamps_ns[50] += 2_500_000
