@@ -105,11 +105,12 @@ class NoiseConfig(CheckedRecord):
     clipped_reach_px: float = parameter(
         3.0, 0.0, 20.0, 'px', 'how far around what is clipped the light of it spreads in the lens')
     relief_std_m: float = parameter(
-        0.04, 0.0001, 0.5, 'm', '1-sigma of the relief of a front: bumper, grille and lamps lie '
+        0.04, 0.0001, 0.5, 'm', 'scale of the relief of a front: bumper, grille and lamps lie '
         'centimetres apart in depth')
     relief_dof: float = parameter(
         2.0, 1.0, 1e6, '', 'degrees of freedom of the t distribution of the relief: the fewer, '
-        'the freer are parts far behind the rest, as of a rider; a million for none of them')
+        'the freer are parts far behind the rest, as of a rider; from 1 to 4 speeds are the same, '
+        'a million frees none')
     gauge_std_m: float = parameter(
         0.005, 0.0001, 0.5, 'm', '1-sigma of the place of the front across and above the path in '
         'its first observation, which defines its centre')

@@ -153,7 +153,8 @@ class DetectorConfig(CheckedRecord):
     """Parameters of the detector that sweeps planes; see ``detector`` for how they are used."""
 
     interval_s: float = parameter(
-        0.09, 0.0, 2.0, 's', 'least time between two searches of a lane for vehicles',
+        0.09, 0.0, 2.0, 's', 'least time between two searches of a lane for vehicles; where three '
+        'pairs or more come in it, it is reference_s at least',
         below='forget_after_s')
     long_every: int = parameter(
         3, 1, 1000, '', 'slow vehicles are looked for in one of so many searches')

@@ -27,7 +27,7 @@ from ..geometry.rig import StereoRig
 from ..road.lanes import LanePath
 
 _SAME_RATE = 0.01  # of a pair, by which stamps may scatter
-_MANY_PAIRS = 3  # in a round: more than the 20 a second of most cameras
+_MANY_PAIRS = 3  # in a round: more than 22 a second, faster than most cameras
 
 
 @dataclass(frozen=True, eq=False)
