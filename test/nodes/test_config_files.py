@@ -68,7 +68,7 @@ def declared(*modules):
 
 def test_node_parameters_hold_what_the_tracker_node_declares():
     """Those that the launch file gives stand there as comments; two have to be given."""
-    names = declared('lifecycle', 'measuring', 'self_test', 'rig_watch', 'frames')
+    names = declared('lifecycle', 'measuring_settings', 'self_test', 'rig_watch', 'frames')
     assert {'site', 'init', 'seed', 'autostart', 'self_test', 'road_frame'} <= set(names)
     text = (ROOT / 'config' / 'stereo_speed.params.yaml').read_text()
     lines = text.partition('tracker_node:')[2].partition('/**/')[0].splitlines()
@@ -95,7 +95,7 @@ def test_launch_files_name_what_is_installed(path):
 
 
 def test_parameters_of_the_launch_file_are_declared_by_the_nodes():
-    measuring = ('lifecycle', 'measuring', 'outputs')
+    measuring = ('lifecycle', 'measuring_settings', 'outputs')
     pairing = ('pairing', 'subscriptions')
     modules = {'stereo_sync_node': pairing, 'tracker_node': measuring,
                'speed_camera_node': (*pairing, *measuring),

@@ -14,7 +14,7 @@ pytest.importorskip('rclpy')
 
 NODES = Path(__file__).resolve().parents[2] / 'stereo_speed' / 'nodes'
 LONGEST_S = 120.0
-_MEASURING = ('lifecycle', 'measuring', 'self_test', 'rig_watch', 'frames')
+_MEASURING = ('lifecycle', 'measuring_settings', 'self_test', 'rig_watch', 'frames')
 
 
 def declared(modules):
