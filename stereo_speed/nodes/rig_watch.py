@@ -61,6 +61,7 @@ class RigWatch:
         self._lock = threading.RLock()
         self._process: Optional[LookProcess] = None  # of a look for which pairs are gathered
         self._gathered, self._ready, self._asked = 0, False, False
+        self._followed: Optional[RigMotion] = None
 
     @property
     def withholds(self) -> bool:
@@ -103,47 +104,57 @@ class RigWatch:
 
     def _go_on(self, pair: StereoPair, followed: Optional[RigMotion]) -> None:
         """
-        Do what the next pair allows: begin a look, give it the pair, have it look, take it in.
+        Do what the next pair allows: begin a look, give it the pair, and what ``_advance`` does.
 
         :raises OSError: its process has ended, or cannot be started.
         :raises LookProcessError: the look has failed.
         """
-        now_s = self._clock()
-        if self._asked:
-            self.poll()
-            return
+        now_s, self._followed = self._clock(), followed
         if self._gathered < self.pairs and now_s >= max(self._due_s, self._next_s):
             if self._process is None:
                 self._process, self._begun_s = self._make(), now_s
             self._process.lay(pair)
             self._gathered += 1
             self._next_s = now_s + self.spread_s / max(self.pairs - 1, 1)
+        self._advance(now_s)
+
+    def _advance(self, now_s: float) -> None:
+        """
+        Have the pairs looked at once they and the process are there, and take in what is found.
+
+        :raises OSError: its process has ended.
+        :raises LookProcessError: the look has failed.
+        """
         process = self._process
         if process is None or self._gathered < self.pairs or self._used is None:
             return
+        if self._asked:
+            found = process.found()
+            if found is not None:
+                self.failure = ''
+                self._learn(found)
+                self._end(self.interval_s)
+            elif now_s - self._begun_s > _LONGEST_S:
+                raise TimeoutError(f'not over in {_LONGEST_S:g} s')
+            return
         self._ready = self._ready or process.is_ready()
         if self._ready:
-            process.look(self._used, self._config, followed, self._suspected)
+            process.look(self._used, self._config, self._followed, self._suspected)
             self._asked, self._begun_s = True, now_s
         elif now_s - self._begun_s > self.spread_s + _LONGEST_S:
             raise TimeoutError(f'no process for it in {_LONGEST_S:g} s')
 
     def poll(self) -> None:
-        """Take in what came of a look that is over; any thread may ask."""
+        """
+        Do what needs no further pair; any thread may ask.
+
+        A stream may have ended before the process of a look was ready.
+        """
         with self._lock:
-            if self._process is None or not self._asked:
-                return
             try:
-                found = self._process.found()
-                if found is None and self._clock() - self._begun_s > _LONGEST_S:
-                    raise TimeoutError(f'not over in {_LONGEST_S:g} s')
+                self._advance(self._clock())
             except Exception as error:  # of the other process, whatever it was
                 self._failed(error)
-                return
-            if found is not None:
-                self.failure = ''
-                self._learn(found)
-                self._end(self.interval_s)
 
     def _failed(self, error: Exception) -> None:
         self.failure = f'the look at the rig failed: {error}'

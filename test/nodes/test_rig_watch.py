@@ -129,6 +129,16 @@ def looked(watch, grey):
         time.sleep(0.01)
 
 
+def test_a_stream_that_ends_before_the_process_is_ready_is_looked_at_all_the_same():
+    """The pairs are there, and it may be a while until the next one comes."""
+    rig, image = watch(), np.full((2, 2), 2, np.uint8)
+    for k in range(2):
+        rig.take(StereoPair(k, k, k, image, image))
+    assert rig.looks == 0
+    assert rig.state().level == OK  # now it is ready, and asked
+    assert rig.state().level == ERROR and rig.looks == 1
+
+
 def test_what_is_off_is_withheld_until_it_is_right_again():
     rig = watch()
     assert not rig.withholds and rig.state().level == OK
