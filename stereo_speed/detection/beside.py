@@ -15,17 +15,15 @@ ready by now, and goes on here where one dies or does not answer, as if it had a
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-import math
-from typing import Any, Callable, Mapping, Optional, Sequence, Union
-
-import numpy as np
+from typing import Callable, Mapping, Optional, Sequence, Union
 
 from .config import DetectorConfig
 from .detector import Memory, PlaneSweepDetector
 from .protocol import Detection, TrackedRegion
 from .spacing import Question
 from ..core.helper_process import HelperProcess
-from ..core.records import RigMotion, StereoPair
+from ..core.records import StereoPair
+from ..core.shared_pair import SharedPair
 from ..geometry.rig import StereoRig
 from ..road.lanes import LanePath
 
@@ -59,33 +57,18 @@ class Forget:
 @dataclass(frozen=True, eq=False)
 class Search:
     """
-    Search a pair, whose images lie in the shared memory, the left one in front.
+    Search a pair.
 
-    :param index: of the pair.
-    :param stamp_ns: of the pair.
-    :param right_stamp_ns: of its right image.
-    :param motion: how the rig stood.
-    :param shape: of each image.
-    :param dtype: of both.
+    :param pair: whose images lie in the shared memory.
     :param tracked: what the tracks are expected to hold.
     :param last_ns: stamp of the pair before, of which it may not have been told, and
     :param last_index: its number; None where there was none.
     """
 
-    index: int
-    stamp_ns: int
-    right_stamp_ns: int
-    motion: Optional[RigMotion]
-    shape: tuple[int, ...]
-    dtype: str
+    pair: SharedPair
     tracked: Sequence[TrackedRegion]
     last_ns: Optional[int] = None
     last_index: Optional[int] = None
-
-    @property
-    def image_bytes(self) -> int:
-        """Return the bytes of an image."""
-        return math.prod(self.shape) * np.dtype(self.dtype).itemsize
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,16 +116,15 @@ class SearchProcess(HelperProcess):
     def __init__(self, answer_s: float = 5.0) -> None:
         super().__init__('stereo_speed.detection.search_process', answer_s)
 
-    def share(self, images: Sequence[np.ndarray[Any, Any]], most_bytes: int) -> None:
+    def share(self, pair: StereoPair, most_bytes: int) -> SharedPair:
         """
-        Lay images into the shared memory, one after the other.
+        Lay the images of a pair into the shared memory; return what is told of it.
 
         :param most_bytes: that there may ever be in it.
         """
-        memory, offset = self.memory(most_bytes), 0
-        for image in images:
-            np.ndarray(image.shape, image.dtype, memory, offset)[...] = image
-            offset += image.nbytes
+        shared = SharedPair.of(pair)
+        shared.lay(pair, self.memory(most_bytes))
+        return shared
 
     def answer(self) -> Found:
         """
@@ -223,9 +205,7 @@ class DetectorBeside:
         self._passing = self._memory.passing(pair, self._begin.config)
         if self._passing is not None:
             return
-        process.share((pair.left, pair.right), self._most_bytes)
-        self._send(Search(pair.index, pair.stamp_ns, pair.right_stamp_ns, pair.motion,
-                          pair.left.shape, pair.left.dtype.str, tracked,
+        self._send(Search(process.share(pair, self._most_bytes), tracked,
                           self._memory.last_ns, self._memory.last_index))
 
     def update(self, pair: StereoPair, tracked: Sequence[TrackedRegion] = ()) -> list[Detection]:

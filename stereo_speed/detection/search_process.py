@@ -11,7 +11,6 @@ import sys
 from typing import Any, Optional
 
 import cv2
-import numpy as np
 
 from .beside import Begin, Forget, Found, Request, Search
 from .detector import Look, PlaneSweepDetector
@@ -61,10 +60,7 @@ class Searcher:
         size = os.fstat(self._fd).st_size
         if self._memory is None or len(self._memory) != size:
             self._memory = mmap(self._fd, size, prot=PROT_READ)
-        left, right = (np.ndarray(request.shape, request.dtype, self._memory, offset)
-                       for offset in (0, request.image_bytes))
-        return StereoPair(request.index, request.stamp_ns, request.right_stamp_ns, left, right,
-                          motion=request.motion)
+        return request.pair.pair(self._memory)
 
 
 def _found(detector: PlaneSweepDetector, look: Optional[Look], held: Held) -> Found:

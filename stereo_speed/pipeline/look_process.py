@@ -9,19 +9,18 @@ all of them at once, through a pipe, kept the readings of that moment waiting.
 from __future__ import annotations
 
 from dataclasses import dataclass
-import math
 from mmap import mmap, PROT_READ
 from multiprocessing.connection import Connection
 import sys
 from typing import Any, Optional, Sequence, Union
 
 import cv2
-import numpy as np
 
 from .config import SiteConfig
 from .rig_look import look_at_rig
 from ..core.helper_process import HelperProcess, leave_ending_to_parent
 from ..core.records import RigMotion, StereoPair
+from ..core.shared_pair import SharedPair
 from ..site.refine.rig_state import RigState, Stance
 
 _TURN_S = 5.0  # that the pipe may stand still: what goes through it is small
@@ -32,44 +31,6 @@ _PATIENCE = 10
 
 class LookProcessError(Exception):
     """A look came to nothing."""
-
-
-@dataclass(frozen=True, eq=False)
-class SharedPair:
-    """
-    A pair whose images lie in the shared memory, one after the other.
-
-    :param index: of the pair.
-    :param stamp_ns: of its left image.
-    :param right_stamp_ns: of its right image.
-    :param motion: how the rig stood.
-    :param shape: of each image.
-    :param dtype: of both.
-    :param begin: of the left image, bytes.
-    """
-
-    index: int
-    stamp_ns: int
-    right_stamp_ns: int
-    motion: Optional[RigMotion]
-    shape: tuple[int, ...]
-    dtype: str
-    begin: int
-
-    @property
-    def end(self) -> int:
-        """Return where the right image ends, bytes."""
-        return self.begin + 2 * math.prod(self.shape) * np.dtype(self.dtype).itemsize
-
-    def images(self, memory: mmap) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
-        """Return both images, where they lie."""
-        both = np.ndarray((2, *self.shape), self.dtype, memory, self.begin)
-        return both[0], both[1]
-
-    def pair(self, memory: mmap) -> StereoPair:
-        """Return the pair itself."""
-        return StereoPair(self.index, self.stamp_ns, self.right_stamp_ns, *self.images(memory),
-                          motion=self.motion)
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,10 +58,8 @@ class LookProcess(HelperProcess):
     def lay(self, pair: StereoPair) -> None:
         """Lay a pair into the shared memory, for the look that will be asked for."""
         begin = self._pairs[-1].end if self._pairs else 0
-        shared = SharedPair(pair.index, pair.stamp_ns, pair.right_stamp_ns, pair.motion,
-                            pair.left.shape, pair.left.dtype.str, begin)
-        for image, there in zip((pair.left, pair.right), shared.images(self.memory(shared.end))):
-            there[...] = image
+        shared = SharedPair.of(pair, begin)
+        shared.lay(pair, self.memory(shared.end))
         self._pairs.append(shared)
 
     def look(self, used: Stance, config: SiteConfig, followed: Optional[RigMotion],

@@ -89,8 +89,8 @@ def test_pairs_in_which_nothing_is_searched_are_not_sent(traffic, process):
     """At 30 pairs a second two lanes have their turn in six of them, and time jumps once."""
     failures, sent, found = [], [], 0
     turn, beside = both(traffic, process, failures.append)
-    process.share = lambda images, most: sent.append(number) or SearchProcess.share(
-        process, images, most)
+    process.share = lambda pair, most: sent.append(number) or SearchProcess.share(
+        process, pair, most)
     base = traffic.pairs[0].stamp_ns
     for number, pair in enumerate(traffic.pairs[k // 6] for k in range(60)):
         ns = base + number * 33_333_333 + (20_000_000_000 if number > 40 else 0)
