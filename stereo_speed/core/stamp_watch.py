@@ -9,9 +9,10 @@ from __future__ import annotations
 
 from collections import deque
 import math
-from typing import Optional
+from typing import NamedTuple, Optional
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .records import Array
 
@@ -118,9 +119,7 @@ class StampWatch:
         intervals_s = np.array(self._latest_s)
         if len(intervals_s) < _FEWEST_ODD:
             return 0.0
-        folded_s, periods = _folded(intervals_s)
-        near = periods <= _MOST_PERIODS
-        pace_s = float(np.median(folded_s[near]))
+        periods, near, pace_s = _paced(intervals_s)
         off_s = np.where(near, np.abs(intervals_s - periods * pace_s), 0.0)
         if not _keeps_pace(off_s[near], pace_s):
             return 0.0
@@ -133,7 +132,8 @@ class StampWatch:
         self._latest_s.append(interval_s)
         if len(self._latest_s) < _FEWEST + _NEW_PACE:
             return
-        intervals_s = _folded(np.array(self._latest_s))[0]
+        intervals_s = np.array(self._latest_s)
+        intervals_s /= _paced(intervals_s).periods
         old_s, new_s = intervals_s[:-_NEW_PACE], intervals_s[-_NEW_PACE:]
         apart_s = max(new_s.min() - old_s.max(), old_s.min() - new_s.max())
         if apart_s > max(float(np.ptp(old_s)), float(np.ptp(new_s)), _ROUNDED_S):
@@ -150,14 +150,28 @@ class StampWatch:
         return pace_s if steady.all() else None
 
 
-def _folded(intervals_s: Array) -> tuple[Array, Array]:
-    """Return intervals over the periods that each spans, and the number of these."""
+class _Paced(NamedTuple):
+    """
+    How intervals keep a pace.
+
+    :param periods: (n,) that each spans.
+    :param near: (n,) whether it is no long gap.
+    :param pace_s: the period.
+    """
+
+    periods: Array
+    near: NDArray[np.bool_]
+    pace_s: float
+
+
+def _paced(intervals_s: Array) -> _Paced:
+    """Return how intervals keep the pace that fits most of them."""
     pace_s = float(np.sort(intervals_s)[len(intervals_s) // _SHORT])  # gaps are longer
     for _ in range(2):
         periods = np.maximum(np.round(intervals_s / pace_s), 1.0)
         near = periods <= _MOST_PERIODS
         pace_s = float(np.median((intervals_s / periods)[near]))
-    return intervals_s / periods, periods
+    return _Paced(periods, near, pace_s)
 
 
 def _off_s(intervals_s: Array) -> Array:
@@ -166,9 +180,7 @@ def _off_s(intervals_s: Array) -> Array:
 
     Those over missing images are off whole periods, where these show.
     """
-    folded_s, periods = _folded(intervals_s)
-    near = periods <= _MOST_PERIODS
-    pace_s = float(np.median(folded_s[near]))
+    periods, near, pace_s = _paced(intervals_s)
     off_s = (intervals_s - periods * pace_s)[near]
     if _keeps_pace(off_s, pace_s):
         return off_s
