@@ -45,8 +45,9 @@ def answers(motion: PassMotion, times_s: Array, state: Array, models: Sequence[M
     :param times_s: (n,) stamps, s.
     :param state: (n, 4) s, a, b and speed as known so far; for what is not linear.
     :param said: (m,) for each model, which of what the images may say it is held to.
-    :param H: (k, 3 n, 3 n) information of the images about the poses, and
-    :param right: (k, 3 n) information times measurement, of all that they may say.
+    :param H: (k, 3 n, 3 n) information of the images about the poses, or (k, 4 n, 4 n) about the
+        poses and then the speeds, and
+    :param right: (k, 3 n) or (k, 4 n) information times measurement, of all that they may say.
     :param covariances: whether to return these.
     :raises numpy.linalg.LinAlgError: the equations cannot be solved.
     """
@@ -54,8 +55,9 @@ def answers(motion: PassMotion, times_s: Array, state: Array, models: Sequence[M
     table = np.array([[np.nan if m.speed_rate_std is None else m.speed_rate_std,
                        m.changes_lanes, m.ride_std_m] for m in models])
     held = np.array(said, dtype=np.int64)
-    found = Answers(*_answers(H, right, begun.H, begun.g, begun.log_rows, times_s, state, table,
-                              held, np.array(motion.processes), int(covariances)))
+    solve = _answers if right.shape[1] == 3 * len(times_s) else plain_answers
+    found = Answers(*solve(H, right, begun.H, begun.g, begun.log_rows, times_s, state, table,
+                           held, np.array(motion.processes), int(covariances)))
     if not np.isfinite(found.log_evidence).all():
         raise np.linalg.LinAlgError('information matrix not positive definite')
     return found
@@ -67,8 +69,8 @@ def plain_answers(H: Array, right: Array, begun: Array, begun_right: Array, log_
     """
     Return the answers, each from the normal equations of all unknowns.
 
-    :param H: (k, 3 n, 3 n) information of the images about the poses.
-    :param right: (k, 3 n) information times measurement.
+    :param H: (k, 3 n, 3 n) information of the images about the poses, or (k, 4 n, 4 n).
+    :param right: (k, 3 n) information times measurement, or (k, 4 n).
     :param begun: (5 n + 3, 5 n + 3) information about how the pass begins.
     :param begun_right: (5 n + 3,) information times measurement.
     :param log_rows: as that of ``NormalEquations``.

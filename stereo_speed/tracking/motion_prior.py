@@ -376,6 +376,11 @@ def lateral_rates(times_s: Array, offset_m: Array) -> Array:
     return slopes(times_s, np.ascontiguousarray(offset_m))
 
 
+def rates_by_offsets(times_s: Array) -> Array:
+    """Return by how much each rate (n, n) of :func:`lateral_rates` changes with each offset."""
+    return np.column_stack([lateral_rates(times_s, one) for one in np.eye(len(times_s))])
+
+
 def plain_slopes(times_s: Array, offset_m: Array) -> Array:
     """Return the slopes (n,) of parabolas through three observations or more (n,)."""
     apart = times_s - times_s[:, None]  # row k: as seen from observation k

@@ -56,7 +56,8 @@ class Observation:
     :param pixels: pixels the patch covers in the image, at most one a grid sample.
     :param shift_px: (2, 3) speed of the front's centre in each view by the pose, px/m.
     :param disparity_px: (3,) change of its disparity by the pose, px/m.
-    :param right_m: how far it had gone along the path when the right view was exposed, m.
+    :param velocity_mps: (3,) rates of the pose it was taken with, m/s.
+    :param lag_s: by which the right view is later, s.
     :param skew_px: how far the front moves in the right view between the two stamps where these
         are not taken at their word, px.
     """
@@ -73,8 +74,14 @@ class Observation:
     pixels: float
     shift_px: Array
     disparity_px: Array
-    right_m: float
+    velocity_mps: Array
+    lag_s: float
     skew_px: float
+
+    @property
+    def right_m(self) -> float:
+        """Return how far it had gone along the path when the right view was exposed, m."""
+        return self.lag_s * float(self.velocity_mps[0])
 
     @property
     def cross_ncc(self) -> float:
@@ -140,7 +147,7 @@ class ObservationSampler:
             pose=pose, heading_rad=heading_rad, relief=relief, **seen._asdict(),
             pixels=min(0.5 * float(lie.area.sum()), float(n)), shift_px=per_m,
             disparity_px=lie.centre[0, :, 0] - lie.centre[1, :, 0],
-            right_m=lag * float(velocity_mps[0]),
+            velocity_mps=velocity_mps, lag_s=lag,
             skew_px=float(np.linalg.norm(velocity_mps @ lie.centre[1]) * abs(pair.stamp_error_s)))
 
     def blurred_patches(self, pair: StereoPair, pose: Array, velocity_mps: Array,

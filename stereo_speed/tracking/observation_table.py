@@ -28,7 +28,12 @@ class Columns(NamedTuple):
     """
     What is known of each observation; as a table, each array has one more axis in front.
 
-    :param pose: (3,) s, a, b that it was taken at, m.
+    Of a pose k numbers are unknown: s, a, b, and where the views are exposed apart the rates of
+    s and a, and how far down the right view is off its epipolar line.
+
+    :param pose: (k,) those that it was taken at, m, m/s and px.
+    :param right_s: by which the right view is later, and
+    :param right_m: how much higher the front is in it where that is off its line, m/px.
     :param patches: (2, G).
     :param both: (G,) mean of the two.
     :param across: their correlation.
@@ -39,14 +44,16 @@ class Columns(NamedTuple):
     :param pixels: that it counts with.
     :param shift_px: by which the front moves in the left view per metre of a, px/m.
     :param disparity_px: change of the disparity per metre of s, px/m.
-    :param poses: (3, 3) what the views, compared, say of the pose,
-    :param mixed: (3, m) of the pose and the relief, and
+    :param poses: (k, k) what the views, compared, say of the pose,
+    :param mixed: (k, m) of the pose and the relief, and
     :param nodes: (m, m) of the relief.
-    :param right: (3,) information times measurement of the pose, and
+    :param right: (k,) information times measurement of the pose, and
     :param nodes_right: (m,) of the relief.
     """
 
     pose: Array
+    right_s: Array
+    right_m: Array
     patches: Array
     both: Array
     across: Array
@@ -70,10 +77,12 @@ class ObservationTable:
 
     :param basis: (m, G) share of the relief's nodes in each sample.
     :param noise: how precise observations are.
+    :param apart: whether views are exposed apart.
     """
 
-    def __init__(self, basis: Array, noise: NoiseConfig) -> None:
+    def __init__(self, basis: Array, noise: NoiseConfig, *, apart: bool = False) -> None:
         self.basis, self.node_sums, self.noise = basis, NodeSums(basis), noise
+        self.apart = apart
         self._rows: dict[Observation, int] = {}
         self._columns: list[Array] = []
 
@@ -107,12 +116,19 @@ class ObservationTable:
         Their information is bounded by the usual scatter of a disparity.
         """
         o, noise, relief = observation, self.noise, observation.relief @ self.basis
-        terms = cross(o.patches, o.apart_jacobian, o.apart_relief, o.outlines, relief, o.pixels,
+        parts, pose = o.apart_jacobian, o.pose
+        up_m = -1 / max(float(o.shift_px[1, 2]), LEAST_SQUARE)
+        if self.apart:  # a faster vehicle has gone further until the right view
+            goes, lies = o.lag_s * o.jacobian[1, :2], up_m * o.jacobian[1, 2]
+            parts, pose = np.vstack([parts, -goes, -lies]), np.append(
+                pose, [*o.velocity_mps[:2], 0.0])
+        terms = cross(o.patches, parts, o.apart_relief, o.outlines, relief, o.pixels,
                       noise.tail_dof, noise.independent_share)
         per_px = terms.block[0, 0] / max(o.disparity_px[0] ** 2, LEAST_SQUARE)
         share = 1 / (1 + (noise.match_floor_px ** 2 + o.skew_px ** 2) * per_px)
         return Columns(
-            pose=o.pose, patches=o.patches, both=o.patches.mean(axis=0),
+            pose=pose, right_s=np.asarray(o.lag_s),
+            right_m=np.asarray(up_m), patches=o.patches, both=o.patches.mean(axis=0),
             across=np.asarray(o.patches[0] @ o.patches[1] / len(relief)), jacobian=o.jacobian,
             relief_jacobian=o.relief_jacobian, outlines=o.outlines, relief=relief,
             pixels=np.asarray(o.pixels), shift_px=o.shift_px[0, 1],

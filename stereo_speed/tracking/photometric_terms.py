@@ -52,7 +52,7 @@ def plain_temporal(rows: NDArray[np.int64], patches: Array, jacobian: Array, by_
     Return the terms of :func:`temporal`, in plain numpy.
 
     :param rows: (n,) those of the observations in tables of k.
-    :param patches: (k, 2, G).
+    :param patches: (k, 2, G); in place of two there may be any number of views.
     :param jacobian: (k, 2, 3, G) derivatives of the patches by the pose, 1/m.
     :param by_relief: (k, 2, G) and by the relief of each sample, 1/m.
     :param outlines: (k, 2, G) of unit length, or 0.
@@ -65,13 +65,14 @@ def plain_temporal(rows: NDArray[np.int64], patches: Array, jacobian: Array, by_
     """
     patches, jacobian, by_relief = patches[rows], jacobian[rows], by_relief[rows]
     outlines, relief, shift_px = outlines[rows], relief[rows], shift_px[rows]
-    n, _, samples = patches.shape
+    n, views, samples = patches.shape
     weights = np.ones_like(patches)
     for _ in range(_ROUNDS):
         share = pixels[:, None, None] * weights
         texture = (share * patches).sum(axis=(0, 1)) / share.sum(axis=(0, 1))
-        residual = beside(patches.reshape(2 * n, -1), texture, weights.reshape(2 * n, -1))
-        along = outlines.reshape(2 * n, -1)
+        residual = beside(
+            patches.reshape(views * n, -1), texture, weights.reshape(views * n, -1))
+        along = outlines.reshape(views * n, -1)
         residual = residual - np.einsum('ng,ng->n', residual, along)[:, None] * along
         both, variance = student_weights(
             _settled(residual.reshape(patches.shape), jacobian, weights).reshape(n, -1),
@@ -272,10 +273,10 @@ class CrossTerms(NamedTuple):
     """
     Agreement of the two patches of one observation.
 
-    :param block: (3, 3) information of the pose.
-    :param mixed: (3, G) of the pose and of the relief of each sample.
+    :param block: (k, k) information of the pose, and of the speed where that counts.
+    :param mixed: (k, G) of these and of the relief of each sample.
     :param relief: (G,) of the relief of each sample.
-    :param right: (3,) information times measurement of the pose.
+    :param right: (k,) information times measurement of these.
     :param relief_right: (G,) of the relief of each sample.
     """
 
@@ -292,7 +293,8 @@ def plain_cross(patches: Array, jacobian: Array, by_relief: Array, outlines: Arr
     Return the terms of :func:`cross`, in plain numpy.
 
     :param patches: (2, G).
-    :param jacobian: (3, G) derivatives of the left patch less the right one by the pose, 1/m.
+    :param jacobian: (k, G) derivatives of the left patch less the right one by the pose, 1/m, and
+        by whatever else counts.
     :param by_relief: (G,) and by the relief of each sample, 1/m.
     :param outlines: (2, G) of unit length, or 0.
     :param relief: (G,) relief that it was taken with, m.
@@ -345,8 +347,9 @@ def _cross(patches, jacobian, by_relief, outlines, relief, pixels,  # type: igno
                 for g in range(samples):
                     basis[spans, g] = (x * outlines[0, g] + y * outlines[1, g]) / np.sqrt(square)
                 spans += 1
-    J = np.empty((3, samples))
-    for d in range(3):
+    count = len(jacobian)
+    J = np.empty((count, samples))
+    for d in range(count):
         for g in range(samples):
             J[d, g] = jacobian[d, g]
         for k in range(spans):
@@ -385,7 +388,8 @@ def _cross(patches, jacobian, by_relief, outlines, relief, pixels,  # type: igno
                 again += w * square
             variance = max(again / samples, _LEAST_VARIANCE)
     scale = independent * pixels / samples / variance
-    block, mixed, to_right = np.zeros((3, 3)), np.empty((3, samples)), np.zeros(3)
+    block, mixed = np.zeros((count, count)), np.empty((count, samples))
+    to_right = np.zeros(count)
     of_relief, relief_right = np.empty(samples), np.empty(samples)
     for g in range(samples):
         w, d = scale * weights[g], by_relief[g]
@@ -393,7 +397,7 @@ def _cross(patches, jacobian, by_relief, outlines, relief, pixels,  # type: igno
         weights[g], r[g] = w, flat
         of_relief[g] = w * d * d
         relief_right[g] = -d * flat
-    for k in range(3):
+    for k in range(count):
         along = 0.0
         for g in range(samples):
             mixed[k, g] = weights[g] * J[k, g] * by_relief[g]

@@ -22,7 +22,7 @@ best do, between the views too, and counts for nothing.
 """
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 import math
 from typing import Optional, Sequence
@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 from .observation import Observation
 from .observation_table import Columns, LEAST_SQUARE, ObservationTable
-from .photometric_terms import temporal
+from .photometric_terms import temporal, TemporalTerms
 from ..core.config import NoiseConfig, VisibilityConfig
 from ..core.records import Array
 from ..estimation.weights import normalise_log_weights
@@ -60,16 +60,21 @@ class Photometry:
     """
     The observations of a pass as normal equations about their poses and the relief of the front.
 
-    :param H: (3 n + m, 3 n + m) information about s, a, b of each observation and the relief,
-        were the disparities no further off than usual.
-    :param right: (3 n + m,) information times measurement.
-    :param along: (n, 3 n + m) the part of H that each disparity alone tells, by its own place.
+    There are k = 3 n + m unknowns: s, a, b of each observation and the relief.  Where views are
+    exposed apart there are k = 5 n + m: before the relief come the speeds, for by these the front
+    has gone on in the right view, and behind it how far down each right view is off its epipolar
+    line, px.  That tells the time between the views (``steadying.view_lag``), and so no speed.
+
+    :param H: (k, k) information about them, were the disparities no further off than usual.
+    :param right: (k,) information times measurement.
+    :param along: (n, k) the part of H that each disparity alone tells, by its own place.
     :param along_right: (n,) the same of ``right``.
     :param own_m: (n,) 1/m^2, information of the place along the path by each disparity.
     :param disparity_px: (n,) change of the disparity along the path, px/m.
     :param cross_ncc: (n,) left-right NCC of each observation.
     :param texture_ncc: (n,) NCC of each observation with the texture.
     :param limits: when an observation shows the vehicle, and the whole of it.
+    :param lines: number of right views whose line is unknown.
     """
 
     H: Array
@@ -81,6 +86,7 @@ class Photometry:
     cross_ncc: Array
     texture_ncc: Array
     limits: VisibilityConfig
+    lines: int = 0
 
     def scattered(self, more_px: float) -> Equations:
         """
@@ -100,6 +106,21 @@ class Photometry:
             self.H - (self.along.T * share) @ self.along,
             self.right - (share * right) @ self.along,
             0.5 * float(share @ np.square(right) + np.log1p(-share * self.own_m).sum()))
+
+    def apart(self, rates_per_s: Array) -> Photometry:
+        """
+        Return this where the rates across the path are those of its poses.
+
+        :param rates_per_s: (n, n) rates of a by all a, 1/s.
+        """
+        n = len(rates_per_s)
+        unknowns = np.eye(len(self.right))
+        s, a, b, speeds, rates, lines = unknowns[:6 * n].reshape(n, 6, -1).swapaxes(0, 1)
+        a = a + rates_per_s.T @ rates
+        by = np.concatenate([
+            np.stack([s, a, b], axis=1).reshape(3 * n, -1), speeds, unknowns[6 * n:], lines])
+        return replace(self, H=by @ self.H @ by.T, right=by @ self.right,
+                       along=self.along @ by.T, lines=n)
 
     @cached_property
     def seen(self) -> NDArray[np.bool_]:
@@ -172,40 +193,46 @@ class PassPhotometry:
     def __init__(self, basis: Array, noise: NoiseConfig, limits: VisibilityConfig) -> None:
         self.basis, self.noise, self.limits = np.ascontiguousarray(basis.T), noise, limits
         self._table = ObservationTable(self.basis, noise)
+        self._table_apart = ObservationTable(self.basis, noise, apart=True)
 
     def __call__(self, observations: Sequence[Observation],
-                 counts: Optional[NDArray[np.bool_]] = None, more_px: float = 0.0
-                 ) -> Photometry:
+                 counts: Optional[NDArray[np.bool_]] = None, more_px: float = 0.0,
+                 rates_per_s: Optional[Array] = None) -> Photometry:
         """
         Return the normal equations of the cross and the temporal terms.
 
         :param counts: (n,) whether each observation does, one at least; None for all.
         :param more_px: by how much the disparities scatter beyond what is usual, as far as is
             known, px: the texture is believed no further.
+        :param rates_per_s: (n, n) rates of a by all a, 1/s, where views are exposed apart; None
+            where none are.
         """
         n, m = len(observations), len(self.basis)
         counts = np.ones(n, dtype=bool) if counts is None else counts
-        H, g = np.zeros((3 * n + m, 3 * n + m)), np.zeros(3 * n + m)
-        table, rows = self._table.take(observations)
-        poses, nodes = slice(0, 3 * n), slice(3 * n, None)
+        apart = rates_per_s is not None
+        k = 6 if apart else 3
+        H, g = np.zeros((k * n + m, k * n + m)), np.zeros(k * n + m)
+        table, rows = (self._table_apart if apart else self._table).take(observations)
+        poses, nodes = slice(0, k * n), slice(k * n, None)
         count = counts.astype(float)
         blocks, mixed = count[:, None, None] * table.poses[rows], table.mixed[rows]
         mixed *= count[:, None, None]
         right = count[:, None] * table.right[rows]
         _add_blocks(H[poses, poses], blocks)
-        H[poses, nodes] += mixed.reshape(3 * n, m)
+        H[poses, nodes] += mixed.reshape(k * n, m)
         H[nodes, nodes] += np.tensordot(count, table.nodes[rows], 1)
         g[poses] += right.ravel()
         g[nodes] += count @ table.nodes_right[rows]
-        along = np.zeros((n, 3 * n + m))
-        along[np.arange(n)[:, None], np.arange(3 * n).reshape(n, 3)] = blocks[:, 0]
+        along = np.zeros((n, k * n + m))
+        along[np.arange(n)[:, None], np.arange(k * n).reshape(n, k)] = blocks[:, 0]
         along[:, nodes] = mixed[:, 0]
         texture = self._add_temporal_terms(table, rows, counts, H, g, more_px)
         H[nodes, poses] = H[poses, nodes].T
         at_poses = np.concatenate([table.pose[rows].ravel(), np.zeros(m)])
-        return Photometry(
+        found = Photometry(
             H, g + H @ at_poses, along, right[:, 0] + along @ at_poses, blocks[:, 0, 0],
             table.disparity_px[rows], table.across[rows], texture, self.limits)
+        return found if rates_per_s is None else found.apart(rates_per_s)
 
     def _add_temporal_terms(self, table: Columns, rows: NDArray[np.int64],
                             counts: NDArray[np.bool_], H: Array, g: Array, more_px: float
@@ -223,11 +250,9 @@ class PassPhotometry:
         if n < 2 or not pixels.any():
             return ncc
         # The texture is eliminated: what all observations would have in common says nothing.
-        terms = temporal(
-            rows, table.patches, table.jacobian, table.relief_jacobian, table.outlines,
-            table.relief, pixels, table.shift_px, noise.tail_dof, noise.independent_share,
-            texture_floor_px)
-        poses, nodes = slice(0, 3 * n), slice(3 * n, None)
+        agree = _apart_temporal if table.pose.shape[1] > 3 else _temporal
+        terms = agree(table, rows, pixels, noise, texture_floor_px)
+        poses, nodes = slice(0, len(terms.right)), slice(len(terms.right), None)
         H[poses, poses] -= terms.shared @ terms.shared.T
         _add_blocks(H[poses, poses], terms.blocks)
         H[poses, nodes] += terms.mixed @ self.basis.T
@@ -235,6 +260,57 @@ class PassPhotometry:
         g[poses] += terms.right
         g[nodes] += self.basis @ terms.relief_right
         return ncc
+
+
+def _temporal(table: Columns, rows: NDArray[np.int64], pixels: Array, noise: NoiseConfig,
+              floor_px: float) -> TemporalTerms:
+    """
+    Return how observations agree with their texture.
+
+    :param rows: (n,) those of the observations in the table.
+    :param pixels: (n,) that each counts with, 0 for none.
+    :param floor_px: error of matching that no number of samples averages away.
+    """
+    return temporal(
+        rows, table.patches, table.jacobian, table.relief_jacobian, table.outlines, table.relief,
+        pixels, table.shift_px, noise.tail_dof, noise.independent_share, floor_px)
+
+
+def _apart_temporal(table: Columns, rows: NDArray[np.int64], pixels: Array, noise: NoiseConfig,
+                    floor_px: float) -> TemporalTerms:
+    """
+    Return the same of views that are exposed apart.
+
+    Each view is an observation of its own, of a pose of its own: that of the right view is
+    further along by the lag times the speed, and off its epipolar line.
+
+    :param rows: (n,) as the others, as of :func:`_temporal`.
+    """
+    k, _, samples = table.patches.shape
+    alone = temporal(
+        np.stack([2 * rows, 2 * rows + 1], axis=-1).ravel(),
+        table.patches.reshape(2 * k, 1, samples), table.jacobian.reshape(2 * k, 1, 3, samples),
+        table.relief_jacobian.reshape(2 * k, 1, samples),
+        table.outlines.reshape(2 * k, 1, samples), np.repeat(table.relief, 2, axis=0),
+        np.repeat(pixels, 2), np.repeat(table.shift_px, 2), noise.tail_dof,
+        noise.independent_share, math.sqrt(2) * floor_px)  # of two views, that of their mean
+    n = len(rows)
+    to_views = np.zeros((n, 2, 3, 6))  # poses in both views by what is unknown
+    to_views[:, :, :, :3] = np.eye(3)
+    to_views[:, 1, 0, 3] = to_views[:, 1, 1, 4] = table.right_s[rows]
+    to_views[:, 1, 2, 5] = table.right_m[rows]
+
+    def by_pose(of_views: Array) -> Array:
+        """Return (6 n, …) by what is unknown of what is by the poses in both views."""
+        each = of_views.reshape(n, 2, 3, -1)
+        return np.asarray(
+            np.einsum('nvij,nvic->njc', to_views, each).reshape(6 * n, -1))
+
+    return TemporalTerms(
+        shared=by_pose(alone.shared), mixed=by_pose(alone.mixed), relief=alone.relief,
+        relief_right=alone.relief_right, right=by_pose(alone.right)[:, 0],
+        blocks=np.einsum('nvij,nvik,nvkl->njl', to_views, alone.blocks.reshape(n, 2, 3, 3),
+                         to_views))
 
 
 def _add_blocks(H: Array, blocks: Array) -> None:

@@ -25,8 +25,8 @@ from scipy.linalg import cho_factor, cho_solve
 
 from .motion_answers import answers
 from .motion_prior import (
-    headings, lateral_rates, motion_models, MotionModel, PassMotion, PassPrior, StateIndex,
-    walk_rate)
+    headings, Indices, lateral_rates, motion_models, MotionModel, PassMotion, PassPrior,
+    rates_by_offsets, StateIndex, walk_rate)
 from .observation import Observation, ObservationSampler
 from .onset import Moments, with_onsets
 from .photometry import (
@@ -41,6 +41,7 @@ _FAR_PX = 0.5  # while observations move this far there are more iterations
 _MOST_JUDGEMENTS = 3  # rounds, at most, until it is settled which observations are occluded
 _MAX_MOVE_PX = 3.0  # a step beyond the patch's linear range is cut
 _HALF_WIDTH_M = 0.8  # lever by which a change of heading moves the edges of a front
+_ACROSS_PX = 3.0  # off its epipolar line: what tells the lag is not to tell the speed as well
 _NEGLIGIBLE = 1e-4  # weight of a motion model that counts for nothing in this pair
 
 
@@ -463,10 +464,14 @@ class PhotometricWindow:
         moments of the mixture, so that a steady pass is not made noisy for the sake of a braking
         one, nor a braking one biased.
         """
-        seen = self.photometry(window.observations, window.counts(), window.more_px)
+        apart = any(pair.right_lag_s for pair in window.pairs)
+        seen = self.photometry(window.observations, window.counts(), window.more_px,
+                               rates_by_offsets(window.times_s) if apart else None)
         # The relief is the same whatever the motion: it is eliminated once.
-        held = window.relief_weights / self.config.noise.relief_std_m ** 2
-        said = {more_px: _without_relief(seen.scattered(more_px), len(window.keyframes), held)
+        held = np.append(window.relief_weights / self.config.noise.relief_std_m ** 2,
+                         np.full(seen.lines, 1 / _ACROSS_PX ** 2))
+        said = {more_px: _without_relief(
+            seen.scattered(more_px), held, len(window.relief))
                 for more_px in {h.more_px: None for h in hypotheses}}
         before = np.array([math.log(h.share) + said[h.more_px].log_density for h in hypotheses])
         evidence = np.array([a.log_evidence for a in self._answers(
@@ -483,12 +488,12 @@ class PhotometricWindow:
         shares /= shares.sum()
         likely = [(float(w), answer) for w, answer in zip(shares, found) if w > 0]
         mean = _total(w * answer.mean for w, answer in likely)
-        relief = _total(w * said[h.more_px].relief(answer.mean[window.index.poses.ravel()])
+        told = said[some[0].more_px].unknowns
+        relief = _total(w * said[h.more_px].relief(answer.mean[told])
                         for w, h, answer in zip(shares, some, found) if w > 0)
         most = int(np.argmax(shares))
-        poses = window.index.poses.ravel()
         strays = said[some[most].more_px].relief_variances(
-            found[most].covariance[np.ix_(poses, poses)])
+            found[most].covariance[np.ix_(told, told)])
         rate = math.sqrt(sum(
             float(w) * (h.motion.speed_rate_std or 0.0) ** 2 for w, h in zip(shares, some)))
         return _Solution(
@@ -580,34 +585,42 @@ def _least_gap(pairs: Sequence[StereoPair]) -> int:
 @dataclass(frozen=True, eq=False)
 class _PoseEquations(Equations):
     """
-    What images say of the poses alone.
+    What images say of the poses alone, and of the speeds where views are exposed apart.
 
     :param alone: (m,) relief where the poses are 0.
-    :param gain: (m, 3 n) its change by them, but for its sign.
+    :param gain: (m, k) its change by them, but for its sign.
     :param factor: Cholesky's of its information (m, m) where the poses are known.
+    :param nodes: that are the relief's; behind them are lines of right views.
     """
 
     alone: Array
     gain: Array
     factor: tuple[Array, bool]
+    nodes: int
+
+    @property
+    def unknowns(self) -> Indices:
+        """Return the indices (k,) of what they tell of."""
+        return np.arange(len(self.right))
 
     def relief(self, poses: Array) -> Array:
-        """Return the relief that poses (3 n,) lead to."""
-        return np.asarray(self.alone - self.gain @ poses)
+        """Return the relief that poses (k,) lead to."""
+        return np.asarray(self.alone - self.gain @ poses)[:self.nodes]
 
     def relief_variances(self, poses: Array) -> Array:
-        """Return the variances (m,) of the relief, by the covariance (3 n, 3 n) of the poses."""
-        return node_variances(self.factor, self.gain, poses)
+        """Return the variances (m,) of the relief, by the covariance (k, k) of the poses."""
+        return node_variances(self.factor, self.gain, poses)[:self.nodes]
 
 
-def _without_relief(said: Equations, observations: int, held: Array) -> _PoseEquations:
+def _without_relief(said: Equations, held: Array, nodes: int) -> _PoseEquations:
     """
     Return what images say of the poses alone.
 
     :param said: what they say of poses and relief.
-    :param held: (m,) information of the relief at each node before them, 1/m^2.
+    :param held: (m,) information of the relief at each node before them, 1/m^2, and of the lines.
+    :param nodes: of the relief.
     """
-    n = 3 * observations
+    n = len(said.right) - len(held)
     own = said.H[n:, n:] + np.diag(held)
     factor = cho_factor(own, lower=True, check_finite=False)
     gain = cho_solve(factor, said.H[n:, :n], check_finite=False)
@@ -616,7 +629,7 @@ def _without_relief(said: Equations, observations: int, held: Array) -> _PoseEqu
         np.log(np.diag(factor[0])).sum())
     return _PoseEquations(
         said.H[:n, :n] - said.H[:n, n:] @ gain, said.right[:n] - said.H[:n, n:] @ alone,
-        log_density, alone, gain, factor)
+        log_density, alone, gain, factor, nodes)
 
 
 def _given_heading(covariance: Array, at: StateIndex) -> Array:

@@ -52,6 +52,14 @@ def test_temporal_terms(observations):
           RNG.uniform(5, 20, N), 3.0, 0.3, 0.02)
 
 
+def test_temporal_terms_of_one_view(observations):
+    """As of views that are exposed apart."""
+    patches, jacobian, by_relief, outlines, relief, pixels = observations
+    agree(photometric_terms._temporal, np.array([3, 0, 1, 6, 2, 5, 4]), patches[:, :1].copy(),
+          jacobian[:, :1].copy(), by_relief[:, :1].copy(), outlines[:, :1].copy(), relief, pixels,
+          RNG.uniform(5, 20, N), 3.0, 0.3, 0.02)
+
+
 @pytest.mark.parametrize('outlined', ['none', 'both', 'left', 'alike'])
 def test_cross_terms(observations, outlined):
     patches, jacobian, by_relief, outlines, relief, _ = observations
@@ -60,8 +68,9 @@ def test_cross_terms(observations, outlined):
         lines[1] = 0
     if outlined == 'alike':
         lines[1] = -lines[0]
-    agree(photometric_terms._cross, patches[3], jacobian[3, 0], by_relief[3, 0], lines, relief[3],
-          40.0, 3.0, 0.3)
+    for moves in (jacobian[3, 0], jacobian[3].reshape(6, G)):
+        agree(photometric_terms._cross, patches[3], moves, by_relief[3, 0], lines, relief[3],
+              40.0, 3.0, 0.3)
 
 
 @pytest.mark.parametrize('first', [4.2, -1.5])
@@ -123,6 +132,26 @@ def test_answers_of_models_of_motion(count, changes):
     np.testing.assert_allclose(got[1] / std, wanted[1] / std, atol=1e-6)
     np.testing.assert_allclose(got[2] / (std[:, :, None] * std[:, None]),
                                wanted[2] / (std[:, :, None] * std[:, None]), atol=1e-7)
+
+
+def test_answers_where_images_tell_of_speeds_and_say_nothing():
+    """What is said of speeds goes through all unknowns at once; nothing said changes nothing."""
+    motion = PassMotion(
+        PassPrior(s_m=1.0, s_std_m=2.0, offset_m=np.array([0.1, 0.2]),
+                  offset_slope=np.array([0.01, -0.02]), speed_mps=20.0, speed_std_mps=5.0,
+                  heading_std_rad=np.array([1e-3, 2e-3])), TrackerConfig(), 1e-4)
+    times, models = 0.1 * np.arange(5), motion_models(motion.config)
+    state = np.column_stack([20 * times, 0 * times, 0 * times, 20 + 0 * times])
+    rows = RNG.standard_normal((15, 30)) * np.tile([5, 60, 60], 5)[:, None]
+    H, whole = rows @ rows.T, np.zeros((20, 20))
+    whole[:15, :15] = H
+    right = H @ state[:, :3].ravel()
+    found, wanted = (motion_answers.answers(
+        motion, times, state, models, [0] * len(models), one[None], said[None], covariances=True)
+        for one, said in ((whole, np.append(right, np.zeros(5))), (H, right)))
+    np.testing.assert_allclose(found.log_evidence, wanted.log_evidence, atol=1e-5)
+    np.testing.assert_allclose(found.means, wanted.means, atol=1e-6)
+    np.testing.assert_allclose(found.covariances, wanted.covariances, atol=1e-6)
 
 
 @pytest.mark.parametrize('count', [3, 4, 30])

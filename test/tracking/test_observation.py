@@ -115,6 +115,23 @@ def test_a_right_view_of_a_later_time_is_sampled_where_the_front_was_then(clear)
     assert unaware.skew_px == pytest.approx(np.linalg.norm(np.diff(moved, axis=0)), rel=0.05)
 
 
+@pytest.mark.parametrize('axis, step_mps', [(0, 5.0), (1, 0.1)])
+def test_what_speeds_change_in_a_later_right_view_is_what_its_own_pose_does(clear, axis, step_mps):
+    """Against differences: the lag times its derivative by the pose; the left view stays."""
+    sampler, velocity, lag_s = sampler_of(clear), np.array([20.0, 0.5, 0.0]), 0.04
+    late = clear.pair(0, 0, POSE, right_ns=round(lag_s * 1e9),
+                      right_pose=POSE + lag_s * velocity)
+    step = step_mps * np.eye(3)[axis]
+    less, seen, more = (observe(sampler, late, velocity_mps=velocity + way)
+                        for way in (-step, 0 * step, step))
+    np.testing.assert_array_equal(less.patches[0], more.patches[0])
+    slope = (more.patches[1] - less.patches[1]) / (2 * step_mps)
+    wanted = seen.lag_s * seen.jacobian[1, axis]
+    # As gradients of pixels are, see above; a wrong sign or lag is off by more.
+    assert np.linalg.norm(wanted - slope) < 0.35 * np.linalg.norm(slope)
+    assert slope @ wanted > 0.95 * np.linalg.norm(slope) * np.linalg.norm(wanted)
+
+
 def test_a_heading_is_seen_as_a_rotated_plane(clear):
     rotated = clear.pair(0, 0, POSE, heading_rad=0.3)
     sampler = sampler_of(clear)

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from stereo_speed.core.config import NoiseConfig, VisibilityConfig
+from stereo_speed.tracking.motion_prior import rates_by_offsets
 from stereo_speed.tracking.observation import Observation
 from stereo_speed.tracking.observation_kernels import normalised_change
 from stereo_speed.tracking.photometry import (
@@ -24,13 +25,19 @@ def photometry(limits=VisibilityConfig(), **noise):
     return PassPhotometry(BASIS, NoiseConfig(**noise), limits)
 
 
-def linear_observations(rng, count, relief, texture_noise=0.0):
-    """Make observations of one texture that change linearly with small poses and the relief."""
+def linear_observations(rng, count, relief, texture_noise=0.0, lag_s=0.0, gone=None):
+    """
+    Make observations of one texture that change linearly with small poses and the relief.
+
+    :param lag_s: by which the right views are later, if they are.
+    :param gone: (count, 3) how much further on these show the front.
+    """
     samples, texture = len(BASIS), rng.normal(size=len(BASIS))
     texture -= texture.mean()
     gradient = rng.normal(size=(2, samples))
     observations, poses = [], 1e-5 * rng.normal(size=(count, 3))
-    for pose in poses:
+    gone = np.zeros((count, 3)) if gone is None else gone(poses)
+    for pose, further in zip(poses, gone):
         flow = rng.normal(size=(2, 2, 3, samples))
         raw = np.einsum('vipg,ig->vpg', flow, gradient)
         for part in (np.ones(samples), texture):  # what a patch of unit variance cannot show
@@ -38,14 +45,16 @@ def linear_observations(rng, count, relief, texture_noise=0.0):
             flow -= (gradient / np.square(gradient).sum(axis=0))[:, None] * share[:, None]
         raw = np.einsum('vipg,ig->vpg', flow, gradient)
         change = normalised_change(raw, np.stack([texture, texture]))
-        values = texture - pose @ change - raw[:, 0] * (BASIS @ relief)
+        values = texture - np.stack([pose @ change[0], (pose + further) @ change[1]]) \
+            - raw[:, 0] * (BASIS @ relief)
         values = values + texture_noise * rng.normal(size=values.shape)
         observations.append(Observation(
             pose=np.zeros(3), heading_rad=0.0, relief=FLAT, patches=values, jacobian=change,
             relief_jacobian=raw[:, 0], outlines=np.zeros((2, samples)),
             apart_jacobian=change[0] - change[1], apart_relief=raw[0, 0] - raw[1, 0],
             pixels=float(samples),
-            shift_px=np.ones((2, 3)), disparity_px=np.ones(3), right_m=0.0, skew_px=0.0))
+            shift_px=np.ones((2, 3)), disparity_px=np.ones(3), velocity_mps=np.zeros(3),
+            lag_s=lag_s, skew_px=0.0))
     return observations, poses
 
 
@@ -63,6 +72,33 @@ def test_equations_find_poses_and_relief_of_a_linear_world():
     np.testing.assert_allclose(depth - depth.mean(), relief - relief.mean(), atol=few)
     np.testing.assert_allclose(
         found[:, 0] + depth.mean(), poses[:, 0] + relief.mean(), atol=few)
+
+
+def test_equations_find_the_speeds_of_a_linear_world_whose_views_are_exposed_apart():
+    """Along the path, across it by slopes of parabolas, and off the epipolar line."""
+    rng, lag_s = np.random.default_rng(4), 0.5
+    speeds, lines_px = 1e-5 * rng.normal(size=(2, 5))
+    rates_per_s = rates_by_offsets(np.array([0.0, 0.2, 0.4, 0.5, 0.8]))
+    observations, poses = linear_observations(
+        rng, 5, FLAT, lag_s=lag_s, gone=lambda poses: np.column_stack(
+            [lag_s * speeds, lag_s * rates_per_s @ poses[:, 1], -lines_px]))
+    seen = photometry()(observations, rates_per_s=rates_per_s)
+    assert seen.lines == 5 and len(seen.right) == 4 * 5 + NODES + 5
+    solution = np.linalg.lstsq(seen.H, seen.right, rcond=1e-7)[0]
+    found = solution[:15].reshape(5, 3)
+    few = 0.03e-5
+    np.testing.assert_allclose(found[:, 1:], poses[:, 1:], atol=few)
+    np.testing.assert_allclose(solution[15:20], speeds, atol=few / lag_s)
+    np.testing.assert_allclose(solution[-5:], lines_px, atol=few)
+
+
+def test_views_of_one_exposure_tell_nothing_of_speeds():
+    """As in the equations without these, but for what two views do better than their mean."""
+    observations, _ = linear_observations(np.random.default_rng(4), 5, FLAT, 0.02)
+    alone, apart = photometry()(observations), photometry()(observations, rates_per_s=np.eye(5))
+    assert not apart.H[15:20].any() and not apart.right[15:20].any()
+    poses = slice(0, 15)
+    np.testing.assert_allclose(np.diag(apart.H)[poses], np.diag(alone.H)[poses], rtol=0.2)
 
 
 def test_scatter_is_an_unknown_of_each_observation_that_is_eliminated():
