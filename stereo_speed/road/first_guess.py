@@ -8,7 +8,7 @@ from typing import NamedTuple, Sequence
 import numpy as np
 from numpy.polynomial import Legendre, legendre
 
-from .curve_matching import image_spline, match_curves
+from .curve_matching import CurveMatches, image_spline, match_curves
 from .model import RoadModel, RoadShape
 from .path import CAMERA_UP, frame_of
 from .spline_kernels import unit
@@ -22,6 +22,8 @@ _ROUNDS = 15  # of reweighting; mismatches have lost their weight after a few
 _ROLL = 1e-2  # weight of the prior of no roll, as a share of a good match's
 _FOLLOWED = 0.5  # of the share of the line that is followed best, from which others are followed
 _LONGEST = 1.5  # half lengths of the road, in lengths of its longest line, that picks may ask for
+_FARTHEST = 0.98  # quantile of the matched depths, for a few matches are far off
+_BEYOND = 1.5  # times that depth: a plane that picks meet farther off than that is not the road
 
 
 class NoRoadError(ValueError):
@@ -60,8 +62,11 @@ def guess_road(
     :raises NoRoadError: when the two views have too little in common.
     """
     followed = _followed(lines) if curvature_terms else list(range(len(lines)))
-    surface = _surface(rig, [lines[i] for i in followed])
-    on_road = [_on_road(rig, line, surface) for line in lines]
+    matched = [_matched(rig, lines[i]) for i in followed]
+    surface = _surface(rig, matched)
+    most_m = _BEYOND * float(np.quantile(
+        np.concatenate([found.points_m[:, 2] for found in matched]), _FARTHEST))
+    on_road = [_on_road(rig, line, surface, most_m) for line in lines]
     longest = max((on_road[i][0] for i in followed),
                   key=lambda p: np.linalg.norm(p[-1] - p[0]) if len(p) else 0.0)
     if len(longest) < 2:
@@ -84,7 +89,13 @@ def _followed(lines: Sequence[Line]) -> list[int]:
     return [i for i, share in enumerate(shares) if share >= _FOLLOWED * max(shares)]
 
 
-def _surface(rig: StereoRig, lines: Sequence[Line]) -> Plane:
+def _matched(rig: StereoRig, line: Line) -> CurveMatches:
+    """Return places of a line that the views have in common."""
+    left, right = line
+    return match_curves(rig, left, right, image_spline(left)(np.linspace(0, 1, _SAMPLES)))
+
+
+def _surface(rig: StereoRig, matched: Sequence[CurveMatches]) -> Plane:
     """
     Fit a plane to the matched points of all lines, each as its depth is certain.
 
@@ -92,12 +103,8 @@ def _surface(rig: StereoRig, lines: Sequence[Line]) -> Plane:
     is the same near and far; a prior keeps the plane's roll near the camera's, where one straight
     line says nothing of it.
     """
-    rays, inverse, sine = [], [], []
-    for left, right in lines:
-        found = match_curves(rig, left, right, image_spline(left)(np.linspace(0, 1, _SAMPLES)))
-        rays.append(rig.left.rays(found.left_px))
-        inverse.append(1 / found.points_m[:, 2])
-        sine.append(found.sine)
+    rays = [rig.left.rays(found.left_px) for found in matched]
+    inverse, sine = [1 / found.points_m[:, 2] for found in matched], [f.sine for f in matched]
     x, y, weight = np.concatenate(rays), np.concatenate(inverse), np.concatenate(sine)
     if len(y) < 3:
         raise NoRoadError('the two views have fewer than 3 points in common')
@@ -111,13 +118,26 @@ def _surface(rig: StereoRig, lines: Sequence[Line]) -> Plane:
     return Plane(m / np.linalg.norm(m), 1 / float(np.linalg.norm(m)))
 
 
-def _on_road(rig: StereoRig, line: Line, surface: Plane) -> tuple[Array, Array]:
-    """Return the points (n, 3), (m, 3) where the picks of both views meet the surface."""
+def _on_road(rig: StereoRig, line: Line, surface: Plane, most_m: float) -> tuple[Array, Array]:
+    """
+    Return the points (n, 3), (m, 3) where the picks of both views meet the surface.
+
+    Where the road climbs out of a sag, the plane of its near part lies below it, and meets the
+    rays of its far part at any distance: they go as far as the views see it.
+
+    :param most_m: greatest depth of a point.
+    """
     n, d = surface.normal, surface.distance_m
     left = back_project(rig.left.rays(line[0]), n, d)
     right = back_project(rig.right.rays(line[1]) @ rig.R, n, d + float(n @ rig.R.T @ rig.t))
     right = right - rig.R.T @ rig.t
-    return left[np.isfinite(left).all(axis=-1)], right[np.isfinite(right).all(axis=-1)]
+    return _within(left, most_m), _within(right, most_m)
+
+
+def _within(points: Array, most_m: float) -> Array:
+    """Return points (n, 3) of which none is deeper than most_m; those that there are none of."""
+    seen = points[np.isfinite(points).all(axis=-1)]
+    return np.asarray(seen * np.minimum(1.0, most_m / np.maximum(seen[:, 2:], 1e-9)))
 
 
 def _along(line: Array, on_road: list[Array], curvature_terms: int, up: Array

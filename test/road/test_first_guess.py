@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from stereo_speed.road.first_guess import guess_road, NoRoadError
+from stereo_speed.road.fit import fit_road
 from stereo_speed.road.problem import Picks, RoadProblem
 
 
@@ -54,3 +55,29 @@ def test_views_with_nothing_in_common(make_scene):
     flat = np.stack([np.linspace(100, 900, 10), np.full(10, 400.0)], axis=-1)
     with pytest.raises(NoRoadError, match='fewer than 3 points in common'):
         guess_road(make_scene().rig, [(flat, flat - [10, 0])], 0)
+
+
+def in_a_sag(rig, x_m):
+    """
+    Return a line x_m beside the camera on a road that climbs towards it by 2 %, from a sag.
+
+    The camera is 2.3 m high and looks level; 33 to 68 m away the grade goes over to 3 % downhill.
+    """
+    z = np.linspace(100, 11, 2000)
+    sinks = np.interp(z, [33, 68], [0.02, -0.03])  # with the distance
+    below_m = 2.3 + 0.02 * 11 + np.cumsum((sinks * np.gradient(-z))[::-1])[::-1]
+    picks = []
+    for view in rig.project(np.stack([np.full_like(z, x_m), below_m, z], axis=-1))[:2]:
+        along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(view, axis=0), axis=-1))])
+        at = np.linspace(0, along[-1], 14)
+        picks.append(np.stack([np.interp(at, along, column) for column in view.T], axis=-1))
+    return tuple(picks)
+
+
+def test_a_road_out_of_a_sag_is_as_long_as_it_is_seen(make_scene):
+    """The plane of its near part meets the rays of its far part kilometres away, or never."""
+    rig = make_scene().rig
+    lines = {name: in_a_sag(rig, x_m) for name, x_m in (('a', -2.0), ('b', 1.5), ('c', 5.0))}
+    for terms in (0, 1, 2):
+        assert guess_road(rig, list(lines.values()), terms)[0].half_length_m < 100
+    assert fit_road(rig, lines).residual_px.max() < 0.3

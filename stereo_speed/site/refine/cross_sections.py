@@ -101,7 +101,13 @@ class LineView:
         feet = self.fit.foot(self.line, self.right, ends_px)
         s = np.linspace(feet.min(), feet.max(), _DENSE)
         uv = self.seen(s, np.zeros_like(s))
-        visible = np.isfinite(uv).all(axis=-1)
+        rig = self.fit.problem.rig
+        camera = rig.right if self.right else rig.left
+        size = np.array([camera.width_px, camera.height_px])
+        # beside the camera, as a road gone astray leads, a metre may be a million pixels
+        visible = ((uv > -size) & (uv < 2 * size)).all(axis=-1)
+        if not visible.any():
+            return CrossSections(*np.zeros((3, 0)))
         s, arc = s[visible], chord_lengths(uv[visible])
         arcs = np.linspace(0, arc[-1], max(int(arc[-1] / SPACING_PX), 2))
         at, none = np.interp(arcs, arc, s), np.zeros(len(arcs))
@@ -110,9 +116,6 @@ class LineView:
         along /= np.linalg.norm(along, axis=-1, keepdims=True)
         across = (near[:, 2] - near[:, 0]) / (2 * _STEP_M)
         px_per_m = np.abs(along[:, 0] * across[:, 1] - along[:, 1] * across[:, 0])
-        rig = self.fit.problem.rig
-        camera = rig.right if self.right else rig.left
-        size = np.array([camera.width_px, camera.height_px])
         good = ((near[:, 1] >= BORDER_PX) & (near[:, 1] <= size - 1 - BORDER_PX)).all(axis=-1)
         good &= px_per_m > _MIN_SINE * np.linalg.norm(across, axis=-1)
         coarse = np.linspace(s[0], s[-1], _SIGHTS)

@@ -3,8 +3,11 @@
 """Cross-sections against the closed forms of a level road."""
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from stereo_speed.road.problem import RoadProblem
 from stereo_speed.site.refine.cross_sections import BORDER_PX, LineView, SPACING_PX
 from stereo_speed.vision.spline_image import SplineImage
 
@@ -43,6 +46,20 @@ def test_grey_levels_are_read_across(drawn, view):
     assert known.mean() > 0.9
     np.testing.assert_allclose(grey[known], uv[known][:, 0], atol=1e-6)
     assert np.all(np.diff(grey, axis=1)[known[:, 1:] & known[:, :-1]] > 0)  # to the left of travel
+
+
+def test_a_road_beside_the_camera_is_no_longer_than_the_image(drawn, view):
+    """Where a line passes the camera by, a metre of it is thousands of pixels."""
+    fit = drawn.fit
+    problem, model = fit.problem, fit.problem.model
+    leaving = replace(model, half_length_m=3 * model.half_length_m,
+                      frame=model.frame * [-1, -1, 1])  # so that the camera comes first
+    x = np.where(np.arange(len(fit.x)) < 4, fit.x, -fit.x)  # offsets to the other side
+    line = replace(view, fit=replace(
+        fit, x=x, problem=RoadProblem(problem.rig, problem.picks, leaving)))
+    sections = line.sections(np.array([[-1e6, 1.5e6], drawn.lines['right'].left_px[0]]))
+    assert len(sections.s_m) > 10
+    assert sections.arc_px.max() < 3 * np.hypot(640, 360)
 
 
 def test_some_of_them(drawn, view):
