@@ -23,7 +23,7 @@ _ROLL = 1e-2  # weight of the prior of no roll, as a share of a good match's
 _FOLLOWED = 0.5  # of the share of the line that is followed best, from which others are followed
 _LONGEST = 1.5  # half lengths of the road, in lengths of its longest line, that picks may ask for
 _FARTHEST = 0.98  # quantile of the matched depths, for a few matches are far off
-_BEYOND = 1.5  # times that depth: a plane that picks meet farther off than that is not the road
+_BEYOND = 1.5  # times as far as the views see it: a plane that is so far off is not the road
 
 
 class NoRoadError(ValueError):
@@ -53,12 +53,14 @@ class _Curve(NamedTuple):
 
 
 def guess_road(
-        rig: StereoRig, lines: Sequence[Line], curvature_terms: int) -> tuple[RoadModel, Array]:
+        rig: StereoRig, lines: Sequence[Line], curvature_terms: int, least_half_m: float = 0.0
+) -> tuple[RoadModel, Array]:
     """
     Return a model about a guess, and the guess's parameters.
 
     :param lines: (left (n, 2), right (m, 2)) raw pixels of each line.
     :param curvature_terms: number of curvature coefficients.
+    :param least_half_m: half the length of the road, at least.
     :raises NoRoadError: when the two views have too little in common.
     """
     followed = _followed(lines) if curvature_terms else list(range(len(lines)))
@@ -73,7 +75,7 @@ def guess_road(
         raise NoRoadError('the picks do not meet one road surface')
     n = surface.normal
     return _along(longest, [np.concatenate(views) for views in on_road], curvature_terms,
-                  n if n @ CAMERA_UP > 0 else -n)
+                  n if n @ CAMERA_UP > 0 else -n, least_half_m)
 
 
 def _followed(lines: Sequence[Line]) -> list[int]:
@@ -140,8 +142,8 @@ def _within(points: Array, most_m: float) -> Array:
     return np.asarray(seen * np.minimum(1.0, most_m / np.maximum(seen[:, 2:], 1e-9)))
 
 
-def _along(line: Array, on_road: list[Array], curvature_terms: int, up: Array
-           ) -> tuple[RoadModel, Array]:
+def _along(line: Array, on_road: list[Array], curvature_terms: int, up: Array,
+           least_half_m: float) -> tuple[RoadModel, Array]:
     """
     Lay the reference line along one line's points (n, 3) on the surface.
 
@@ -159,7 +161,7 @@ def _along(line: Array, on_road: list[Array], curvature_terms: int, up: Array
     centre = line[0] + frame[:, :2] @ curve.at(middle)
     frame = frame_of(tangent, up)
     reach = np.abs((np.concatenate(on_road) - centre) @ chord).max()
-    half = max(s[-1] / 2, min(reach, _LONGEST * s[-1]))
+    half = max(s[-1] / 2, min(reach, _LONGEST * s[-1]), least_half_m)
     offsets = [_offset(points, frame, centre) if curvature_terms == 0 else
                _offset_along(points, line, frame) for points in on_road]
     model = RoadModel(

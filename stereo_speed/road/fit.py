@@ -38,6 +38,9 @@ ROBUST = 3.3  # residuals beyond this many sigmas count less and less (soft L1)
 MOST = RoadShape(curvature=8, tilt=2, vertical=6, twist=6)
 MAX_STEPS = 40  # of the solver; fits that converge need 10
 FOOT_PLACES = 8001  # places along the road among which a foot is looked up: some cm apart
+_ASTRAY = 1.5  # times the usual scatter of picks, from which on they are not on the road
+_LENGTHS = 3  # of the road that are tried, until it reaches every pick
+_LONGER = 1.3  # times as far as the farthest pick that a road which ended there has met
 _NARROW = 0.7  # least ratio of the robust to the r.m.s. scatter: a few outliers are no excuse
 _WIDER = RoadShape(curvature=2, tilt=2, vertical=2, twist=2)  # looked at in one step
 _TRIED = 3  # of the families that promise most, until one keeps its promise
@@ -280,10 +283,30 @@ def fit_road(rig: StereoRig, lines: Mapping[str, tuple[Array, Array]],
     if near is not None:
         fit = same_family(near, RoadProblem(rig, picks, near.problem.model, drift, prior))
         return fit if most < 1 else _search([fit], most)
+    half_m = 0.0
+    for _ in range(_LENGTHS):
+        fit = _from_guesses(rig, lines, picks, drift, prior, most, half_m)
+        farthest_m = float(np.abs(fit.feet.s_m).max())
+        # Picks a little beyond the nodes are met as well; what is bent there is not.
+        if farthest_m < fit.problem.model.s_m[-1] or fit.scale < _ASTRAY:
+            break
+        half_m = _LONGER * farthest_m
+    return fit
+
+
+def _from_guesses(rig: StereoRig, lines: Mapping[str, tuple[Array, Array]], picks: Picks,
+                  drift: Optional[DriftPrior], prior: RoadPrior, most: int, least_half_m: float
+                  ) -> RoadFit:
+    """
+    Fit one road from guesses; arguments as for :func:`fit_road`.
+
+    :param most: curvature coefficients.
+    :param least_half_m: half the length of the road, at least.
+    """
     rotated = np.zeros(0) if drift is None else drift.mean_rad
     fits = []
     for terms in range(max(min(most, 2), 0) + 1):  # each from its own guess
-        model, start = guess_road(rig, list(lines.values()), terms)
+        model, start = guess_road(rig, list(lines.values()), terms, least_half_m)
         fits.append(_solve(RoadProblem(rig, picks, model, drift, prior),
                            np.append(start, rotated)))
     if most < 1:

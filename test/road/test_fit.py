@@ -215,3 +215,21 @@ def test_evidence_is_that_of_the_road_fitted_with_the_scatter_there_is(make_scen
                     for some in (picks, rough))
     # Far picks count a little less in one of the two; priors would make 130 of a difference.
     assert pulled.log_evidence(factor ** 2) == pytest.approx(mode.log_evidence(1.0), abs=50.0)
+
+
+def found_in_part(line, share):
+    """Return the far end of a line's picks, and many points of what follows a share of it."""
+    return tuple(np.concatenate([view[:1], np.stack([
+        np.interp(np.linspace(share, 1, 30), np.linspace(0, 1, len(view)), column)
+        for column in view.T], axis=-1)]) for view in line)
+
+
+@pytest.mark.parametrize('grade, twist', [(-0.03, 0.05), (0.0, 0.1)])
+def test_a_road_reaches_the_end_of_lines_that_are_found_in_part(make_scene, grade, twist):
+    """The plane of what is found of a bend whose bank changes meets the far ends too early."""
+    scene = make_scene(curvature=-0.0063, grade=grade, twist=twist, std_px=0.0)
+    lines = {name: found_in_part(line, share) for (name, line), share in zip(
+        scene.lines.items(), (0.6, 0.65, 0.1))}
+    fit = fit_road(scene.rig, lines)
+    assert fit.residual_px.max() < 0.3
+    assert np.abs(fit.feet.s_m).max() < fit.problem.model.s_m[-1]
