@@ -53,7 +53,8 @@ class _Effort:
     :param iterations: usual number of them, and
     :param most: number while poses still move far, as when a change of lanes is noticed.
     :param near_px: fewer do where observations have moved by less than this, which are linear.
-    :param moved_px: an observation is made again when its pose has moved further than this.
+    :param moved_px: an observation is made again when its samples have moved further than this, by
+        its pose and, in the r.m.s., by the relief.
     """
 
     iterations: int
@@ -63,8 +64,8 @@ class _Effort:
 
 
 _LIVE = _Effort(iterations=2, most=4, near_px=0.20, moved_px=0.10)
-# from a poor guess
-_REACQUIRED = _Effort(iterations=5, most=8, near_px=0.0, moved_px=0.05)
+# From a poor guess of the newest, beside others that were solved for: it moves far, they do not.
+_REACQUIRED = _Effort(iterations=5, most=8, near_px=0.0, moved_px=0.10)
 _WHOLE_PASS = _Effort(iterations=8, most=8, near_px=0.0, moved_px=0.01)
 
 
@@ -557,7 +558,9 @@ class PhotometricWindow:
         seen = window.observations
         changes = state[:, :3] - np.array([o.pose for o in seen])
         turned = np.abs(heading - [o.heading_rad for o in seen])
-        reshaped = np.abs(window.relief - np.array([o.relief for o in seen])).max(axis=1)
+        # Where only some nodes have moved, most samples have not.
+        reshaped = np.sqrt(np.square(
+            window.relief - np.array([o.relief for o in seen])).mean(axis=1))
         gone_m = np.abs(state[:, 3] * [pair.right_lag_s for pair in window.pairs]
                         - [o.right_m for o in seen])
         per_m = np.array([o.shift_px for o in seen])  # (n, 2, 3)
