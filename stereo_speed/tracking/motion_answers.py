@@ -136,19 +136,39 @@ def _eliminate(equations, count):  # type: ignore
 
     :return: logarithm of the determinant of that.
     """
-    log_det = 0.0
-    for i in range(len(equations)):
-        for j in range(i + 1):
-            entry = equations[i, j]
-            for k in range(min(j, count)):
-                entry -= equations[i, k] * equations[j, k]
-            if j >= count:
-                equations[i, j] = entry
-            elif j < i:
-                equations[i, j] = entry / equations[j, j]
-            else:
-                equations[i, i] = np.sqrt(entry)
-                log_det += 2 * np.log(equations[i, i])
+    size, log_det = len(equations), 0.0
+    for j in range(count):
+        pivot = equations[j, j]
+        for k in range(j):
+            pivot -= equations[j, k] * equations[j, k]
+        pivot = np.sqrt(pivot)
+        equations[j, j] = pivot
+        log_det += 2 * np.log(pivot)
+        # Four rows at once: each entry of row j is read once for all of them.
+        whole = j + 1 + (size - j - 1) // 4 * 4
+        for i in range(j + 1, whole, 4):
+            p = q = r = s = 0.0
+            for k in range(j):
+                entry = equations[j, k]
+                p += equations[i, k] * entry
+                q += equations[i + 1, k] * entry
+                r += equations[i + 2, k] * entry
+                s += equations[i + 3, k] * entry
+            equations[i, j] = (equations[i, j] - p) / pivot
+            equations[i + 1, j] = (equations[i + 1, j] - q) / pivot
+            equations[i + 2, j] = (equations[i + 2, j] - r) / pivot
+            equations[i + 3, j] = (equations[i + 3, j] - s) / pivot
+        for i in range(whole, size):
+            p = 0.0
+            for k in range(j):
+                p += equations[i, k] * equations[j, k]
+            equations[i, j] = (equations[i, j] - p) / pivot
+    for i in range(count, size):
+        for j in range(count, i + 1):
+            p = 0.0
+            for k in range(count):
+                p += equations[i, k] * equations[j, k]
+            equations[i, j] -= p
     return log_det
 
 
