@@ -20,8 +20,8 @@ from ..detection.beside import DetectorBeside, SearchProcess
 from ..detection.detector import PlaneSweepDetector
 from ..geometry.rig import StereoRig
 from ..pipeline.assembly import MakeDetector
-from ..pipeline.conclusions import Later, Measure, OnlyHereError
-from ..pipeline.pass_process import PassProcess, PassProcessError
+from ..pipeline.conclusions import Later, Measure
+from ..pipeline.pass_process import measured_beside, PassProcess
 from ..pipeline.registry import DETECTORS
 from ..road.lanes import LanePath
 
@@ -131,20 +131,24 @@ class Helpers:
 
     def _measured(self, measure: Measure) -> PassResult:
         """Return the result of a pass; in the thread of the passes."""
+        return measured_beside(self._measuring(), measure, self._pass_failed, lambda why: None)
+
+    def _measuring(self) -> Optional[PassProcess]:
+        """Return the process that measures passes, once it is ready."""
         process = self._pass
-        if process is not None:
+        if process is not None and not self._pass_ready:
             try:
-                if not self._pass_ready:
-                    process.wait()
-                    self._pass_ready = True
-                return process.measured(measure)
-            except OnlyHereError:
-                pass
-            except (PassProcessError, OSError) as error:
-                _warn(f'the process that measures passes: {error}')
-                self._pass = None
-                process.close(0.0)
-        return measure()
+                process.wait()
+                self._pass_ready = True
+            except OSError as error:
+                self._pass_failed(process, str(error))
+        return self._pass
+
+    def _pass_failed(self, process: PassProcess, why: str) -> None:
+        """Do without the process that measures passes."""
+        _warn(f'the process that measures passes: {why}')
+        self._pass = None
+        process.close(0.0)
 
 
 def _warn(why: str) -> None:

@@ -28,6 +28,7 @@ from ..geometry.rig import StereoRig
 from ..road.lanes import LanePath
 
 _PIXEL_BYTES = 2  # of the greatest type of images
+_PATIENCE = 3  # of the processor: readings come first, and the answer with the next pair
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +115,7 @@ class SearchProcess(HelperProcess):
     """
 
     def __init__(self, answer_s: float = 5.0) -> None:
-        super().__init__('stereo_speed.detection.search_process', answer_s)
+        super().__init__('stereo_speed.detection.search_process', answer_s, _PATIENCE)
 
     def share(self, pair: StereoPair, most_bytes: int) -> SharedPair:
         """

@@ -19,8 +19,6 @@ from ..core.compiled import warm_up
 from ..core.helper_process import leave_ending_to_parent
 from ..core.records import StereoPair
 
-_PATIENCE = 3  # of the processor: readings come first, and the answer with the next pair
-
 
 class Searcher:
     """
@@ -76,7 +74,6 @@ def _found(detector: PlaneSweepDetector, look: Optional[Look], held: Held) -> Fo
 def main(pipe_fd: int, memory_fd: int) -> None:
     """Do what comes through a pipe, until it is closed."""
     leave_ending_to_parent()
-    os.nice(_PATIENCE)
     cv2.setNumThreads(1)  # the tracks have the other cores
     warm_up()
     searcher = Searcher(memory_fd)

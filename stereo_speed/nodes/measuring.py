@@ -47,8 +47,8 @@ from ..detection.beside import DetectorBeside, SearchProcess
 from ..detection.detector import PlaneSweepDetector
 from ..detection.protocol import ImageBox, TakesBoxes
 from ..pipeline.assembly import MakeDetector, MeasuringSite
-from ..pipeline.conclusions import Beside, Measure, OnlyHereError
-from ..pipeline.pass_process import PassProcess, PassProcessError
+from ..pipeline.conclusions import Beside, Measure
+from ..pipeline.pass_process import measured_beside, PassProcess
 from ..pipeline.pipeline import SpeedPipeline
 from ..pipeline.registry import DETECTORS
 from ..site.calibration_age import calibration_age, CalibrationAge
@@ -192,15 +192,9 @@ class Measuring:
 
         :param measure: measures it.
         """
-        process = self._passer.process
-        if process is not None:
-            try:
-                return process.measured(measure)
-            except OnlyHereError as error:
-                self.log.debug(f'a pass is measured without the process of the passes: {error}')
-            except PassProcessError as error:
-                self._passer.failed(process, str(error))
-        return measure()
+        return measured_beside(
+            self._passer.process, measure, self._passer.failed, lambda why: self.log.debug(
+                f'a pass is measured without the process of the passes: {why}'))
 
     def _detect(self) -> Optional[MakeDetector]:
         """Return what makes the detector that searches in the process, where that is wanted."""

@@ -10,10 +10,9 @@ from __future__ import annotations
 
 from mmap import MAP_PRIVATE, mmap
 from multiprocessing.connection import Connection
-import os
 import pickle
 import sys
-from typing import Any, Sequence, Union
+from typing import Any, Callable, Optional, Sequence, Union
 
 import cv2
 import numpy as np
@@ -40,7 +39,7 @@ class PassProcess(HelperProcess):
     """
 
     def __init__(self, answer_s: float = 10.0) -> None:
-        super().__init__('stereo_speed.pipeline.pass_process', answer_s)
+        super().__init__('stereo_speed.pipeline.pass_process', answer_s, _PATIENCE)
 
     def measured(self, measure: Measure) -> PassResult:
         """
@@ -91,6 +90,27 @@ class PassProcess(HelperProcess):
         return places
 
 
+def measured_beside(process: Optional[PassProcess], measure: Measure,
+                    failed: Callable[[PassProcess, str], object],
+                    only_here: Callable[[str], object]) -> PassResult:
+    """
+    Return the result of a pass by a process, or by this one where that cannot measure it.
+
+    :param process: None where there is none.
+    :param measure: measures the pass.
+    :param failed: told of the process that is of no more use, and why.
+    :param only_here: told why this pass cannot be measured by another process.
+    """
+    if process is not None:
+        try:
+            return process.measured(measure)
+        except OnlyHereError as error:
+            only_here(str(error))
+        except PassProcessError as error:
+            failed(process, str(error))
+    return measure()
+
+
 def _answer(request: tuple[Sequence[tuple[int, int]], bytes], memory: memoryview
             ) -> Union[PassResult, Exception]:
     """Return the result of a pass, or why it has none."""
@@ -117,7 +137,6 @@ def _pickled(answer: Union[PassResult, Exception]) -> bytes:
 def main(pipe_fd: int, memory_fd: int) -> None:
     """Measure what comes through a pipe, until it is closed."""
     leave_ending_to_parent()
-    os.nice(_PATIENCE)
     cv2.setNumThreads(1)
     warm_up()
     pipe: Connection[Any, Any] = Connection(pipe_fd)
