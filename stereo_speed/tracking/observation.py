@@ -8,6 +8,7 @@ hundredths of a pixel, so they go through the exact lens model and cubic B-splin
 """
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
 import math
 from typing import Any, Optional, Sequence
@@ -113,6 +114,19 @@ class ObservationSampler:
         self.blur_px: tuple[float, float] = (0.0, 0.0)
         self.blurred_at_px = math.inf
         self.relief_basis = relief_basis(unit_xy)
+
+    def less_blurred(self) -> list[ObservationSampler]:
+        """
+        Return samplers that blur both views evenly, and not at all, if this one blurs.
+
+        How what is out of focus looks is known by a blur of the other view alone: between these
+        lies what may be wrong with that.
+        """
+        if not any(self.blur_px):
+            return []
+        even, sharp = copy(self), copy(self)
+        even.blurred_at_px, sharp.blur_px = math.inf, (0.0, 0.0)
+        return [even, sharp]
 
     def observe(self, pair: StereoPair, pose: Array, velocity_mps: Array, heading_rad: float,
                 relief: Array) -> Optional[Observation]:

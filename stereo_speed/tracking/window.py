@@ -409,8 +409,41 @@ class PhotometricWindow:
         # The observations that this answer rests on, should the judgement not have settled.
         window, at = replace(window, occluded_ns=occluded_ns), window.index
         covariance = self._solve(window, self.hypotheses, self.exact_motion).covariance
-        return SolvedPass(posterior, occluded_ns, covariance[np.ix_(at.speeds, at.speeds)],
-                          _given_heading(covariance, at))
+        doubt = self._doubt_of_blur(window, posterior)
+        posterior = replace(posterior, covariance=posterior.covariance + doubt)
+        of_speeds = doubt[3::4, 3::4]
+        return SolvedPass(
+            posterior, occluded_ns, covariance[np.ix_(at.speeds, at.speeds)] + of_speeds,
+            _given_heading(covariance, at) + of_speeds)
+
+    def _doubt_of_blur(self, window: _Window, posterior: Posterior) -> Array:
+        """
+        Return what views made equally sharp add to the covariance (4 n, 4 n) of a pass.
+
+        What a lens out of focus makes of a front, of lamps that clip first of all, is no blur of
+        what a sharp one shows: states with less of it are as far off as these may be.
+        """
+        doubt = np.zeros_like(posterior.covariance)
+        for sampler in self.sampler.less_blurred():
+            other = PhotometricWindow(sampler, self.motion.prior, self.config)
+            other.motion = self.motion
+            seen = other._seen_anew(window)
+            if seen is not None:
+                change = (other._refined(seen, _WHOLE_PASS)[1].mean - posterior.mean).ravel()
+                doubt += np.outer(change, change)
+        return self.config.noise.blur_doubt ** 2 * doubt
+
+    def _seen_anew(self, window: _Window) -> Optional[_Window]:
+        """Return a window with all its observations made anew where they are; None if not."""
+        rates, _, heading = self._directions(window)
+        seen = [self.sampler.observe(
+            k.pair, k.observation.pose, np.array([state[3], rate, 0.0]), float(psi), window.relief)
+            for k, state, rate, psi in zip(window.keyframes, window.state, rates, heading)]
+        observations = [o for o in seen if o is not None]
+        if len(observations) < len(seen):
+            return None
+        return replace(window, keyframes=tuple(
+            _Keyframe(k.pair, o) for k, o in zip(window.keyframes, observations)))
 
     def _recalled(self, window: _Window) -> _Window:
         """Return a window with the inactive pairs active, where the others say the front was."""

@@ -471,6 +471,7 @@ CASES: dict[str, Case] = {
     'verdict.off_road_share': Case('crossing', 1.0, ANY_STD | {'verdict.off_road_m': 0.1}),
     'noise.sharpness_sigmas': Case('blurred', 1000.0),
     'noise.most_blur_px': Case('blurred', 0.5),
+    'noise.blur_doubt': Case('blurred', 0.0),
     'verdict.lane_hysteresis_m': Case('crossing', 0.0),
     'effort.live_observations': Case('passing', 4),
     'effort.pass_observations': Case('passing', 4, {'effort.live_observations': 4}),

@@ -5,10 +5,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from scipy import stats
-from stereo_speed.core.config import EffortConfig, TrackerConfig
+from stereo_speed.core.config import EffortConfig, NoiseConfig, TrackerConfig
 from stereo_speed.core.errors import InputError
 from stereo_speed.tracking.front import Front
 from stereo_speed.tracking.motion_prior import PassPrior
@@ -328,3 +329,25 @@ def test_the_lag_of_the_right_view_is_part_of_the_problem(textured):
     assert error[[0, 3]] @ np.linalg.solve(covariance[along], error[[0, 3]]) \
         < stats.chi2.ppf(0.999, 2)
     assert error[0] ** 2 < (0.1 * MPS * lag_s) ** 2  # a tenth of what the lag would cost
+
+
+@pytest.mark.slow
+def test_what_equal_blurs_change_of_a_pass_is_in_doubt(textured, textured_drive):
+    """By a share of the change: half the share, a quarter of the variance, and the same speeds."""
+    pairs, poses = textured_drive
+    out_of_focus = [replace(p, right=cv2.GaussianBlur(p.right, (0, 0), 2.0)) for p in pairs]
+
+    def solved(blur_doubt, pairs):
+        window = window_of(textured, poses[0], TrackerConfig(noise=NoiseConfig(
+            blur_doubt=blur_doubt)))
+        feed(window, pairs, poses)
+        return window.solve_pass()
+    none, half, whole = (solved(doubt, out_of_focus) for doubt in (0.0, 0.5, 1.0))
+    for one in (half, whole):
+        np.testing.assert_array_equal(one.posterior.mean, none.posterior.mean)
+    less, more = (one.posterior.covariance - none.posterior.covariance for one in (half, whole))
+    np.testing.assert_allclose(4 * less, more, atol=1e-9)
+    assert np.diag(more)[3::4].min() > 0 and np.linalg.eigvalsh(more).min() > -1e-9
+    np.testing.assert_allclose(whole.exact_path - none.exact_path, more[3::4, 3::4], atol=1e-9)
+    np.testing.assert_array_equal(solved(0.0, pairs).posterior.covariance,
+                                  solved(1.0, pairs).posterior.covariance)
