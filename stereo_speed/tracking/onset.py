@@ -55,7 +55,9 @@ def with_onsets(steady: Union[Conditioned, Moments], times_s: Array, speeds: Ind
     # What an acceleration since pair j moves: (v_last - v_j) / rate^2, of all unknowns.
     moves = precision * (covariance[:, [last]] - covariance[:, first])  # (k, n - 1)
     change = moves[last] - moves[first, np.arange(len(first))]
-    known = 1 / std_mps2 ** 2 + precision * ((times_s[-1] - times_s[:-1]) - change)
+    # What is known of the walk lessens what it tells, to nothing at most but for rounding.
+    tells = np.maximum((times_s[-1] - times_s[:-1]) - change, 0.0)
+    known = 1 / std_mps2 ** 2 + precision * tells
     told = precision * (mean[last] - mean[first])
     accelerations = told / known
     log_share = np.log(per_s * gaps_s) - 0.5 * np.log(known * std_mps2 ** 2) \
