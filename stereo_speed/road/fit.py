@@ -39,6 +39,7 @@ MOST = RoadShape(curvature=8, tilt=2, vertical=6, twist=6)
 MAX_STEPS = 40  # of the solver; fits that converge need 10
 FOOT_PLACES = 8001  # places along the road among which a foot is looked up: some cm apart
 _ASTRAY = 1.5  # times the usual scatter of picks, from which on they are not on the road
+_OVERREACH = 1.1  # times as far as the last node, up to which picks are met
 _LENGTHS = 3  # of the road that are tried, until it reaches every pick
 _LONGER = 1.3  # times as far as the farthest pick that a road which ended there has met
 _NARROW = 0.7  # least ratio of the robust to the r.m.s. scatter: a few outliers are no excuse
@@ -279,16 +280,31 @@ def fit_road(rig: StereoRig, lines: Mapping[str, tuple[Array, Array]],
     most = min(MOST.curvature, len(picks.line) // 2 - 4 - len(lines))
     if near is None and picks.median_std_px < prior.pick_std_px:
         # Among precise picks there are many roads that no small step makes better.
-        near = fit_road(rig, lines, None, drift, prior)
+        near = _reaching(rig, lines, Picks.of(lines, None, prior.pick_std_px), drift, prior, most,
+                         least_scale=0.0)
     if near is not None:
         fit = same_family(near, RoadProblem(rig, picks, near.problem.model, drift, prior))
         return fit if most < 1 else _search([fit], most)
+    return _reaching(rig, lines, picks, drift, prior, most, least_scale=_ASTRAY)
+
+
+def _reaching(rig: StereoRig, lines: Mapping[str, tuple[Array, Array]], picks: Picks,
+              drift: Optional[DriftPrior], prior: RoadPrior, most: int, *, least_scale: float
+              ) -> RoadFit:
+    """
+    Fit one road that is long enough for its picks; arguments as for :func:`fit_road`.
+
+    A guess lies in a plane, which may meet the rays of far picks too early.  Picks a little beyond
+    the nodes are met as well, but what is bent there is not.
+
+    :param most: curvature coefficients.
+    :param least_scale: scatter of the picks, in their own, from which on a longer one is tried.
+    """
     half_m = 0.0
     for _ in range(_LENGTHS):
         fit = _from_guesses(rig, lines, picks, drift, prior, most, half_m)
         farthest_m = float(np.abs(fit.feet.s_m).max())
-        # Picks a little beyond the nodes are met as well; what is bent there is not.
-        if farthest_m < fit.problem.model.s_m[-1] or fit.scale < _ASTRAY:
+        if farthest_m < _OVERREACH * fit.problem.model.s_m[-1] or fit.scale < least_scale:
             break
         half_m = _LONGER * farthest_m
     return fit
