@@ -50,7 +50,7 @@ class Outputs:
         self.log, self.run = node.get_logger(), new_run()
         self._frames = StaticFrames(node, p)
         self._last_ns = 0
-        self._readings: set[tuple[int, int]] = set()  # stamps and tracks, as told last
+        self._readings: set[tuple[int, int]] = set()  # stamp and track: told of this pair
         # Told by two threads: that which measures, and that which runs self-tests.
         self._telling = threading.Lock()
         self._instrument: Optional[Instrument] = None
@@ -109,13 +109,14 @@ class Outputs:
             speed = speed_of(track)
             if self.speeds is not None and speed is not None:
                 self.speeds.publish(speed)
-        self._readings = {(u.stamp_ns, u.track) for u in updates}
+        self._readings |= {(u.stamp_ns, u.track) for u in updates}
 
     def tell(self, pipeline: SpeedPipeline, pair: StereoPair, step: Step) -> None:
         """Publish what came of a pair, but for what was told of it before."""
         frame_id = pipeline.rig.frame_id
         self.tell_readings(pipeline, [
             u for u in step.updates if (u.stamp_ns, u.track) not in self._readings])
+        self._readings = set()
         self.track_states.publish(String(data=track_states_text(self.run, pair, step.updates)))
         interval_s = max(pair.stamp_ns - self._last_ns, 0) * 1e-9 if self._last_ns else 0.0
         lifetime_s = max(_LEAST_LIFETIME_S, _LIFETIME_INTERVALS * interval_s)

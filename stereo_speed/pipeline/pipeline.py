@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from functools import partial
 import math
-from typing import Callable, Mapping, Optional, Sequence, Union
+from typing import Callable, Iterable, Mapping, Optional, Sequence, Union
 
 import numpy as np
 
@@ -42,6 +42,7 @@ _UNSEARCHED_S = 0.3  # of stamps, at most: vehicles are in view for seconds
 _ARRIVAL_S = 0.01  # stamps made at arrival are off by some ms; more is exposures at any time
 _ODD_SIGMAS = 3.0  # of an interval that says more of stamps than is known of them
 _USUAL_S = TrackerConfig().stamp_std_s  # of stamps, which what trackers know of onsets allows for
+_APART = 2.0  # times the distance of doubles: in a dense pair none moves on by as much
 _WORSE = 1.5  # times what a track takes its stamps for: twenty intervals tell it to a fifth
 
 StartTracker = Callable[[TrackStart], Union[Tracker, Refusal]]
@@ -145,8 +146,8 @@ class SpeedPipeline:
         :param hurried: whether to do little with it, for others wait: vehicles are followed, but
             one is solved for where its last solution is old, and new ones are searched for where
             none were for long.
-        :param readings: told those readings that are known before new vehicles are searched for;
-            the step has them too.
+        :param readings: told those readings that are known before new vehicles are searched for,
+            in one or two turns; the step has them too.
         :raises InputError: its stamp is not after the one before.
         """
         state = self._state
@@ -177,14 +178,10 @@ class SpeedPipeline:
         for track in state.tracks:
             if isinstance(track.tracker, SharesParticles):
                 track.tracker.share(share)
-        updates = [self._update(track, pair, share) for track in state.tracks]
-        self._drop_missing()
-        self._drop_doubles()
         self._see_drift()
-        if not self.view_lag.concerned:  # else what this pair shows of the lag counts, too
-            going_on = {t.tracker.track for t in state.tracks if not t.tracker.ended}
-            readings([u for u in self._told(updates)
-                      if u.state is TrackState.CONFIRMED and u.track in going_on])
+        if self.view_lag.concerned:  # what this pair shows of the lag counts, too
+            readings = _nobody
+        updates = self._followed(pair, share, readings)
         # Where others wait, so does what was found.
         found = [] if hurried and not searches else self._take_answer(pair)
         self._see_gone(pair)
@@ -201,6 +198,45 @@ class SpeedPipeline:
             track.trace.add_others(pair.stamp_ns, seen)
         self._collect(everything=False)
         return Step(self._told(seen), self.concluded())
+
+    def _followed(self, pair: StereoPair, share: int, readings: TellReadings
+                  ) -> list[Optional[TrackUpdate]]:
+        """
+        Feed a pair to the tracks there are, and tell their readings.
+
+        Those that are not solved for come first: their readings wait for no solution.
+
+        :param share: number of particles of each.
+        :return: what each says, in their order.
+        """
+        tracks, interval_s = list(self._state.tracks), self._solve_interval_s()
+        quick = [t for t in tracks if holds(t.last) and (
+            t.hurried or t.waited_s(pair.stamp_ns) < interval_s)]
+        updates = {t: self._update(t, pair, share) for t in quick}
+        early: list[TrackUpdate] = []
+        if 0 < len(quick) < len(tracks):
+            early = [u for u in self._readings(updates.values()) if self._is_apart(u)]
+            readings(early)
+        updates.update((t, self._update(t, pair, share)) for t in tracks if t not in updates)
+        self._drop_missing()
+        self._drop_doubles()
+        told = {u.track for u in early}
+        readings([u for u in self._readings(updates[t] for t in tracks) if u.track not in told])
+        return [updates[t] for t in tracks]
+
+    def _readings(self, updates: Iterable[Optional[TrackUpdate]]) -> list[TrackUpdate]:
+        """Return those updates that are readings of tracks that go on."""
+        going_on = {t.tracker.track for t in self._state.tracks if not t.tracker.ended}
+        return [u for u in self._told(updates)
+                if u.state is TrackState.CONFIRMED and u.track in going_on]
+
+    def _is_apart(self, update: TrackUpdate) -> bool:
+        """Return whether no other track can hold the same vehicle, wherever it is by now."""
+        near_m = _APART * self.config.association.same_vehicle_m
+        return not any(
+            t.last is not None and t.tracker.track != update.track
+            and np.linalg.norm(t.last.position_m - update.position_m) < near_m
+            for t in self._state.tracks)
 
     def _see_stamps(self) -> None:
         """Have the tracks take in how uneven the stamps are."""
@@ -220,7 +256,7 @@ class SpeedPipeline:
             for track in self._state.tracks:
                 track.see_drift(self.steadier.drift.corrected_rad)
 
-    def _told(self, updates: Sequence[Optional[TrackUpdate]]) -> list[TrackUpdate]:
+    def _told(self, updates: Iterable[Optional[TrackUpdate]]) -> list[TrackUpdate]:
         """Return the updates of tracks that there are, with the doubt of their times and rig."""
         tracks = {track.tracker.track: track for track in self._state.tracks}
         told = [self._timed(u, tracks[u.track]) for u in updates

@@ -642,6 +642,30 @@ def test_of_confirmed_tracks_at_most_one_is_solved_for_in_a_dense_pair(dense):
         assert max(np.diff(turns)) <= 4
 
 
+def test_in_a_dense_pair_no_reading_waits_for_the_solution_of_another_track(dense):
+    sequence, lanes, marks = dense
+    trackers, early = [], 0
+
+    def kept(begun):
+        trackers.append(start(begun))
+        return trackers[-1]
+    pipeline = SpeedPipeline(sequence.rig, lanes, TrackerConfig(), kept, annotations=marks)
+    for pair in sequence.pairs:
+        told = []
+
+        def note(readings, ns=pair.stamp_ns, told=told):
+            solved = [t for t in trackers if t.unsolved_s(ns) == 0.0]
+            told.append(([u.track for u in readings], len(solved)))
+        step = pipeline.process(pair, readings=note)
+        # Each is told once, and no other.
+        assert sorted(track for tracks, _ in told for track in tracks) == [
+            u.track for u in step.updates if u.state is TrackState.CONFIRMED]
+        if [len(tracks) for tracks, _ in told] == [1, 1]:
+            early += 1
+            assert [solved for _, solved in told] == [0, 1]
+    assert early >= 4
+
+
 def test_what_is_found_in_a_dense_pair_is_followed_from_it_on_with_the_next(dense):
     sequence, _, marks = dense
     pipeline, finder = automatic(dense, marks[:1], {1})
