@@ -375,8 +375,11 @@ class TrackerConfig(CheckedRecord):
     onset_per_s: float = parameter(
         0.3, 0.0, 10.0, '1/s', 'how often a vehicle that keeps its speed begins to brake or to '
         'accelerate; 0 leaves this out')
+    onset_lasts_s: float = parameter(
+        2.0, 0.1, 100.0, 's', 'time for which it does so, on average, before it keeps its speed '
+        'again')
     onset_std_mps2: float = parameter(
-        4.0, 0.0, 20.0, 'm/s^2', '1-sigma of its acceleration from then on')
+        4.0, 0.0, 20.0, 'm/s^2', '1-sigma of its acceleration meanwhile')
     manoeuvre_across_std_m: float = parameter(
         1.0, 0.0, 5.0, 'm/sqrt(s)', 'drift across the path, over long times, of a vehicle that '
         'changes lanes')

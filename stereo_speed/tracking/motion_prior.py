@@ -194,6 +194,15 @@ class PassMotion:
         return normal_equations(
             self.beginning(len(times_s)), self.processes, times_s, state, models)
 
+    def way_information(self, times_s: Array, state: Array, rate: float) -> Array:
+        """
+        Return the information (n - 1, n - 1) of the ways between pairs, given the speeds, 1/m^2.
+
+        :param rate: random walk of the speed.
+        """
+        return np.asarray(np.linalg.inv(_way_covariance(
+            self.processes, np.diff(times_s), np.abs(state[:, 3]), rate)))
+
     def beginning(self, observations: int) -> NormalEquations:
         """Return how the pass begins, and what is static in it."""
         p, at, noise = self.prior, StateIndex(observations), self.config.noise
@@ -254,6 +263,12 @@ def _stamp_covariance(processes: Processes, speed_mps: Array) -> Array:
     step = np.diff(np.eye(len(speed_mps)), axis=0)
     error_m = np.maximum(processes.stamp_std_s * speed_mps, processes.least_stamp_error_m)
     return np.asarray(step @ np.diag(np.square(error_m)) @ step.T)
+
+
+def _way_covariance(processes: Processes, dt: Array, speed_mps: Array, rate: float) -> Array:
+    """Return the covariance (n - 1, n - 1) of the ways of a Wiener process, given its values."""
+    return np.asarray(np.diag(rate ** 2 * dt ** 3 / 12)
+                      + _stamp_covariance(processes, speed_mps))
 
 
 def _across(processes: Processes, times_s: Array, state: Array, changes_lanes: bool
@@ -328,8 +343,7 @@ def _steady(normal: NormalEquations, processes: Processes, dt: Array, speed_mps:
     rate = max(rate, processes.least_rate)
     ways = np.column_stack([np.ones(n - 1), -np.ones(n - 1), -dt / 2, -dt / 2])
     normal.correlated(np.column_stack([s[1:], s[:-1], v[:-1], v[1:]]), ways,
-                      np.diag(rate ** 2 * dt ** 3 / 12)
-                      + _stamp_covariance(processes, speed_mps))
+                      _way_covariance(processes, dt, speed_mps, rate))
     normal.rows(np.column_stack([v[1:], v[:-1]]), [1.0, -1.0], rate * np.sqrt(dt))
 
 

@@ -1,25 +1,31 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Vehicles that keep their speed until they brake or accelerate.
+Vehicles that keep their speed until they brake or accelerate, and then keep it again.
 
-A driver brakes at once, and the newest pairs show little of it: in a tenth of a second at 6 m/s^2
-a vehicle falls behind by 3 cm and loses 1.3 mph.  So any pair may be the last before the speed
-begins to change, and the acceleration from then on is one more unknown, constant and eliminated.
-It enters only the random walk of the speeds, in which it telescopes, so that each onset follows
-from the answer without any in closed form.
+A driver brakes at once, and stops braking at once, and the newest pairs show little of it: in a
+tenth of a second at 6 m/s^2 a vehicle falls behind by 3 cm and loses 1.3 mph.  So the speed may
+begin to change, and end to, at any pair, and where pairs are rare between them.  The acceleration
+meanwhile is one more unknown, constant and eliminated.  It enters nothing but the random walk of
+the speeds and the ways between them, so that all onsets follow from the answer without any in
+closed form: what one does that ends is what one does that does not, less what one would that
+begins then.
 """
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 from typing import Union
 
 import numpy as np
+from numpy.typing import NDArray
 
-from .motion_prior import Indices
+from .motion_prior import StateIndex
 from ..core.records import Array
 from ..estimation.gaussian import Conditioned
+
+_PART_S = 0.1  # in which times are taken as one: half of it at 6 m/s^2 is less than 1 cm
+_MOST_PARTS = 4  # of an interval, as when a vehicle was out of sight
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,38 +43,131 @@ class Moments:
     log_evidence: float
 
 
-def with_onsets(steady: Union[Conditioned, Moments], times_s: Array, speeds: Indices,
-                rate: float, per_s: float, std_mps2: float) -> Moments:
+@dataclass(frozen=True)
+class Onsets:
     """
-    Return what is known when a vehicle may begin to change its speed after any pair but the last.
+    How vehicles that keep their speed begin to change it.
+
+    :param per_s: how often, 1/s.
+    :param lasts_s: mean time for which they do, s.
+    :param std_mps2: 1-sigma of the acceleration meanwhile.
+    """
+
+    per_s: float
+    lasts_s: float
+    std_mps2: float
+
+
+@dataclass(frozen=True, eq=False)
+class Changes:
+    """
+    What accelerations of 1 m/s^2 do that begin at one of m times and do not end.
+
+    The times are those of the pairs and some between them, and the last, which counts for one that
+    has not ended yet.
+
+    :param pull: (m, k) on all unknowns, of the walk of the speeds and the ways between them.
+    :param own: (m, m) information of them, and of each with each.
+    :param lasts_s: (m,) until the last pair.
+    :param gaps_s: (m,) time that each stands for.
+    :param none: (m, m) where one would end before it begins.
+    :param long_s: from the first pair to the last.
+    """
+
+    pull: Array
+    own: Array
+    lasts_s: Array
+    gaps_s: Array
+    none: NDArray[np.bool_]
+    long_s: float
+
+    def newest(self, seconds: float) -> Changes:
+        """Return those that began no longer ago."""
+        few = slice(int(np.argmax(self.lasts_s <= seconds)), None)
+        return replace(self, pull=self.pull[few], own=self.own[few, few],
+                       lasts_s=self.lasts_s[few], gaps_s=self.gaps_s[few],
+                       none=self.none[few, few])
+
+
+def changes(times_s: Array, at: StateIndex, ways: Array, rate: float) -> Changes:
+    """
+    Return what accelerations do to the unknowns of a pass.
+
+    :param times_s: (n,) stamps, s.
+    :param at: where the unknowns are.
+    :param ways: (n - 1, n - 1) information of the ways from pair to pair, given the speeds, 1/m^2.
+    :param rate: random walk of the speed, m/s/sqrt(s).
+    """
+    gained_s, behind_s2, between_s = _gained(times_s)
+    gaps_s = np.diff(times_s)
+    walk, held = gained_s / (rate ** 2 * gaps_s), behind_s2 @ ways
+    pull = np.zeros((len(walk), at.steady))
+    s, v, mean_s = at.poses[:, 0], at.speeds, 0.5 * gaps_s
+    pull[:, v[1:]] += walk - mean_s * held
+    pull[:, v[:-1]] -= walk + mean_s * held
+    pull[:, s[1:]] += held
+    pull[:, s[:-1]] -= held
+    return Changes(pull, walk @ gained_s.T + held @ behind_s2.T, gained_s.sum(axis=1), between_s,
+                   np.tri(len(walk), dtype=bool), float(times_s[-1] - times_s[0]))
+
+
+def _gained(times_s: Array) -> tuple[Array, Array, Array]:
+    """
+    Return what an acceleration of 1 m/s^2 that begins at each of m times adds in each interval.
+
+    :return: (m, n - 1) speed, s; (m, n - 1) by how much the way exceeds that of the mean of the
+        speeds at its ends, s^2; (m,) time that each stands for, s.
+    """
+    gaps_s = np.diff(times_s)
+    parts = np.clip(np.rint(gaps_s / _PART_S), 1, _MOST_PARTS).astype(int)
+    interval = np.repeat(np.arange(len(gaps_s)), parts)
+    rows = np.arange(len(interval))
+    gone = (rows - np.repeat(np.cumsum(parts) - parts, parts)) / parts[interval]  # share of it
+    own_s = gaps_s[interval]
+    gained_s, behind_s2 = np.zeros((2, len(rows) + 1, len(gaps_s)))
+    gained_s[:-1] = np.where(np.arange(len(gaps_s)) > interval[:, None], gaps_s, 0.0)
+    gained_s[rows, interval] = (1 - gone) * own_s
+    behind_s2[rows, interval] = -0.5 * gone * (1 - gone) * np.square(own_s)
+    return gained_s, behind_s2, np.append(own_s / parts[interval], 1.0)
+
+
+def with_onsets(steady: Union[Conditioned, Moments], may: Changes, onsets: Onsets,
+                times: Union[float, Array] = 1.0) -> Moments:
+    """
+    Return what is known when a vehicle may begin to change its speed, and end to.
 
     :param steady: what is known when it does not: its speed is a Wiener process.
-    :param times_s: (n,) stamps, s.
-    :param speeds: (n,) indices of the speeds.
-    :param rate: random walk of the speed, m/s/sqrt(s).
-    :param per_s: how often it begins, 1/s.
-    :param std_mps2: 1-sigma of the acceleration from then on.
+    :param may: what that does.
+    :param onsets: how it does.
+    :param times: by which more vehicles begin to than are like this otherwise, maybe at each time.
     """
-    mean, covariance, gaps_s = steady.mean, steady.covariance, np.diff(times_s)
-    first, last = speeds[:-1], speeds[-1]
-    precision = 1 / rate ** 2
-    # What an acceleration since pair j moves: (v_last - v_j) / rate^2, of all unknowns.
-    moves = precision * (covariance[:, [last]] - covariance[:, first])  # (k, n - 1)
-    change = moves[last] - moves[first, np.arange(len(first))]
+    mean, covariance = steady.mean, steady.covariance
+    moves = may.pull @ covariance
+    told = may.pull @ mean
     # What is known of the walk lessens what it tells, to nothing at most but for rounding.
-    tells = np.maximum((times_s[-1] - times_s[:-1]) - change, 0.0)
-    known = 1 / std_mps2 ** 2 + precision * tells
-    told = precision * (mean[last] - mean[first])
+    tells = np.maximum(_between(may.own - moves @ may.pull.T), 0.0)
+    known = tells + 1 / onsets.std_mps2 ** 2
+    told = told[:, None] - told
     accelerations = told / known
-    log_share = np.log(per_s * gaps_s) - 0.5 * np.log(known * std_mps2 ** 2) \
+    begins = np.log(times * onsets.per_s * may.gaps_s) - may.lasts_s / onsets.lasts_s
+    ends = np.log(may.gaps_s / onsets.lasts_s) + may.lasts_s / onsets.lasts_s
+    ends[-1] = 0.0  # has not ended yet
+    log_share = begins[:, None] + ends - 0.5 * np.log(known * onsets.std_mps2 ** 2) \
         + 0.5 * told * accelerations
-    log_shares = np.append(log_share, 0.0) - per_s * (times_s[-1] - times_s[0])
-    greatest = float(log_shares.max())
-    shares = np.exp(log_shares - greatest)
-    total = float(shares.sum())
-    weights = shares[:-1] / total
-    shift = moves @ (weights * accelerations)
-    second = weights * (np.square(accelerations) + 1 / known)
+    log_share[may.none] = -np.inf
+    greatest = max(float(log_share.max()), 0.0)
+    shares = np.exp(log_share - greatest)
+    total = float(shares.sum()) + math.exp(-greatest)
+    weights = shares / total
+    push, square = weights * accelerations, weights * (np.square(accelerations) + 1 / known)
+    shift = (push.sum(axis=1) - push.sum(axis=0)) @ moves
+    spread = np.diag(square.sum(axis=0) + square.sum(axis=1)) - square - square.T
     return Moments(
-        mean + shift, covariance + (moves * second) @ moves.T - np.outer(shift, shift),
-        steady.log_evidence + greatest + math.log(total))
+        mean + shift, covariance + moves.T @ (spread @ moves) - np.outer(shift, shift),
+        steady.log_evidence + greatest + math.log(total) - onsets.per_s * may.long_s)
+
+
+def _between(products: Array) -> Array:
+    """Return the squares (m, m) of differences of vectors whose products (m, m) are known."""
+    own = np.diag(products)
+    return np.asarray(own[:, None] + own - products - products.T)

@@ -28,7 +28,7 @@ from .motion_prior import (
     headings, Indices, lateral_rates, motion_models, MotionModel, PassMotion, PassPrior,
     rates_by_offsets, StateIndex, walk_rate)
 from .observation import Observation, ObservationSampler
-from .onset import Moments, with_onsets
+from .onset import Changes, changes, Moments, Onsets, with_onsets
 from .photometry import (
     Equations, PassPhotometry, Photometry, scatters_px, views_agree)
 from .relief import node_variances, node_weights
@@ -42,6 +42,7 @@ _MOST_JUDGEMENTS = 3  # rounds, at most, until it is settled which observations 
 _MAX_MOVE_PX = 3.0  # a step beyond the patch's linear range is cut
 _HALF_WIDTH_M = 0.8  # lever by which a change of heading moves the edges of a front
 _ACROSS_PX = 3.0  # off its epipolar line: what tells the lag is not to tell the speed as well
+_EVEN_S = 0.3  # for which a vehicle that cruised brakes as evenly
 _NEGLIGIBLE = 1e-4  # weight of a motion model that counts for nothing in this pair
 
 
@@ -246,18 +247,36 @@ class _Hypothesis:
     :param motion: how the vehicle drives.
     :param more_px: scatter of the disparities beyond what is usual, px.
     :param share: prior probability.
+    :param onsets: share, of its own, of those who have begun to change their speed for a while.
     """
 
     motion: MotionModel
     more_px: float
     share: float
+    onsets: float
 
 
 def _hypotheses(config: TrackerConfig) -> list[_Hypothesis]:
     """Return all that may have happened."""
-    scatters = scatters_px(config.noise)
-    return [_Hypothesis(motion, more_px, motion.share * share)
-            for more_px, share in scatters for motion in motion_models(config)]
+    models = motion_models(config)
+    return [_Hypothesis(motion, more_px, motion.share * share, _onsets(motion, models))
+            for more_px, share in scatters_px(config.noise) for motion in models
+            if motion.share * share > 0]  # both may be next to nothing
+
+
+def _onsets(motion: MotionModel, models: Sequence[MotionModel]) -> float:
+    """
+    Return the share of those who have been changing their speed, of those who keep it like this.
+
+    Who brakes does not do so as evenly as who cruises: whoever has for a while is one of those
+    whose speed walks the most.
+    """
+    alike = [m for m in models if m.speed_rate_std is not None and (
+        m.changes_lanes, m.ride_std_m) == (motion.changes_lanes, motion.ride_std_m)]
+    walks = max((walk_rate(m.speed_rate_std or 0.0) for m in alike), default=math.inf)
+    if motion.speed_rate_std is None or walk_rate(motion.speed_rate_std) < walks:
+        return 0.0
+    return sum(m.share for m in alike) / motion.share
 
 
 def _with_onset_to_come(hypotheses: Sequence[_Hypothesis], weights: Array) -> Array:
@@ -274,6 +293,19 @@ def _with_onset_to_come(hypotheses: Sequence[_Hypothesis], weights: Array) -> Ar
     return np.array([
         max(float(w), changing.get((h.more_px, h.motion.changes_lanes, h.motion.ride_std_m), 0.0))
         for h, w in zip(hypotheses, weights)])
+
+
+def _of_kin(hypotheses: Sequence[_Hypothesis], weights: Array) -> Array:
+    """
+    Return the greatest weights of hypotheses and those like them but for how the speed walks.
+
+    An observation that is not yet in place looks like one who brakes, and says nothing of that.
+    """
+    greatest: dict[tuple[float, bool, float], float] = {}
+    kin = [(h.more_px, h.motion.changes_lanes, h.motion.ride_std_m) for h in hypotheses]
+    for like, weight in zip(kin, weights):
+        greatest[like] = max(greatest.get(like, 0.0), float(weight))
+    return np.array([greatest[like] for like in kin])
 
 
 @dataclass(frozen=True, eq=False)
@@ -468,7 +500,7 @@ class PhotometricWindow:
                 window, changing_lanes=float(sum(
                     w for h, w in zip(all_, weights) if h.motion.changes_lanes)),
                 more_px=math.sqrt(sum(w * h.more_px ** 2 for h, w in zip(all_, weights))))
-            all_ = [h for h, w in zip(all_, weights) if w > _NEGLIGIBLE]
+            all_ = [h for h, w in zip(all_, _of_kin(all_, weights)) if w > _NEGLIGIBLE]
             window, moved_px = self._moved(window, solution, effort)
             if moved_px <= (effort.near_px if done < effort.iterations else _FAR_PX):
                 break
@@ -514,7 +546,8 @@ class PhotometricWindow:
             _with_onset_to_come(hypotheses, normalise_log_weights(before + evidence))
             > _NEGLIGIBLE)
         some = [hypotheses[int(k)] for k in counts]
-        found = [self._with_onsets(answer, h.motion, window) for h, answer in zip(
+        may = self._changes(window, some, motion)
+        found = [self._with_onsets(answer, h, may) for h, answer in zip(
             some, self._answers(window, some, motion, said, covariances=True))]
         evidence[counts] = [answer.log_evidence for answer in found]
         weights = normalise_log_weights(before + evidence)
@@ -550,14 +583,33 @@ class PhotometricWindow:
         return [Moments(mean, covariance, float(evidence)) for mean, covariance, evidence in zip(
             found.means, around, found.log_evidence)]
 
-    def _with_onsets(self, answer: Moments, motion: MotionModel, window: _Window) -> Moments:
-        """Return an answer where a vehicle that keeps its speed may begin to change it."""
+    def _changes(self, window: _Window, hypotheses: Sequence[_Hypothesis], motion: PassMotion
+                 ) -> dict[float, Changes]:
+        """Return what changes of speed do in a pass, by the rates of those who keep it."""
         config, times_s = self.config, window.times_s
-        if not (config.onset_per_s and len(times_s) > 1 and config.onset_std_mps2) \
-                or motion.speed_rate_std is None:
+        if not (config.onset_per_s and config.onset_std_mps2 and len(times_s) > 1):
+            return {}
+        rates = {walk_rate(h.motion.speed_rate_std) for h in hypotheses
+                 if h.motion.speed_rate_std is not None}
+        return {rate: changes(times_s, window.index, motion.way_information(
+            times_s, window.state, rate), rate) for rate in rates}
+
+    def _with_onsets(self, answer: Moments, hypothesis: _Hypothesis,
+                     may: Mapping[float, Changes]) -> Moments:
+        """
+        Return an answer where a vehicle that keeps its speed may begin to change it.
+
+        :param may: what that does, by the rates of those who keep it.
+        """
+        config, rate = self.config, hypothesis.motion.speed_rate_std
+        if not may or rate is None:
             return answer
-        return with_onsets(answer, times_s, window.index.speeds, walk_rate(motion.speed_rate_std),
-                           config.onset_per_s, config.onset_std_mps2)
+        does = may[walk_rate(rate)]
+        onsets = Onsets(config.onset_per_s, config.onset_lasts_s, config.onset_std_mps2)
+        if not hypothesis.onsets:
+            return with_onsets(answer, does.newest(_EVEN_S), onsets)
+        return with_onsets(answer, does, onsets, np.where(
+            does.lasts_s > _EVEN_S, hypothesis.onsets, 1.0))
 
     def _directions(self, window: _Window) -> tuple[Array, Array, Array]:
         """

@@ -7,48 +7,86 @@ import numpy as np
 import pytest
 from scipy.special import logsumexp
 from stereo_speed.estimation.gaussian import condition, NormalEquations
-from stereo_speed.tracking.onset import with_onsets
+from stereo_speed.tracking.motion_prior import StateIndex
+from stereo_speed.tracking.onset import changes, Onsets, with_onsets
 
-TIMES_S = np.array([0.0, 0.1, 0.25, 0.3])
-RATE, PER_S, STD_MPS2 = 0.3, 0.4, 4.0
-
-
-def solved(speeds_mps, std_mps, onset=None):
-    """Return what measured speeds tell, without an onset, or with the acceleration as the last."""
-    n = len(TIMES_S)
-    prior = NormalEquations(n + (onset is not None))
-    prior.row([0], [1.0], 20.0, 5.0)
-    for k, gap_s in enumerate(np.diff(TIMES_S)):
-        if onset is not None and k >= onset:
-            prior.row([k + 1, k, n], [1.0, -1.0, -gap_s], 0.0, RATE * np.sqrt(gap_s))
-        else:
-            prior.row([k + 1, k], [1.0, -1.0], 0.0, RATE * np.sqrt(gap_s))
-    if onset is not None:
-        prior.row([n], [1.0], 0.0, STD_MPS2)
-    return condition(prior, np.eye(n) / std_mps ** 2, np.asarray(speeds_mps) / std_mps ** 2)
+TIMES_S = np.array([0.0, 0.1, 0.4, 0.45])  # the second interval is long: it has parts
+COUNT, AT = len(TIMES_S), StateIndex(len(TIMES_S))
+RATE, ONSETS = 0.3, Onsets(per_s=0.4, lasts_s=1.5, std_mps2=4.0)
+WAYS = 0.02 ** 2 * np.array([[2.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 2.0]])
 
 
-@pytest.mark.parametrize('speeds_mps', [(20.0, 20.1, 19.2, 18.8), (20.0, 20.2, 20.1, 20.1)])
+def speeds_and_ways(begins_s, ends_s):
+    """Return what an acceleration of 1 m/s^2 adds to the speeds and to the places at all times."""
+    lasted_s = np.clip(TIMES_S - begins_s, 0.0, ends_s - begins_s)
+    return lasted_s, 0.5 * lasted_s ** 2 + lasted_s * np.maximum(TIMES_S - ends_s, 0.0)
+
+
+def solved(speeds_mps, std_mps, braked_s=None):
+    """Return what places tell, without an onset, or with the acceleration as the last unknown."""
+    size, s, v = AT.steady, AT.poses[:, 0], AT.speeds
+    prior = NormalEquations(size + (braked_s is not None))
+    for k in range(size):
+        prior.row([k], [1.0], 20.0 * (k in v), 5.0 if k == v[0] else 1e3)
+    gaps_s, gained_mps, beside_m = np.diff(TIMES_S), np.zeros(3), np.zeros(3)
+    if braked_s is not None:
+        speeds, places = speeds_and_ways(*braked_s)
+        gained_mps = np.diff(speeds)
+        beside_m = np.diff(places) - gaps_s * (speeds[1:] + speeds[:-1]) / 2
+        prior.row([size], [1.0], 0.0, ONSETS.std_mps2)
+    last = np.full(3, prior.H.shape[0] - 1)
+    ones = np.ones(3)
+    prior.rows(np.column_stack([v[1:], v[:-1], last]),
+               np.column_stack([ones, -ones, -gained_mps]), RATE * np.sqrt(gaps_s))
+    prior.correlated(
+        np.column_stack([s[1:], s[:-1], v[1:], v[:-1], last]),
+        np.column_stack([ones, -ones, -gaps_s / 2, -gaps_s / 2, -beside_m]), WAYS)
+    places_m = np.append(0.0, np.cumsum(gaps_s * (speeds_mps[1:] + speeds_mps[:-1]) / 2))
+    H, right = np.zeros(size), np.zeros(size)
+    H[s], H[v] = 0.03 ** -2, std_mps ** -2
+    right[s], right[v] = places_m / 0.03 ** 2, speeds_mps / std_mps ** 2
+    return condition(prior, np.diag(H), right)
+
+
+def found(speeds_mps, std_mps, times=1.0):
+    steady = solved(np.asarray(speeds_mps), std_mps)
+    may = changes(TIMES_S, AT, np.linalg.inv(WAYS), RATE)
+    return steady, with_onsets(steady, may, ONSETS, times)
+
+
+@pytest.mark.parametrize('speeds_mps', [(20.0, 20.1, 19.2, 18.8), (20.0, 19.2, 18.6, 18.6)])
 @pytest.mark.parametrize('std_mps', [0.05, 1.0])
-def test_mixture_is_that_of_each_onset_by_itself(speeds_mps, std_mps):
-    steady = solved(speeds_mps, std_mps)
-    begun = [solved(speeds_mps, std_mps, onset) for onset in range(3)]
-    log_shares = np.log([1.0, *PER_S * np.diff(TIMES_S)]) - PER_S * TIMES_S[-1] + [
-        one.log_evidence for one in (steady, *begun)]
+@pytest.mark.parametrize('times', [1.0, 3.0])
+def test_mixture_is_that_of_each_onset_by_itself(speeds_mps, std_mps, times):
+    """At each pair and twice between two, ended at each later one of these times or not yet."""
+    steady, mixed = found(speeds_mps, std_mps, times)
+    gaps_s = np.array([0.1, 0.1, 0.1, 0.1, 0.05])
+    begins_s = TIMES_S[0] + np.append(0.0, np.cumsum(gaps_s))
+    answers, log_shares = [steady], [steady.log_evidence]
+    for i, begin_s in enumerate(begins_s[:-1]):
+        for j in range(i + 1, len(begins_s)):
+            one = solved(np.asarray(speeds_mps), std_mps, (begin_s, begins_s[j]))
+            answers.append(one)
+            log_shares.append(
+                one.log_evidence + np.log(times * ONSETS.per_s * gaps_s[i])
+                - (begins_s[j] - begin_s) / ONSETS.lasts_s
+                + (np.log(gaps_s[j] / ONSETS.lasts_s) if j < len(gaps_s) else 0.0))
+    log_shares = np.array(log_shares) - ONSETS.per_s * TIMES_S[-1]
     weights = np.exp(log_shares - logsumexp(log_shares))
-    means = np.array([one.mean[:4] for one in (steady, *begun)])
+    means = np.array([one.mean[:AT.steady] for one in answers])
     mean = weights @ means
-    covariance = sum(w * (one.covariance[:4, :4] + np.outer(m - mean, m - mean))
-                     for w, m, one in zip(weights, means, (steady, *begun)))
-    found = with_onsets(steady, TIMES_S, np.arange(4), RATE, PER_S, STD_MPS2)
-    np.testing.assert_allclose(found.mean, mean, rtol=1e-9)
-    np.testing.assert_allclose(found.covariance, covariance, rtol=1e-7, atol=1e-12)
-    assert found.log_evidence == pytest.approx(logsumexp(log_shares), abs=1e-8)
+    covariance = sum(w * (one.covariance[:AT.steady, :AT.steady] + np.outer(m - mean, m - mean))
+                     for w, m, one in zip(weights, means, answers))
+    seen = np.append(AT.poses[:, 0], AT.speeds)
+    np.testing.assert_allclose(mixed.mean[seen], mean[seen], atol=1e-6)
+    np.testing.assert_allclose(mixed.covariance[np.ix_(seen, seen)],
+                               covariance[np.ix_(seen, seen)], atol=1e-7)
+    assert mixed.log_evidence == pytest.approx(logsumexp(log_shares), abs=1e-5)
 
 
 def test_newest_speed_is_less_certain_than_without_onsets():
     """Nothing yet shows whether it has begun to brake."""
-    steady = solved((20.0,) * 4, 1.0)
-    found = with_onsets(steady, TIMES_S, np.arange(4), RATE, PER_S, STD_MPS2)
-    assert found.covariance[3, 3] > steady.covariance[3, 3] * 1.03
-    assert found.mean[3] == pytest.approx(steady.mean[3], abs=0.05)
+    steady, mixed = found((20.0,) * 4, 1.0)
+    assert mixed.covariance[AT.speeds[3], AT.speeds[3]] \
+        > steady.covariance[AT.speeds[3], AT.speeds[3]] * 1.03
+    assert mixed.mean[AT.speeds[3]] == pytest.approx(steady.mean[AT.speeds[3]], abs=0.05)

@@ -140,8 +140,12 @@ def test_hard_braking_is_followed_within_its_sigma(textured):
 
 
 @pytest.mark.parametrize('fps', [5.0, 10.0])
-def test_braking_that_has_lasted_for_a_while_is_known_to_a_twentieth(textured, fps):
-    """A steady speed until an onset seems out of the question before the onset is put in."""
+def test_braking_that_has_lasted_for_a_while_is_known_to_a_fifteenth(textured, fps):
+    """
+    A steady speed until an onset seems out of the question before the onset is put in.
+
+    Two pairs after it, 0.2 s apart, it may also have begun between pairs, or have ended again.
+    """
     began_s, until_s, braking = 0.6 if fps == 10 else 0.8, 1.2, 6.0
     times_s = np.arange(0.0, until_s + 1e-9, 1 / fps)
     braked_s = np.maximum(times_s - began_s, 0.0)
@@ -153,7 +157,7 @@ def test_braking_that_has_lasted_for_a_while_is_known_to_a_twentieth(textured, f
         window_of(textured, poses[0]), pairs, poses)]
     for speed, lost in zip(speeds, braking * braked_s):
         if lost > braking * 0.35:
-            assert abs(speed - (MPS - lost)) < lost / 20, lost
+            assert abs(speed - (MPS - lost)) < lost / 15, lost
 
 
 def ahead_by_hand(states, after_s, gap_s, lateral_mps):
