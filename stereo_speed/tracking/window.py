@@ -64,7 +64,7 @@ class _Effort:
     moved_px: float
 
 
-_LIVE = _Effort(iterations=2, most=4, near_px=0.20, moved_px=0.10)
+_LIVE = _Effort(iterations=2, most=4, near_px=0.20, moved_px=0.05)
 # From a poor guess of the newest, beside others that were solved for: it moves far, they do not.
 _REACQUIRED = _Effort(iterations=5, most=8, near_px=0.0, moved_px=0.10)
 _WHOLE_PASS = _Effort(iterations=8, most=8, near_px=0.0, moved_px=0.01)
