@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from functools import partial
 import math
-from typing import Callable, Iterable, Mapping, Optional, Sequence, Union
+from typing import Callable, Container, Iterable, Mapping, Optional, Sequence, Union
 
 import numpy as np
 
@@ -42,7 +42,7 @@ _UNSEARCHED_S = 0.3  # of stamps, at most: vehicles are in view for seconds
 _ARRIVAL_S = 0.01  # stamps made at arrival are off by some ms; more is exposures at any time
 _ODD_SIGMAS = 3.0  # of an interval that says more of stamps than is known of them
 _USUAL_S = TrackerConfig().stamp_std_s  # of stamps, which what trackers know of onsets allows for
-_APART = 2.0  # times the distance of doubles: in a dense pair none moves on by as much
+_APART = 2.0  # times the distance of doubles: what a solution changes of a place is less
 _WORSE = 1.5  # times what a track takes its stamps for: twenty intervals tell it to a fifth
 
 StartTracker = Callable[[TrackStart], Union[Tracker, Refusal]]
@@ -204,7 +204,8 @@ class SpeedPipeline:
         """
         Feed a pair to the tracks there are, and tell their readings.
 
-        Those that are not solved for come first: their readings wait for no solution.
+        Those that are not solved for come first: their readings wait for no solution.  What is
+        told is not taken back: of doubles the other one ends.
 
         :param share: number of particles of each.
         :return: what each says, in their order.
@@ -218,9 +219,9 @@ class SpeedPipeline:
             early = [u for u in self._readings(updates.values()) if self._is_apart(u)]
             readings(early)
         updates.update((t, self._update(t, pair, share)) for t in tracks if t not in updates)
-        self._drop_missing()
-        self._drop_doubles()
         told = {u.track for u in early}
+        self._drop_missing()
+        self._drop_doubles(told)
         readings([u for u in self._readings(updates[t] for t in tracks) if u.track not in told])
         return [updates[t] for t in tracks]
 
@@ -235,7 +236,7 @@ class SpeedPipeline:
         near_m = _APART * self.config.association.same_vehicle_m
         return not any(
             t.last is not None and t.tracker.track != update.track
-            and np.linalg.norm(t.last.position_m - update.position_m) < near_m
+            and np.linalg.norm(_place_m(t.last, update.stamp_ns) - update.position_m) < near_m
             for t in self._state.tracks)
 
     def _see_stamps(self) -> None:
@@ -651,15 +652,19 @@ class SpeedPipeline:
             t for t in self._state.tracks if t.confirmed or t.detection is None
             or t.tracker.ended or holds(t.last)]
 
-    def _drop_doubles(self) -> None:
+    def _drop_doubles(self, told: Container[int] = ()) -> None:
         """
         End one of two tracks that hold the same vehicle.
 
         That which does not see it ends, and the younger if both do.
+
+        :param told: numbers of tracks whose readings of this pair are told, which stay: the other
+            one was expected elsewhere.
         """
         tracks, near_m = self._state.tracks, self.config.association.same_vehicle_m
         held: list[TrackUpdate] = []
-        for track in sorted(tracks, key=lambda t: not holds(t.last)):
+        for track in sorted(tracks, key=lambda t: (t.tracker.track not in told,
+                                                   not holds(t.last))):
             if track.last is None or track.tracker.ended:
                 continue
             at = track.last.position_m
@@ -736,3 +741,9 @@ def _moved_on(update: TrackUpdate, stamp_ns: int) -> TrackUpdate:
     """Return where a vehicle is along its lane some time after it left."""
     ahead_m = update.speed_mps * (stamp_ns - update.stamp_ns) * 1e-9
     return replace(update, s_m=update.s_m + ahead_m)
+
+
+def _place_m(update: TrackUpdate, stamp_ns: int) -> Array:
+    """Return where (3,) a vehicle is at a later stamp by its speed, left optical frame, m."""
+    ahead_m = update.speed_mps * (stamp_ns - update.stamp_ns) * 1e-9
+    return update.position_m + ahead_m * update.axes[:, 0]

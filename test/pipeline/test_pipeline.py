@@ -666,6 +666,56 @@ def test_in_a_dense_pair_no_reading_waits_for_the_solution_of_another_track(dens
     assert early >= 4
 
 
+class Placed:
+    """A tracker whose vehicle goes straight on at 30 m/s, some way ahead of another."""
+
+    def __init__(self, tracker, ahead_m):
+        self._tracker, self._ahead_m, self._first_ns = tracker, ahead_m, None
+        self.track, self.hurry = tracker.track, tracker.hurry
+        self.unsolved_s, self.result = tracker.unsolved_s, tracker.result
+
+    @property
+    def ended(self):
+        return self._tracker.ended
+
+    def update(self, pair):
+        update = self._tracker.update(pair)
+        place_m = 30.0 * pair.stamp_ns * 1e-9 + self._ahead_m(pair.index)
+        return None if update is None else replace(
+            update, speed_mps=30.0, axes=np.eye(3), position_m=np.array([place_m, 0.0, 0.0]))
+
+
+@pytest.mark.parametrize('mover', [0, 1])
+@pytest.mark.parametrize('near_m', [1.4, -1.0])
+@pytest.mark.parametrize('from_m', [1.6, 50.0])
+@pytest.mark.parametrize('begins', [5, 6])  # in turns one is solved for, and one is carried on
+def test_what_is_told_of_a_pair_is_in_its_step_whatever_comes_near(
+        scene, mover, near_m, from_m, begins):
+    """From one pair on one of two tracks is near to the other, to which it crept or jumped."""
+    sequence, lanes, marks = scene
+    finder = ScriptedFinder(marks[1:], list(lanes)[1], {0})
+    finder.speed_mps = 30.0
+
+    def placed(begun):
+        def ahead_m(k):
+            return 0.0 if begun.track != mover else (
+                near_m if k >= begins else math.copysign(from_m, near_m))
+        return Placed(start(begun), ahead_m)
+    pipeline = SpeedPipeline(sequence.rig, lanes, TrackerConfig(), placed,
+                             annotations=marks[:1], detector=finder)
+    tracks = []
+    for pair in sequence.pairs:
+        told = []
+        step = pipeline.process(pair, pair.index > 1, readings=told.extend)
+        assert sorted((u.track, u.speed_mps, u.speed_std_mps) for u in told) == [
+            (u.track, u.speed_mps, u.speed_std_mps) for u in step.updates
+            if u.state is TrackState.CONFIRMED]
+        tracks.append([u.track for u in step.updates])
+    # The younger one ends: at once where that could be foreseen, else with the pair after.
+    assert tracks[begins - 1] == [0, 1] and tracks[begins + 1] == [0]
+    assert tracks[begins] == [0] or from_m > 3.0
+
+
 def test_what_is_found_in_a_dense_pair_is_followed_from_it_on_with_the_next(dense):
     sequence, _, marks = dense
     pipeline, finder = automatic(dense, marks[:1], {1})
