@@ -17,7 +17,8 @@ import numpy as np
 
 from .conclusions import AtOnce, Conclusions
 from .pass_end import PassEnd
-from .track import holds, start_of, Track, with_stamps
+from .time_doubt import TimeDoubt
+from .track import holds, is_sure, start_of, Track, with_stamps
 from .turns import take_turns
 from ..classification.size import VehicleSize
 from ..core.config import TrackerConfig
@@ -39,9 +40,6 @@ from ..tracking.lane_assigner import LaneAssigner
 from ..tracking.protocol import Refusal, SharesParticles, Tracker, TrackStart
 
 _UNSEARCHED_S = 0.3  # of stamps, at most: vehicles are in view for seconds
-_ARRIVAL_S = 0.01  # stamps made at arrival are off by some ms; more is exposures at any time
-_ODD_SIGMAS = 3.0  # of an interval that says more of stamps than is known of them
-_USUAL_S = TrackerConfig().stamp_std_s  # of stamps, which what trackers know of onsets allows for
 _APART = 2.0  # times the distance of doubles: what a solution changes of a place is less
 _WORSE = 1.5  # times what a track takes its stamps for: twenty intervals tell it to a fifth
 
@@ -241,15 +239,16 @@ class SpeedPipeline:
 
     def _see_stamps(self) -> None:
         """Have the tracks take in how uneven the stamps are."""
-        config = self.config
-        uneven_s = self.stamp_watch.unevenness_s(config.uneven_stamp_sigmas * config.stamp_std_s)
-        if uneven_s is not None:
-            uneven_s = min(uneven_s, max(_ARRIVAL_S, config.stamp_std_s))
-        self.uneven_stamps_s = uneven_s
+        self.uneven_stamps_s = uneven_s = self._times.uneven_s()
         for track in self._state.tracks:
             if uneven_s is not None and uneven_s > _WORSE * (
-                    track.stamp_std_s or config.stamp_std_s):
+                    track.stamp_std_s or self.config.stamp_std_s):
                 track.see_stamps(uneven_s)
+
+    @property
+    def _times(self) -> TimeDoubt:
+        """Return the doubt of its times as they are known now."""
+        return TimeDoubt(self.config, self.stamp_watch, self.view_lag)
 
     def _see_drift(self) -> None:
         """Have the tracks take in how far the right camera is taken to have turned."""
@@ -260,7 +259,8 @@ class SpeedPipeline:
     def _told(self, updates: Iterable[Optional[TrackUpdate]]) -> list[TrackUpdate]:
         """Return the updates of tracks that there are, with the doubt of their times and rig."""
         tracks = {track.tracker.track: track for track in self._state.tracks}
-        told = [self._timed(u, tracks[u.track]) for u in updates
+        times = self._times
+        told = [times.told(u, tracks[u.track]) for u in updates
                 if u is not None and u.track in tracks]
         if self.steadier is None:
             return told
@@ -415,7 +415,7 @@ class SpeedPipeline:
         if track.doubted:
             update = update.unconfirmed()
         track.confirmed |= update.state is TrackState.CONFIRMED
-        if not self._is_sure(update):
+        if not is_sure(update, self.config.visibility):
             update = update.unconfirmed()
         track.last = track.lanes.place(update)
         track.trace.add(pair, particles, track.last, hurried=hurried,
@@ -434,59 +434,6 @@ class SpeedPipeline:
         """Return the time between two solutions of a track, which share the effort there is."""
         return self.config.effort.solve_interval_s * (
             self.config.particles / self._share(max(len(self._state.tracks), 1)))
-
-    def _is_sure(self, update: TrackUpdate) -> bool:
-        """Return whether the speed of a vehicle is known well enough to be a reading."""
-        limits = self.config.visibility
-        return update.speed_std_mps <= max(
-            limits.reading_std_mps, limits.reading_std_share * abs(update.speed_mps))
-
-    def _timed(self, update: TrackUpdate, track: Track) -> TrackUpdate:
-        """
-        Return what a track says with the doubt of its times in its 1-sigma.
-
-        After a step of the clock there is no telling, nor where a tracker takes no notice that
-        its stamps are uneven.
-        """
-        if track.clock_stepped or track.unaware:
-            return update.unconfirmed()
-        share = math.hypot(self._odd_share(track), self._hidden_share(track, update))
-        if self.view_lag.concerned:
-            share = math.hypot(share, self._lag_share(track, update))
-        if not share:
-            return update
-        update = update.doubted(share)
-        return update if self._is_sure(update) else update.unconfirmed()
-
-    def _hidden_share(self, track: Track, update: TrackUpdate) -> float:
-        """
-        Return the 1-sigma of a track's speed, as a share, by changes that uneven stamps hide.
-
-        Of an acceleration that has begun or ended nothing shows until its way, a t^2 / 2, is more
-        than the way by which the stamps of an interval may be wrong, more than stamps usually are.
-        """
-        known_s = track.stamp_std_s or self.config.stamp_std_s
-        late_s = math.sqrt(2.0 * max(known_s**2 - _USUAL_S**2, 0.0))
-        onset_mps2, way_m = self.config.onset_std_mps2, abs(update.speed_mps) * late_s
-        if not (way_m and onset_mps2):
-            return 0.0
-        hidden_s = math.sqrt(2.0 * way_m / onset_mps2)
-        likely = min(self.config.onset_per_s * hidden_s, 1.0)
-        return math.sqrt(likely) * onset_mps2 * hidden_s / abs(update.speed_mps)
-
-    def _odd_share(self, track: Track) -> float:
-        """Return the 1-sigma of a track's speed, as a share, by stamps it does not doubt yet."""
-        config = self.config
-        known_s = track.stamp_std_s or config.stamp_std_s
-        if known_s >= _ARRIVAL_S:  # whatever there is, or exposures at any time
-            return 0.0
-        odd_s = math.sqrt(2.0) * max(_ODD_SIGMAS, config.uneven_stamp_sigmas) * known_s
-        return self.stamp_watch.odd_share(
-            odd_s, _ARRIVAL_S, config.effort.solve_interval_s)
-
-    def _lag_share(self, track: Track, update: TrackUpdate) -> float:
-        """Return the 1-sigma of a track's speed by the time between the views, as a share."""
-        return self.view_lag.share(update, self.view_lag.changes_s - track.lag_changes_s)
 
     def _is_doubtful(self, track: Track, update: TrackUpdate) -> bool:
         """
@@ -727,7 +674,7 @@ class SpeedPipeline:
 
         :param reason: why it is rejected whatever comes out; None where it is not.
         """
-        lag_share = 0.0 if track.last is None else self._lag_share(track, track.last)
+        lag_share = 0.0 if track.last is None else self._times.lag_share(track, track.last)
         rig_shares = {} if self.steadier is None else self._doubt.shares(
             self.steadier, track.drift_change_rad)
         self._concluding.add(track.tracker.track)

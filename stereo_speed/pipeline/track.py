@@ -11,7 +11,7 @@ from typing import Optional
 import numpy as np
 
 from ..classification.size import VehicleSize
-from ..core.config import TrackerConfig
+from ..core.config import TrackerConfig, VisibilityConfig
 from ..core.passes import TrackEnd
 from ..core.records import Array, StereoPair, TrackState, TrackUpdate
 from ..core.trace import PassTrace, TraceBuilder
@@ -136,3 +136,9 @@ def with_stamps(config: TrackerConfig, trace: PassTrace) -> TrackerConfig:
 def holds(update: Optional[TrackUpdate]) -> bool:
     """Return whether a track saw its vehicle in a pair."""
     return update is not None and update.state is not TrackState.COASTING
+
+
+def is_sure(update: TrackUpdate, limits: VisibilityConfig) -> bool:
+    """Return whether the speed of a vehicle is known well enough to be a reading."""
+    return update.speed_std_mps <= max(
+        limits.reading_std_mps, limits.reading_std_share * abs(update.speed_mps))
