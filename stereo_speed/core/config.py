@@ -121,7 +121,7 @@ class NoiseConfig(CheckedRecord):
         2.5, 0.5, 10.0, 'px', 'greatest 1-sigma of a blur that one view has more than the other')
     blur_doubt: float = parameter(
         0.3, 0.0, 3.0, '', 'share of what such blurs change a pass by that counts as a 1-sigma, '
-        'as errors of passes out of focus show it; 0 for none')
+        'fitted to the errors of passes out of focus; 0 for none')
     start_std_px: float = parameter(
         0.15, 0.01, 5.0, 'px', '1-sigma of the first particles in depth, as disparity')
 

@@ -25,8 +25,9 @@ from .likelihood import Reference, score
 from .motion_prior import PassPrior
 from .observation import ObservationSampler
 from .pass_result import calibration_share, conclude, live_std, Pass
+from .posterior import Posterior
 from .protocol import MOST_TIMES, OCCLUDED_TIMES, OLD_S, Refusal, TrackStart
-from .window import PhotometricWindow, Posterior
+from .window import PhotometricWindow
 from ..core.config import NoParameters, TrackerConfig
 from ..core.passes import PassResult, TrackEnd
 from ..core.records import Array, StereoPair, TrackState, TrackUpdate

@@ -25,7 +25,7 @@ from ..core.records import Array
 from ..estimation.gaussian import Conditioned
 
 _PART_S = 0.1  # in which times are taken as one: half of it at 6 m/s^2 is less than 1 cm
-_MOST_PARTS = 4  # of an interval, as when a vehicle was out of sight
+_MOST_PARTS = 4  # of an interval out of sight: pairs of times, and so the cost, grow as the square
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,14 +132,14 @@ def _gained(times_s: Array) -> tuple[Array, Array, Array]:
 
 
 def with_onsets(steady: Union[Conditioned, Moments], may: Changes, onsets: Onsets,
-                times: Union[float, Array] = 1.0) -> Moments:
+                rate_factor: Union[float, Array] = 1.0) -> Moments:
     """
     Return what is known when a vehicle may begin to change its speed, and end to.
 
     :param steady: what is known when it does not: its speed is a Wiener process.
     :param may: what that does.
     :param onsets: how it does.
-    :param times: by which more vehicles begin to than are like this otherwise, maybe at each time.
+    :param rate_factor: of how often they do, where others are counted to these; maybe (m,).
     """
     mean, covariance = steady.mean, steady.covariance
     moves = may.pull @ covariance
@@ -149,7 +149,7 @@ def with_onsets(steady: Union[Conditioned, Moments], may: Changes, onsets: Onset
     known = tells + 1 / onsets.std_mps2 ** 2
     told = told[:, None] - told
     accelerations = told / known
-    begins = np.log(times * onsets.per_s * may.gaps_s) - may.lasts_s / onsets.lasts_s
+    begins = np.log(rate_factor * onsets.per_s * may.gaps_s) - may.lasts_s / onsets.lasts_s
     ends = np.log(may.gaps_s / onsets.lasts_s) + may.lasts_s / onsets.lasts_s
     ends[-1] = 0.0  # has not ended yet
     log_share = begins[:, None] + ends - 0.5 * np.log(known * onsets.std_mps2 ** 2) \

@@ -14,7 +14,7 @@ from typing import Optional, Sequence
 
 import numpy as np
 
-from .window import Posterior, SolvedPass
+from .posterior import Posterior, SolvedPass
 from ..core.config import TrackerConfig
 from ..core.passes import PassResult, Reason, SpeedBudget, TrackEnd, Verdict
 from ..core.records import Array

@@ -25,7 +25,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 import math
-from typing import Optional, Sequence
+from typing import Callable, Optional, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -181,6 +181,9 @@ def scatters_px(noise: NoiseConfig) -> list[tuple[float, float]]:
     return [(float(px), float(w)) for px, w in zip(more_px, weights) if w > 0]
 
 
+_Agree = Callable[[Columns, NDArray[np.int64], Array, NoiseConfig, float], TemporalTerms]
+
+
 class PassPhotometry:
     """
     Turns the observations of a pass into normal equations.
@@ -207,12 +210,23 @@ class PassPhotometry:
         :param rates_per_s: (n, n) rates of a by all a, 1/s, where views are exposed apart; None
             where none are.
         """
-        n, m = len(observations), len(self.basis)
-        counts = np.ones(n, dtype=bool) if counts is None else counts
-        apart = rates_per_s is not None
-        k = 6 if apart else 3
+        counts = np.ones(len(observations), dtype=bool) if counts is None else counts
+        if rates_per_s is None:
+            return self._equations(observations, self._table, _temporal, counts, more_px)
+        return self._equations(
+            observations, self._table_apart, _apart_temporal, counts, more_px).apart(rates_per_s)
+
+    def _equations(self, observations: Sequence[Observation], of: ObservationTable,
+                   agree: _Agree, counts: NDArray[np.bool_], more_px: float) -> Photometry:
+        """
+        Return the normal equations of what is unknown of each observation.
+
+        :param of: table of views of one exposure, or of those exposed apart.
+        :param agree: how such observations agree with their texture.
+        """
+        table, rows = of.take(observations)
+        m, (n, k) = len(self.basis), table.pose[rows].shape
         H, g = np.zeros((k * n + m, k * n + m)), np.zeros(k * n + m)
-        table, rows = (self._table_apart if apart else self._table).take(observations)
         poses, nodes = slice(0, k * n), slice(k * n, None)
         count = counts.astype(float)
         blocks, mixed = count[:, None, None] * table.poses[rows], table.mixed[rows]
@@ -226,15 +240,14 @@ class PassPhotometry:
         along = np.zeros((n, k * n + m))
         along[np.arange(n)[:, None], np.arange(k * n).reshape(n, k)] = blocks[:, 0]
         along[:, nodes] = mixed[:, 0]
-        texture = self._add_temporal_terms(table, rows, counts, H, g, more_px)
+        texture = self._add_temporal_terms(agree, table, rows, counts, H, g, more_px)
         H[nodes, poses] = H[poses, nodes].T
         at_poses = np.concatenate([table.pose[rows].ravel(), np.zeros(m)])
-        found = Photometry(
+        return Photometry(
             H, g + H @ at_poses, along, right[:, 0] + along @ at_poses, blocks[:, 0, 0],
             table.disparity_px[rows], table.across[rows], texture, self.limits)
-        return found if rates_per_s is None else found.apart(rates_per_s)
 
-    def _add_temporal_terms(self, table: Columns, rows: NDArray[np.int64],
+    def _add_temporal_terms(self, agree: _Agree, table: Columns, rows: NDArray[np.int64],
                             counts: NDArray[np.bool_], H: Array, g: Array, more_px: float
                             ) -> Array:
         """
@@ -250,7 +263,6 @@ class PassPhotometry:
         if n < 2 or not pixels.any():
             return ncc
         # The texture is eliminated: what all observations would have in common says nothing.
-        agree = _apart_temporal if table.pose.shape[1] > 3 else _temporal
         terms = agree(table, rows, pixels, noise, texture_floor_px)
         poses, nodes = slice(0, len(terms.right)), slice(len(terms.right), None)
         H[poses, poses] -= terms.shared @ terms.shared.T

@@ -23,14 +23,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
+from .blur_doubt import doubt_of_blur
+from .hypotheses import hypotheses_of, Hypothesis, of_kin, PassOnsets, with_onset_to_come
 from .motion_answers import answers
 from .motion_prior import (
-    headings, Indices, lateral_rates, motion_models, MotionModel, PassMotion, PassPrior,
-    rates_by_offsets, StateIndex, walk_rate)
+    headings, Indices, lateral_rates, PassMotion, PassPrior, rates_by_offsets, StateIndex)
 from .observation import Observation, ObservationSampler
-from .onset import Changes, changes, Moments, Onsets, with_onsets
-from .photometry import (
-    Equations, PassPhotometry, Photometry, scatters_px, views_agree)
+from .onset import Moments
+from .photometry import Equations, PassPhotometry, Photometry, views_agree
+from .posterior import Posterior, SolvedPass
 from .relief import node_variances, node_weights
 from .sharpness import equal_blurs_px, trial_blurs_px
 from ..core.config import TrackerConfig
@@ -41,8 +42,9 @@ _FAR_PX = 0.5  # while observations move this far there are more iterations
 _MOST_JUDGEMENTS = 3  # rounds, at most, until it is settled which observations are occluded
 _MAX_MOVE_PX = 3.0  # a step beyond the patch's linear range is cut
 _HALF_WIDTH_M = 0.8  # lever by which a change of heading moves the edges of a front
-_ACROSS_PX = 3.0  # off its epipolar line: what tells the lag is not to tell the speed as well
-_EVEN_S = 0.3  # for which a vehicle that cruised brakes as evenly
+# How far a right view may be off its epipolar line: by more than any calibration leaves, so that
+# this tells nothing of the speed (`steadying.view_lag` has the lag from it).
+_ACROSS_PX = 3.0
 _NEGLIGIBLE = 1e-4  # weight of a motion model that counts for nothing in this pair
 
 
@@ -68,94 +70,6 @@ _LIVE = _Effort(iterations=2, most=4, near_px=0.20, moved_px=0.05)
 # From a poor guess of the newest, beside others that were solved for: it moves far, they do not.
 _REACQUIRED = _Effort(iterations=5, most=8, near_px=0.0, moved_px=0.10)
 _WHOLE_PASS = _Effort(iterations=8, most=8, near_px=0.0, moved_px=0.01)
-
-
-@dataclass(frozen=True, eq=False)
-class Posterior:
-    """
-    Gaussian posterior of a whole pass.
-
-    :param first_ns: stamp of the first pair, ns.
-    :param stamps_s: (n,) time of each pair since the first, s.
-    :param mean: (n, 4) s, a, b in m and the speed along the path in m/s.
-    :param covariance: (4 n, 4 n) of the rows of ``mean`` in order.
-    :param lateral_mps: (n,) rates at which the front moves across the path, m/s.
-    :param heading_rad: (n,) headings against the path.
-    :param path_scale: (n,) metres that the front travels per metre of the path.
-    :param cross_ncc: (n,) left-right NCC of each observation.
-    :param unoccluded: (n,) whether the observation shows the whole front; others do not count.
-    :param seen: (n,) whether it shows the vehicle at all.
-    :param speed_rate_std: random walk of the speed, r.m.s. of those of the motion models by their
-        weights, m/s/sqrt(s).
-    """
-
-    first_ns: int
-    stamps_s: Array
-    mean: Array
-    covariance: Array
-    lateral_mps: Array
-    heading_rad: Array
-    path_scale: Array
-    cross_ncc: Array
-    unoccluded: NDArray[np.bool_]
-    seen: NDArray[np.bool_]
-    speed_rate_std: float
-
-    def at(self, k: int) -> tuple[Array, Array]:
-        """Return the mean (4,) and the covariance (4, 4) of pair ``k``."""
-        n = range(len(self.mean))[k]
-        block = slice(4 * n, 4 * n + 4)
-        return self.mean[n], self.covariance[block, block]
-
-    def ahead(self, after_s: float, config: TrackerConfig) -> tuple[Array, Array]:
-        """
-        Return the mean (4,) and the covariance (4, 4) some time after the newest pair.
-
-        The vehicle goes on as it does from the last pair but one to the last: it may brake.  What
-        it may do otherwise is the random walk of its speed and its drift (eq. 24, 27).
-
-        :param after_s: time since the newest of two pairs or more, s.
-        :param config: rates of the random walks.
-        """
-        share = after_s / float(self.stamps_s[-1] - self.stamps_s[-2])
-        goes: Array = np.zeros((4, 8))  # by the last two states
-        goes[:, 4:] = np.eye(4)
-        goes[0, [3, 7]] = after_s * np.array([-0.5 * share, 1 + 0.5 * share])
-        goes[3, [3, 7]] = -share, 1 + share
-        mean = goes @ self.mean[-2:].ravel()
-        mean[1] += after_s * self.lateral_mps[-1]
-        walk = self.speed_rate_std ** 2 * after_s
-        strays = np.diag([walk * after_s ** 2 / 3, config.drift_across_std_m ** 2 * after_s,
-                          config.drift_up_std_m ** 2 * after_s, walk])
-        strays[0, 3] = strays[3, 0] = walk * after_s / 2
-        return mean, goes @ self.covariance[-8:, -8:] @ goes.T + strays
-
-    def ground_speeds(self) -> Array:
-        """Return the speeds (n,) over ground, m/s."""
-        along = self.mean[:, 3] * self.path_scale
-        return np.asarray(np.copysign(np.hypot(along, self.lateral_mps), along))
-
-    def ground_ratio(self) -> Array:
-        """Return the ground speeds (n,) per speed along the path, which carry over its sigma."""
-        along = self.mean[:, 3]
-        return np.asarray(self.ground_speeds() / np.where(along == 0, 1.0, along))
-
-
-@dataclass(frozen=True, eq=False)
-class SolvedPass:
-    """
-    A pass solved from all its keyframes.
-
-    :param posterior: of all of them.
-    :param occluded_ns: stamps of those that show the front occluded in part.
-    :param exact_stamps: (n, n) covariance of the speeds, were the stamps exact.
-    :param exact_path: (n, n) the same, were the path's heading exact as well.
-    """
-
-    posterior: Posterior
-    occluded_ns: frozenset[int]
-    exact_stamps: Array
-    exact_path: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -239,75 +153,6 @@ class _Window:
             pair.stamp_ns for pair, counts in zip(self.pairs, unoccluded) if not counts))
 
 
-@dataclass(frozen=True)
-class _Hypothesis:
-    """
-    What may have happened in a pass.
-
-    :param motion: how the vehicle drives.
-    :param more_px: scatter of the disparities beyond what is usual, px.
-    :param share: prior probability.
-    :param onsets: share, of its own, of those who have begun to change their speed for a while.
-    """
-
-    motion: MotionModel
-    more_px: float
-    share: float
-    onsets: float
-
-
-def _hypotheses(config: TrackerConfig) -> list[_Hypothesis]:
-    """Return all that may have happened."""
-    models = motion_models(config)
-    return [_Hypothesis(motion, more_px, motion.share * share, _onsets(motion, models))
-            for more_px, share in scatters_px(config.noise) for motion in models
-            if motion.share * share > 0]  # both may be next to nothing
-
-
-def _onsets(motion: MotionModel, models: Sequence[MotionModel]) -> float:
-    """
-    Return the share of those who have been changing their speed, of those who keep it like this.
-
-    Who brakes does not do so as evenly as who cruises: whoever has for a while is one of those
-    whose speed walks the most.
-    """
-    alike = [m for m in models if m.speed_rate_std is not None and (
-        m.changes_lanes, m.ride_std_m) == (motion.changes_lanes, motion.ride_std_m)]
-    walks = max((walk_rate(m.speed_rate_std or 0.0) for m in alike), default=math.inf)
-    if motion.speed_rate_std is None or walk_rate(motion.speed_rate_std) < walks:
-        return 0.0
-    return sum(m.share for m in alike) / motion.share
-
-
-def _with_onset_to_come(hypotheses: Sequence[_Hypothesis], weights: Array) -> Array:
-    """
-    Return the greatest weights that hypotheses may have once their onsets are put in.
-
-    A vehicle that keeps its speed until it brakes is explained about as well as one that changes
-    its speed all the time, and before its onset is known not at all.
-
-    :param weights: of the hypotheses before that.
-    """
-    changing = {(h.more_px, h.motion.changes_lanes, h.motion.ride_std_m): float(w)
-                for h, w in zip(hypotheses, weights) if h.motion.speed_rate_std is None}
-    return np.array([
-        max(float(w), changing.get((h.more_px, h.motion.changes_lanes, h.motion.ride_std_m), 0.0))
-        for h, w in zip(hypotheses, weights)])
-
-
-def _of_kin(hypotheses: Sequence[_Hypothesis], weights: Array) -> Array:
-    """
-    Return the greatest weights of hypotheses and those like them but for how the speed walks.
-
-    An observation that is not yet in place looks like one who brakes, and says nothing of that.
-    """
-    greatest: dict[tuple[float, bool, float], float] = {}
-    kin = [(h.more_px, h.motion.changes_lanes, h.motion.ride_std_m) for h in hypotheses]
-    for like, weight in zip(kin, weights):
-        greatest[like] = max(greatest.get(like, 0.0), float(weight))
-    return np.array([greatest[like] for like in kin])
-
-
 @dataclass(frozen=True, eq=False)
 class _Solution:
     """
@@ -353,7 +198,7 @@ class PhotometricWindow:
         nodes = sampler.relief_basis.shape[1]
         self.motion = PassMotion(prior, config, config.stamp_std_s)
         self.exact_motion = PassMotion(prior, config, 0.0)
-        self.hypotheses = _hypotheses(config)
+        self.hypotheses = hypotheses_of(config)
         self._window = _Window((), np.zeros((0, 4)), np.zeros(nodes), np.ones(nodes))
         self._agreement: Array = np.zeros(0)  # left-right NCC of what was solved for last
 
@@ -449,33 +294,38 @@ class PhotometricWindow:
             _given_heading(covariance, at) + of_speeds)
 
     def _doubt_of_blur(self, window: _Window, posterior: Posterior) -> Array:
-        """
-        Return what views made equally sharp add to the covariance (4 n, 4 n) of a pass.
+        """Return what views made equally sharp add to the covariance (4 n, 4 n) of a pass."""
+        share = self.config.noise.blur_doubt
+        samplers = self.sampler.less_blurred() if share else []
+        return doubt_of_blur(posterior, [self._sampled_by(sampler, window)
+                                         for sampler in samplers],
+                             share, self.motion.prior.speed_std_mps)
 
-        What a lens out of focus makes of a front, of lamps that clip first of all, is no blur of
-        what a sharp one shows: states with less of it are as far off as these may be.
-        """
-        doubt = np.zeros_like(posterior.covariance)
-        for sampler in self.sampler.less_blurred():
-            other = PhotometricWindow(sampler, self.motion.prior, self.config)
-            other.motion = self.motion
-            seen = other._seen_anew(window)
-            if seen is not None:
-                change = (other._refined(seen, _WHOLE_PASS)[1].mean - posterior.mean).ravel()
-                doubt += np.outer(change, change)
-        return self.config.noise.blur_doubt ** 2 * doubt
+    def _sampled_by(self, sampler: ObservationSampler, window: _Window) -> Optional[Posterior]:
+        """Return the pass as another sampler shows it; None where it cannot be solved."""
+        other = PhotometricWindow(sampler, self.motion.prior, self.config)
+        other.motion = self.motion
+        seen = other._seen_anew(window)
+        if seen is None or not seen.counts().any():
+            return None
+        try:
+            return other._refined(seen, _WHOLE_PASS)[1]
+        except np.linalg.LinAlgError:
+            return None
 
     def _seen_anew(self, window: _Window) -> Optional[_Window]:
-        """Return a window with all its observations made anew where they are; None if not."""
+        """
+        Return a window with its observations made anew where they are, less those not seen there.
+
+        None where the first is not, of which the prior is.
+        """
         rates, _, heading = self._directions(window)
         seen = [self.sampler.observe(
             k.pair, k.observation.pose, np.array([state[3], rate, 0.0]), float(psi), window.relief)
             for k, state, rate, psi in zip(window.keyframes, window.state, rates, heading)]
-        observations = [o for o in seen if o is not None]
-        if len(observations) < len(seen):
-            return None
-        return replace(window, keyframes=tuple(
-            _Keyframe(k.pair, o) for k, o in zip(window.keyframes, observations)))
+        return None if seen[0] is None else replace(
+            window, state=window.state[[o is not None for o in seen]], keyframes=tuple(
+                _Keyframe(k.pair, o) for k, o in zip(window.keyframes, seen) if o is not None))
 
     def _recalled(self, window: _Window) -> _Window:
         """Return a window with the inactive pairs active, where the others say the front was."""
@@ -492,7 +342,7 @@ class PhotometricWindow:
 
     def _refined(self, window: _Window, effort: _Effort) -> tuple[_Window, Posterior]:
         """Iterate Gauss-Newton; observations are made again only where their pose has moved."""
-        all_: Sequence[_Hypothesis] = self.hypotheses
+        all_: Sequence[Hypothesis] = self.hypotheses
         for done in range(1, effort.most + 1):
             solution = self._solve(window, all_, self.motion)
             weights = solution.weights
@@ -500,7 +350,7 @@ class PhotometricWindow:
                 window, changing_lanes=float(sum(
                     w for h, w in zip(all_, weights) if h.motion.changes_lanes)),
                 more_px=math.sqrt(sum(w * h.more_px ** 2 for h, w in zip(all_, weights))))
-            all_ = [h for h, w in zip(all_, _of_kin(all_, weights)) if w > _NEGLIGIBLE]
+            all_ = [h for h, w in zip(all_, of_kin(all_, weights)) if w > _NEGLIGIBLE]
             window, moved_px = self._moved(window, solution, effort)
             if moved_px <= (effort.near_px if done < effort.iterations else _FAR_PX):
                 break
@@ -521,7 +371,7 @@ class PhotometricWindow:
             solution.covariance[np.ix_(order, order)], rates, heading, path_scale,
             seen.cross_ncc, seen.unoccluded, seen.seen, solution.speed_rate_std)
 
-    def _solve(self, window: _Window, hypotheses: Sequence[_Hypothesis], motion: PassMotion
+    def _solve(self, window: _Window, hypotheses: Sequence[Hypothesis], motion: PassMotion
                ) -> _Solution:
         """
         Solve for poses, speeds, accelerations and heading error at the present observations.
@@ -543,11 +393,11 @@ class PhotometricWindow:
         evidence = np.array([a.log_evidence for a in self._answers(
             window, hypotheses, motion, said, covariances=False)])
         counts = np.flatnonzero(
-            _with_onset_to_come(hypotheses, normalise_log_weights(before + evidence))
+            with_onset_to_come(hypotheses, normalise_log_weights(before + evidence))
             > _NEGLIGIBLE)
         some = [hypotheses[int(k)] for k in counts]
-        may = self._changes(window, some, motion)
-        found = [self._with_onsets(answer, h, may) for h, answer in zip(
+        with_onsets = PassOnsets(self.config, motion, window.times_s, window.state, some)
+        found = [with_onsets(answer, h) for h, answer in zip(
             some, self._answers(window, some, motion, said, covariances=True))]
         evidence[counts] = [answer.log_evidence for answer in found]
         weights = normalise_log_weights(before + evidence)
@@ -566,7 +416,7 @@ class PhotometricWindow:
         return _Solution(
             mean, relief, np.square(relief) + strays, weights, likely, seen, rate)
 
-    def _answers(self, window: _Window, hypotheses: Sequence[_Hypothesis], motion: PassMotion,
+    def _answers(self, window: _Window, hypotheses: Sequence[Hypothesis], motion: PassMotion,
                  said: Mapping[float, _PoseEquations], *, covariances: bool) -> list[Moments]:
         """
         Return the answers of hypotheses, as they are listed.
@@ -582,34 +432,6 @@ class PhotometricWindow:
         around = found.covariances if covariances else np.zeros((len(hypotheses), 0, 0))
         return [Moments(mean, covariance, float(evidence)) for mean, covariance, evidence in zip(
             found.means, around, found.log_evidence)]
-
-    def _changes(self, window: _Window, hypotheses: Sequence[_Hypothesis], motion: PassMotion
-                 ) -> dict[float, Changes]:
-        """Return what changes of speed do in a pass, by the rates of those who keep it."""
-        config, times_s = self.config, window.times_s
-        if not (config.onset_per_s and config.onset_std_mps2 and len(times_s) > 1):
-            return {}
-        rates = {walk_rate(h.motion.speed_rate_std) for h in hypotheses
-                 if h.motion.speed_rate_std is not None}
-        return {rate: changes(times_s, window.index, motion.way_information(
-            times_s, window.state, rate), rate) for rate in rates}
-
-    def _with_onsets(self, answer: Moments, hypothesis: _Hypothesis,
-                     may: Mapping[float, Changes]) -> Moments:
-        """
-        Return an answer where a vehicle that keeps its speed may begin to change it.
-
-        :param may: what that does, by the rates of those who keep it.
-        """
-        config, rate = self.config, hypothesis.motion.speed_rate_std
-        if not may or rate is None:
-            return answer
-        does = may[walk_rate(rate)]
-        onsets = Onsets(config.onset_per_s, config.onset_lasts_s, config.onset_std_mps2)
-        if not hypothesis.onsets:
-            return with_onsets(answer, does.newest(_EVEN_S), onsets)
-        return with_onsets(answer, does, onsets, np.where(
-            does.lasts_s > _EVEN_S, hypothesis.onsets, 1.0))
 
     def _directions(self, window: _Window) -> tuple[Array, Array, Array]:
         """
@@ -646,11 +468,14 @@ class PhotometricWindow:
         # Where only some nodes have moved, most samples have not.
         reshaped = np.sqrt(np.square(
             window.relief - np.array([o.relief for o in seen])).mean(axis=1))
-        gone_m = np.abs(state[:, 3] * [pair.right_lag_s for pair in window.pairs]
-                        - [o.right_m for o in seen])
+        # By the way between exposures the front moves in the right view, along and across.
+        gone_m = np.abs([pair.right_lag_s for pair in window.pairs] * (
+            np.stack([state[:, 3], rates]) - np.transpose([o.velocity_mps[:2] for o in seen])))
         per_m = np.array([o.shift_px for o in seen])  # (n, 2, 3)
         px = np.maximum(np.abs(per_m * changes[:, None]).max(axis=(1, 2)),
-                        per_m[..., 0].max(axis=1) * (_HALF_WIDTH_M * turned + reshaped + gone_m))
+                        per_m[..., 0].max(axis=1) * (
+                            _HALF_WIDTH_M * turned + reshaped + gone_m[0])
+                        + per_m[:, 1, 1] * gone_m[1])
         keyframes, moved_px = list(window.keyframes), 0.0
         for k in np.flatnonzero(px > effort.moved_px):
             old = keyframes[k]

@@ -13,6 +13,7 @@ from stereo_speed.core.config import (
 from stereo_speed.core.errors import InputError
 from stereo_speed.core.passes import TrackEnd, Verdict
 from stereo_speed.core.records import TrackState
+from stereo_speed.core.units import MPH_MPS
 from stereo_speed.lab.sim.config import straight_config
 from stereo_speed.lab.sim.sequence import simulate
 from stereo_speed.pipeline.assembly import make_pipeline
@@ -535,15 +536,49 @@ def test_who_stops_braking_at_once_is_read_within_4_sigma(prepare, lag_s, seed, 
     by cameras exposed apart: the right view shows them some 90 cm further on.  Where that was
     taken from the speed, and not solved for with it, they were up to 4.9 and 8.2 sigmas off.
     """
-    start = straight_config('50 mph', right_delay_s=lag_s, drop=(2, 6) if seed == 3 else ())
+    readings = braked(prepare, knots, seed, lag_s, drop=(2, 6) if seed == 3 else ())
+    after = [sigmas for time_s, sigmas, _ in readings if time_s > knots[1][0]]
+    assert len(after) >= 4 and np.abs(after).max() < 4.0
+
+
+def braked(prepare, knots, seed, lag_s=0.0, drop=()):
+    """Return the readings of a vehicle: time, s, and error in sigmas and mph."""
+    start = straight_config('50 mph', right_delay_s=lag_s, drop=drop)
     vehicle = replace(start.vehicles[0], speed_knots=knots)
     sequence = simulate(replace(start, vehicles=(vehicle,)), np.random.default_rng(seed))
     lanes, fronts = prepare(sequence)
+    first_ns = sequence.pairs[0].stamp_ns
     truth = {row['stamp_ns']: row['speed'] for row in sequence.truth}
     tracker = ConstrainedTracker.start(TrackStart(
         rig=sequence.rig, lane=lanes['lane_0'], config=TrackerConfig(), front=fronts[0],
         pair=sequence.pairs[0], track=0, rng=np.random.default_rng(0)), NoParameters())
     updates = [update for pair in sequence.pairs if (update := tracker.update(pair)) is not None]
-    sigmas = [(update.speed_mps - truth[update.stamp_ns]) / update.speed_std_mps
-              for update in updates if update.state is CONFIRMED]
-    assert len(sigmas) >= 10 and np.abs(sigmas).max() < 4.0
+    errors = [(u, u.speed_mps - truth[u.stamp_ns]) for u in updates if u.state is CONFIRMED]
+    assert len(errors) >= 10
+    return [((update.stamp_ns - first_ns) * 1e-9, error / update.speed_std_mps,
+             error / MPH_MPS) for update, error in errors]
+
+
+@pytest.mark.slow
+def test_but_for_its_first_reading_who_brakes_hard_is_read_within_4_sigma(prepare):
+    """
+    Twelve vehicles that brake at 6 m/s^2 from some time on until another, both drawn.
+
+    The first reading after the onset may be off by more: its images hardly show it.  How often
+    it is, is printed (``pytest -s``).
+    """
+    first, others = [], []
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        begins_s, lasts_s = rng.uniform(0.4, 1.2), rng.uniform(0.5, 1.0)
+        knots = (begins_s, 22.35), (begins_s + lasts_s, 22.35 - 6 * lasts_s)
+        readings = braked(prepare, knots, seed)
+        newest = next(k for k, (time_s, _, _) in enumerate(readings) if time_s > begins_s)
+        first.append(readings.pop(newest))
+        others += [sigmas for _, sigmas, _ in readings]
+    beyond = sum(abs(sigmas) > 4 for _, sigmas, _ in first)
+    print(f'\n{beyond} of {len(first)} first readings beyond 4 sigma, the worst of all '
+          f'{max((sigmas for _, sigmas, _ in first), key=abs):+.1f} sigma and '
+          f'{max((mph for _, _, mph in first), key=abs):+.1f} mph off; '
+          f'of {len(others)} others {np.abs(others).max():.1f} sigma at most')
+    assert np.abs(others).max() < 4.0

@@ -48,18 +48,18 @@ def solved(speeds_mps, std_mps, braked_s=None):
     return condition(prior, np.diag(H), right)
 
 
-def found(speeds_mps, std_mps, times=1.0):
+def found(speeds_mps, std_mps, rate_factor=1.0):
     steady = solved(np.asarray(speeds_mps), std_mps)
     may = changes(TIMES_S, AT, np.linalg.inv(WAYS), RATE)
-    return steady, with_onsets(steady, may, ONSETS, times)
+    return steady, with_onsets(steady, may, ONSETS, rate_factor)
 
 
 @pytest.mark.parametrize('speeds_mps', [(20.0, 20.1, 19.2, 18.8), (20.0, 19.2, 18.6, 18.6)])
 @pytest.mark.parametrize('std_mps', [0.05, 1.0])
-@pytest.mark.parametrize('times', [1.0, 3.0])
-def test_mixture_is_that_of_each_onset_by_itself(speeds_mps, std_mps, times):
+@pytest.mark.parametrize('rate_factor', [1.0, 3.0])
+def test_mixture_is_that_of_each_onset_by_itself(speeds_mps, std_mps, rate_factor):
     """At each pair and twice between two, ended at each later one of these times or not yet."""
-    steady, mixed = found(speeds_mps, std_mps, times)
+    steady, mixed = found(speeds_mps, std_mps, rate_factor)
     gaps_s = np.array([0.1, 0.1, 0.1, 0.1, 0.05])
     begins_s = TIMES_S[0] + np.append(0.0, np.cumsum(gaps_s))
     answers, log_shares = [steady], [steady.log_evidence]
@@ -68,7 +68,7 @@ def test_mixture_is_that_of_each_onset_by_itself(speeds_mps, std_mps, times):
             one = solved(np.asarray(speeds_mps), std_mps, (begin_s, begins_s[j]))
             answers.append(one)
             log_shares.append(
-                one.log_evidence + np.log(times * ONSETS.per_s * gaps_s[i])
+                one.log_evidence + np.log(rate_factor * ONSETS.per_s * gaps_s[i])
                 - (begins_s[j] - begin_s) / ONSETS.lasts_s
                 + (np.log(gaps_s[j] / ONSETS.lasts_s) if j < len(gaps_s) else 0.0))
     log_shares = np.array(log_shares) - ONSETS.per_s * TIMES_S[-1]

@@ -14,7 +14,7 @@ from stereo_speed.geometry.rig import StereoRig
 from stereo_speed.road.lanes import LanePath
 from stereo_speed.road.path import StraightPath
 from stereo_speed.tracking.pass_result import conclude, Pass
-from stereo_speed.tracking.window import Posterior, SolvedPass
+from stereo_speed.tracking.posterior import Posterior, SolvedPass
 
 SECOND = 1_000_000_000
 EXACT = TrackerConfig(focal_std=0.0, baseline_std_m=0.0)

@@ -1,0 +1,47 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""What blurring leaves in doubt of a pass, by hand."""
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from stereo_speed.tracking.blur_doubt import doubt_of_blur
+from stereo_speed.tracking.posterior import Posterior
+
+
+def posterior(first_ns, stamps_s, speeds_mps):
+    """Return one whose states but for the speeds are 0."""
+    n = len(stamps_s)
+    mean = np.zeros((n, 4))
+    mean[:, 3] = speeds_mps
+    return Posterior(first_ns, np.array(stamps_s), mean, np.zeros((4 * n, 4 * n)),
+                     *np.ones((4, n)), *np.ones((2, n), bool), 0.5)
+
+
+PASS = posterior(1_700_000_000_000_000_000, [0.0, 0.1, 0.2, 0.4], [20.0, 20.0, 19.0, 18.0])
+
+
+def speeds(doubt):
+    assert not np.delete(doubt, np.s_[3::4], axis=0).any()
+    return doubt[3::4, 3::4]
+
+
+def test_a_share_of_each_change_is_in_doubt():
+    one, other = (posterior(PASS.first_ns, PASS.stamps_s, by_hand) for by_hand in (
+        [20.5, 20.5, 19.5, 18.5], [20.0, 21.0, 19.0, 18.0]))
+    found = speeds(doubt_of_blur(PASS, [one, other], 0.2, 10.0))
+    np.testing.assert_allclose(found, 0.01 + np.diag([0.0, 0.04, 0.0, 0.0]), atol=1e-12)
+    assert not doubt_of_blur(PASS, [], 0.2, 10.0).any()
+
+
+def test_pairs_that_are_lacking_change_as_those_beside_them():
+    """A third between 0.3 and 0.9 m/s, and at the end as the last."""
+    other = posterior(PASS.first_ns, [0.0, 0.2], [20.3, 19.9])
+    change = np.array([0.3, 0.6, 0.9, 0.9])
+    np.testing.assert_allclose(speeds(doubt_of_blur(PASS, [other], 1.0, 10.0)),
+                               np.outer(change, change), atol=1e-12)
+
+
+@pytest.mark.parametrize('share', [0.1, 0.3])
+def test_what_cannot_be_solved_is_unknown_and_not_nothing(share):
+    np.testing.assert_allclose(speeds(doubt_of_blur(PASS, [None], share, 10.0)), 100.0)

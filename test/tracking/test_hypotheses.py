@@ -1,0 +1,52 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""What may have happened in a pass, by hand."""
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from stereo_speed.core.config import TrackerConfig
+from stereo_speed.tracking.hypotheses import hypotheses_of, of_kin, with_onset_to_come
+
+
+def drives(hypothesis):
+    return hypothesis.motion.speed_rate_std, hypothesis.motion.changes_lanes
+
+
+@pytest.mark.parametrize('cruise_share, walking', [(0.7, 1 / 0.3), (0.0, 1.0), (0.5, 2.0)])
+def test_who_has_braked_for_a_while_is_one_whose_speed_walks_the_most(cruise_share, walking):
+    """Of those in one lane the cruising are counted to the others; in a change there are none."""
+    config = TrackerConfig(cruise_share=cruise_share)
+    shares = {drives(h): h.onsets for h in hypotheses_of(config)}
+    assert shares.pop((config.cruise_rate_std, False), 0.0) == 0.0
+    assert shares == pytest.approx({
+        (config.speed_rate_std, False): walking, (None, False): 0.0,
+        (config.speed_rate_std, True): 1.0, (None, True): 0.0})
+
+
+def test_shares_are_those_of_a_mixture():
+    assert sum(h.share for h in hypotheses_of(TrackerConfig())) == pytest.approx(1.0)
+
+
+def test_kin_are_alike_but_for_the_walk_of_the_speed():
+    """Each has the greatest weight of those of its scatter, lane and ride."""
+    all_ = hypotheses_of(TrackerConfig())
+    weights = np.random.default_rng(0).dirichlet(np.full(len(all_), 0.1))
+    found = of_kin(all_, weights)
+    for hypothesis, greatest in zip(all_, found):
+        assert greatest == max(
+            w for h, w in zip(all_, weights) if h.more_px == hypothesis.more_px
+            and h.motion.changes_lanes == hypothesis.motion.changes_lanes
+            and h.motion.ride_std_m == hypothesis.motion.ride_std_m)
+    assert len(set(found)) == len(all_) // 2.5  # three walks in one lane, two in a change
+
+
+def test_an_onset_to_come_counts_as_a_speed_that_changes_does():
+    """All weight on one that changes its speed: its kin alone are kept beside it."""
+    all_ = hypotheses_of(TrackerConfig())
+    changing = next(k for k, h in enumerate(all_) if h.motion.speed_rate_std is None)
+    weights = np.eye(len(all_))[changing]
+    np.testing.assert_array_equal(with_onset_to_come(all_, weights), of_kin(all_, weights))
+    steady = next(k for k, h in enumerate(all_) if h.motion.speed_rate_std is not None)
+    np.testing.assert_array_equal(
+        with_onset_to_come(all_, np.eye(len(all_))[steady]), np.eye(len(all_))[steady])
