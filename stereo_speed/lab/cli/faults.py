@@ -225,10 +225,13 @@ def _row(name: str, heard: Heard, truth: Sequence[VehicleTruth],
     errors = [(reading, error) for reading in heard.readings
               if (error := _error(reading, heard, truth)) is not None]
     wrong = [(reading, error) for reading, error in errors if _is_wrong(*error)]
-    for reading, (error_mps, std_mps) in wrong:
-        print(f'{name}: wrong: {reading.frame_id} {reading.at_s - begun_s:.1f} s after the start: '
-              f'{reading.speed_mps / MPH_MPS:.2f} ± {std_mps / MPH_MPS:.2f} mph, off by '
-              f'{error_mps / MPH_MPS:+.2f}', file=sys.stderr)
+    worst = [max(errors, key=lambda one: abs(one[1][0] / one[1][1]))] if errors else []
+    for what, told in ('wrong', wrong), ('worst reading', worst):
+        for reading, (error_mps, std_mps) in told:
+            print(f'{name}: {what}: {reading.frame_id} {reading.at_s - begun_s:.1f} s after the '
+                  f'start: {reading.speed_mps / MPH_MPS:.2f} ± {std_mps / MPH_MPS:.2f} mph, off '
+                  f'by {error_mps / MPH_MPS:+.2f}, {error_mps / std_mps:+.1f} sigma',
+                  file=sys.stderr)
     right_after = [r.at_s - ended_s for r, e in errors if r.at_s > ended_s and not _is_wrong(*e)]
     passes = [e for p in heard.passes if (e := _pass_error(p, heard, truth)) is not None]
     said = dict.fromkeys(

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from stereo_speed.io.truth import VehicleTruth
-from stereo_speed.lab.cli.faults import _error, _pass_error
+from stereo_speed.lab.cli.faults import _error, _pass_error, _row
 
 SECOND, HOUR = 10 ** 9, 3600 * 10 ** 9
 STAMPS = SECOND * np.arange(5)
@@ -52,3 +52,24 @@ def test_a_reading_is_compared_with_the_vehicle_that_is_there_then():
     reading = SimpleNamespace(ns=3 * SECOND, frame_id='vehicle_0', speed_mps=14.5, std_mps=0.2)
     assert _error(reading, heard(3), TRUTH) == pytest.approx((0.5, 0.2))
     assert _error(reading, heard(2), TRUTH) is None
+
+
+def test_the_worst_reading_is_told_by_its_sigmas_also_where_none_is_wrong(capsys):
+    """Off by 0.5 m/s at 0.1 in place of 1 m/s at 0.5; the truth is 14 and 16 m/s."""
+    def reading(row, speed_mps, std_mps):
+        return SimpleNamespace(at_s=10.0 + row, ns=row * SECOND, frame_id='vehicle_0',
+                               speed_mps=speed_mps, std_mps=std_mps)
+    said = heard(2, 3)
+    said.readings = [reading(2, 17.0, 0.5), reading(3, 13.5, 0.1)]
+    said.passes, said.levels = [], []
+    row = _row('none', said, TRUTH, (10.0, 11.0, 5.0), True, True)
+    assert (row.readings, row.wrong) == (2, 1)
+    wrong, worst = capsys.readouterr().err.splitlines()
+    assert wrong.startswith('none: wrong: vehicle_0 3.0 s after the start: ')
+    assert worst == wrong.replace('wrong', 'worst reading') and '-5.0 sigma' in worst
+    said.readings = said.readings[:1]
+    assert _row('none', said, TRUTH, (10.0, 11.0, 5.0), True, True).wrong == 0
+    assert 'off by +2.24, +2.0 sigma' in capsys.readouterr().err
+    said.readings = []
+    assert _row('none', said, TRUTH, (10.0, 11.0, 5.0), True, True).silent_s is None
+    assert not capsys.readouterr().err
