@@ -38,10 +38,13 @@ ROBUST = 3.3  # residuals beyond this many sigmas count less and less (soft L1)
 MOST = RoadShape(curvature=8, tilt=2, vertical=6, twist=6)
 MAX_STEPS = 40  # of the solver; fits that converge need 10
 FOOT_PLACES = 8001  # places along the road among which a foot is looked up: some cm apart
-_ASTRAY = 1.5  # times the usual scatter of picks, from which on they are not on the road
-_OVERREACH = 1.1  # times as far as the last node, up to which picks are met
-_LENGTHS = 3  # of the road that are tried, until it reaches every pick
-_LONGER = 1.3  # times as far as the farthest pick that a road which ended there has met
+# Times their 1-sigma, by which not even 30 picks scatter by chance: a longer road would tell more.
+_ASTRAY = 1.5
+# Times as far as the last node, up to which picks are met: so far the cubic through the last nodes
+# goes on within 2 mm, even of an arc of 41 m.
+_OVERREACH = 1.1
+_LENGTHS = 3  # of the road that are tried, until it reaches its picks
+_LONGER = REACH  # times as far as the second pick that a road which ended there has met
 _NARROW = 0.7  # least ratio of the robust to the r.m.s. scatter: a few outliers are no excuse
 _WIDER = RoadShape(curvature=2, tilt=2, vertical=2, twist=2)  # looked at in one step
 _TRIED = 3  # of the families that promise most, until one keeps its promise
@@ -278,47 +281,63 @@ def fit_road(rig: StereoRig, lines: Mapping[str, tuple[Array, Array]],
     picks = Picks.of(lines, std_px, prior.pick_std_px)
     # a few picks, 2 a line, are only enough for a straight road
     most = min(MOST.curvature, len(picks.line) // 2 - 4 - len(lines))
-    if near is None and picks.median_std_px < prior.pick_std_px:
-        # Among precise picks there are many roads that no small step makes better.
-        near = _reaching(rig, lines, Picks.of(lines, None, prior.pick_std_px), drift, prior, most,
-                         least_scale=0.0)
     if near is not None:
-        fit = same_family(near, RoadProblem(rig, picks, near.problem.model, drift, prior))
-        return fit if most < 1 else _search([fit], most)
-    return _reaching(rig, lines, picks, drift, prior, most, least_scale=_ASTRAY)
+        return _from_near(near, RoadProblem(rig, picks, near.problem.model, drift, prior), most)
+    return _reaching(rig, lines, picks, drift, prior, most)
+
+
+def _from_near(near: RoadFit, problem: RoadProblem, most: int) -> RoadFit:
+    """Fit a road from one that is not far off; arguments as elsewhere."""
+    fit = same_family(near, problem)
+    return fit if most < 1 else _search([fit], most)
 
 
 def _reaching(rig: StereoRig, lines: Mapping[str, tuple[Array, Array]], picks: Picks,
-              drift: Optional[DriftPrior], prior: RoadPrior, most: int, *, least_scale: float
-              ) -> RoadFit:
+              drift: Optional[DriftPrior], prior: RoadPrior, most: int) -> RoadFit:
     """
-    Fit one road that is long enough for its picks; arguments as for :func:`fit_road`.
+    Fit the road of greatest evidence of some that are longer and longer, up to all their picks.
 
-    A guess lies in a plane, which may meet the rays of far picks too early.  Picks a little beyond
-    the nodes are met as well, but what is bent there is not.
+    A guess lies in a plane, which may meet the rays of far picks too early.  Arguments are as for
+    :func:`fit_road`.
 
     :param most: curvature coefficients.
-    :param least_scale: scatter of the picks, in their own, from which on a longer one is tried.
     """
-    half_m = 0.0
-    for _ in range(_LENGTHS):
-        fit = _from_guesses(rig, lines, picks, drift, prior, most, half_m)
-        farthest_m = float(np.abs(fit.feet.s_m).max())
-        if farthest_m < _OVERREACH * fit.problem.model.s_m[-1] or fit.scale < least_scale:
+    tries = [_from_guesses(rig, lines, picks, drift, prior, most, 0.0)]
+    while len(tries) < _LENGTHS and not _reaches(tries[-1]):
+        half_m = _LONGER * _farthest_m(tries[-1])
+        try:
+            tries.append(_from_guesses(rig, lines, picks, drift, prior, most, half_m))
+        except (NoRoadError, np.linalg.LinAlgError):  # of a road that is too long for its picks
             break
-        half_m = _LONGER * farthest_m
-    return fit
+    return _best(tries)
+
+
+def _reaches(fit: RoadFit) -> bool:
+    """Return whether a road is long enough for its picks, or agrees with them as it is."""
+    return (_farthest_m(fit) < _OVERREACH * float(fit.problem.model.s_m[-1])
+            or fit.scale < _ASTRAY)
+
+
+def _farthest_m(fit: RoadFit) -> float:
+    """Return how far from the middle some line has two picks; one alone may be astray."""
+    line = fit.problem.picks.line
+    return max(float(np.sort(np.abs(fit.feet.s_m[line == i]))[-2]) for i in np.unique(line))
 
 
 def _from_guesses(rig: StereoRig, lines: Mapping[str, tuple[Array, Array]], picks: Picks,
                   drift: Optional[DriftPrior], prior: RoadPrior, most: int, least_half_m: float
                   ) -> RoadFit:
     """
-    Fit one road from guesses; arguments as for :func:`fit_road`.
+    Fit one road from guesses, by way of clicks; arguments as for :func:`fit_road`.
 
     :param most: curvature coefficients.
     :param least_half_m: half the length of the road, at least.
     """
+    if picks.median_std_px < prior.pick_std_px:
+        # Among precise picks there are many roads that no small step makes better.
+        clicks = Picks.of(lines, None, prior.pick_std_px)
+        near = _from_guesses(rig, lines, clicks, drift, prior, most, least_half_m)
+        return _from_near(near, RoadProblem(rig, picks, near.problem.model, drift, prior), most)
     rotated = np.zeros(0) if drift is None else drift.mean_rad
     fits = []
     for terms in range(max(min(most, 2), 0) + 1):  # each from its own guess

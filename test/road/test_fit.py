@@ -224,12 +224,28 @@ def found_in_part(line, share):
         for column in view.T], axis=-1)]) for view in line)
 
 
+@pytest.mark.parametrize('std_px', [None, 0.02], ids=['clicked', 'precise'])
 @pytest.mark.parametrize('grade, twist', [(-0.03, 0.05), (0.0, 0.1)])
-def test_a_road_reaches_the_end_of_lines_that_are_found_in_part(make_scene, grade, twist):
+def test_a_road_reaches_the_end_of_lines_that_are_found_in_part(
+        make_scene, grade, twist, std_px):
     """The plane of what is found of a bend whose bank changes meets the far ends too early."""
     scene = make_scene(curvature=-0.0063, grade=grade, twist=twist, std_px=0.0)
     lines = {name: found_in_part(line, share) for (name, line), share in zip(
         scene.lines.items(), (0.6, 0.65, 0.1))}
-    fit = fit_road(scene.rig, lines)
+    fit = fit_road(scene.rig, lines, std_px and {
+        name: tuple(np.full(len(view), std_px) for view in line) for name, line in lines.items()})
     assert fit.residual_px.max() < 0.3
     assert np.abs(fit.feet.s_m).max() < fit.problem.model.s_m[-1]
+
+
+@pytest.mark.parametrize('curvature', [0.0, -0.0063])
+def test_far_picks_astray_leave_the_other_lines_as_they_are(make_scene, curvature):
+    """They may ask for a longer road; of those that are tried the most probable is taken."""
+    scene = make_scene(curvature=curvature)
+    lines = {name: tuple(view.copy() for view in line) for name, line in scene.lines.items()}
+    astray, *others = lines
+    for view, off_px in zip(lines[astray], (-40.0, -24.0)):
+        view[0] += [off_px, -5.0]
+    fit = fit_road(scene.rig, lines)
+    assert max(fit.residual_px[fit.number(name)] for name in others) < 0.45
+    assert abs(scale_error(lane_of_road('lane', fit, (0, 1), 25.0).path, scene, 30.0)) < 0.002

@@ -134,12 +134,14 @@ def dash_ends(s: Array, grey: Array, rising: bool, expected_m: float) -> Array:
     """
     Return where the dashes of a line begin, or end: reference arc lengths (m,).
 
-    :param s: (n,) reference arc lengths.
+    :param s: (n,) reference arc lengths; none where the line is not seen.
     :param grey: (n,) grey levels there; NaN does not count.
     :param rising: where they begin, in the order of arc lengths.
     :param expected_m: about the length of a dash and its gap.
     """
     good = np.isfinite(grey)
+    if not good.any():
+        return np.zeros(0)
     s, grey = s[good], grey[good]
     order = np.argsort(s)
     s, grey = s[order], grey[order]

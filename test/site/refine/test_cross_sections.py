@@ -62,6 +62,18 @@ def test_a_road_beside_the_camera_is_no_longer_than_the_image(drawn, view):
     assert sections.arc_px.max() < 3 * np.hypot(640, 360)
 
 
+def test_a_road_behind_the_camera_has_none(drawn, view):
+    """There is nothing to read then, and that is no failure."""
+    problem = drawn.fit.problem
+    behind = replace(problem.model, centre_m=problem.model.centre_m * [1, 1, -1])
+    line = replace(view, fit=replace(drawn.fit, problem=RoadProblem(
+        problem.rig, problem.picks, behind)))
+    sections = line.sections(drawn.lines['right'].left_px[[0, -1]])
+    assert len(sections.s_m) == len(sections.arc_px) == len(sections.px_per_m) == 0
+    assert line.read(sections, np.zeros((0, 7))).shape == (0, 7)
+    assert line.steady(sections, 0.1).shape == (0,)
+
+
 def test_some_of_them(drawn, view):
     sections = view.sections(drawn.lines['right'].left_px[[0, -1]])
     some = np.arange(len(sections.s_m)) % 3 == 0

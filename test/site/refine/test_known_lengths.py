@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 import pytest
+from stereo_speed.road.problem import RoadProblem
 from stereo_speed.site.extras import DashPeriod, KnownLength, LinesApart, PointsApart
 from stereo_speed.site.refine.config import RefineConfig
 from stereo_speed.site.refine.known_lengths import (
@@ -24,6 +25,8 @@ def test_ends_of_dashes():
     np.testing.assert_allclose(dash_ends(s[order], grey[order], True, 8.0), [7.875, 15.875])
     grey[(s > 7) & (s < 9)] = np.nan  # a gap of 2 m in what is seen
     np.testing.assert_allclose(dash_ends(s, grey, True, 8.0), [15.875])
+    assert dash_ends(s, np.full(len(s), np.nan), True, 8.0).size == 0
+    assert dash_ends(np.zeros(0), np.zeros(0), True, 8.0).size == 0
 
 
 def test_spacing_of_what_repeats():
@@ -71,6 +74,11 @@ def test_lengths_of_a_drawn_road(drawn, drawn_refined):
     assert check_lengths(lenient)[3].wrong == (abs(wrong.off_sigmas) > 10)
     nothing = replace(refined, road=None, found={})
     assert [math.isnan(c.measured_m) for c in check_lengths(nothing)] == [True, True, False, True]
+    problem = drawn_refined.road.problem
+    behind = replace(problem.model, centre_m=problem.model.centre_m * [1, 1, -1])
+    unseen = replace(refined, road=replace(drawn_refined.road, problem=RoadProblem(
+        problem.rig, problem.picks, behind)))
+    assert [math.isnan(c.measured_m) for c in check_lengths(unseen)] == [False, True, False, True]
 
 
 def test_clicked_points_without_a_sigma_are_as_good_as_the_prior_says(drawn, drawn_refined):
