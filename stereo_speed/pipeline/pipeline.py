@@ -220,7 +220,7 @@ class SpeedPipeline:
         told = {u.track for u in early}
         self._drop_missing()
         self._drop_doubles(told)
-        readings([u for u in self._readings(updates[t] for t in tracks) if u.track not in told])
+        readings(self._readings(updates[t] for t in tracks if t.tracker.track not in told))
         return [updates[t] for t in tracks]
 
     def _readings(self, updates: Iterable[Optional[TrackUpdate]]) -> list[TrackUpdate]:
@@ -686,11 +686,14 @@ class SpeedPipeline:
 
 def _moved_on(update: TrackUpdate, stamp_ns: int) -> TrackUpdate:
     """Return where a vehicle is along its lane some time after it left."""
-    ahead_m = update.speed_mps * (stamp_ns - update.stamp_ns) * 1e-9
-    return replace(update, s_m=update.s_m + ahead_m)
+    return replace(update, s_m=update.s_m + _ahead_m(update, stamp_ns))
 
 
 def _place_m(update: TrackUpdate, stamp_ns: int) -> Array:
     """Return where (3,) a vehicle is at a later stamp by its speed, left optical frame, m."""
-    ahead_m = update.speed_mps * (stamp_ns - update.stamp_ns) * 1e-9
-    return update.position_m + ahead_m * update.axes[:, 0]
+    return update.position_m + _ahead_m(update, stamp_ns) * update.axes[:, 0]
+
+
+def _ahead_m(update: TrackUpdate, stamp_ns: int) -> float:
+    """Return how far a vehicle goes until a later stamp by its speed, m."""
+    return update.speed_mps * (stamp_ns - update.stamp_ns) * 1e-9

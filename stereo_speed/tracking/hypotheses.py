@@ -40,6 +40,11 @@ class Hypothesis:
     share: float
     onsets: float
 
+    @property
+    def kin(self) -> tuple[float, bool, float]:
+        """Return what it has in common with those like it but for how the speed walks."""
+        return self.more_px, self.motion.changes_lanes, self.motion.ride_std_m
+
 
 def hypotheses_of(config: TrackerConfig) -> list[Hypothesis]:
     """Return all that may have happened."""
@@ -73,11 +78,10 @@ def with_onset_to_come(hypotheses: Sequence[Hypothesis], weights: Array) -> Arra
 
     :param weights: of the hypotheses before that.
     """
-    changing = {(h.more_px, h.motion.changes_lanes, h.motion.ride_std_m): float(w)
+    changing = {h.kin: float(w)
                 for h, w in zip(hypotheses, weights) if h.motion.speed_rate_std is None}
-    return np.array([
-        max(float(w), changing.get((h.more_px, h.motion.changes_lanes, h.motion.ride_std_m), 0.0))
-        for h, w in zip(hypotheses, weights)])
+    return np.array([max(float(w), changing.get(h.kin, 0.0))
+                     for h, w in zip(hypotheses, weights)])
 
 
 def of_kin(hypotheses: Sequence[Hypothesis], weights: Array) -> Array:
@@ -87,10 +91,9 @@ def of_kin(hypotheses: Sequence[Hypothesis], weights: Array) -> Array:
     An observation that is not yet in place looks like one who brakes, and says nothing of that.
     """
     greatest: dict[tuple[float, bool, float], float] = {}
-    kin = [(h.more_px, h.motion.changes_lanes, h.motion.ride_std_m) for h in hypotheses]
-    for like, weight in zip(kin, weights):
-        greatest[like] = max(greatest.get(like, 0.0), float(weight))
-    return np.array([greatest[like] for like in kin])
+    for h, weight in zip(hypotheses, weights):
+        greatest[h.kin] = max(greatest.get(h.kin, 0.0), float(weight))
+    return np.array([greatest[h.kin] for h in hypotheses])
 
 
 class PassOnsets:
