@@ -111,10 +111,10 @@ class Front:
 
     def ground_speed(self, pose: Array, speed_mps: float, lateral_mps: float = 0.0) -> float:
         """
-        Return the speed over ground of the front's centre, m/s.
+        Return the speed over ground of the front, m/s.
 
-        Off the path on a bend the centre travels on another radius than the path; across the
-        path it travels while it changes lanes.
+        Off the path on a bend it travels on another radius than the path; across the path it
+        travels while it changes lanes.
 
         :param pose: (3,) s, a, b, m.
         :param speed_mps: speed along the path.
@@ -124,9 +124,14 @@ class Front:
         return math.copysign(math.hypot(along, lateral_mps), speed_mps)
 
     def path_scale(self, poses: Array) -> Array:
-        """Return the metres (N,) travelled per metre of the path: 1 - kappa a on a bend."""
+        """
+        Return the metres (N,) travelled on the road per metre of the path: 1 - kappa a on a bend.
+
+        A front stands above the road, and over a crest goes further than the wheels below it.
+        """
         step = np.array([0.05, 0.0, 0.0])
-        both = plane_points(self.path, np.concatenate([poses + step, poses - step]),
+        on_road = poses * np.array([1.0, 1.0, 0.0])
+        both = plane_points(self.path, np.concatenate([on_road + step, on_road - step]),
                             np.zeros((1, 2)))[:, 0]
         way = np.linalg.norm(both[:len(poses)] - both[len(poses):], axis=1)
         return np.asarray(way / (2 * step[0]))

@@ -65,3 +65,17 @@ def test_ground_speed_on_a_circle_grows_with_the_radius(offset_m):
     front = Front(SplinePath(points), np.zeros((4, 2)))
     got = front.ground_speed(np.array([20.0, offset_m, 0.5]), 10.0)
     assert got == pytest.approx(10.0 * (1 - offset_m / radius), rel=1e-4)
+
+
+@pytest.mark.parametrize('height_m', [0.0, 0.6, 2.0])
+@pytest.mark.parametrize('up', [1.0, -1.0], ids=['crest', 'sag'])
+def test_ground_speed_over_a_crest_is_that_of_the_wheels(height_m, up):
+    """A point above the road goes (1 + h / R) times as far over a crest of radius R."""
+    radius, angle = 500.0, np.linspace(-0.1, 0.1, 60)
+    points = np.column_stack([np.zeros(60), up * radius * (1 - np.cos(angle)),
+                              40 - radius * np.sin(angle)])
+    front = Front(SplinePath(points), np.zeros((4, 2)))
+    there, back = (front.centre(np.array([s, 0.3, height_m])) for s in (50.0, 49.0))
+    assert np.linalg.norm(there - back) == pytest.approx(1 + up * height_m / radius, rel=1e-4)
+    got = front.ground_speed(np.array([50.0, 0.3, height_m]), 10.0)
+    assert got == pytest.approx(10.0, rel=1e-5)
