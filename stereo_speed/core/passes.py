@@ -9,9 +9,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 import math
-from typing import Optional
+from typing import Optional, Sequence
 
-from .records import Word
+import numpy as np
+
+from .records import Array, Word
 from .trace import PassTrace
 
 
@@ -211,3 +213,21 @@ class PassResult:
             return None, None, None
         speeds = [self.smoothed[ns] for ns in sorted(self.smoothed)]
         return speeds[0], speeds[-1], max(speeds)
+
+
+def time_shares(stamps_ns: Sequence[int]) -> Array:
+    """
+    Return the shares (n,) of the time of a pass that its pairs stand for, by which it is averaged.
+
+    Each stands for the time up to half way to its neighbours, the first and the last for as much
+    beyond them as is usual: pairs in which a braking vehicle was hidden, or that were passed over
+    before it was found, do not change its mean speed.
+
+    :param stamps_ns: of the pairs, rising.
+    """
+    gaps = np.diff(np.asarray(stamps_ns, dtype=np.int64)).astype(float)
+    if not len(gaps):
+        return np.ones(len(stamps_ns))
+    usual = float(np.median(gaps))
+    stands_for = np.append(usual, gaps) + np.append(gaps, usual)
+    return np.asarray(stands_for / stands_for.sum())

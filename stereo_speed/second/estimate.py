@@ -19,7 +19,7 @@ from .points import CornerFollower
 from .rigid import Places, places_of, Rays
 from .speed import speeds_at
 from ..core.config import SecondConfig, TrackerConfig
-from ..core.passes import PassResult, Reason, SecondEstimate
+from ..core.passes import PassResult, Reason, SecondEstimate, time_shares
 from ..core.records import Array, StereoPair
 from ..core.units import seconds
 from ..geometry.rig import StereoRig
@@ -68,9 +68,9 @@ class SecondOpinion:
 
     def estimate(self, stamps_ns: Sequence[int] = ()) -> SecondEstimate:
         """
-        Return the mean ground speed.
+        Return the mean ground speed over time.
 
-        :param stamps_ns: those of the pairs to take the mean over; none for all that it rests on.
+        :param stamps_ns: those of the pairs of the pass; none for all that it rests on.
         """
         config = self.config.second
         sightings = self._sightings()
@@ -79,7 +79,8 @@ class SecondOpinion:
         places = places_of(sightings, self.lane.path, config)
         wanted = places.stamps_s if not stamps_ns else np.array(
             [seconds(ns, self._first_ns or 0) for ns in stamps_ns])
-        speed, std = self._mean_speed(places, wanted)
+        shares = time_shares([round(at * 1e9) for at in wanted])
+        speed, std = self._mean_speed(places, wanted, shares)
         if not (speed > 0 and std <= config.most_std_share * speed):
             return SecondEstimate(None, None, len(sightings))
         return SecondEstimate(speed, std, len(sightings))
@@ -99,8 +100,13 @@ class SecondOpinion:
             taken = good
         return []
 
-    def _mean_speed(self, places: Places, wanted_s: Array) -> tuple[float, float]:
-        """Return the mean ground speed at some times, and its 1-sigma, m/s."""
+    def _mean_speed(self, places: Places, wanted_s: Array, shares: Array) -> tuple[float, float]:
+        """
+        Return the mean ground speed, and its 1-sigma, m/s.
+
+        :param wanted_s: (n,) times that it is the mean over, by
+        :param shares: (n,) of each.
+        """
         along, across = places.place[:, 0], places.place[:, 1]
         rough = float(np.polyfit(places.stamps_s, along, 1)[0])
         stamps = np.eye(len(along)) * (self.config.stamp_std_s * rough) ** 2
@@ -110,8 +116,7 @@ class SecondOpinion:
         stretch = _stretch(self.lane, *(np.interp(wanted_s, places.stamps_s, values)
                                         for values in (along, across)))
         ground = np.hypot(v_along * stretch, v_across)
-        mean = float(ground.mean())
-        share = stretch / len(stretch)
+        mean, share = float(shares @ ground), shares * stretch
         return mean, math.hypot(math.sqrt(float(share @ covariance @ share)),
                                 self._calibration() * mean)
 

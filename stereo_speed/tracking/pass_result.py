@@ -16,7 +16,7 @@ import numpy as np
 
 from .posterior import Posterior, SolvedPass
 from ..core.config import TrackerConfig
-from ..core.passes import PassResult, Reason, SpeedBudget, TrackEnd, Verdict
+from ..core.passes import PassResult, Reason, SpeedBudget, time_shares, TrackEnd, Verdict
 from ..core.records import Array
 from ..geometry.rig import StereoRig
 from ..road.lanes import LanePath
@@ -81,9 +81,9 @@ def conclude(found: Pass, rig: StereoRig, config: TrackerConfig) -> PassResult:
     speeds, share = posterior.ground_speeds(), calibration_share(rig, found.lane, config)
     at = (np.array(found.stamps_ns) - posterior.first_ns) * 1e-9
     between = _interpolation(at, posterior.stamps_s)
-    profile = between @ speeds
-    speed = float(profile.mean())
-    budget = _budget(found.solved, between.mean(axis=0), abs(speed) * share)
+    profile, of_time = between @ speeds, time_shares(found.stamps_ns)
+    speed = float(of_time @ profile)
+    budget = _budget(found.solved, of_time @ between, abs(speed) * share)
     reason = _reason(found, posterior, speeds, budget.total_mps,
                      rig_share(rig, found.lane, config), config)
     if reason:
@@ -106,7 +106,7 @@ def _budget(solved: SolvedPass, mean: Array, calibration_mps: float) -> SpeedBud
     """
     Return the variance of the mean ground speed, split by where it comes from.
 
-    :param mean: (n,) shares of the observations' speeds in the mean over all pairs.
+    :param mean: (n,) shares of the observations' speeds in the mean over the pass.
     """
     share = solved.posterior.ground_ratio() * mean
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
-from stereo_speed.core.passes import PassResult, Reason, SpeedBudget, Verdict
+from stereo_speed.core.passes import (
+    PassResult, Reason, SpeedBudget, time_shares, Verdict)
 
 PASS = PassResult(
     track=0, lane='a', first_ns=0, last_ns=20, pairs=3, speed_mps=20.0, speed_std_mps=0.05,
@@ -36,3 +38,18 @@ def test_a_pass_without_a_speed_has_no_doubt():
 
 def test_the_profile_is_told_by_its_ends_and_its_greatest_speed():
     assert PASS.profile_mps == (22.0, 18.0, 22.0)
+
+
+def test_pairs_stand_for_the_time_that_is_nearest_to_them():
+    # By hand, in tenths of a second: from -1/2 to 1/2, 3/2, 3 and 9/2, of 5 in all.
+    assert time_shares([0, 100, 200, 400]) == pytest.approx([0.2, 0.2, 0.3, 0.3])
+    assert time_shares([7]) == pytest.approx([1.0])
+
+
+@pytest.mark.parametrize('seed', range(5))
+def test_the_mean_of_steady_braking_does_not_depend_on_which_pairs_are_missing(seed):
+    rng = np.random.default_rng(seed)
+    stamps = np.arange(40) * 66_666_667 + 1_700_000_000_000_000_000
+    kept = stamps[np.r_[0, np.sort(rng.choice(np.arange(1, 39), 20, False)), 39]]
+    speeds = 30 - 4e-9 * (kept - stamps[0])
+    assert time_shares(kept) @ speeds == pytest.approx(30 - 4e-9 * 39 * 66_666_667 / 2, abs=1e-9)

@@ -18,7 +18,7 @@ import numpy as np
 from .constant_velocity import Gaussian, Transition
 from .settings import MotionSettings
 from .speed_profile import Profile, smoothed_profile
-from ...core.passes import PassResult, Reason, TrackEnd, Verdict
+from ...core.passes import PassResult, Reason, time_shares, TrackEnd, Verdict
 from ...core.records import Array, StereoPair, TrackState, TrackUpdate
 from ...tracking.initialise import place_front, Placement
 from ...tracking.life import TrackLife
@@ -180,7 +180,7 @@ class Baseline(ABC, Generic[OwnSettings]):
         smoothed: dict[int, float] = {}
         smoothed_std: dict[int, float] = {}
         if profile is not None:
-            speed = float(profile.speed_mps.mean())
+            speed = float(time_shares(stamps) @ profile.speed_mps)
             std = math.hypot(profile.mean_std_mps, self.calibration * speed)
             stds = np.hypot(profile.std_mps, self.calibration * profile.speed_mps)
             smoothed = dict(zip(stamps, profile.speed_mps.tolist()))

@@ -287,10 +287,9 @@ def _error(reading: HeardReading, heard: Heard, truth: Sequence[VehicleTruth]
 def _pass_error(told: dict[str, object], heard: Heard, truth: Sequence[VehicleTruth]
                 ) -> Optional[tuple[float, float]]:
     """
-    Return the error of a measured pass against the mean of the true speeds in its pairs.
+    Return the error of a measured pass against the mean of the true speeds during it.
 
-    Those are the pairs that its track was told in, and all before: what was measured before the
-    vehicle was found counts, gaps do not.
+    It lasts from its first pair, before the vehicle was found, until its track was last told.
     """
     speed, std = told['speed_mps'], told['speed_std_mps']
     if not isinstance(speed, float) or not isinstance(std, float):
@@ -307,5 +306,5 @@ def _pass_error(told: dict[str, object], heard: Heard, truth: Sequence[VehicleTr
     told_in = np.unique([found[2] for found in seen if found[:2] == (index, off_ns)])
     began = int(np.searchsorted(vehicle.stamps_ns, first + off_ns - slack_ns))
     step = int(np.diff(told_in).min()) if len(told_in) > 1 else 1  # exposures for each pair
-    rows = np.union1d(told_in, np.arange(told_in[0], began - 1, -step))
+    rows = np.arange(told_in[-1], began - 1, -step)
     return speed - float(vehicle.speed_mps[rows].mean()), std

@@ -9,7 +9,7 @@ from typing import Any, Iterable, Mapping, Optional, Sequence
 import numpy as np
 
 from .associate import match
-from ...core.passes import PassResult, Verdict
+from ...core.passes import PassResult, time_shares, Verdict
 from ...core.records import TrackState, TrackUpdate
 from ...io.truth import VehicleTruth
 
@@ -109,12 +109,14 @@ def vehicle_run(truth: VehicleTruth, track: Sequence[TrackUpdate],
         last_quarter_ns=int(truth.stamps_ns[-max(len(truth.stamps_ns) // 4, 1)]))
     if result is None:
         return run
-    # The speed is the mean over its own pairs: those before the detection count, gaps do not.
+    # The speed is the mean over time from its first pair to its last, gaps and all.
     during = sorted(result.smoothed) or [ns for ns in stamps
                                          if result.first_ns <= ns <= result.last_ns]
-    true = truth.speed_at(during)
+    true, shares = truth.speed_at(during), time_shares(during)
+    known = np.isfinite(true)
     return replace(
         run, verdict=result.verdict.value, reason=result.reason, pass_mps=result.speed_mps,
         pass_std_mps=result.speed_std_mps, pairs=result.pairs,
         told_class='' if result.vehicle is None else result.vehicle.name.value,
-        pass_truth_mps=float(np.nanmean(true)) if np.isfinite(true).any() else None)
+        pass_truth_mps=float(np.average(true[known], weights=shares[known]))
+        if known.any() else None)

@@ -20,7 +20,7 @@ from .metrics import greatest, mean, rms, std
 from .tables import Cell, mph, shown, signed, Table, table_by_kind
 from ...batch.job import Job, Result
 from ...core.config import TrackerConfig
-from ...core.passes import PassResult, SecondEstimate, Verdict
+from ...core.passes import PassResult, SecondEstimate, time_shares, Verdict
 from ...core.records import Array, StereoPair, TrackUpdate
 from ...geometry.rig import StereoRig
 from ...pipeline.config import PipelineConfig
@@ -46,7 +46,7 @@ class SecondRun:
     :param kinds: what it counts for: heading to kind.
     :param first_mps: None where the first estimate rejected the pass.
     :param first_std_mps: its 1-sigma.
-    :param truth_mps: mean over the same pairs.
+    :param truth_mps: mean over the same time.
     :param second_mps: None where it came to none.
     :param second_std_mps: its 1-sigma.
     :param rejected: whether the two disagree; None where they are not compared.
@@ -93,7 +93,7 @@ def second_job(parameters: Mapping[str, Any]) -> Mapping[str, Any]:
     stamps = sorted(result.smoothed)
     return {
         'first_mps': result.speed_mps, 'first_std_mps': result.speed_std_mps,
-        'truth_mps': float(np.nanmean(sequence.truths[0].speed_at(stamps))),
+        'truth_mps': float(time_shares(stamps) @ sequence.truths[0].speed_at(stamps)),
         'second_mps': second.speed_mps, 'second_std_mps': second.speed_std_mps,
         'rejected': _is_rejected(result, config),
         'wrong': [wrong_is_rejected(result, follow[result.track], sequence, config, share)

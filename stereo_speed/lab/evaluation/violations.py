@@ -26,7 +26,7 @@ from ..sim.config import RigConfig
 from ..sim.stream_faults import FAULTS, FaultyStream, SentImage
 from ..sim.traffic_config import traffic_config, TrafficConfig
 from ...batch.job import Job, Result
-from ...core.passes import PassResult, Verdict
+from ...core.passes import PassResult, time_shares, Verdict
 from ...core.records import Array
 from ...core.units import KMH_MPS
 from ...enforcement.config import DecisionConfig, EnforcementConfig
@@ -242,10 +242,10 @@ def _score(violation: Violation, exposures: Mapping[int, int], truth: Sequence[S
         assert pair.update is not None  # noqa: S101 (for the types)
         on.append(_nearest(pair.update.position_m, truth[exposures[pair.stamp_ns]]))
     vehicle = Counter(on).most_common(1)[0][0]
-    true = [row['speed'] for ns in result.smoothed for row in truth[exposures[ns]]
-            if row['vehicle'] == vehicle]
+    true = {ns: float(row['speed']) for ns in sorted(result.smoothed)
+            for row in truth[exposures[ns]] if row['vehicle'] == vehicle}
     assert result.speed_mps is not None  # noqa: S101
-    true_mps = float(np.mean(true)) if true else math.nan
+    true_mps = float(time_shares(list(true)) @ list(true.values())) if true else math.nan
     error = result.speed_mps - true_mps
     wrong_vehicle = vehicle < 0 or any(one != vehicle for one in on)
     wrong_speed = not abs(error) <= error_limit_mps(true_mps)
