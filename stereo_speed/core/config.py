@@ -155,7 +155,8 @@ class VisibilityConfig(CheckedRecord):
         4.0, 0.0, 60.0, 's', 'a vehicle not wholly seen for longer is lost, even while a part of '
         'it is seen, as behind one that overtakes')
     least_width_px: float = parameter(
-        12.0, 1.0, 500.0, 'px', 'a front or rear narrower than this has left the view')
+        12.0, 1.0, 500.0, 'px', 'a front or rear neither as wide nor as high as this has left '
+        'the view')
     beyond_path_m: float = parameter(
         20.0, 0.0, 500.0, 'm', 'a vehicle further beyond the end of its path has left the view')
     speed_change_sigmas: float = parameter(
@@ -190,10 +191,10 @@ class VerdictConfig(CheckedRecord):
     least_pairs: int = parameter(
         4, 2, 1000, '', 'a pass wholly seen in fewer pairs is rejected as too_few_pairs')
     least_width_px: float = parameter(
-        20.0, 1.0, 1000.0, 'px', 'a front never wider than this is rejected as too_far')
+        20.0, 1.0, 1000.0, 'px', 'a front never as wide or as high as this is rejected as too_far')
     far_width_px: float = parameter(
-        40.0, 1.0, 1000.0, 'px', 'an uncertain pass of a front never wider than this is rejected '
-        'as too_far, others as uncertain')
+        40.0, 1.0, 1000.0, 'px', 'an uncertain pass of a front never as wide or as high as this '
+        'is rejected as too_far, others as uncertain')
     least_median_ncc: float = parameter(
         0.6, 0.0, 1.0, '', 'a pass whose views agree less in half of its observations is rejected '
         'as views_disagree')

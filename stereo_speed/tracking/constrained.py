@@ -20,7 +20,7 @@ import numpy as np
 
 from .front import Front, rotated
 from .initialise import first_states, place_front, Placement
-from .life import TrackLife
+from .life import extent_px, TrackLife
 from .likelihood import Reference, score
 from .motion_prior import PassPrior
 from .observation import ObservationSampler
@@ -209,7 +209,7 @@ class ConstrainedTracker:
         solved = self.window.solve_pass() if self.life.stamps_ns else None
         stamps_ns = [ns for ns in self.life.stamps_ns if solved and ns not in solved.occluded_ns]
         found = Pass(track=self.track, lane=self.lane, stamps_ns=stamps_ns or [self.life.first_ns],
-                     solved=solved, width_px=self.life.width_px,
+                     solved=solved, extent_px=self.life.extent_px,
                      end=self.life.end or TrackEnd.STREAM_ENDED)
         return conclude(found, self.rig, self.config)
 
@@ -342,9 +342,9 @@ class ConstrainedTracker:
         """Return whether a front at s, a, b, v (4,) is out of view or far beyond the path."""
         limits = self.config.visibility
         left, right = self._quads(mean[None], pair)
-        narrow = self.life.stamps_ns and np.ptp(left[0, :, 0]) < limits.least_width_px
+        small = self.life.stamps_ns and extent_px(left[0]) < limits.least_width_px
         beyond = mean[0] > self.lane.path.length_m + limits.beyond_path_m
-        return bool(narrow or beyond) or not self.life.is_in_view(left[0], right[0])
+        return bool(small or beyond) or not self.life.is_in_view(left[0], right[0])
 
     def _report(self, pair: StereoPair, state: TrackState, moments: tuple[Array, Array]
                 ) -> TrackUpdate:

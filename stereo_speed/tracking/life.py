@@ -17,7 +17,7 @@ class TrackLife:
     In which pairs a vehicle was seen, and what follows from it by ``VisibilityConfig``.
 
     ``first_ns`` is the stamp of the first pair and ``stamps_ns`` are those of the pairs it was
-    wholly seen in; ``width_px`` is the greatest width of its front in the left view, and ``end``
+    wholly seen in; ``extent_px`` is the greatest extent of its front in the left view, and ``end``
     is how its pass ended, None until then.
 
     :param start: what the track starts from.
@@ -26,7 +26,7 @@ class TrackLife:
     def __init__(self, start: TrackStart) -> None:
         self.rig, self.limits = start.rig, start.config.visibility
         self.stamps_ns: list[int] = []
-        self.width_px = 0.0
+        self.extent_px = 0.0
         self.end: Optional[TrackEnd] = None
         self.first_ns = self._last_ns = self._seen_ns = start.pair.stamp_ns
 
@@ -60,7 +60,7 @@ class TrackLife:
         """
         self._seen_ns = pair.stamp_ns
         self.stamps_ns.append(pair.stamp_ns)
-        self.width_px = max(self.width_px, float(np.ptp(left_px[:, 0])))
+        self.extent_px = max(self.extent_px, extent_px(left_px))
         confirmed = len(self.stamps_ns) >= self.limits.confirm_pairs
         return TrackState.CONFIRMED if confirmed else TrackState.TENTATIVE
 
@@ -82,3 +82,13 @@ class TrackLife:
         unoccluded_ns = self.stamps_ns[-1] if self.stamps_ns else self.first_ns
         return (stamp_ns - self._seen_ns) * 1e-9 > self.limits.lost_after_s \
             or (stamp_ns - unoccluded_ns) * 1e-9 > self.limits.occluded_for_s
+
+
+def extent_px(quad_px: Array) -> float:
+    """
+    Return the width or the height of a quad (4, 2) in an image, whichever is the greater, px.
+
+    What is found of a motorcycle is half a metre wide, and higher than that: it shows as much as a
+    car's bumper that is twice as wide.
+    """
+    return float(np.ptp(quad_px, axis=0).max())

@@ -61,7 +61,7 @@ class Pass:
     :param lane: lane whose path it was measured along.
     :param stamps_ns: stamps of the pairs it was wholly seen in; of the first pair if in none.
     :param solved: from all its observations; None when it was never seen.
-    :param width_px: greatest width of its front in a view.
+    :param extent_px: greatest width or height of its front in a view.
     :param end: how its track ended.
     """
 
@@ -69,7 +69,7 @@ class Pass:
     lane: LanePath
     stamps_ns: Sequence[int]
     solved: Optional[SolvedPass]
-    width_px: float
+    extent_px: float
     end: TrackEnd
 
 
@@ -130,7 +130,7 @@ def _reason(found: Pass, posterior: Posterior, speeds: Array, std_mps: float, sh
     limits = config.verdict
     if len(found.stamps_ns) < limits.least_pairs:
         return Reason.TOO_FEW_PAIRS
-    if found.width_px < limits.least_width_px:
+    if found.extent_px < limits.least_width_px:
         return Reason.TOO_FAR
     if not np.median(posterior.cross_ncc) > limits.least_median_ncc:
         return Reason.VIEWS_DISAGREE
@@ -143,7 +143,7 @@ def _reason(found: Pass, posterior: Posterior, speeds: Array, std_mps: float, sh
     if not share < config.max_scale_std_share:
         return Reason.RIG_UNCERTAIN
     if not std_mps < max(config.max_speed_std_share * speeds.mean(), config.max_speed_std_mps):
-        far = found.width_px < limits.far_width_px
+        far = found.extent_px < limits.far_width_px
         return Reason.TOO_FAR if far else Reason.UNCERTAIN
     return None
 

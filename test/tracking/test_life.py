@@ -10,7 +10,7 @@ import pytest
 from stereo_speed.core.config import TrackerConfig, VisibilityConfig
 from stereo_speed.core.passes import TrackEnd
 from stereo_speed.core.records import TrackState
-from stereo_speed.tracking.life import TrackLife
+from stereo_speed.tracking.life import extent_px, TrackLife
 
 POSE = np.array([20.0, 0.1, 1.9])
 LIMITS = VisibilityConfig(confirm_pairs=3, lost_after_s=1.0, occluded_for_s=2.0)
@@ -39,10 +39,10 @@ def test_it_is_confirmed_after_enough_pairs_however_they_are_spread(life, at, te
     assert life.stamps_ns == [0, 500_000_000, 1_500_000_000] and life.end is None
 
 
-def test_the_width_is_the_greatest(life, at, textured):
+def test_the_extent_is_the_greatest(life, at, textured):
     for k, s in enumerate((20.0, 30.0, 10.0)):
         life.seen(at(k), textured.quads((s, 0.1, 1.9))[0])
-    assert life.width_px == pytest.approx(1.8 * 1500 / 30)
+    assert life.extent_px == pytest.approx(1.8 * 1500 / 30)
 
 
 def test_time_goes_on_from_pair_to_pair(life, at):
@@ -70,3 +70,9 @@ def test_it_leaves_with_the_first_corner_that_is_out_of_an_image(life, textured,
     left = life.leaves_view(*quads)
     assert left == (shift != (0.0, 0.0))
     assert life.end is (TrackEnd.LEFT_VIEW if left else None)
+
+
+def test_what_is_higher_than_wide_is_as_large_as_it_is_high():
+    upright = np.array([[10.0, 20], [27, 21], [28, 52], [11, 51]])  # 17 or 18 px wide
+    assert extent_px(upright) == pytest.approx(32.0)
+    assert extent_px(upright[:, ::-1]) == pytest.approx(32.0)

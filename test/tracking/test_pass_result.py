@@ -41,7 +41,7 @@ def found(speeds=(20.0, 20.0, 20.0, 20.0, 20.0), std=0.1, **changes):
     parts = std ** 2 * np.eye(n)
     base = Pass(track=3, lane=lane, stamps_ns=[k * SECOND for k in range(n)],
                 solved=SolvedPass(posterior, frozenset(), 0.8 * parts, 0.5 * parts),
-                width_px=100.0, end='left_view')
+                extent_px=100.0, end='left_view')
     return replace(base, **changes)
 
 
@@ -87,9 +87,9 @@ def test_speed_is_the_mean_over_time_also_where_observations_and_pairs_were_left
 @pytest.mark.parametrize('reason, changes', [
     ('never_seen', {'solved': None}),
     ('too_few_pairs', {'stamps_ns': [0, SECOND, 2 * SECOND]}),
-    ('too_far', {'width_px': 15.0}),
+    ('too_far', {'extent_px': 15.0}),
     ('uncertain', {'std': 1.5}),
-    ('too_far', {'std': 1.5, 'width_px': 30.0}),
+    ('too_far', {'std': 1.5, 'extent_px': 30.0}),
     ('implausible', {'speeds': (20.0, 20.0, -1.0, 20.0, 20.0)}),
     ('implausible', {'speeds': (20.0, 20.0, 40.0, 20.0, 20.0)}),
     ('implausible', {'speeds': (95.0,) * 5}),

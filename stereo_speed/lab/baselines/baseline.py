@@ -162,7 +162,7 @@ class Baseline(ABC, Generic[OwnSettings]):
         limits, seen = self.config.verdict, len(self.life.stamps_ns)
         if seen < limits.least_pairs:
             return self.unseen_reason if self.missed > seen else Reason.TOO_FEW_PAIRS
-        if self.life.width_px < limits.least_width_px:
+        if self.life.extent_px < limits.least_width_px:
             return Reason.TOO_FAR
         speed, mean = profile.speed_mps, float(profile.speed_mps.mean())
         if not (np.isfinite(speed).all() and 0 < speed.min()
@@ -170,7 +170,7 @@ class Baseline(ABC, Generic[OwnSettings]):
             return Reason.IMPLAUSIBLE
         std = math.hypot(profile.mean_std_mps, self.calibration * mean)
         if not std < max(self.config.max_speed_std_share * mean, self.config.max_speed_std_mps):
-            far = self.life.width_px < limits.far_width_px
+            far = self.life.extent_px < limits.far_width_px
             return Reason.TOO_FAR if far else Reason.UNCERTAIN
         return None
 
