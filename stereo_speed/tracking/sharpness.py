@@ -7,6 +7,9 @@ A camera out of focus shows a far front blurred by as much as its details are wi
 differ most where they should tell most, and the edges of the front run into the background in one
 of them.  Blurred by as much, the other view is like it.  Differences of blur are compared at one
 and the same sum of both, so that noise is averaged away alike in all of them.
+
+A lens blurs all pairs by as many pixels, so what they tell adds up.  The first tell the most:
+nearer, lamps that clip differ more than the rest of the front.
 """
 from __future__ import annotations
 
@@ -30,20 +33,29 @@ def trial_blurs_px(noise: NoiseConfig) -> list[tuple[float, float]]:
             for share in _SHARES]
 
 
-def equal_blurs_px(patches: Array, pixels: float, noise: NoiseConfig) -> tuple[float, float]:
+def blur_log_likelihoods(patches: Array, pixels: float, noise: NoiseConfig) -> Array:
+    """
+    Return the log-likelihoods (n,) of the differences of blur by one pair; those of pairs add up.
+
+    :param patches: (n, 2, G) of both views with each of :func:`trial_blurs_px`.
+    :param pixels: that they cover in a view.
+    :param noise: how great a difference may be.
+    """
+    # Pixels within the blur of both views are alike.
+    independent = pixels / (2 * math.pi * noise.most_blur_px ** 2)
+    lack = np.maximum(1 - ncc(patches[:, 0], patches[:, 1]), _LEAST_LACK)
+    return np.asarray(-0.5 * independent * np.log(lack))
+
+
+def equal_blurs_px(log_likelihood: Array, noise: NoiseConfig) -> tuple[float, float]:
     """
     Return the blurs that make both views equally sharp, 1-sigmas, px: one of them is 0.
 
     Both are where the views may well be as sharp as each other.
 
-    :param patches: (n, 2, G) of both views with each of :func:`trial_blurs_px`.
-    :param pixels: that they cover in a view.
+    :param log_likelihood: (n,) of :func:`blur_log_likelihoods`, added over pairs.
     :param noise: how great a difference may be, and from when on it counts.
     """
-    # Pixels within the blur of both views are alike.
-    independent = pixels / (2 * math.pi * noise.most_blur_px ** 2)
-    lack = np.maximum(1 - ncc(patches[:, 0], patches[:, 1]), _LEAST_LACK)
-    log_likelihood = -0.5 * independent * np.log(lack)
     gain = float(log_likelihood.max() - log_likelihood[len(_SHARES) // 2])
     if gain < 0.5 * noise.sharpness_sigmas ** 2:
         return 0.0, 0.0

@@ -33,7 +33,7 @@ from .onset import Moments
 from .photometry import Equations, PassPhotometry, Photometry, views_agree
 from .posterior import Posterior, SolvedPass
 from .relief import node_variances, node_weights
-from .sharpness import equal_blurs_px, trial_blurs_px
+from .sharpness import blur_log_likelihoods, equal_blurs_px, trial_blurs_px
 from ..core.config import TrackerConfig
 from ..core.records import Array, StereoPair
 from ..estimation.weights import normalise_log_weights
@@ -45,6 +45,7 @@ _HALF_WIDTH_M = 0.8  # lever by which a change of heading moves the edges of a f
 # How far a right view may be off its epipolar line: by more than any calibration leaves, so that
 # this tells nothing of the speed (`steadying.view_lag` has the lag from it).
 _ACROSS_PX = 3.0
+_BLUR_PAIRS = 4  # that say which view is the sharper one: as many as the shortest pass has
 _NEGLIGIBLE = 1e-4  # weight of a motion model that counts for nothing in this pair
 
 
@@ -201,6 +202,7 @@ class PhotometricWindow:
         self.hypotheses = hypotheses_of(config)
         self._window = _Window((), np.zeros((0, 4)), np.zeros(nodes), np.ones(nodes))
         self._agreement: Array = np.zeros(0)  # left-right NCC of what was solved for last
+        self._blurs: list[Array] = []  # what each of the first pairs says of the views' blurs
 
     def add(self, pair: StereoPair, guess: Array, *, reacquires: bool = False
             ) -> Optional[Posterior]:
@@ -214,6 +216,7 @@ class PhotometricWindow:
         :return: None when the front is not wholly in both images at the guess.
         """
         if not self._window.keyframes:
+            self._blurs = []
             self._judge_sharpness(pair, guess)
         observation = self._observed(pair, guess)
         if observation is None:
@@ -221,6 +224,7 @@ class PhotometricWindow:
         window, posterior = self._refined(
             self._grown(_Keyframe(pair, observation), guess), _REACQUIRED if reacquires else _LIVE)
         if posterior.unoccluded[-1]:
+            window, posterior = self._as_sharp(window, posterior)
             self._window, self._agreement = window, posterior.cross_ncc
         return posterior
 
@@ -267,13 +271,35 @@ class PhotometricWindow:
         return window.deactivated(_least_gap(window.pairs[:-1]),
                                   effort.pass_observations - effort.live_observations)
 
-    def _judge_sharpness(self, pair: StereoPair, guess: Array) -> None:
-        """Ask the first pair which view is the sharper one; arguments as for :meth:`add`."""
-        seen = self.sampler.blurred_patches(pair, guess[:3], np.array([guess[3], 0.0, 0.0]),
-                                            trial_blurs_px(self.config.noise))
-        if seen is not None:
-            self.sampler.blur_px = equal_blurs_px(*seen, self.config.noise)
+    def _judge_sharpness(self, pair: StereoPair, state: Array) -> None:
+        """Ask one more pair which view is the sharper one; arguments as for :meth:`add`."""
+        noise = self.config.noise
+        seen = self.sampler.blurred_patches(pair, state[:3], np.array([state[3], 0.0, 0.0]),
+                                            trial_blurs_px(noise))
+        if seen is None:
+            return
+        if not self._blurs:
             self.sampler.blurred_at_px = seen[1]
+        self._blurs.append(blur_log_likelihoods(*seen, noise))
+        self.sampler.blur_px = equal_blurs_px(np.sum(self._blurs, axis=0), noise)
+
+    def _as_sharp(self, window: _Window, posterior: Posterior) -> tuple[_Window, Posterior]:
+        """
+        Return a solution with views made as sharp as each other, as its newest pair tells too.
+
+        The first pairs alone are asked; where views are as sharp, the solution stays as it is.
+        """
+        if not self._blurs or len(self._blurs) >= _BLUR_PAIRS or len(window.keyframes) < 2:
+            return window, posterior
+        before = self.sampler.blur_px
+        self._judge_sharpness(window.pairs[-1], window.state[-1])
+        seen = None if self.sampler.blur_px == before else self._seen_anew(window)
+        if seen is not None and len(seen.keyframes) == len(window.keyframes):
+            found = self._refined(seen, _REACQUIRED)
+            if found[1].unoccluded[-1]:
+                return found
+        self.sampler.blur_px = before
+        return window, posterior
 
     def solve_pass(self) -> SolvedPass:
         """Return the pass solved from all keyframes, the inactive ones among them."""

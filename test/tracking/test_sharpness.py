@@ -13,7 +13,7 @@ from stereo_speed.core.config import NoiseConfig
 from stereo_speed.tracking.front import Front
 from stereo_speed.tracking.observation import ObservationSampler
 from stereo_speed.tracking.sharpness import (
-    equal_blurs_px, grown_blurs_px, trial_blurs_px)
+    blur_log_likelihoods, equal_blurs_px, grown_blurs_px, trial_blurs_px)
 from stereo_speed.vision.haar import PartGrid
 
 GRID = PartGrid(10, 8)
@@ -30,7 +30,7 @@ def seen(textured, left_px, right_px, noise=NoiseConfig()):
                    for image, px in ((pair.left, left_px), (pair.right, right_px)))
     pair = replace(pair, left=left, right=right)
     patches = sampler.blurred_patches(pair, POSE, STILL, trial_blurs_px(noise))
-    return equal_blurs_px(*patches, noise), sampler, pair
+    return equal_blurs_px(blur_log_likelihoods(*patches, noise), noise), sampler, pair
 
 
 @pytest.mark.parametrize(('left_px', 'right_px'), [(0.0, 1.0), (0.0, 2.0), (1.5, 0.0)])

@@ -15,6 +15,7 @@ from stereo_speed.tracking.front import Front
 from stereo_speed.tracking.motion_prior import PassPrior
 from stereo_speed.tracking.observation import ObservationSampler
 from stereo_speed.tracking.posterior import Posterior
+from stereo_speed.tracking.sharpness import blur_log_likelihoods, trial_blurs_px
 from stereo_speed.tracking.window import PhotometricWindow
 from stereo_speed.vision.haar import PartGrid
 
@@ -366,6 +367,36 @@ def test_a_right_view_off_its_line_tells_nothing_of_the_speed(textured):
         mean, covariance = feed(window_of(textured, poses[0]), pairs, poses)[-1].at(-1)
         speeds.append(mean[3])
     assert abs(speeds[1] - speeds[0]) < 0.5 * np.sqrt(covariance[3, 3])
+
+
+def first_gain(textured, pair, pose):
+    """Return by how much the likeliest difference of blur beats none in one pair, logarithms."""
+    window, noise = window_of(textured, pose), NoiseConfig()
+    said = blur_log_likelihoods(
+        *window.sampler.blurred_patches(pair, pose, np.zeros(3), trial_blurs_px(noise)), noise)
+    return float(said.max() - said[len(said) // 2])
+
+
+def test_what_one_pair_leaves_open_of_the_focus_the_next_ones_tell(textured, textured_drive):
+    """The limit lies above what the first pair tells and below what two do."""
+    pairs, poses = textured_drive
+    pairs = [replace(p, right=cv2.GaussianBlur(p.right, (0, 0), 1.5)) for p in pairs]
+    sigmas = float(np.sqrt(2 * 1.4 * first_gain(textured, pairs[0], poses[0])))
+    late = window_of(textured, poses[0], TrackerConfig(noise=NoiseConfig(sharpness_sigmas=sigmas)))
+    feed(late, pairs[:1], poses)
+    assert late.sampler.blur_px == (0.0, 0.0)
+    known = window_of(textured, poses[0])
+    for window, done in ((late, 1), (known, 0)):
+        posterior = feed(window, pairs[done:], poses[done:])[-1]
+        assert window.sampler.blur_px == pytest.approx((1.5, 0.0), abs=0.25)
+        assert np.abs(posterior.mean[:, 3] - MPS).max() < 4 * np.sqrt(posterior.covariance[-1, -1])
+    # Observations of before it was known are none of the solution.
+    speeds = [np.mean(one.solve_pass().posterior.mean[:, 3]) for one in (late, known)]
+    assert speeds[0] == pytest.approx(speeds[1], abs=0.02)
+
+
+def test_views_as_sharp_as_each_other_stay_as_they_are_all_the_way(steady):
+    assert steady[0].sampler.blur_px == (0.0, 0.0)
 
 
 @pytest.mark.slow
