@@ -19,13 +19,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
-from typing import Iterable, Iterator, Mapping, Optional
+from typing import Iterator, Mapping, Optional
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from .first_guess import guess_road, NoRoadError
-from .model import RoadShape, Weights
+from .model import RoadShape, VERTICAL_CURVE, Weights
 from .problem import DriftPrior, Feet, Picks, pixels, REACH, RoadPrior, RoadProblem
 from ..core.records import Array
 from ..estimation.robust import robust_std
@@ -35,7 +35,7 @@ from ..geometry.rig import StereoRig
 ROBUST = 3.3  # residuals beyond this many sigmas count less and less (soft L1)
 # Numbers that may describe a road: a clothoid needs two, a hairpin some more, the ends of a
 # parabola in the middle of a road five.
-MOST = RoadShape(curvature=8, tilt=2, vertical=6, twist=6)
+MOST = RoadShape(8, 2, 6, 6, VERTICAL_CURVE)
 MAX_STEPS = 40  # of the solver; fits that converge need 10
 FOOT_PLACES = 8001  # places along the road among which a foot is looked up: some cm apart
 # Times their 1-sigma, by which not even 30 picks scatter by chance: a longer road would tell more.
@@ -156,9 +156,9 @@ class RoadFit:
         return self.problem.drift_rad(self.x)
 
     @property
-    def shapes(self) -> list[RoadShape]:
-        """Return the shape of the road, and those of its rivals."""
-        return [fit.problem.model.shape for fit in (self, *(rival for _, rival in self.rivals))]
+    def families(self) -> list[RoadFit]:
+        """Return the road and its rivals."""
+        return [self, *(rival for _, rival in self.rivals)]
 
     @property
     def plane(self) -> Plane:
@@ -250,6 +250,19 @@ def _reshaped(fit: RoadFit, shape: RoadShape) -> RoadFit:
     model, start = problem.model.reshaped(shape, fit.x, problem.model.tapered)
     return _solve(RoadProblem(
         problem.rig, problem.picks, model, problem.drift, problem.prior), start)
+
+
+def _rebuilt(fit: RoadFit, shape: RoadShape) -> RoadFit:
+    """Fit a family that has a vertical curve in place of a polynomial, from the result of one."""
+    problem, seen_m = fit.problem, fit.feet.s_m
+    model, start = problem.model.as_built(
+        shape, fit.x, (float(seen_m.min()), float(seen_m.max())))
+    # Among precise picks there are many roads that no small step makes better.
+    clicks = replace(problem.picks, std_px=np.maximum(
+        problem.picks.std_px, problem.prior.pick_std_px))
+    near = _solve(RoadProblem(problem.rig, clicks, model, problem.drift, problem.prior), start)
+    return near if clicks.median_std_px == problem.picks.median_std_px else _solve(
+        RoadProblem(problem.rig, problem.picks, model, problem.drift, problem.prior), near.x)
 
 
 def same_family(fit: RoadFit, problem: RoadProblem) -> RoadFit:
@@ -354,20 +367,21 @@ def _from_guesses(rig: StereoRig, lines: Mapping[str, tuple[Array, Array]], pick
     return _search(fits, most)
 
 
-def in_families(fit: RoadFit, shapes: Iterable[RoadShape], drift: DriftPrior) -> list[RoadFit]:
+def in_family(fit: RoadFit, family: RoadFit, drift: DriftPrior) -> RoadFit:
     """
-    Fit families of roads whose lines may run off from each other a little.
+    Fit the family of a road, with lines that may run off from each other a little.
 
-    :param fit: where to start; gives rig and picks.
-    :param shapes: of the families.
+    :param fit: where to start.
+    :param family: a road of that family, where to start if only one of both has a vertical curve.
     :param drift: what is known of the drift of the right camera.
     """
-    out, problem = [], fit.problem
-    for shape in shapes:
-        model, start = problem.model.reshaped(shape, fit.x[:problem.model.size], tapered=True)
-        out.append(_solve(RoadProblem(problem.rig, problem.picks, model, drift, problem.prior),
-                          np.append(start, fit.drift_rad)))
-    return out
+    shape = family.problem.model.shape
+    if shape.vertical_curve != fit.problem.model.shape.vertical_curve:
+        fit = family
+    problem = fit.problem
+    model, start = problem.model.reshaped(shape, fit.x[:problem.model.size], tapered=True)
+    return _solve(RoadProblem(problem.rig, problem.picks, model, drift, problem.prior),
+                  np.append(start, fit.drift_rad))
 
 
 def _search(fits: list[RoadFit], most: int) -> RoadFit:
@@ -377,11 +391,15 @@ def _search(fits: list[RoadFit], most: int) -> RoadFit:
     :param fits: roads to start from.
     :param most: curvature coefficients.
     """
+    built: set[RoadShape] = set()  # once more than they are known: their starts may be bad ones
     while True:
         best = _best(fits)
         known = {fit.problem.model.shape for fit in fits}
-        for other in _promising(best, known, most, variance_of(fits)):
-            fits.append(_reshaped(best, other))
+        tries = _promising(best, known, most, variance_of(fits))
+        as_built = [one for one in _as_built(best.problem.model.shape) if one not in built]
+        for other in (*tries, *as_built):
+            built |= {other} & set(as_built)
+            fits.append(_reshaped(best, other) if other in tries else _rebuilt(best, other))
             if _best(fits) is fits[-1]:
                 break
         if _best(fits) is best:
@@ -447,6 +465,13 @@ def _promising(fit: RoadFit, known: set[RoadShape], most: int, variance: float
     least = promises[shape] + _LEAST_GAIN
     return sorted((p for p in promises if p not in known and promises[p] > least),
                   key=lambda p: -promises[p])[:_TRIED]
+
+
+def _as_built(shape: RoadShape) -> list[RoadShape]:
+    """Return the family with a vertical curve in place of several numbers of a polynomial."""
+    if shape.vertical < 2 or shape.vertical_curve:
+        return []
+    return [shape._replace(vertical=0, vertical_curve=VERTICAL_CURVE)]
 
 
 def _narrower(shape: RoadShape) -> Iterator[RoadShape]:

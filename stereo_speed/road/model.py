@@ -7,6 +7,8 @@ The road's frame at reference arc length ``s`` is ``G Rz(psi(s)) Ry(-theta(s)) R
 heading ``psi`` about a fixed up axis, the integral of a polynomial curvature; grade ``theta``, the
 integral of a polynomial vertical curvature; crossfall ``phi``, the integral of a polynomial twist.
 A straight grade needs none of these, because the plane tilts with it; a curve that climbs does.
+As roads are built, a grade goes over into the next one in a *vertical curve*, a parabola, whose
+two ends no polynomial follows.
 
 The parameters are one vector: small rotation of the guess (3), height (1), a lateral offset for
 each line, on demand a taper for each line, and the coefficients of the shape.
@@ -15,6 +17,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -24,7 +27,11 @@ from numpy.typing import NDArray
 from ..core.records import Array
 
 NODES = 81  # along the reference line
+# Numbers of one: its middle, the logarithm of its length, in half lengths, and its change, rad.
+VERTICAL_CURVE = 3
 _OVERHANG = 1.1  # half lengths from the middle to the last node; lines go on a little
+# Of vertical curves that are tried: middles along what is seen, and lengths as shares of it.
+_MIDDLES, _LENGTHS = 21, np.geomspace(0.1, 1, 9)
 
 
 class RoadShape(NamedTuple):
@@ -35,17 +42,19 @@ class RoadShape(NamedTuple):
     :param tilt: 2 where grade and crossfall in the middle are free, 0 where they are 0.
     :param vertical: coefficients of its vertical curvature.
     :param twist: coefficients of the change of its crossfall.
+    :param vertical_curve: ``VERTICAL_CURVE`` where one grade goes over into another, or 0.
     """
 
     curvature: int = 0
     tilt: int = 0
     vertical: int = 0
     twist: int = 0
+    vertical_curve: int = 0
 
     @property
     def flat(self) -> bool:
         """Return whether the surface is a plane."""
-        return not (self.tilt or self.vertical or self.twist)
+        return not any(self[1:])
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,8 +109,10 @@ class RoadModel:
     @cached_property
     def steps(self) -> Array:
         """Return the (size,) differences that move the picks by something like 1e-3 px."""
-        return np.concatenate([
-            np.full(3, 1e-6), np.full(self._first - 3, 1e-5), np.full(sum(self.shape), 1e-6)])
+        out = np.full(self.size, 1e-6)
+        out[3:self._first] = 1e-5
+        out[self.places.vertical_curve][:-1] = 1e-5
+        return out
 
     @cached_property
     def s_m(self) -> Array:
@@ -128,7 +139,7 @@ class RoadModel:
     @cached_property
     def _basis(self) -> Array:
         """Integrals (2 NODES - 1, terms) of Legendre polynomials, at nodes and between."""
-        sigma = np.linspace(-1, 1, 2 * NODES - 1) * _OVERHANG
+        sigma = self._between
         terms = max(self.shape.curvature, self.shape.vertical, self.shape.twist, 1)
         return np.stack([legendre.legval(sigma, legendre.legint(row, lbnd=0))
                          for row in np.eye(terms)], axis=-1)
@@ -136,6 +147,63 @@ class RoadModel:
     def _integral(self, coefficients: Array) -> Array:
         """Return the integral (..., 2 NODES - 1) of a polynomial (..., terms); 0 in the middle."""
         return np.asarray(coefficients @ self._basis[:, :coefficients.shape[-1]].T)
+
+    @cached_property
+    def _between(self) -> Array:
+        """Places (2 NODES - 1,) of the nodes and between, in half lengths from the middle."""
+        return np.linspace(-1, 1, 2 * NODES - 1) * _OVERHANG
+
+    def _vertical_curve(self, numbers: Array) -> Array:
+        """Return the grades (..., 2 NODES - 1) by a vertical curve (..., 3) or none (..., 0)."""
+        if not numbers.shape[-1]:
+            return np.zeros(numbers.shape[:-1] + (1,))
+        middle, log_length, change = (numbers[..., i, None] for i in range(VERTICAL_CURVE))
+        return np.asarray(change * _ramp(self._between, middle, np.exp(log_length)))
+
+    def as_built(self, shape: RoadShape, x: Array, seen_m: tuple[float, float]
+                 ) -> tuple[RoadModel, Array]:
+        """
+        Return a family with a vertical curve, and the road in it that is near.
+
+        :param shape: of that family: with the vertical curve, and without the polynomial of one.
+        :param x: (size,) parameters of the road, or more.
+        :param seen_m: arc lengths between which they are to be alike.
+        """
+        other, out = self.reshaped(shape, x, self.tapered)
+        near, up_m, grade = self._vertical_curve_near(x[self.places.vertical], seen_m)
+        out[other.places.vertical_curve] = near
+        out[3] += up_m
+        if shape.tilt:
+            out[other.places.tilt.start] += grade
+        else:
+            out[1] -= grade
+        return other, out
+
+    def _vertical_curve_near(self, coefficients: Array, seen_m: tuple[float, float]
+                             ) -> tuple[Array, float, float]:
+        """
+        Return the vertical curve that climbs most like a polynomial of vertical curvature.
+
+        :param seen_m: arc lengths between which they are compared.
+        :return: its numbers, and the height, m, and grade that are to be added.
+        """
+        u, step = self._between, self._between[1] - self._between[0]
+        begin, end = np.array(seen_m) / self.half_length_m
+        inner = (u >= begin) & (u <= end)
+
+        def climbed(grades: Array) -> Array:
+            way = (np.cumsum(grades) - grades / 2) * step
+            return np.asarray((way - way[NODES - 1])[inner])
+        want, tries = climbed(self._integral(coefficients)), []
+        for middle, length in product(np.linspace(begin, end, _MIDDLES),
+                                      (end - begin) * _LENGTHS):
+            ramp = climbed(_ramp(u, middle, length))
+            basis = np.column_stack([ramp, np.ones_like(ramp), u[inner]])
+            found = np.linalg.lstsq(basis, want, rcond=None)[0]
+            off = basis @ found - want
+            tries.append((float(off @ off), middle, np.log(length), *found))
+        _, middle, log_length, change, up, grade = min(tries)
+        return np.array([middle, log_length, change]), up * self.half_length_m, grade
 
     def offsets(self, x: Array) -> Array:
         """Return the (..., lines) lateral places of the lines, m, positive to the left."""
@@ -166,7 +234,8 @@ class RoadModel:
         psi, climb, roll = (self._integral(x[..., part]) for part in (
             self.places.curvature, self.places.vertical, self.places.twist))
         tilt = self.tilt(x)
-        theta, phi = tilt[..., :1] + climb, tilt[..., 1:] + roll
+        theta = tilt[..., :1] + climb + self._vertical_curve(x[..., self.places.vertical_curve])
+        phi = tilt[..., 1:] + roll
         cp, sp, ct, st = np.cos(psi), np.sin(psi), np.cos(theta), np.sin(theta)
         cf, sf = np.cos(phi), np.sin(phi)
         tangent = np.stack([cp * ct, sp * ct, st], axis=-1)
@@ -195,6 +264,7 @@ class RoadPlaces(NamedTuple):
     :param tilt: grade and crossfall in the middle, rad.
     :param vertical: rad per half length.
     :param twist: rad per half length.
+    :param vertical_curve: middle and logarithm of the length, half lengths; change of grade, rad.
     """
 
     offsets: slice
@@ -203,6 +273,28 @@ class RoadPlaces(NamedTuple):
     tilt: slice
     vertical: slice
     twist: slice
+    vertical_curve: slice
+
+
+def _ramp(u: Array, middle: Array, length: Array) -> Array:
+    """
+    Return how much of a vertical curve lies behind places (n,), against the middle of the road.
+
+    Its ends are rounded over the distance of two nodes, as pavers round them; the nodes do
+    not show more, and it changes smoothly with its ends.
+
+    :param u: in half lengths, as are the others.
+    :param middle: (..., 1) of the curve.
+    :param length: (..., 1) of it.
+    """
+    half = _OVERHANG / (NODES - 1)
+
+    def area(places: Array) -> Array:
+        """Return the integral of a ramp from 0 to 1 up to places."""
+        part = (places - middle) / length + 0.5
+        return np.asarray((np.maximum(part, 0.0)**2 - np.maximum(part - 1, 0.0)**2) * length / 2)
+    behind, zero = ((area(v + half) - area(v - half)) / (2 * half) for v in (u, np.zeros(1)))
+    return np.asarray(behind - zero)
 
 
 def rotation(vectors: Array) -> Array:

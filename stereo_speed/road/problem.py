@@ -47,6 +47,11 @@ class RoadPrior(CheckedRecord):
     twist_std_rad: float = parameter(
         0.04, 1e-4, 1.0, 'rad', '1-sigma of the change of the crossfall over half the road, where '
         'it changes; superelevation is built up to 8 %')
+    vertical_curve_m: float = parameter(
+        40.0, 1.0, 1000.0, 'm', 'usual length of a vertical curve, over which one grade goes over '
+        'into another')
+    vertical_curve_log_std: float = parameter(
+        0.7, 0.01, 5.0, '', '1-sigma of the natural logarithm of that length')
     bent_probability: float = parameter(
         0.1, 1e-6, 0.9, '', 'probability, beforehand, of each number more that describes how a '
         'road bends, and of a bend that lies in a plane; a clothoid is as common as an arc')
@@ -296,7 +301,17 @@ class RoadProblem:
             np.full(self.model.lines * self.model.tapered, max(prior.taper_std_m, _LEAST_TAPER_M)),
             prior.curvature_std_per_m * half / number[:shape.curvature], tilt[:shape.tilt],
             prior.crest_std_per_m * half / number[:shape.vertical],
-            prior.twist_std_rad / number[:shape.twist]])
+            prior.twist_std_rad / number[:shape.twist],
+            np.array([1.0, prior.vertical_curve_log_std, prior.crest_std_per_m * half]
+                     )[:shape.vertical_curve]])
+
+    @property
+    def prior_mean(self) -> Array:
+        """Return what the parameters of the shape and the tapers are beforehand."""
+        places, out = self.model.places, np.zeros(self.model.size)
+        out[places.vertical_curve][1:2] = np.log(
+            self.prior.vertical_curve_m / self.model.half_length_m)
+        return out[places.tapers.start:]
 
     def priors(self, x: Array) -> Array:
         """
@@ -308,7 +323,8 @@ class RoadProblem:
         roll = axes[..., 1, 1:2]  # how far the left axis dips below the camera's horizontal
         weak = np.concatenate([
             roll / self.prior.roll_std_rad,
-            x[..., self.model.places.tapers.start:self.model.size] / self.prior_std], axis=-1)
+            (x[..., self.model.places.tapers.start:self.model.size] - self.prior_mean)
+            / self.prior_std], axis=-1)
         if self.drift is None:
             return weak
         drift = (self.drift_rad(x) - self.drift.mean_rad) @ self.drift.root.T

@@ -118,11 +118,13 @@ def test_single_line(make_scene):
     assert np.all(lane.heading_std_rad < np.radians(1.0))
 
 
-def test_jacobian_against_differences(make_scene):
+@pytest.mark.parametrize('shape', [RoadShape(2, 2, 1, 1), RoadShape(2, 2, 0, 1, 3)])
+def test_jacobian_against_differences(make_scene, shape):
     """The analytic elimination of the feet gives the derivative of the residuals."""
     scene = make_scene(curvature=1 / 60)
     model, x = guess_road(scene.rig, list(scene.lines.values()), 2)
-    model, x = model.reshaped(RoadShape(2, 2, 1, 1), x, tapered=True)
+    model, x = model.reshaped(shape, x, tapered=True)
+    x[model.places.vertical_curve] = np.array([0.1, -0.3, 0.01])[:shape.vertical_curve]
     problem = RoadProblem(scene.rig, Picks.of(scene.lines), model)
     got, h = problem.jacobian(x), 1e-5
     for i in range(model.size):
@@ -191,9 +193,49 @@ def test_a_crossfall_that_is_built_up_evenly_is_described_as_such(make_scene):
     assert fit.residual_px.max() < 0.03
 
 
+def crest_picks(rig, rng, begin_m, end_m, change):
+    """Return lines of 0.02 px of a straight road whose grade changes evenly over some m of 85."""
+    s, lines = np.linspace(0.0, 85.0, 80), {}
+    f = np.linspace(0.0, 85.0, 8501)
+    grade = change * np.clip((f - begin_m) / (end_m - begin_m), 0, 1)
+    up = np.append(0.0, np.cumsum((grade[1:] + grade[:-1]) / 2 * np.diff(f)))
+    height = np.interp(s, f, up - up[-1])
+    for name, left_m in (('right', -1.75), ('middle', 1.75), ('left', 5.25)):
+        points = np.stack([np.full(80, left_m - 3.0), 5.0 - height, 92.0 - s], axis=-1)
+        left, right, in_left, in_right = rig.project(points)
+        lines[name] = tuple(view[seen] + rng.normal(0, 0.02, (int(seen.sum()), 2))
+                            for view, seen in ((left, in_left), (right, in_right)))
+    return lines, {name: tuple(np.full(len(view), 0.02) for view in views)
+                   for name, views in lines.items()}
+
+
+@pytest.mark.parametrize('begin_m, end_m, change', [(40, 65, -0.04), (30, 65, 0.05)],
+                         ids=['crest', 'sag'])
+def test_a_vertical_curve_is_found_as_it_was_built(make_scene, begin_m, end_m, change):
+    """A polynomial leaves millimetres at its ends, which a rolled camera would explain as well."""
+    rig, rng = make_scene().rig, np.random.default_rng(1)
+    lines, std_px = crest_picks(rig, rng, begin_m, end_m, change)
+    fit = fit_road(rig, lines, std_px)
+    model = fit.problem.model
+    assert model.shape == RoadShape(vertical_curve=3)
+    middle, log_length, found = fit.x[model.places.vertical_curve]
+    std = np.sqrt(np.diag(fit.covariance))[model.places.vertical_curve]
+    length_m = model.half_length_m * np.exp(log_length)
+    assert abs(found - change) < 4 * std[2] < 0.002
+    assert abs(np.log(length_m / (end_m - begin_m))) < 4 * std[1] < 0.2
+
+
+def test_a_grade_that_changes_evenly_all_along_is_no_transition(make_scene):
+    """Where neither end is in view there is nothing that tells them."""
+    rig, rng = make_scene().rig, np.random.default_rng(2)
+    fit = fit_road(rig, *crest_picks(rig, rng, -20.0, 105.0, 0.08))
+    assert fit.problem.model.shape == RoadShape(vertical=1)
+
+
 @pytest.mark.parametrize('shape, numbers', [
     (RoadShape(), 0), (RoadShape(vertical=1), 1), (RoadShape(1, 2), 1), (RoadShape(2, 2), 1),
-    (RoadShape(3, 2), 2), (RoadShape(1), 2), (RoadShape(2, 2, 1, 3), 5)])
+    (RoadShape(3, 2), 2), (RoadShape(1), 2), (RoadShape(2, 2, 1, 3), 5),
+    (RoadShape(vertical_curve=3), 3)])
 def test_each_number_more_is_the_exception_but_the_second_of_a_bend(shape, numbers):
     """A clothoid is as common as an arc; a bend that lies in a plane is one exception more."""
     prior = RoadPrior(bent_probability=0.01)

@@ -91,6 +91,16 @@ def test_priors_hand_worked(rig):
     assert abs(problem.priors(rolled)[0]) == pytest.approx(np.sin(0.1) / 0.2)
 
 
+def test_priors_of_a_vertical_curve_hand_worked(rig):
+    """Middle, logarithm of the length against the usual one, and change, each over its sigma."""
+    prior = RoadPrior(vertical_curve_m=50.0, vertical_curve_log_std=0.5, crest_std_per_m=0.001)
+    model = replace(MODEL, shape=RoadShape(vertical_curve=3))  # half of it is 25 m
+    problem = RoadProblem(rig, Picks.of(picks_on(rig)), model, None, prior)
+    x = np.concatenate([X, [0.5, np.log(4.0), 0.05]])
+    np.testing.assert_allclose(
+        problem.priors(x), [0, 0.5, np.log(2) / 0.5, 0.05 / (25 * 0.001)], atol=1e-9)
+
+
 def test_the_order_of_picks_tells_the_leg_of_a_hairpin():
     """The second pick is nearer to the last column, but what follows it lies before that."""
     cost = np.array([[[0.0, 5, 9, 9], [9, 2, 5, 0], [9, 9, 0, 9]]])

@@ -31,7 +31,7 @@ from ...core.errors import SiteError
 from ...core.records import Array, StereoPair
 from ...estimation.robust import robust_std
 from ...geometry.rig import StereoRig
-from ...road.fit import in_families, RoadFit, same_family, variance_of
+from ...road.fit import in_family, RoadFit, same_family, variance_of
 from ...road.lanes import LanePath
 from ...road.problem import DriftPrior, RoadPrior, RoadProblem
 
@@ -308,8 +308,9 @@ def _shown(free: RoadFit, fixed: RoadFit, before: DriftPrior) -> list[Shown]:
     :param fixed: the same if it stands as calibrated.
     :param before: what the background says.
     """
-    starts = {shape: fit for fit in (fixed, free) for shape in fit.shapes}
-    fits = [in_families(start, [shape], before)[0] for shape, start in starts.items()]
+    starts = {family.problem.model.shape: (fit, family)
+              for fit in (fixed, free) for family in fit.families}
+    fits = [in_family(*start, before) for start in starts.values()]
     variance = variance_of(fits)
     return [Shown(fit.log_evidence(variance), fit.drift_rad, fit.covariance[-3:, -3:])
             for fit in fits]

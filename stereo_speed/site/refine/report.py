@@ -219,7 +219,8 @@ def summary_lines(refined: RefinedSite, figures: Report) -> list[str]:
         bent = [text for count, text in (
             (shape.tilt, 'grade and crossfall in the bend'),
             (shape.vertical, f'changing grade ({shape.vertical})'),
-            (shape.twist, f'changing crossfall ({shape.twist})')) if count]
+            (shape.twist, f'changing crossfall ({shape.twist})'),
+            (shape.vertical_curve, 'one grade after another')) if count]
         out.append(f'road: {kind}, {", ".join(bent) or "plane surface"}')
     for lane in figures.lanes:
         mph = lane.limit_mps / MPH_MPS
