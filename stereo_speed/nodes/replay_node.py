@@ -8,6 +8,7 @@ times ``rate``, each after a ``/clock`` of its time.
 """
 from __future__ import annotations
 
+from contextlib import closing
 from functools import partial
 import time
 from typing import Any, Iterator
@@ -21,6 +22,7 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
 from .common import byte_array, image_message, Parameters, qos_options, RELIABLE, run, to_stamp
 from ..core.errors import BagError, InputError
+from ..io.ahead import ahead
 from ..io.bags import BagMessage, StereoBag
 from ..io.images import grey_from_message
 
@@ -87,19 +89,24 @@ class ReplayNode(Node):
 
     def _play_once(self) -> int:
         """Publish each message when it is due; how many were published."""
-        first_ns, count, clock_ns = None, 0, 0
-        begun = time.monotonic()
+        count, clock_ns, begun = 0, 0, time.monotonic()
+        with closing(ahead(self._due())) as due:
+            for due_s, message, msg in due:
+                self._sleep_until(begun + due_s / self.rate)
+                clock_ns = max(clock_ns, message.stamp_ns)
+                self.clock.publish(Clock(clock=to_stamp(clock_ns)))
+                self.send(message.side, message.kind, msg, due_s)
+                count += 1
+        return count
+
+    def _due(self) -> Iterator[tuple[float, BagMessage, Any]]:
+        """Yield messages, ready to be published, with the time at which they are due, s."""
+        first_ns = None
         for message in self.messages():
             first_ns = message.stamp_ns if first_ns is None else first_ns
             due_s = (message.stamp_ns - first_ns) * 1e-9 - self.start_s
-            if due_s < 0:
-                continue
-            self._sleep_until(begun + due_s / self.rate)
-            clock_ns = max(clock_ns, message.stamp_ns)
-            self.clock.publish(Clock(clock=to_stamp(clock_ns)))
-            self.send(message.side, message.kind, self._message(message), due_s)
-            count += 1
-        return count
+            if due_s >= 0:
+                yield due_s, message, self._message(message)
 
     def messages(self) -> Iterator[BagMessage]:
         """Yield what is played, in the order it was recorded."""

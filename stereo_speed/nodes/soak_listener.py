@@ -16,6 +16,7 @@ from .common import LATCHED, RELIABLE, stamp_ns
 from .graph_listener import GraphListener
 
 Place = tuple[int, tuple[float, float, float]]  # stamp ns; x, y, z in the left optical frame, m
+_READINGS_NS = 10 * 10**9  # for so long readings may come after the tracks of their pair
 
 
 class SoakListener(GraphListener):
@@ -31,7 +32,8 @@ class SoakListener(GraphListener):
         self._places: dict[int, list[Place]] = {}
         self._sent_s: dict[int, float] = {}
         self.pairs_ns: list[int] = []
-        self.delays_s: list[float] = []
+        self.delays_s: list[float] = []  # from sending a pair to its tracks
+        self.reading_delays_s: list[float] = []
         self.readings = 0
         for kind, topic, callback, qos in (
                 (TwistWithCovarianceStamped, '/vehicle_speed', self._reading, RELIABLE),
@@ -43,6 +45,9 @@ class SoakListener(GraphListener):
 
     def _reading(self, msg: TwistWithCovarianceStamped) -> None:
         self.readings += 1
+        sent_s = self._sent_s.get(stamp_ns(msg.header.stamp))
+        if sent_s is not None:
+            self.reading_delays_s.append(time.monotonic() - sent_s)
 
     def _track(self, msg: Odometry) -> None:
         p, track = msg.pose.pose.position, int(msg.child_frame_id.rpartition('_')[2])
@@ -54,7 +59,8 @@ class SoakListener(GraphListener):
         sent_s = self._sent_s.get(ns)
         if sent_s is not None:
             self.delays_s.append(time.monotonic() - sent_s)
-        self._sent_s = {later: at_s for later, at_s in self._sent_s.items() if later > ns}
+        self._sent_s = {sent_ns: at_s for sent_ns, at_s in self._sent_s.items()
+                        if sent_ns > ns - _READINGS_NS}
 
     def _pass(self, msg: String) -> None:
         told = json.loads(msg.data)

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 import shutil
 import sqlite3
@@ -23,6 +24,7 @@ from tqdm import tqdm
 from ..evaluation.soak import (
     counted_vehicles, Held, held_table, lost_pairs, Rounds, Sample, sample_of, Soaked, SoakRules)
 from ..evaluation.traffic_run import stream_of, TRUTH
+from ..sim.config import RigConfig, RIGS
 from ..sim.traffic_config import traffic_config
 from ..sim.write import write_traffic_bag
 from ...cli.demo import (
@@ -50,13 +52,18 @@ def add_soak(actions: Any) -> None:
     rules = SoakRules()
     add('--minutes', type=number_in(float, 0.5, 10_000), default=60.0,
         help='how long, at least; whole rounds are played (default: 60)')
-    add('--round-minutes', type=number_in(float, 0.5, 60), default=2.0, metavar='M',
+    add('--round-minutes', type=number_in(float, 0.1, 60), default=2.0, metavar='M',
         help='length of the traffic that goes round (default: 2)')
     add('--vehicles', type=number_in(int, 1, 1000), default=14, metavar='N',
         help='of a round (default: 14)')
     add('--fps', type=number_in(float, 1, 60), default=5.0, help='pairs per second (default: 5)')
     add('--lanes', type=int, choices=(1, 2, 3), default=2)
     add('--seed', type=number_in(int, 0, 2 ** 63), default=11)
+    add('--width', type=number_in(int, 640, 4096), default=1024, metavar='PX',
+        help='of the images, which are three quarters as high (default: 1024)')
+    add('--one-node', action='store_true',
+        help='measure with speed_camera_node as it is installed, which hurries pairs where it '
+             'does not keep up, in place of three nodes that hurry none')
     add('--growth-mb', type=number_in(float, 0, 1e6), default=rules.growth_mb, metavar='MB',
         help=f'most growth of a node after its warm-up (default: {rules.growth_mb:g})')
     add('--out', type=Path, required=True, metavar='DIR')
@@ -70,10 +77,11 @@ def run_soak(args: argparse.Namespace) -> int:
     traffic = folder / 'traffic'
     shutil.rmtree(traffic, ignore_errors=True)
     write_traffic_bag(stream_of(traffic_config(
-        lanes=args.lanes, fps=args.fps, minutes=args.round_minutes, vehicles=args.vehicles),
-        args.seed), traffic, compressed=True)
+        lanes=args.lanes, fps=args.fps, minutes=args.round_minutes, vehicles=args.vehicles,
+        rig=_rig(args.width)), args.seed), traffic, compressed=True)
     soaked = _soak(folder, args)
     print(soaked.table().markdown())
+    print(soaked.delays_table().markdown())
     print(held_table(soaked.held, soaked.minutes).markdown())
     faults = [*soaked.faults(rules), *_log_faults(folder / 'log.sqlite', soaked)]
     for line in soaked.notes(rules):
@@ -98,10 +106,8 @@ def _soak(folder: Path, args: argparse.Namespace) -> Soaked:
     from ...nodes.soak_listener import SoakListener
     samples: dict[str, list[Sample]] = {}
     with ExitStack() as stack:
-        nodes = {command[0]: stack.enter_context(Process(*command)) for command in (
-            ('stereo_sync_node', *RELIABLE_IMAGES, *RELIABLE_INFOS), ('speed_node',),
-            ('tracker_node', *RELIABLE_INFOS, f'site:={traffic / "site.yaml"}', *EVERY_PAIR),
-            ('log_node', f'file:={folder / "log.sqlite"}'))}
+        nodes = {command[0]: stack.enter_context(Process(*command))
+                 for command in _nodes(folder, one=args.one_node)}
         listener = SoakListener(rounds.add)
         stack.callback(listener.close)
         if not listener.spin(_START_S, lambda: _alive(nodes) and listener.connected(
@@ -110,7 +116,8 @@ def _soak(folder: Path, args: argparse.Namespace) -> Soaked:
                             f'{_START_S:.0f} s, wanted all of them')
         replay = stack.enter_context(Process(
             'repeating_replay_node', f'bag:={traffic / "bag"}', f'rounds:={played}',
-            f'round_s:={round_ns * 1e-9}', 'wait_for_topics:=stereo/image_pair tracks'))
+            f'round_s:={round_ns * 1e-9}',
+            'wait_for_topics:=' + ('tracks' if args.one_node else 'stereo/image_pair tracks')))
         listener.spin(_START_S, lambda: _alive(nodes) and bool(listener.delays_s))
         begun_s, total = time.monotonic(), played * len(stamps_ns)
         step_s = max(played * round_ns * 1e-9 / _SAMPLES, _STEP_S)
@@ -127,8 +134,25 @@ def _soak(folder: Path, args: argparse.Namespace) -> Soaked:
             listener.spin(_STEP_S, lambda: False)
     return Soaked(
         minutes=minutes, pairs=lost_pairs(listener.pairs_ns, stamps_ns, round_ns, played),
-        delays_s=listener.delays_s, readings=listener.readings, rounds=rounds, played=played,
+        delays_s=listener.delays_s, reading_delays_s=listener.reading_delays_s,
+        readings=listener.readings, rounds=rounds, played=played,
         held=[Held.of(name, samples.get(name, ()), SoakRules()) for name in nodes])
+
+
+def _rig(width_px: int) -> RigConfig:
+    """Return a rig of the usual field of view with images of another size."""
+    usual = RIGS['parallel']
+    return replace(usual, width_px=width_px, height_px=width_px * 3 // 4,
+                   f_px=usual.f_px * width_px / usual.width_px)
+
+
+def _nodes(folder: Path, *, one: bool) -> list[tuple[str, ...]]:
+    """Return the commands of the nodes; those that measure are one, or three."""
+    site, images = f'site:={folder / "traffic" / "site.yaml"}', (*RELIABLE_IMAGES, *RELIABLE_INFOS)
+    measuring = [('speed_camera_node', *images, site)] if one else [
+        ('stereo_sync_node', *images), ('speed_node',),
+        ('tracker_node', *RELIABLE_INFOS, site, *EVERY_PAIR)]
+    return [*measuring, ('log_node', f'file:={folder / "log.sqlite"}')]
 
 
 def _alive(nodes: Mapping[str, Process]) -> bool:

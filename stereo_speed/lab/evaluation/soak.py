@@ -179,8 +179,11 @@ class Rounds:
             self.reasons[str(told['reason'])] += 1
             return
         self.measured[key] += 1
-        true = vehicle.speed_at([one.stamp_ns for one in seen])
-        self.errors_mps.append(float(told['speed_mps']) - float(np.nanmean(true)))
+        first, last = (int(told[f'{end}_stamp_ns']) - number * self._round_ns
+                       for end in ('first', 'last'))
+        during = (vehicle.stamps_ns >= first) & (vehicle.stamps_ns <= last)
+        self.errors_mps.append(
+            float(told['speed_mps']) - float(vehicle.speed_mps[during].mean()))
 
     def _vehicle(self, places: Sequence[Seen]) -> Optional[VehicleTruth]:
         """Return the vehicle that the places are nearest to, within the gate."""
@@ -263,6 +266,7 @@ class Soaked:
     :param minutes: it lasted.
     :param pairs: that were sent, and of them lost.
     :param delays_s: from sending a pair to its tracks.
+    :param reading_delays_s: from sending a pair to each live speed.
     :param readings: live speeds.
     :param rounds: the judge of its passes.
     :param played: rounds that were played to their end.
@@ -272,6 +276,7 @@ class Soaked:
     minutes: float
     pairs: tuple[int, int]
     delays_s: Sequence[float] = field(default_factory=list)
+    reading_delays_s: Sequence[float] = field(default_factory=list)
     readings: int = 0
     rounds: Rounds
     played: int
@@ -291,15 +296,22 @@ class Soaked:
     def table(self) -> Table:
         """Tabulate what was measured."""
         counts = self.rounds.counts(self.played)
-        delays = np.array(self.delays_s or [np.nan])
         return Table(
             title='', columns=[
                 'minutes', 'pairs', 'lost', 'vehicles', 'measured once', 'more than once',
-                'rejected', 'missed', 'on nothing', 'worst error, mph', 'live readings',
-                'delay: median, s', 'longest, s'],
+                'rejected', 'missed', 'on nothing', 'worst error, mph', 'live readings'],
             rows=[[self.minutes, *self.pairs, *counts.values(), self.rounds.worst_mph,
-                   self.readings, float(np.median(delays)), float(delays.max())]],
-            digits=[1, *(0,) * 8, 2, 0, 2, 2])
+                   self.readings]],
+            digits=[1, *(0,) * 8, 2, 0])
+
+    def delays_table(self) -> Table:
+        """Tabulate how long after a pair was sent what came of it was told."""
+        return Table(
+            title='', columns=['s after the pair was sent', 'median', 'p95', 'p99', 'longest'],
+            rows=[[what, *np.percentile(delays or [np.nan], [50, 95, 99, 100])]
+                  for what, delays in (('live readings', self.reading_delays_s),
+                                       ('all tracks of a pair', self.delays_s))],
+            digits=[0, 3, 3, 3, 3])
 
     def faults(self, rules: SoakRules) -> list[str]:
         """Return a line for each thing that must not be."""

@@ -33,7 +33,8 @@ def passes(truth, turn, speed=10.0, verdict='measured', off_m=0.5):
     """Give a pass of a vehicle in a round, and the places of its track."""
     places = [(int(ns) + turn * ROUND, tuple(at + [off_m, 0, 0]))
               for ns, at in zip(truth.stamps_ns, truth.position_m)]
-    return ({'verdict': verdict, 'first_stamp_ns': places[0][0], 'speed_mps': speed,
+    return ({'verdict': verdict, 'first_stamp_ns': places[0][0],
+             'last_stamp_ns': places[-1][0], 'speed_mps': speed,
              'reason': '' if verdict == 'measured' else 'too_few_pairs'}, places)
 
 
@@ -82,11 +83,15 @@ def test_a_run_is_sound_or_says_what_is_not():
     rounds = Rounds(TRUTH, {0}, ROUND, START)
     rounds.add(*passes(TRUTH[0], 0))
     flat = Held.of('node', samples(lambda k: 100.0), SoakRules())
-    sound = Soaked(minutes=1.0, pairs=(9, 0), delays_s=[0.1, 0.3], readings=7, rounds=rounds,
-                   played=1, held=[flat])
+    sound = Soaked(minutes=1.0, pairs=(9, 0), delays_s=[0.1, 0.3], reading_delays_s=[0.1] * 3,
+                   readings=7, rounds=rounds, played=1, held=[flat])
     assert sound.faults(SoakRules()) == []
     cells = sound.table().markdown().splitlines()[-1].strip('| ').split(' | ')
-    assert cells == ['1.0', '9', '0', '1', '1', '0', '0', '0', '0', '0.00', '7', '0.20', '0.30']
+    assert cells == ['1.0', '9', '0', '1', '1', '0', '0', '0', '0', '0.00', '7']
+    assert [line.strip('| ').split(' | ')
+            for line in sound.delays_table().markdown().splitlines()[-2:]] == [
+        ['live readings', '0.100', '0.100', '0.100', '0.100'],
+        ['all tracks of a pair', '0.200', '0.290', '0.298', '0.300']]
     worse = Soaked(minutes=1.0, pairs=(9, 2), delays_s=[], readings=7, rounds=rounds, played=2,
                    held=[flat])
     assert worse.faults(SoakRules()) == ['2 of 9 pairs were lost',
