@@ -209,6 +209,11 @@ class DetectorBeside:
         self._send(Search(process.share(pair, self._most_bytes), tracked,
                           self._memory.last_ns, self._memory.last_index))
 
+    def is_ready(self) -> bool:
+        """Return whether the answer of the pair that is searched has come, or none is."""
+        return self._pair is None or self._passing is not None or self._process is None \
+            or self._process.has_answer()
+
     def update(self, pair: StereoPair, tracked: Sequence[TrackedRegion] = ()) -> list[Detection]:
         """
         Return the vehicles in a pair that no track holds.

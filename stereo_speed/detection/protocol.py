@@ -122,6 +122,14 @@ class LooksAhead(Protocol):
         """
 
 
+@runtime_checkable
+class AnswersLater(Protocol):
+    """A detector that may still be searching the pair that it was told to expect."""
+
+    def is_ready(self) -> bool:
+        """Return whether ``update`` would wait for no search."""
+
+
 class DetectorType(Protocol):
     """
     A class of detectors, as the registry finds it.

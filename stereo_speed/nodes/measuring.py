@@ -51,6 +51,7 @@ from ..pipeline.conclusions import Beside, Measure
 from ..pipeline.pass_process import measured_beside, PassProcess
 from ..pipeline.pipeline import SpeedPipeline
 from ..pipeline.registry import DETECTORS
+from ..pipeline.solving import SolvingBeside
 from ..site.calibration_age import calibration_age, CalibrationAge
 from ..site.file import load_site
 from ..site.init_file import load_init
@@ -129,6 +130,7 @@ class Measuring:
             settings.most_wait_s, max(_WAITING_PAIRS, MOST_REFINE_PAIRS), hurry=settings.hurry)
         self.pipeline: Optional[SpeedPipeline] = None
         self._conclusions: Optional[Beside] = None
+        self._solving: Optional[SolvingBeside] = None
         self._adopted, self._unusable = 0, ''
         self._waiting: deque[_Arrival] = deque(maxlen=max(_WAITING_PAIRS, settings.refine_pairs))
         self._boxes: deque[tuple[int, list[ImageBox]]] = deque(maxlen=_WAITING_PAIRS)
@@ -360,6 +362,9 @@ class Measuring:
         if self._conclusions is not None:
             self._conclusions.close()
             self._conclusions = None
+        if self._solving is not None:
+            self._solving.close()
+            self._solving = None
 
     def _take(self, arrival: _Arrival) -> None:
         """Measure a pair, or keep it until there is all it takes to measure."""
@@ -411,12 +416,13 @@ class Measuring:
         :param corrected: what was wrong with the site as it was read; empty for nothing.
         """
         conclusions = Beside(failed=self._pass_failed, measured=self._measured)
+        solving = SolvingBeside() if self.settings.hurry else None
         pipeline = place.pipeline(self.config, self.annotations, conclusions=conclusions,
-                                  detect=self._detect(), seed=self.settings.seed,
+                                  solving=solving, detect=self._detect(), seed=self.settings.seed,
                                   where=self.settings.init_path)
         self._give_up()
         pipeline.next_track, self._begun, self.pipeline = self._next_track, True, pipeline
-        self._conclusions = conclusions
+        self._conclusions, self._solving = conclusions, solving
         self.outputs.begin(pipeline, place, self.config)
         self.rig_watch.begin(place, self.config.site, corrected)
         return pipeline

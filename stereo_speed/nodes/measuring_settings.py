@@ -70,9 +70,10 @@ class MeasuringSettings:
                 'most_wait_s', 2.0, 'when a pair has waited longer [s], the newest pair is '
                 'served and older ones are skipped', 0.0, 3600.0),
             hurry=p.get(
-                'hurry', True, 'a pair that has waited for most of the time between two is '
-                'hurried: vehicles are solved for less often, with a greater 1-sigma; without it '
-                'the only remedy is to skip pairs'),
+                'hurry', True, 'above 16 pairs a second readings wait for no solution, and a pair '
+                'that has waited for most of the time between two is hurried: vehicles are solved '
+                'for less often, with a greater 1-sigma; without it the only remedy is to skip '
+                'pairs'),
             config=_config(p, tracker, detector, f'{node.get_name()}: parameter'),
             unused=tuple(
                 f'{registry.kind}s.{name}.' for registry in (TRACKERS, DETECTORS)

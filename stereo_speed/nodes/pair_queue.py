@@ -4,10 +4,10 @@
 Pairs between the thread that receives and the thread that measures.
 
 A pair that has waited for most of the time between two pairs is hurried: it has the less done with
-it, so that the next one waits for less.  Each is hurried by itself, so what is measured is what
-``replay`` measures but where the machine does not keep up for the moment.  Where that does not do,
-and the pair in hand has waited too long, the newest pair is served and all older ones are skipped,
-whole and in order, until for some time there was nothing to skip.
+it, so that the next one waits for less.  Each is hurried by itself: none is but where the machine
+does not keep up for the moment.  Where that does not do, and the pair in hand has waited too long,
+the newest pair is served and all older ones are skipped, whole and in order, until for some time
+there was nothing to skip.
 """
 from __future__ import annotations
 

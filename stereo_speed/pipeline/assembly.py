@@ -11,6 +11,7 @@ from .conclusions import Conclusions
 from .config import PipelineConfig, SiteConfig
 from .pipeline import SpeedPipeline
 from .registry import DETECTORS, TRACKERS
+from .solving import SolvingBeside
 from ..core.errors import SiteError
 from ..core.records import InitialFront, StereoPair
 from ..detection.protocol import Detector
@@ -80,7 +81,8 @@ class MeasuringSite:
 
     def pipeline(self, config: PipelineConfig,
                  annotations: Optional[Sequence[InitialFront]] = None, *,
-                 conclusions: Optional[Conclusions] = None, detect: Optional[MakeDetector] = None,
+                 conclusions: Optional[Conclusions] = None,
+                 solving: Optional[SolvingBeside] = None, detect: Optional[MakeDetector] = None,
                  seed: int = 0, where: str = 'init file') -> SpeedPipeline:
         """
         Return a pipeline that measures here, with the tolerances that the site gives.
@@ -89,7 +91,7 @@ class MeasuringSite:
         """
         return make_pipeline(self.rig, self.lanes, config.with_tolerances(self.site.tolerances),
                              annotations, reference=self.reference, conclusions=conclusions,
-                             detect=detect, seed=seed, where=where)
+                             solving=solving, detect=detect, seed=seed, where=where)
 
 
 def steadied_pairs(rig: StereoRig, pairs: Sequence[StereoPair], config: SteadyingConfig
@@ -123,7 +125,8 @@ def _each_pair(config: SteadyingConfig) -> SteadyingConfig:
 def make_pipeline(rig: StereoRig, lanes: Mapping[str, LanePath], config: PipelineConfig,
                   annotations: Optional[Sequence[InitialFront]] = None, *,
                   reference: Optional[Reference] = None,
-                  conclusions: Optional[Conclusions] = None, detect: Optional[MakeDetector] = None,
+                  conclusions: Optional[Conclusions] = None,
+                  solving: Optional[SolvingBeside] = None, detect: Optional[MakeDetector] = None,
                   seed: int = 0, where: str = 'init file') -> SpeedPipeline:
     """
     Return a pipeline with the tracker and the detector that the parameters name.
@@ -134,6 +137,7 @@ def make_pipeline(rig: StereoRig, lanes: Mapping[str, LanePath], config: Pipelin
     :param annotations: fronts as a person annotated them; None has the vehicles detected.
     :param reference: what the rig's sway is measured against; None for the first pair.
     :param conclusions: measures passes that are over; None measures them at once.
+    :param solving: solves for vehicles beside dense pairs; None has each wait for its solution.
     :param detect: makes the detector; None takes the class that the parameters name.
     :param seed: of all randomness.
     :param where: where the annotations come from, for errors.
@@ -146,4 +150,4 @@ def make_pipeline(rig: StereoRig, lanes: Mapping[str, LanePath], config: Pipelin
     steadier = Steadier(rig, steadying, reference) if steadying.enabled else None
     return SpeedPipeline(rig, lanes, config.shared, start, annotations=annotations or (),
                          detector=detector, steadier=steadier, conclusions=conclusions,
-                         seed=seed, where=where)
+                         solving=solving, seed=seed, where=where)

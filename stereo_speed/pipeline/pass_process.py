@@ -24,7 +24,7 @@ from ..core.passes import PassResult
 
 _LEAST_BYTES = 1 << 16  # what is smaller goes through the pipe
 _ALIGNED = 64  # bytes, as arrays of numpy are
-_PATIENCE = 5  # of the processor: readings come first
+_PATIENCE = 10  # of the processor: readings come first
 
 
 class PassProcessError(Exception):

@@ -4,21 +4,26 @@
 The one pipeline: pairs in, track updates and pass results out.
 
 The live nodes, ``replay`` and the tests all run this object, so the same pairs and seed give the
-same speeds everywhere, but where a machine that does not keep up has pairs hurried or skipped.
+same speeds everywhere, but where live pairs come so fast that solutions are made beside them, or a
+machine that does not keep up has pairs hurried or skipped.
 """
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from collections import deque
+from concurrent.futures import Future
+from dataclasses import dataclass, field
 from functools import partial
 import math
-from typing import Callable, Container, Iterable, Mapping, Optional, Sequence, Union
+from typing import Any, Callable, Container, Iterable, Mapping, Optional, Sequence, Union
 
 import numpy as np
 
 from .conclusions import AtOnce, Conclusions
 from .pass_end import PassEnd
+from .search import Search, VehicleSearch
+from .solving import later_pairs, SolvingBeside, Turn
 from .time_doubt import TimeDoubt
-from .track import holds, is_sure, start_of, Track, with_stamps
+from .track import ahead_m, holds, is_sure, start_of, Track, with_stamps
 from .turns import take_turns
 from ..classification.size import VehicleSize
 from ..core.config import TrackerConfig
@@ -28,7 +33,7 @@ from ..core.records import (
     Array, InitialFront, RigMotion, StereoPair, TrackState, TrackUpdate)
 from ..core.stamp_watch import StampWatch
 from ..core.trace import PassTrace, TraceBuilder
-from ..detection.protocol import Detection, Detector, LooksAhead, TrackedRegion
+from ..detection.protocol import Detection, Detector
 from ..geometry.rig import StereoRig
 from ..road.lanes import LanePath
 from ..second.estimate import SecondOpinion
@@ -37,10 +42,11 @@ from ..steadying.steadier import Steadier
 from ..steadying.view_lag import ViewLag
 from ..tracking.initialise import check_annotation
 from ..tracking.lane_assigner import LaneAssigner
-from ..tracking.protocol import Refusal, SharesParticles, Tracker, TrackStart
+from ..tracking.protocol import CarriesOn, Refusal, SharesParticles, Tracker, TrackStart
 
-_UNSEARCHED_S = 0.3  # of stamps, at most: vehicles are in view for seconds
 _APART = 2.0  # times the distance of doubles: what a solution changes of a place is less
+_SOLVED_S = 0.5  # of stamps, at most, until solutions are waited for
+_INTERVALS = 5  # that tell the usual one, whatever is lost of the pairs
 _WORSE = 1.5  # times what a track takes its stamps for: twenty intervals tell it to a fifth
 
 StartTracker = Callable[[TrackStart], Union[Tracker, Refusal]]
@@ -65,22 +71,18 @@ class Step:
 
 
 @dataclass(frozen=True, eq=False)
-class _Search:
+class _Beginning:
     """
-    A search whose answer is taken with the next pair.
+    A track that is being started beside the pairs.
 
-    :param pair: that is searched.
-    :param tracked: what the tracks held in it.
-    :param doubted: tracks that were doubted, and the middle (3,) of the front that each held.
-    :param found: in it; None while that is not known.
-    :param seen: updates of the tracks in it.
+    :param front: that it is started at.
+    :param search: that found it.
+    :param begun: the track, and what it says of the pair of the search; None where it is none.
     """
 
-    pair: StereoPair
-    tracked: Sequence[TrackedRegion]
-    doubted: Sequence[tuple[Track, Array]]
-    found: Optional[Sequence[Detection]] = None
-    seen: Sequence[TrackUpdate] = ()
+    front: Detection
+    search: Search
+    begun: Future[Optional[tuple[Track, TrackUpdate]]]
 
 
 @dataclass
@@ -88,11 +90,11 @@ class _State:
     """What a jump of time makes the pipeline forget."""
 
     tracks: list[Track] = field(default_factory=list)
-    gone: list[TrackUpdate] = field(default_factory=list)  # last updates of what left lately
     last_ns: Optional[int] = None
-    searched_ns: Optional[int] = None  # stamp of the last pair that was
-    search: Optional[_Search] = None  # whose answer is still to be taken
     started: set[int] = field(default_factory=set)  # numbers of the annotations used
+    beginnings: list[_Beginning] = field(default_factory=list)  # to be taken
+    doubles: list[Track] = field(default_factory=list)  # that end once they have said all
+    intervals_s: deque[float] = field(default_factory=lambda: deque(maxlen=_INTERVALS))
 
 
 class SpeedPipeline:
@@ -109,6 +111,8 @@ class SpeedPipeline:
     :param detector: finds further vehicles; None leaves it at the annotated ones.
     :param steadier: finds how the rig stands in each pair; None takes it to stand still.
     :param conclusions: measures what is over; None measures it at once.
+    :param solving: solves for vehicles beside the pairs, where these come faster than vehicles are
+        solved for; None has each reading wait for its solution.
     :param seed: seed of all randomness; each track draws from its own stream, so that tracks do
         not disturb one another.
     :param where: where the annotations come from, for errors.
@@ -118,7 +122,8 @@ class SpeedPipeline:
     def __init__(self, rig: StereoRig, lanes: Mapping[str, LanePath], config: TrackerConfig,
                  start: StartTracker, *, annotations: Sequence[InitialFront] = (),
                  detector: Optional[Detector] = None, steadier: Optional[Steadier] = None,
-                 conclusions: Optional[Conclusions] = None, seed: int = 0,
+                 conclusions: Optional[Conclusions] = None,
+                 solving: Optional[SolvingBeside] = None, seed: int = 0,
                  where: str = 'init file') -> None:
         if not lanes:
             raise InputError('site', 'lanes', 'none', 'at least one lane')
@@ -129,6 +134,8 @@ class SpeedPipeline:
         self._start_tracker, self._annotations = start, tuple(annotations)
         self._doubt = SpeedDoubt(rig, lanes, config)
         self._conclusions = AtOnce() if conclusions is None else conclusions
+        self._solving = solving
+        self._search = VehicleSearch(rig, detector, config.association)
         self._concluding: set[int] = set()  # numbers of the tracks that it has
         self.view_lag, self.stamp_watch = ViewLag(rig), StampWatch()
         #: 1-sigma that stamps are taken to have where they are less even than they should be, s
@@ -152,39 +159,46 @@ class SpeedPipeline:
         if state.last_ns is not None and pair.stamp_ns <= state.last_ns:
             raise InputError('pairs', f'stamp of pair {pair.index}', pair.stamp_ns,
                              f'later than {state.last_ns}')
-        # Pairs come faster than vehicles are solved for: none waits for its search.
-        dense = state.last_ns is not None and (
-            pair.stamp_ns - state.last_ns) * 1e-9 < self.config.effort.solve_interval_s
+        self._take_solved(pair.stamp_ns - _SOLVED_S * 1e9)
+        dense = self._is_dense(pair.stamp_ns)
         state.last_ns = pair.stamp_ns
         self._check_size(pair)
         if self.stamp_watch.add(pair.stamp_ns):
             self._end_by_step()
         self._see_stamps()
         pair = self.view_lag.corrected(pair.triggered(self.config.trigger_tolerance_s))
+        solving = self._solving if dense and not self.view_lag.concerned else None
+        if solving is None:
+            self._take_solved(math.inf)
         if self.steadier is not None:
             pair = self.steadier.steady(pair)
         self._start_annotated(pair)
-        searches = self._searches(pair.stamp_ns, hurried=hurried)
-        take_turns(state.tracks, pair.stamp_ns, self._solve_interval_s(), hurried=hurried,
-                   dense=dense)
-        if searches and not dense and isinstance(self.detector, LooksAhead):
-            self._settle()
-            self.detector.expect(pair, self._regions(pair, [
-                _moved_on(held, pair.stamp_ns) for held in self._held()],
-                self._lately_gone(pair)))
+        answered = solving is None or self._search.is_ready(pair.stamp_ns)
+        searches = answered and self._search.is_due(pair.stamp_ns, hurried=hurried)
+        take_turns([t for t in state.tracks if t.turn is None], pair.stamp_ns,
+                   self._solve_interval_s(), hurried=hurried, dense=dense)
+        if searches and not dense:
+            self._search.expect(pair, state.tracks)
         share = self._share(max(len(state.tracks), 1))
         for track in state.tracks:
-            if isinstance(track.tracker, SharesParticles):
+            if isinstance(track.tracker, SharesParticles) and track.turn is None:
                 track.tracker.share(share)
         self._see_drift()
         if self.view_lag.concerned:  # what this pair shows of the lag counts, too
             readings = _nobody
-        updates = self._followed(pair, share, readings)
+        if solving is None:
+            updates = self._followed(pair, share, readings)
+        else:
+            with solving.held_up():
+                updates = self._followed_beside(solving, pair, share, readings)
         # Where others wait, so does what was found.
-        found = [] if hurried and not searches else self._take_answer(pair)
-        self._see_gone(pair)
+        takes = answered and (searches or not hurried)
+        found = self._take_answer(pair, solving) if takes else []
+        self._search.see_gone(pair, state.tracks)
         if searches and dense:
-            self._search_beside(pair, [u for u in [*updates, *found] if u is not None])
+            self._search.begin(
+                pair, state.tracks, [u for u in [*updates, *found] if u is not None],
+                [(one.front, one.search.pair.stamp_ns) for one in state.beginnings])
         elif searches:
             found += self._detect(pair)
         if found:
@@ -192,8 +206,10 @@ class SpeedPipeline:
         updates += found
         seen = [u for u in updates if u is not None]
         self.view_lag.observe(pair, seen)
+        # Who is being solved for tells the others what it says of the pair when it does.
+        unsaid = {t.tracker.track for t in state.tracks if t.turn is not None}
         for track in state.tracks:
-            track.trace.add_others(pair.stamp_ns, seen)
+            track.add_others(pair.stamp_ns, [u for u in seen if u.track not in unsaid])
         self._collect(everything=False)
         return Step(self._told(seen), self.concluded())
 
@@ -219,13 +235,125 @@ class SpeedPipeline:
         updates.update((t, self._update(t, pair, share)) for t in tracks if t not in updates)
         told = {u.track for u in early}
         self._drop_missing()
-        self._drop_doubles(told)
+        self._drop_doubles(pair.stamp_ns, told)
         readings(self._readings(updates[t] for t in tracks if t.tracker.track not in told))
         return [updates[t] for t in tracks]
 
+    def _followed_beside(self, solving: SolvingBeside, pair: StereoPair, share: int,
+                         readings: TellReadings) -> list[Optional[TrackUpdate]]:
+        """
+        Tell where the vehicles are by what is known of them, and have the tracks fed the pair.
+
+        :param solving: feeds it to those that have to solve for it.
+        :param share: number of particles of each.
+        :return: what each says, in their order.
+        """
+        tracks = list(self._state.tracks)
+        updates = [self._carried(solving, track, pair, share) for track in tracks]
+        self._drop_missing()
+        self._drop_doubles(pair.stamp_ns)
+        readings(self._readings(updates))
+        return updates
+
+    def _carried(self, solving: SolvingBeside, track: Track, pair: StereoPair, share: int
+                 ) -> Optional[TrackUpdate]:
+        """Return where a vehicle is by what is known of it; arguments as above."""
+        tracker = track.tracker
+        if track.ended:
+            return None
+        if not isinstance(tracker, CarriesOn):
+            return self._update(track, pair, share)
+        if track.turn is None:
+            update = tracker.carry(pair)
+            if update is not None:
+                return self._taken(track, pair, share, track.gather(pair, update))
+        expected = tracker.expected(pair)
+        if track.turn is None:
+            later = later_pairs()
+            track.turn = Turn(
+                pair, share, later, solving.submit(partial(track.solve, pair, later)))
+        else:
+            track.turn.later.append(pair)
+        if expected is None:
+            return None
+        track.turn.expected[pair.stamp_ns] = expected
+        if track.doubted or not track.confirmed or not is_sure(
+                expected, self.config.visibility):
+            expected = expected.unconfirmed()
+        track.last = track.lanes.carried(expected)
+        return track.last
+
+    def _take_solved(self, wait_before_ns: float) -> None:
+        """
+        Take in what was worked on beside the pairs, as far as it is ready.
+
+        :param wait_before_ns: pairs with earlier stamps are waited for.
+        """
+        state, solving = self._state, self._solving
+        if solving is None:
+            return
+        for track in [*state.tracks, *state.doubles]:
+            if track.turn is not None and (
+                    track.turn.pair.stamp_ns < wait_before_ns or track.turn.said.done()):
+                self._take_turn(track)
+        for track in [t for t in state.doubles if t.turn is None]:
+            state.doubles.remove(track)
+            self._conclude(track, Reason.DUPLICATE)
+        for one in list(state.beginnings):
+            if one.search.pair.stamp_ns < wait_before_ns:
+                solving.wait(one.begun)
+            if one.begun.done():
+                state.beginnings.remove(one)
+                self._take_beginning(one)
+
+    def _take_turn(self, track: Track) -> None:
+        """Take in what a track is fed meanwhile, if it is; wait for it."""
+        turn, solving, tracks = track.turn, self._solving, self._state.tracks
+        if turn is None or solving is None:
+            return
+        solving.wait(turn.said)
+        track.turn = None
+        try:
+            said = turn.said.result()
+        except Exception as error:
+            if track in tracks:
+                tracks.remove(track)
+            self._fail(error)
+            return
+        told = dict(turn.expected)
+        for pair, update in said:
+            self._taken(track, pair, turn.particles if pair is turn.pair else None, update)
+            track.trace.add_others(pair.stamp_ns, turn.others.get(pair.stamp_ns, ()))
+            if update is not None:
+                told[pair.stamp_ns] = update
+        for other in tracks:
+            for stamp_ns, update in told.items():
+                if other is not track:
+                    other.add_others(stamp_ns, [update])
+        if track in tracks and not (track.confirmed or track.detection is None or track.ended
+                                    or all(holds(update) for _, update in said)):
+            tracks.remove(track)  # as what misses a pair is
+
+    def _take_beginning(self, one: _Beginning) -> None:
+        """Take in a track that was started beside the pairs, if it was."""
+        try:
+            begun = one.begun.result()
+        except Exception as error:
+            self._fail(error)
+            return
+        if begun is not None:
+            track, update = begun
+            self._state.tracks.append(track)
+            self._introduce(one.search, [update])
+            one.search.seen.append(update)
+
+    def _fail(self, error: Exception) -> None:
+        """Account for what went wrong beside the pairs as for a pass that cannot be measured."""
+        self._conclusions.add(partial(_raised, error))
+
     def _readings(self, updates: Iterable[Optional[TrackUpdate]]) -> list[TrackUpdate]:
         """Return those updates that are readings of tracks that go on."""
-        going_on = {t.tracker.track for t in self._state.tracks if not t.tracker.ended}
+        going_on = {t.tracker.track for t in self._state.tracks if not t.ended}
         return [u for u in self._told(updates)
                 if u.state is TrackState.CONFIRMED and u.track in going_on]
 
@@ -243,6 +371,7 @@ class SpeedPipeline:
         for track in self._state.tracks:
             if uneven_s is not None and uneven_s > _WORSE * (
                     track.stamp_std_s or self.config.stamp_std_s):
+                self._take_turn(track)
                 track.see_stamps(uneven_s)
 
     @property
@@ -280,7 +409,8 @@ class SpeedPipeline:
     @property
     def open_tracks(self) -> set[int]:
         """Return the numbers of the tracks whose passes may still come."""
-        return {t.tracker.track for t in self._state.tracks} | self._concluding
+        return self._concluding | {
+            t.tracker.track for t in [*self._state.tracks, *self._state.doubles]}
 
     def is_idle(self) -> bool:
         """
@@ -291,12 +421,11 @@ class SpeedPipeline:
         detect the next vehicle some pairs later or earlier.  Where only a search under way is
         left to tell, its answer is waited for: it tells the same in whichever process it is.
         """
-        state, gone_s = self._state, self.config.association.gone_s
-        left_lately = any(((state.last_ns or 0) - u.stamp_ns) * 1e-9 < gone_s for u in state.gone)
-        if self.open_tracks or left_lately or self.view_lag.concerned:
+        left_lately = self._search.has_lately_gone(self._state.last_ns)
+        if self.open_tracks or self._state.beginnings or left_lately or self.view_lag.concerned:
             return False
-        self._settle()
-        return state.search is None or not state.search.found
+        self._search.settle()
+        return self._search.under_way is None or not self._search.under_way.found
 
     def go_on_from(self, other: SpeedPipeline) -> None:
         """Take over from an idle pipeline: its numbers, how the rig stands, stamps so far."""
@@ -317,18 +446,33 @@ class SpeedPipeline:
         What was found in the last pair, and not followed in another, is no vehicle as far as is
         known: nothing was told of it.
         """
-        self._state.search = None
+        self._drop_beginnings()
+        self._take_solved(math.inf)
+        self._search.take()
         self._collect(everything=True)
         return self.concluded(everything=True)
 
     def reset(self) -> None:
         """Forget all tracks and the time, as after a jump back; numbers are not reused."""
+        self._drop_beginnings()
+        self._give_up(t.turn.said for t in [*self._state.tracks, *self._state.doubles]
+                      if t.turn is not None)
         self._state = _State()
         self.stamp_watch.restart()
-        if self.detector is not None:
-            self.detector.reset()
+        self._search.reset()
         if self.steadier is not None:
             self.steadier.reset()
+
+    def _drop_beginnings(self) -> None:
+        """Give up tracks that are being started: nothing was told of them."""
+        beginnings, self._state.beginnings = self._state.beginnings, []
+        self._give_up([one.begun for one in beginnings])
+
+    def _give_up(self, futures: Iterable[Future[Any]]) -> None:
+        """Have done with what is worked on beside the pairs, whatever comes of it."""
+        for future in futures:
+            if self._solving is not None and not future.cancel():
+                self._solving.wait(future)
 
     def _end_by_step(self) -> None:
         """
@@ -336,13 +480,14 @@ class SpeedPipeline:
 
         What a person marked is not found again, and is followed on, without a speed.
         """
+        self._take_solved(math.inf)
         for track in list(self._state.tracks):
             track.clock_stepped = True
             if track.detection is not None:
                 self._state.tracks.remove(track)
                 if track.confirmed:
                     self._conclude(track)
-        self._state.search = None
+        self._search.take()
         if self.detector is not None:
             self.detector.reset()  # its earlier pairs have the clock of before
 
@@ -355,22 +500,24 @@ class SpeedPipeline:
         for number, front in enumerate(self._annotations):
             if front.frame == pair.index and number not in self._state.started:
                 self._state.started.add(number)
+                self._take_solved(math.inf)  # numbers are given in order
                 track = self._start(front, pair, self._lane_of(front, pair), None, pair)
                 if isinstance(track, Refusal):
                     raise track.error()
+                self._state.tracks.append(track)
 
     def _start(self, front: InitialFront, pair: StereoPair, lane: LanePath,
                detection: Optional[Detection], newest: StereoPair) -> Union[Track, Refusal]:
         """
-        Start a track; tracks share the particles there are.
+        Return a track, to be added to those there are; they share the particles there are.
 
         :param pair: the pair of the front.
         :param detection: what found it; None where a person annotated it.
         :param newest: the pair in hand.
         """
-        number, tracks = self.next_track, self._state.tracks
+        number = self.next_track
         trace = PassTrace(
-            number, self.seed, lane.name, front, self._share(len(tracks) + 1),
+            number, self.seed, lane.name, front, self._share(len(self._state.tracks) + 1),
             seen_mps=detection.speed_mps if detection is not None else None, pairs=(),
             stamp_std_s=self.uneven_stamps_s)
         tracker = self._start_tracker(start_of(trace, self.rig, lane, self.config, pair))
@@ -381,12 +528,11 @@ class SpeedPipeline:
         second = SecondOpinion(self.rig, lane, config) if config.second.enabled else None
         size = VehicleSize(self.rig, lane, self.config.classes,
                            front.std_px if detection is None else None)
-        tracks.append(Track(
+        return Track(
             tracker, LaneAssigner(self.lanes, self.config.verdict), detection, newest.stamp_ns,
             TraceBuilder(trace), size, second, lag_changes_s=self.view_lag.changes_s,
             stamp_std_s=trace.stamp_std_s,
-            drift_rad=np.array((pair.motion or RigMotion()).drift_rad)))
-        return tracks[-1]
+            drift_rad=np.array((pair.motion or RigMotion()).drift_rad))
 
     def _share(self, tracks: int) -> int:
         """Return the particles of each of so many tracks."""
@@ -403,32 +549,46 @@ class SpeedPipeline:
 
         :param particles: number of particles that its tracker was told; None where it was not.
         """
-        update, hurried = track.tracker.update(pair), track.hurried
+        return self._taken(track, pair, particles, track.feed(pair))
+
+    def _taken(self, track: Track, pair: StereoPair, particles: Optional[int],
+               update: Optional[TrackUpdate]) -> Optional[TrackUpdate]:
+        """
+        Take in what a track says of a pair; return it with the lane.
+
+        :param particles: as for ``_update``.
+        :param update: what its tracker says.
+        """
+        hurried = track.hurried
         if update is None:
             track.trace.add(pair, particles, None, hurried=hurried, stamp_std_s=track.stamp_std_s)
             return None
-        if holds(update):
-            track.size.take(pair, update)
-            if track.second is not None:
-                track.second.take(pair, update.quad_left_px, update.quad_right_px)
         track.doubted = not track.confirmed and self._is_doubtful(track, update)
         if track.doubted:
             update = update.unconfirmed()
         track.confirmed |= update.state is TrackState.CONFIRMED
         if not is_sure(update, self.config.visibility):
             update = update.unconfirmed()
-        track.last = track.lanes.place(update)
-        track.trace.add(pair, particles, track.last, hurried=hurried,
-                        stamp_std_s=track.stamp_std_s)
-        return track.last
+        update = track.lanes.place(update)
+        if track.last is None or update.stamp_ns >= track.last.stamp_ns or not holds(update):
+            track.last = update
+        track.trace.add(pair, particles, update, hurried=hurried, stamp_std_s=track.stamp_std_s)
+        return update
 
-    def _searches(self, stamp_ns: int, *, hurried: bool) -> bool:
-        """Return whether new vehicles are searched for in the next pair."""
-        last_ns = self._state.searched_ns
-        searches = not hurried or last_ns is None or (stamp_ns - last_ns) * 1e-9 >= _UNSEARCHED_S
-        if searches:
-            self._state.searched_ns = stamp_ns
-        return searches
+    def _is_dense(self, stamp_ns: int) -> bool:
+        """
+        Return whether pairs come faster than vehicles are solved for: none waits for its search.
+
+        Where readings wait for no solution, it is the usual interval that decides: else a pair
+        that is lost would have all wait.
+        """
+        last_ns = self._state.last_ns
+        if last_ns is None:
+            return False
+        intervals_s = self._state.intervals_s
+        intervals_s.append((stamp_ns - last_ns) * 1e-9)
+        usual_s = intervals_s[-1] if self._solving is None else float(np.median(intervals_s))
+        return usual_s < self.config.effort.solve_interval_s
 
     def _solve_interval_s(self) -> float:
         """Return the time between two solutions of a track, which share the effort there is."""
@@ -452,58 +612,32 @@ class SpeedPipeline:
 
     def _detect(self, pair: StereoPair) -> list[Optional[TrackUpdate]]:
         """Start tracks at fronts that are detected, and feed them their first pairs."""
-        search = self._search(pair)
-        return [self._begin(front, search) for front in self._answer(search)]
+        search = self._search.of(pair, self._state.tracks)
+        return [self._begin(front, search) for front in self._new(search)]
 
-    def _search(self, pair: StereoPair) -> _Search:
-        """Return what a pair is searched with."""
-        return _Search(pair, self._regions(pair, self._held(), self._state.gone), [
-            (t, t.last.position_m) for t in self._state.tracks
-            if t.doubted and t.last is not None])
-
-    def _answer(self, search: _Search) -> Sequence[Detection]:
-        """Return what is found in a pair."""
-        if search.found is not None:
-            return search.found
-        return [] if self.detector is None else self.detector.update(search.pair, search.tracked)
-
-    def _settle(self) -> None:
-        """Have the answer of the search under way, to be taken with the next pair."""
-        search = self._state.search
-        if search is not None:
-            self._state.search = replace(search, found=self._answer(search))
-
-    def _search_beside(self, pair: StereoPair, seen: Sequence[TrackUpdate]) -> None:
-        """
-        Begin to search a pair; the answer is taken with the next one.
-
-        :param seen: updates of the tracks in it.
-        """
-        search = replace(self._search(pair), seen=seen)
-        if isinstance(self.detector, LooksAhead):
-            self.detector.expect(pair, search.tracked)
-        else:
-            search = replace(search, found=self._answer(search))
-        self._state.search = search
-
-    def _take_answer(self, pair: StereoPair) -> list[Optional[TrackUpdate]]:
+    def _take_answer(self, pair: StereoPair, solving: Optional[SolvingBeside]
+                     ) -> list[Optional[TrackUpdate]]:
         """
         Start tracks at fronts that were detected in an earlier pair, and feed them this one.
 
         The earlier pair has the others' updates of then, and theirs has what was found in it.
         What has gone meanwhile is no vehicle as far as is known: nothing was told of it.
+
+        :param solving: starts them beside the pairs, from the next one on; None starts them now.
         """
-        search, self._state.search = self._state.search, None
+        search = self._search.take()
         if search is None:
             return []
-        found = [u for front in self._answer(search)
-                 if (u := self._begin(front, search)) is not None]
+        new = self._new(search)
+        if solving is not None:
+            self._state.beginnings += [_Beginning(front, search, solving.submit(
+                partial(self._begun, front, search.pair), urgent=False)) for front in new]
+            return []
+        found = [u for front in new if (u := self._begin(front, search)) is not None]
         if not found:
             return []
         begun = {u.track for u in found}
-        for track in self._state.tracks:
-            new = track.tracker.track in begun
-            track.trace.add_others(search.pair.stamp_ns, [*search.seen, *found] if new else found)
+        self._introduce(search, found)
         updates = [self._update(track, pair) for track in self._state.tracks
                    if track.tracker.track in begun]
         gone = begun - {u.track for u in updates if u is not None}
@@ -511,49 +645,44 @@ class SpeedPipeline:
         self._drop_missing()
         return updates
 
-    def _see_gone(self, pair: StereoPair) -> None:
+    def _introduce(self, search: Search, found: Sequence[TrackUpdate]) -> None:
+        """Have the traces of the pair of a search tell of what was found in it."""
+        begun = {u.track for u in found}
+        for track in self._state.tracks:
+            new = track.tracker.track in begun
+            track.add_others(search.pair.stamp_ns, [*search.seen, *found] if new else found)
+
+    def _new(self, search: Search) -> list[Detection]:
         """
-        Take in what has left.
-
-        What was lost, and so coasted before it ended, may be found again; what left may not.
-        """
-        state = self._state
-        state.gone = self._lately_gone(pair) + [
-            t.last for t in state.tracks if t.last is not None and t.tracker.ended
-            and holds(t.last) and t.is_vehicle]
-
-    def _held(self) -> list[TrackUpdate]:
-        """
-        Return where the tracks last were that go on.
-
-        Where one is doubted the detector looks again: one of the two was mistaken.
-        """
-        return [t.last for t in self._state.tracks
-                if t.last is not None and not t.tracker.ended and not t.doubted]
-
-    def _lately_gone(self, pair: StereoPair) -> list[TrackUpdate]:
-        """Return where vehicles were when they left, of which some may still show in a pair."""
-        gone_s = self.config.association.gone_s
-        return [u for u in self._state.gone if (pair.stamp_ns - u.stamp_ns) * 1e-9 < gone_s]
-
-    def _regions(self, pair: StereoPair, held: Sequence[TrackUpdate],
-                 gone: Sequence[TrackUpdate]) -> list[TrackedRegion]:
-        """Return what tracks hold in a pair, and where vehicles are by now that have left."""
-        return [self._region(one) for one in held] + [
-            self._region(_moved_on(one, pair.stamp_ns)) for one in gone]
-
-    def _begin(self, front: Detection, search: _Search) -> Optional[TrackUpdate]:
-        """
-        Start a track where a front was first seen; where that fails, where it is now.
+        Return what is found in a pair and starts tracks.
 
         A doubted track that is there goes on, and is doubted by what its detector sees now.
         """
-        pair = search.pair
-        doubted = self._doubted_at(front, search)
-        if doubted is not None:
-            if doubted.last is not None and self._same_speed(doubted.last, front):
-                doubted.detection, doubted.found_ns = front, pair.stamp_ns
+        new = []
+        for front in self._search.answer(search):
+            doubted = self._doubted_at(front, search)
+            if doubted is None:
+                new.append(front)
+            elif doubted.last is not None and self._same_speed(doubted.last, front):
+                doubted.detection, doubted.found_ns = front, search.pair.stamp_ns
+        return new
+
+    def _begin(self, front: Detection, search: Search) -> Optional[TrackUpdate]:
+        """Start a track at a front, and return what it says of the pair of the search."""
+        begun = self._begun(front, search.pair)
+        if begun is None:
             return None
+        self._state.tracks.append(begun[0])
+        return begun[1]
+
+    def _begun(self, front: Detection, pair: StereoPair
+               ) -> Optional[tuple[Track, TrackUpdate]]:
+        """
+        Return a track begun where a front was first seen; where that fails, where it is now.
+
+        :param pair: that it was found in.
+        :return: with what it says of that; None where what looked like a front is none.
+        """
         starts: list[tuple[tuple[StereoPair, ...], Array, Array]] = [
             ((pair,), front.left_px, front.right_px)]
         if front.earlier is not None:
@@ -563,17 +692,16 @@ class SpeedPipeline:
         for pairs, left_px, right_px in starts:
             first = InitialFront(pairs[0].index, left_px, right_px, front.std_px)
             track = self._start(first, pairs[0], self.lanes[front.lane], front, pair)
-            if isinstance(track, Refusal):  # what looked like a front is none
+            if isinstance(track, Refusal):
                 continue
             updates = [self._update(track, one) for one in pairs]
             newest = updates[-1]
             if newest is not None and all(map(holds, updates)) and (
                     len(pairs) == 1 or self._same_speed(newest, front)):
-                return newest
-            self._state.tracks.remove(track)
+                return track, newest
         return None
 
-    def _doubted_at(self, front: Detection, search: _Search) -> Optional[Track]:
+    def _doubted_at(self, front: Detection, search: Search) -> Optional[Track]:
         """Return the doubted track that holds what is detected in a pair; None where none does."""
         near_m, centre = self.config.association.same_vehicle_m, self._centre(front, search.pair)
         return next((track for track, at_m in search.doubted if track in self._state.tracks
@@ -584,44 +712,38 @@ class SpeedPipeline:
         return self.rig.as_taken(pair.motion).triangulate(
             front.left_px.mean(axis=0), front.right_px.mean(axis=0))
 
-    def _region(self, update: TrackUpdate) -> TrackedRegion:
-        """Return what a track holds in this pair."""
-        across, up = np.ptp(update.quad_left_px, axis=0)
-        scale = float(update.position_m[2]) / self.rig.left.K[[0, 1], [0, 1]]
-        return TrackedRegion(
-            lane=update.lane, s_m=update.s_m, lateral_m=update.lateral_m,
-            width_m=float(across * scale[0]), height_m=float(up * scale[1]),
-            left_px=update.quad_left_px, right_px=update.quad_right_px)
-
     def _drop_missing(self) -> None:
         """End tracks that miss a pair before they are confirmed; a vehicle is found again."""
         self._state.tracks = [
             t for t in self._state.tracks if t.confirmed or t.detection is None
-            or t.tracker.ended or holds(t.last)]
+            or t.ended or holds(t.last) or t.turn is not None]
 
-    def _drop_doubles(self, told: Container[int] = ()) -> None:
+    def _drop_doubles(self, stamp_ns: int, told: Container[int] = ()) -> None:
         """
         End one of two tracks that hold the same vehicle.
 
         That which does not see it ends, and the younger if both do.
 
+        :param stamp_ns: of the pair in hand.
         :param told: numbers of tracks whose readings of this pair are told, which stay: the other
             one was expected elsewhere.
         """
         tracks, near_m = self._state.tracks, self.config.association.same_vehicle_m
-        held: list[TrackUpdate] = []
+        held: list[Array] = []
         for track in sorted(tracks, key=lambda t: (t.tracker.track not in told,
                                                    not holds(t.last))):
-            if track.last is None or track.tracker.ended:
+            if track.last is None or track.ended:
                 continue
-            at = track.last.position_m
+            at = _place_m(track.last, stamp_ns)
             if track.detection is not None and any(
-                    np.linalg.norm(at - other.position_m) < near_m for other in held):
+                    np.linalg.norm(at - other) < near_m for other in held):
                 tracks.remove(track)
-                if track.confirmed:
+                if track.confirmed and track.turn is not None:
+                    self._state.doubles.append(track)
+                elif track.confirmed:
                     self._conclude(track, Reason.DUPLICATE)
             else:
-                held.append(track.last)
+                held.append(at)
 
     def _lane_of(self, front: InitialFront, pair: StereoPair) -> LanePath:
         """Return the lane whose path a front of a pair is nearest to, across the road."""
@@ -649,11 +771,11 @@ class SpeedPipeline:
         just come when the stream ended, was no vehicle as far as is known.
         """
         state = self._state
-        for track in [t for t in state.tracks if everything or t.tracker.ended]:
+        for track in [t for t in state.tracks if everything or t.ended]:
             state.tracks.remove(track)
             if track.confirmed or track.detection is None:
                 self._conclude(track)
-            elif track.tracker.ended and track.is_vehicle:
+            elif track.ended and track.is_vehicle:
                 self._conclude(track, Reason.TOO_FEW_PAIRS)
 
     def _same_speed(self, update: TrackUpdate, front: Detection, change_mps: float = 0.0) -> bool:
@@ -684,16 +806,11 @@ class SpeedPipeline:
             partial(self._concluding.discard, track.tracker.track))
 
 
-def _moved_on(update: TrackUpdate, stamp_ns: int) -> TrackUpdate:
-    """Return where a vehicle is along its lane some time after it left."""
-    return replace(update, s_m=update.s_m + _ahead_m(update, stamp_ns))
-
-
 def _place_m(update: TrackUpdate, stamp_ns: int) -> Array:
     """Return where (3,) a vehicle is at a later stamp by its speed, left optical frame, m."""
-    return update.position_m + _ahead_m(update, stamp_ns) * update.axes[:, 0]
+    return update.position_m + ahead_m(update, stamp_ns) * update.axes[:, 0]
 
 
-def _ahead_m(update: TrackUpdate, stamp_ns: int) -> float:
-    """Return how far a vehicle goes until a later stamp by its speed, m."""
-    return update.speed_mps * (stamp_ns - update.stamp_ns) * 1e-9
+def _raised(error: Exception) -> PassResult:
+    """Raise an error, where a pass is measured."""
+    raise error

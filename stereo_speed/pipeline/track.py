@@ -3,13 +3,15 @@
 """A track, and what the pipeline keeps of it."""
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 import math
-from typing import Optional
+from typing import Optional, Sequence
 
 import numpy as np
 
+from .solving import Said, Turn
 from ..classification.size import VehicleSize
 from ..core.config import TrackerConfig, VisibilityConfig
 from ..core.passes import TrackEnd
@@ -20,7 +22,7 @@ from ..geometry.rig import StereoRig
 from ..road.lanes import LanePath
 from ..second.estimate import SecondOpinion
 from ..tracking.lane_assigner import LaneAssigner
-from ..tracking.protocol import CanHurry, DoubtsStamps, TellsAge, Tracker, TrackStart
+from ..tracking.protocol import CanHurry, CarriesOn, DoubtsStamps, TellsAge, Tracker, TrackStart
 
 
 @dataclass(eq=False)
@@ -45,6 +47,7 @@ class Track:
     :param unaware: whether its tracker took no notice of how uneven they have become.
     :param hurried: whether its tracker was told to do little with the newest pair.
     :param unhurried_ns: stamp of the last pair in which it was not; None before there was one.
+    :param turn: the pair that its tracker is fed meanwhile; None while there is none.
     :param drift_rad: (3,) how far the right camera was taken to have turned in its first pair.
     :param drift_change_rad: (3,) the greatest change of that in its pairs so far, either way.
     """
@@ -65,8 +68,52 @@ class Track:
     unaware: bool = False
     hurried: bool = False
     unhurried_ns: Optional[int] = None
+    turn: Optional[Turn] = None
     drift_rad: Array = field(default_factory=lambda: np.zeros(3))
     drift_change_rad: Array = field(default_factory=lambda: np.zeros(3))
+
+    @property
+    def ended(self) -> bool:
+        """Return whether its pass is over, as far as is known."""
+        return self.turn is None and self.tracker.ended
+
+    def feed(self, pair: StereoPair) -> Optional[TrackUpdate]:
+        """Feed a pair to its tracker, and to what else gathers evidence; return what it says."""
+        return self.gather(pair, self.tracker.update(pair))
+
+    def gather(self, pair: StereoPair, update: Optional[TrackUpdate]) -> Optional[TrackUpdate]:
+        """Return what the tracker says of a pair, once the others have taken in the pair."""
+        if update is not None and holds(update):
+            self.size.take(pair, update)
+            if self.second is not None:
+                self.second.take(pair, update.quad_left_px, update.quad_right_px)
+        return update
+
+    def solve(self, pair: StereoPair, later: deque[StereoPair]) -> Said:
+        """
+        Have its tracker solve for a pair, then feed it those that came since.
+
+        :return: those that it was fed, with what it says of them.
+        """
+        said = [(pair, self.feed(pair))]
+        while later and isinstance(self.tracker, CarriesOn):
+            pair, last = later.popleft(), said[-1][1]
+            if last is not None and last.state is TrackState.COASTING:
+                said.append((pair, self.feed(pair)))  # which seldom looks for it
+                continue
+            update = self.tracker.carry(pair)
+            if update is None:
+                break
+            said.append((pair, self.gather(pair, update)))
+        return said
+
+    def add_others(self, stamp_ns: int, updates: Sequence[TrackUpdate]) -> None:
+        """Take in what other tracks say of a pair, for its trace."""
+        turn = self.turn
+        if turn is None or stamp_ns < turn.pair.stamp_ns:
+            self.trace.add_others(stamp_ns, updates)
+        else:
+            turn.others.setdefault(stamp_ns, []).extend(updates)
 
     def see_stamps(self, stamp_std_s: float) -> None:
         """Take in that stamps are worse than they were taken for."""
@@ -142,3 +189,8 @@ def is_sure(update: TrackUpdate, limits: VisibilityConfig) -> bool:
     """Return whether the speed of a vehicle is known well enough to be a reading."""
     return update.speed_std_mps <= max(
         limits.reading_std_mps, limits.reading_std_share * abs(update.speed_mps))
+
+
+def ahead_m(update: TrackUpdate, stamp_ns: int) -> float:
+    """Return how far a vehicle goes until a later stamp by its speed, m."""
+    return update.speed_mps * (stamp_ns - update.stamp_ns) * 1e-9

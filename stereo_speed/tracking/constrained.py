@@ -48,10 +48,12 @@ class _Cloud:
 
     :param states: (N, 4) s, a, b in m and v in m/s.
     :param log_weights: (N,).
+    :param stamp_ns: of the pair that they are of.
     """
 
     states: Array
     log_weights: Array
+    stamp_ns: int
 
     @property
     def weights(self) -> Array:
@@ -66,6 +68,29 @@ class _Cloud:
     def moments(self) -> tuple[Array, Array]:
         """Return the mean (4,) and the covariance (4, 4)."""
         return mean_and_covariance(self.weights, self.states)
+
+    def until_s(self, stamp_ns: int) -> float:
+        """Return the time until a stamp, s."""
+        return (stamp_ns - self.stamp_ns) * 1e-9
+
+    def ahead(self, stamp_ns: int, config: TrackerConfig, lateral_mps: float
+              ) -> tuple[Array, Array]:
+        """
+        Return the mean (4,) and the covariance (4, 4) that it will have (eq. 24-27).
+
+        :param stamp_ns: of the pair that it is to be of.
+        :param config: rates of the random walks.
+        :param lateral_mps: rate at which the vehicle crosses its path.
+        """
+        dt_s, (mean, covariance) = max(self.until_s(stamp_ns), 0.0), self.moments()
+        goes = np.eye(4)
+        goes[0, 3] = dt_s
+        mean[1] += lateral_mps * dt_s
+        walk = config.speed_rate_std ** 2 * dt_s
+        strays = np.diag([0.25 * walk * dt_s ** 2, config.drift_across_std_m ** 2 * dt_s,
+                          config.drift_up_std_m ** 2 * dt_s, walk])
+        strays[0, 3] = strays[3, 0] = 0.5 * walk * dt_s
+        return goes @ mean, goes @ covariance @ goes.T + strays
 
 
 class ConstrainedTracker:
@@ -102,12 +127,12 @@ class ConstrainedTracker:
             heading_std_rad=np.asarray(self.lane.heading_std_rad))
         self.window = PhotometricWindow(sampler, prior, self.config)
         s_std_m = self.config.noise.start_std_px / abs(placed.disparity_slope)
-        self.cloud = _Cloud(first_states(start, placed, s_std_m), np.zeros(self.config.particles))
+        self.cloud = _Cloud(first_states(start, placed, s_std_m), np.zeros(self.config.particles),
+                            start.pair.stamp_ns)
         self._particles_alone = start.particles_alone or self.config.particles
         self._hurried, self._in_vain = False, 0  # looks for what is occluded
         self.posterior: Optional[Posterior] = None
         self.reference: Optional[Reference] = None
-        self._cloud_ns = start.pair.stamp_ns  # stamp of the pair that the cloud is of
         self._again_ns: Optional[int] = None  # of the pair that showed it again, after others
         self._reported: Optional[TrackUpdate] = None
 
@@ -156,7 +181,8 @@ class ConstrainedTracker:
         """Go on with another number of particles, when tracks come and go."""
         if particles != self.particles:
             ancestors = systematic(self.cloud.weights, particles, self.rng)
-            self.cloud = _Cloud(self.cloud.states[ancestors], np.zeros(particles))
+            self.cloud = replace(self.cloud, states=self.cloud.states[ancestors],
+                                 log_weights=np.zeros(particles))
 
     def hurry(self, hurried: bool) -> None:
         """Be told whether the next pairs are to cost little, for others have their turn."""
@@ -170,7 +196,7 @@ class ConstrainedTracker:
         """Return how old its last solution is, s; infinite where it can do no less than solve."""
         if not (_coasts(self._reported) or self._goes_on(self._reported)):
             return math.inf
-        return (stamp_ns - self._cloud_ns) * 1e-9 / self._patience(stamp_ns)
+        return self.cloud.until_s(stamp_ns) / self._patience(stamp_ns)
 
     def update(self, pair: StereoPair) -> Optional[TrackUpdate]:
         """Predict, weigh, resample, refine (2012, Section III)."""
@@ -179,8 +205,7 @@ class ConstrainedTracker:
         carried = self._carried(pair)
         if carried is not None:
             return carried
-        self.cloud = self._predicted((pair.stamp_ns - self._cloud_ns) * 1e-9)
-        self._cloud_ns = pair.stamp_ns
+        self.cloud = self._predicted(pair.stamp_ns)
         if self._leaves_view(pair):
             return None
         last = self._reported
@@ -204,6 +229,33 @@ class ConstrainedTracker:
             update = self._reported = update.unconfirmed()
         return update
 
+    def carry(self, pair: StereoPair) -> Optional[TrackUpdate]:
+        """Take in a pair if the speed is known and needs no solution; None where it does."""
+        return None if self.ended or _coasts(self._reported) else self._carried(pair)
+
+    def expected(self, pair: StereoPair) -> Optional[TrackUpdate]:
+        """
+        Return where the vehicle is in a pair by what is known before it.
+
+        What it looks at is replaced as a whole by a thread that takes in pairs, but for the blur
+        of one view in the first ones (``window``), which decides on nothing but whether it shows.
+        """
+        last, posterior = self._reported, self.posterior
+        if self.ended or last is None or posterior is None:
+            return None
+        if _coasts(last):
+            moments = self.cloud.ahead(pair.stamp_ns, self.config, self._lateral_mps())
+            return None if self._is_out_of_view(pair, moments[0]) else self._said(
+                pair, TrackState.COASTING, moments)
+        if len(posterior.stamps_s) < 2:
+            return None
+        after_s = (pair.stamp_ns - posterior.newest_ns) * 1e-9
+        moments = posterior.ahead(after_s, self.config)
+        if not self.window.shows(pair, moments[0]):
+            return None
+        update = self._said(pair, last.state, moments)
+        return update if after_s <= OLD_S else update.unconfirmed()
+
     def result(self) -> PassResult:
         """Return the measurement of the pass from all its pairs, or why there is none."""
         solved = self.window.solve_pass() if self.life.stamps_ns else None
@@ -221,11 +273,11 @@ class ConstrainedTracker:
         carried on to a pair that shows nothing else, and solved for with the next one.
         """
         posterior, last = self.posterior, self._reported
-        after_s = (pair.stamp_ns - self._cloud_ns) * 1e-9
+        after_s = self.cloud.until_s(pair.stamp_ns)
         if last is None or posterior is None or after_s >= self._solve_interval_s(pair.stamp_ns):
             return None
         if _coasts(last):
-            moments = self._predicted(after_s).moments()
+            moments = self._predicted(pair.stamp_ns).moments()
             # It has a last look before its pass is over.
             if self.life.is_lost_by(pair.stamp_ns) or self._is_out_of_view(pair, moments[0]):
                 return None
@@ -259,10 +311,15 @@ class ConstrainedTracker:
 
     # -- the filter's steps ---------------------------------------------------------------
 
-    def _predicted(self, dt_s: float) -> _Cloud:
-        """Return the cloud moved along the path by a random-walk speed, with drift (eq. 24-27)."""
+    def _predicted(self, stamp_ns: int) -> _Cloud:
+        """
+        Return the cloud moved along the path by a random-walk speed, with drift (eq. 24-27).
+
+        :param stamp_ns: of the pair that it is to be of.
+        """
+        dt_s = self.cloud.until_s(stamp_ns)
         if dt_s <= 0:
-            return self.cloud
+            return replace(self.cloud, stamp_ns=stamp_ns)
         c, root = self.config, np.sqrt(dt_s)
         s, a, b, v = self.cloud.states.T
         noise = self.rng.standard_normal((4, self.particles)) * root
@@ -270,7 +327,7 @@ class ConstrainedTracker:
         return replace(self.cloud, states=np.column_stack([
             s + 0.5 * (v + v_next) * dt_s,
             a + self._lateral_mps() * dt_s + c.drift_across_std_m * noise[1],
-            b + c.drift_up_std_m * noise[2], v_next]))
+            b + c.drift_up_std_m * noise[2], v_next]), stamp_ns=stamp_ns)
 
     def _measured(self, pair: StereoPair, *, reacquires: bool
                   ) -> Optional[tuple[_Cloud, Posterior]]:
@@ -300,7 +357,8 @@ class ConstrainedTracker:
                             self.config.resample_ess, self.rng)
         except DegenerateWeightsError:
             return None
-        return _Cloud(self.cloud.states[weighed.ancestors], weighed.log_weights)
+        return replace(self.cloud, states=self.cloud.states[weighed.ancestors],
+                       log_weights=weighed.log_weights)
 
     def _update_reference(self, pair: StereoPair) -> None:
         """Blend the features at the estimated state into the reference (eq. 14)."""
@@ -348,8 +406,14 @@ class ConstrainedTracker:
 
     def _report(self, pair: StereoPair, state: TrackState, moments: tuple[Array, Array]
                 ) -> TrackUpdate:
+        """Return what is said of a pair, which is the newest; arguments as for ``_said``."""
+        self._reported = self._said(pair, state, moments)
+        return self._reported
+
+    def _said(self, pair: StereoPair, state: TrackState, moments: tuple[Array, Array]
+              ) -> TrackUpdate:
         """
-        Return what is said of a pair.
+        Return what is to be said of a pair.
 
         :param moments: mean (4,) and covariance (4, 4) of s, a, b, v.
         """
@@ -360,14 +424,13 @@ class ConstrainedTracker:
         ratio = ground / mean[3] if mean[3] else 1.0
         share = calibration_share(self.rig, self.lane, self.config, float(mean[0]))
         std = live_std(float(ratio * np.sqrt(cov[3, 3])), ground, share)
-        self._reported = TrackUpdate(
+        return TrackUpdate(
             stamp_ns=pair.stamp_ns, track=self.track, lane=self.lane.name, state=state,
             speed_mps=ground, speed_std_mps=std, s_m=float(mean[0]), lateral_m=float(mean[1]),
             position_m=self.front.centre(mean[:3]),
             position_cov_m2=frame @ cov[:3, :3] @ frame.T,
             axes=rotated(frame, self._heading_rad()), quad_left_px=left[0],
             quad_right_px=right[0])
-        return self._reported
 
 
 def _coasts(update: Optional[TrackUpdate]) -> bool:

@@ -43,6 +43,13 @@ class LaneAssigner:
         s_m, lateral_m = places[self.current]
         return replace(update, lane=self.current, s_m=s_m, lateral_m=lateral_m)
 
+    def carried(self, update: TrackUpdate) -> TrackUpdate:
+        """Return an update of a pair still to come with the place by the lane it is in now."""
+        if self.current in ('', update.lane):
+            return update
+        s_m, lateral_m = _place(self.lanes[self.current], update)
+        return replace(update, lane=self.current, s_m=s_m, lateral_m=lateral_m)
+
     def conclude(self, result: PassResult) -> PassResult:
         """Return a pass with its first and last lane; reject one off the road."""
         result = replace(result, lane=self.first or result.lane,

@@ -23,6 +23,7 @@ from .relief import relief_basis
 from .sharpness import grown_blurs_px
 from ..core.config import NoiseConfig
 from ..core.records import Array, StereoPair
+from ..core.right_of_way import give_way
 from ..geometry.rig import StereoRig
 from ..vision.sampling import low_pass_crop, Patches
 
@@ -138,6 +139,7 @@ class ObservationSampler:
         :param heading_rad: heading of the vehicle against the path.
         :param relief: (M,) relief of the front at its nodes, m.
         """
+        give_way()
         n, lag = self._count, pair.right_lag_s
         poses = pose + _STEPS
         depth = np.zeros(n + 4)

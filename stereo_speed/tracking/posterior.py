@@ -43,6 +43,11 @@ class Posterior:
     seen: NDArray[np.bool_]
     speed_rate_std: float
 
+    @property
+    def newest_ns(self) -> int:
+        """Return the stamp of the newest pair, ns."""
+        return self.first_ns + round(float(self.stamps_s[-1]) * 1e9)
+
     def at(self, k: int) -> tuple[Array, Array]:
         """Return the mean (4,) and the covariance (4, 4) of pair ``k``."""
         n = range(len(self.mean))[k]

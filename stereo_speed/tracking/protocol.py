@@ -164,6 +164,27 @@ class CanHurry(Protocol):
 
 
 @runtime_checkable
+class CarriesOn(Protocol):
+    """A tracker that can tell of a pair before it has solved for it."""
+
+    def carry(self, pair: StereoPair) -> Optional[TrackUpdate]:
+        """
+        Take in a pair as ``update`` does if that takes no solution.
+
+        :return: None where it does; then nothing has changed.
+        """
+
+    def expected(self, pair: StereoPair) -> Optional[TrackUpdate]:
+        """
+        Return where the vehicle is in a pair by what is known before it, while this is worked on.
+
+        It may be asked while another thread has the tracker take in other pairs.
+
+        :return: None where the speed is not known, or the pair does not show the vehicle there.
+        """
+
+
+@runtime_checkable
 class TellsAge(Protocol):
     """
     A tracker that knows how old its last solution is.

@@ -36,6 +36,7 @@ from .relief import node_variances, node_weights
 from .sharpness import blur_log_likelihoods, equal_blurs_px, trial_blurs_px
 from ..core.config import TrackerConfig
 from ..core.records import Array, StereoPair
+from ..core.right_of_way import give_way
 from ..estimation.weights import normalise_log_weights
 
 _FAR_PX = 0.5  # while observations move this far there are more iterations
@@ -406,9 +407,11 @@ class PhotometricWindow:
         moments of the mixture, so that a steady pass is not made noisy for the sake of a braking
         one, nor a braking one biased.
         """
+        give_way()
         apart = any(pair.right_lag_s for pair in window.pairs)
         seen = self.photometry(window.observations, window.counts(), window.more_px,
                                rates_by_offsets(window.times_s) if apart else None)
+        give_way()
         # The relief is the same whatever the motion: it is eliminated once.
         held = np.append(window.relief_weights / self.config.noise.relief_std_m ** 2,
                          np.full(seen.lines, 1 / _ACROSS_PX ** 2))

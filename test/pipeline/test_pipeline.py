@@ -9,12 +9,12 @@ import math
 import numpy as np
 import pytest
 from stereo_speed.core.config import (
-    EffortConfig, NoParameters, TrackerConfig, VerdictConfig, VisibilityConfig)
+    EffortConfig, TrackerConfig, VerdictConfig, VisibilityConfig)
 from stereo_speed.core.errors import InputError
 from stereo_speed.core.passes import PassResult, Reason, Verdict
 from stereo_speed.core.records import TrackState, TrackUpdate
 from stereo_speed.core.units import MPH_MPS
-from stereo_speed.detection.protocol import Detection, EarlierFront
+from stereo_speed.detection.protocol import EarlierFront
 from stereo_speed.io.bags import StereoBag
 from stereo_speed.io.trace_json import trace_of, trace_record
 from stereo_speed.lab.sim import simulate, straight_config, VehicleConfig
@@ -27,61 +27,16 @@ from stereo_speed.road.path import StraightPath
 from stereo_speed.site.file import load_site
 from stereo_speed.site.init_file import load_init
 from stereo_speed.site.lane_paths import lane_paths
-from stereo_speed.tracking.constrained import ConstrainedTracker
 from stereo_speed.tracking.lane_assigner import LaneAssigner
 import yaml
 
-
-def start(request):
-    """Start a constrained tracker."""
-    return ConstrainedTracker.start(request, NoParameters())
-
-
-class ScriptedFinder:
-    """Finds what it is told to, in the pairs it is told to; remembers what was occupied."""
-
-    def __init__(self, marks, lane, pairs):
-        self.marks, self.lane, self.pairs, self.occupied = marks, lane, pairs, []
-        self.earlier, self.speed_mps, self.std_share = None, 20.0, 0.05
-
-    def update(self, pair, occupied):
-        """Give the scripted fronts of this pair."""
-        self.occupied.append(list(occupied))
-        self.lag_s = pair.right_lag_s
-        if pair.index not in self.pairs:
-            return []
-        return [Detection(lane=self.lane, left_px=m.left_px, right_px=m.right_px, std_px=0.7,
-                          s_m=0.0, lateral_m=0.0, width_m=1.8, height_m=0.8,
-                          speed_mps=self.speed_mps, speed_std_mps=self.std_share * self.speed_mps,
-                          earlier=self.earlier)
-                for m in self.marks]
-
-    def reset(self):
-        """Remember that it was to forget."""
-        self.occupied.append('reset')
-
-
-def two_abreast(folder, **changes):
-    """Return a pass of two vehicles side by side, 45 and 50 mph, with its lanes and marks."""
-    config = replace(straight_config('50 mph', **changes), vehicles=(
-        VehicleConfig(speed_mps=22.352, lane=0), VehicleConfig(speed_mps=20.117, lane=1)))
-    sequence = simulate(config, np.random.default_rng(1))
-    (folder / 'site.yaml').write_text(yaml.safe_dump(dict(sequence.site_exact)))
-    (folder / 'init.yaml').write_text(yaml.safe_dump(dict(sequence.init)))
-    lanes = lane_paths(load_site(folder / 'site.yaml'), sequence.rig)
-    return sequence, lanes, load_init(folder / 'init.yaml')
+from .scenes import automatic, project, ScriptedFinder, start, two_abreast
 
 
 @pytest.fixture(scope='module')
 def scene(tmp_path_factory):
     """Two vehicles side by side, 45 and 50 mph."""
     return two_abreast(tmp_path_factory.mktemp('two'))
-
-
-def automatic(scene, marks, pairs, config=TrackerConfig()):
-    sequence, lanes, _ = scene
-    finder = ScriptedFinder(marks, next(iter(lanes)), pairs)
-    return SpeedPipeline(sequence.rig, lanes, config, start, detector=finder), finder
 
 
 def test_found_fronts_become_tracks_and_are_told_as_occupied(scene):
@@ -114,17 +69,6 @@ def seen_before(sequence, marks, moved_px=0.0):
     earlier = EarlierFront(pairs=tuple(sequence.pairs[:2]), left_px=now[1][0] + moved_px,
                            right_px=now[1][1])
     return mark, earlier
-
-
-def project(sequence, mark, k, vehicle=0):
-    """Carry a mark of pair 0 to pair k by the true motion of its vehicle."""
-    places = [np.array([row[c] for c in 'xyz']) for pair in (sequence.pairs[0], sequence.pairs[k])
-              for row in sequence.truth
-              if row['stamp_ns'] == pair.stamp_ns and row['vehicle'] == vehicle]
-    rig = sequence.rig
-    corners = rig.triangulate(mark.left_px, mark.right_px)
-    depth = places[0] - corners.mean(axis=0)  # the mark's own error of depth
-    return rig.project(corners + depth + places[1] - places[0])[:2]
 
 
 def test_a_track_starts_where_its_front_was_first_seen(scene):
@@ -233,7 +177,7 @@ def test_of_two_tracks_on_a_vehicle_that_which_sees_it_stays(scene):
     younger = pipeline._state.tracks[-1]
     assert younger is not first
     first.last = replace(younger.last, state=TrackState.COASTING)
-    pipeline._drop_doubles()
+    pipeline._drop_doubles(pair.stamp_ns)
     assert pipeline._state.tracks == [younger]
 
 

@@ -1,0 +1,170 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""What a pair is searched with for new vehicles: where those are that are known."""
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Optional, Sequence
+
+import numpy as np
+
+from .track import ahead_m, holds, Track
+from ..core.config import AssociationConfig
+from ..core.records import Array, StereoPair, TrackUpdate
+from ..detection.protocol import AnswersLater, Detection, Detector, LooksAhead, TrackedRegion
+from ..geometry.rig import StereoRig
+
+_ANSWERED_S = 0.5  # of stamps, at most, until an answer is waited for
+_UNSEARCHED_S = 0.3  # of stamps, at most: vehicles are in view for seconds
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """
+    A search of a pair.
+
+    :param pair: that is searched.
+    :param tracked: what the tracks held in it.
+    :param doubted: tracks that were doubted, and the middle (3,) of the front that each held.
+    :param found: in it; None while that is not known.
+    :param seen: updates of the tracks in it.
+    """
+
+    pair: StereoPair
+    tracked: Sequence[TrackedRegion]
+    doubted: Sequence[tuple[Track, Array]]
+    found: Optional[Sequence[Detection]] = None
+    seen: list[TrackUpdate] = field(default_factory=list)
+
+
+@dataclass
+class VehicleSearch:
+    """
+    Has pairs searched for new vehicles.
+
+    :param rig: the cameras.
+    :param detector: searches; None where only annotated vehicles are measured.
+    :param limits: how long a vehicle that has left may still show.
+    :param under_way: search whose answer is still to be taken.
+    :param gone: last updates of vehicles that left lately.
+    :param last_ns: stamp of the last pair that was searched.
+    """
+
+    rig: StereoRig
+    detector: Optional[Detector]
+    limits: AssociationConfig
+    under_way: Optional[Search] = None
+    gone: list[TrackUpdate] = field(default_factory=list)
+    last_ns: Optional[int] = None
+
+    def is_ready(self, stamp_ns: int) -> bool:
+        """Return whether the answer under way has come, or is late; or there is none."""
+        search, detector = self.under_way, self.detector
+        return search is None or search.found is not None \
+            or not isinstance(detector, AnswersLater) or detector.is_ready() \
+            or (stamp_ns - search.pair.stamp_ns) * 1e-9 > _ANSWERED_S
+
+    def is_due(self, stamp_ns: int, *, hurried: bool) -> bool:
+        """Return whether the next pair, of this stamp, is searched."""
+        due = not hurried or self.last_ns is None or (
+            stamp_ns - self.last_ns) * 1e-9 >= _UNSEARCHED_S
+        if due:
+            self.last_ns = stamp_ns
+        return due
+
+    def of(self, pair: StereoPair, tracks: Sequence[Track]) -> Search:
+        """Return what a pair is searched with that the tracks have been fed."""
+        return Search(pair, self._regions(pair, tracks), [
+            (t, t.last.position_m) for t in tracks if t.doubted and t.last is not None])
+
+    def expect(self, pair: StereoPair, tracks: Sequence[Track]) -> None:
+        """Have a pair searched ahead that the tracks are still to be fed."""
+        if isinstance(self.detector, LooksAhead):
+            self.settle()
+            self._forget(pair)
+            self.detector.expect(pair, self._regions(pair, tracks))
+
+    def begin(self, pair: StereoPair, tracks: Sequence[Track], seen: Sequence[TrackUpdate],
+              beginning: Sequence[tuple[Detection, int]]) -> None:
+        """
+        Begin to search a pair; the answer is taken with a later one.
+
+        :param seen: updates of the tracks in it.
+        :param beginning: fronts that tracks are being started at, and the stamps of their pairs.
+        """
+        search = self.of(pair, tracks)
+        search = replace(search, seen=list(seen), tracked=[
+            *search.tracked, *(_front_region(*one, pair.stamp_ns) for one in beginning)])
+        if isinstance(self.detector, LooksAhead):
+            self.detector.expect(pair, search.tracked)
+        else:
+            search = replace(search, found=self.answer(search))
+        self.under_way = search
+
+    def take(self) -> Optional[Search]:
+        """Return the search under way, whose answer is taken."""
+        search, self.under_way = self.under_way, None
+        return search
+
+    def answer(self, search: Search) -> Sequence[Detection]:
+        """Return what is found in a pair."""
+        if search.found is not None:
+            return search.found
+        return [] if self.detector is None else self.detector.update(search.pair, search.tracked)
+
+    def settle(self) -> None:
+        """Have the answer of the search under way, to be taken with the next pair."""
+        if self.under_way is not None:
+            self.under_way = replace(self.under_way, found=self.answer(self.under_way))
+
+    def see_gone(self, pair: StereoPair, tracks: Sequence[Track]) -> None:
+        """
+        Take in what has left by a pair.
+
+        What was lost, and so coasted before it ended, may be found again; what left may not.
+        """
+        self._forget(pair)
+        self.gone += [t.last for t in tracks if t.last is not None and t.ended
+                      and holds(t.last) and t.is_vehicle]
+
+    def has_lately_gone(self, stamp_ns: Optional[int]) -> bool:
+        """Return whether a vehicle has just left by a stamp."""
+        return any(((stamp_ns or 0) - u.stamp_ns) * 1e-9 < self.limits.gone_s for u in self.gone)
+
+    def reset(self) -> None:
+        """Forget all pairs."""
+        self.under_way, self.gone, self.last_ns = None, [], None
+        if self.detector is not None:
+            self.detector.reset()
+
+    def _forget(self, pair: StereoPair) -> None:
+        """Forget vehicles that no longer show in a pair."""
+        self.gone = [u for u in self.gone
+                     if (pair.stamp_ns - u.stamp_ns) * 1e-9 < self.limits.gone_s]
+
+    def _regions(self, pair: StereoPair, tracks: Sequence[Track]) -> list[TrackedRegion]:
+        """
+        Return what tracks hold in a pair that go on, and where vehicles are that have left.
+
+        Where one is doubted the detector looks again: one of the two was mistaken.
+        """
+        held = [t.last for t in tracks if t.last is not None and not t.ended and not t.doubted]
+        return [self._region(replace(u, s_m=u.s_m + ahead_m(u, pair.stamp_ns)))
+                for u in [*held, *self.gone]]
+
+    def _region(self, update: TrackUpdate) -> TrackedRegion:
+        """Return what a track holds."""
+        across, up = np.ptp(update.quad_left_px, axis=0)
+        scale = float(update.position_m[2]) / self.rig.left.K[[0, 1], [0, 1]]
+        return TrackedRegion(
+            lane=update.lane, s_m=update.s_m, lateral_m=update.lateral_m,
+            width_m=float(across * scale[0]), height_m=float(up * scale[1]),
+            left_px=update.quad_left_px, right_px=update.quad_right_px)
+
+
+def _front_region(front: Detection, found_ns: int, stamp_ns: int) -> TrackedRegion:
+    """Return what a front holds that was found in one pair, at a later stamp."""
+    ahead = (front.speed_mps or 0.0) * (stamp_ns - found_ns) * 1e-9
+    return TrackedRegion(
+        lane=front.lane, s_m=front.s_m + ahead, lateral_m=front.lateral_m, width_m=front.width_m,
+        height_m=front.height_m, left_px=front.left_px, right_px=front.right_px)

@@ -1,0 +1,68 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Threads that give way: they stop where they are asked to, and no longer than that."""
+from __future__ import annotations
+
+import threading
+
+import pytest
+from stereo_speed.core.right_of_way import give_way, RightOfWay
+
+_LONG_S = 30.0  # more than a busy machine takes
+
+
+@pytest.fixture
+def passing():
+    """Return a function that starts a thread which gives way once; it returns what it sets."""
+    threads = []
+
+    def begin(way):
+        arrived, passed = threading.Event(), threading.Event()
+
+        def run():
+            way.give()
+            arrived.set()
+            give_way()
+            passed.set()
+        threads.append(threading.Thread(target=run))
+        threads[-1].start()
+        assert arrived.wait(_LONG_S)
+        return passed
+    yield begin
+    for thread in threads:
+        thread.join(_LONG_S)
+        assert not thread.is_alive()
+
+
+def test_who_gives_way_waits_while_it_is_held_and_goes_on_after(passing):
+    way = RightOfWay(most_s=_LONG_S)
+    with way.held():
+        passed = passing(way)
+        assert not passed.wait(0.05)
+    assert passed.wait(_LONG_S)
+
+
+def test_who_waits_for_the_others_lends_it_to_them(passing):
+    way = RightOfWay(most_s=_LONG_S)
+    with way.held():
+        with way.lent():
+            assert passing(way).wait(_LONG_S)
+        assert not passing(way).wait(0.05)
+
+
+def test_lending_what_is_not_held_leaves_it_free(passing):
+    way = RightOfWay(most_s=_LONG_S)
+    with way.lent():
+        pass
+    assert passing(way).wait(_LONG_S)
+
+
+def test_who_never_lets_go_holds_nobody_up_for_long(passing):
+    way = RightOfWay(most_s=0.01)
+    with way.held():
+        assert passing(way).wait(_LONG_S)
+
+
+def test_who_was_not_told_to_gives_no_way():
+    with RightOfWay(most_s=_LONG_S).held():
+        give_way()

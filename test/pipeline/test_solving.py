@@ -1,0 +1,450 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Solutions beside the pairs: readings wait for none, and what comes of a pass is the same."""
+from __future__ import annotations
+
+from collections import deque
+from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
+from contextlib import nullcontext
+from dataclasses import replace
+from functools import partial
+import sys
+import threading
+
+import numpy as np
+import pytest
+from stereo_speed.core.config import TrackerConfig
+from stereo_speed.core.passes import Reason, Verdict
+from stereo_speed.core.records import TrackState
+from stereo_speed.detection.protocol import Detection, EarlierFront
+from stereo_speed.io.trace_json import trace_of, trace_record
+from stereo_speed.pipeline.conclusions import Beside
+from stereo_speed.pipeline.pipeline import SpeedPipeline
+from stereo_speed.pipeline.solving import SolvingBeside
+from stereo_speed.pipeline.track import start_of
+
+from .scenes import automatic, project, start, two_abreast
+
+SPEEDS_MPS = 22.352, 20.117
+
+
+class WhenTold:
+    """Solves when it is told to, so that tests know what is late."""
+
+    def __init__(self):
+        self.tasks, self.waited = deque(), 0
+
+    def submit(self, task, *, urgent=True):
+        """Keep a task; those that are urgent go first, which nobody here does."""
+        self.tasks.append((Future(), task))
+        return self.tasks[-1][0]
+
+    def held_up(self):
+        """Do nothing: nobody is in the way."""
+        return nullcontext()
+
+    def wait(self, future):
+        """Do what comes until a task is done."""
+        self.waited += not future.done()
+        while not future.done():
+            assert self.tasks, 'nobody works on what is waited for'
+            self.go(1)
+
+    def go(self, most=100):
+        """Do the next tasks, as a thread does."""
+        for _ in range(min(most, len(self.tasks))):
+            future, task = self.tasks.popleft()
+            if future.set_running_or_notify_cancel():
+                try:
+                    future.set_result(task())
+                except Exception as error:
+                    future.set_exception(error)
+
+
+@pytest.fixture(scope='module')
+def dense(tmp_path_factory):
+    """Two vehicles side by side at 30 pairs a second."""
+    return two_abreast(tmp_path_factory.mktemp('dense'), fps=30.0, pairs=20)
+
+
+def marked(dense, solving):
+    """Return a pipeline that both vehicles are annotated for."""
+    sequence, lanes, marks = dense
+    return SpeedPipeline(
+        sequence.rig, lanes, TrackerConfig(), start, annotations=marks, solving=solving)
+
+
+def readings_of(step):
+    """Return the readings of a step by their tracks."""
+    return {u.track: u for u in step.updates if u.state is TrackState.CONFIRMED}
+
+
+def test_readings_do_not_wait_for_solutions(dense):
+    solving = WhenTold()
+    pipeline = marked(dense, solving)
+    pairs = dense[0].pairs
+    for pair in pairs[:8]:
+        pipeline.process(pair)
+        solving.go()
+    stds = []
+    for pair in pairs[8:11]:  # nothing is solved for from now on
+        early = []
+        readings = readings_of(pipeline.process(pair, readings=early.extend))
+        assert sorted(u.track for u in early) == sorted(readings) == [0, 1]
+        for track, mps in enumerate(SPEEDS_MPS):
+            reading = readings[track]
+            assert reading.stamp_ns == pair.stamp_ns
+            assert abs(reading.speed_mps - mps) < 4 * reading.speed_std_mps
+            place = next(np.array([row[c] for c in 'xyz']) for row in dense[0].truth
+                         if row['stamp_ns'] == pair.stamp_ns and row['vehicle'] == track)
+            assert np.linalg.norm(reading.position_m - place) < 1.0
+        stds.append([readings[k].speed_std_mps for k in range(2)])
+    assert (np.diff(stds, axis=0) > 0).all()
+    for pair in pairs[11:16]:  # until they are not known well enough
+        step = pipeline.process(pair)
+    assert len(step.updates) == 2 and not readings_of(step)
+    solving.go()
+    pipeline.process(pairs[16])
+    solving.go()
+    assert sorted(readings_of(pipeline.process(pairs[17]))) == [0, 1]
+
+
+def test_passes_are_those_of_solving_at_once(dense):
+    solving = WhenTold()
+    pipeline = marked(dense, solving)
+    for pair in dense[0].pairs:
+        pipeline.process(pair)
+        solving.go()
+    at_once = marked(dense, None)
+    for pair in dense[0].pairs:
+        at_once.process(pair)
+    for beside, other in zip(pipeline.finish(), at_once.finish(), strict=True):
+        assert beside.verdict is other.verdict is Verdict.MEASURED
+        assert beside.pairs == other.pairs == len(dense[0].pairs)
+        assert abs(beside.speed_mps - other.speed_mps) < 0.3 * other.speed_std_mps
+        assert beside.speed_std_mps == pytest.approx(other.speed_std_mps, rel=0.02)
+
+
+def test_pairs_that_came_during_a_solution_are_fed_after_it(dense):
+    solving = WhenTold()
+    pipeline = marked(dense, solving)
+    for pair in dense[0].pairs[:9]:
+        pipeline.process(pair)
+        solving.go()
+    pipeline.process(dense[0].pairs[9])
+    assert len(solving.tasks) == 1  # one of two confirmed tracks has its turn
+    for pair in dense[0].pairs[10:12]:
+        pipeline.process(pair)
+    for result in pipeline.finish():
+        stamps = [fed.stamp_ns for fed in result.trace.pairs]
+        assert stamps == sorted(set(stamps))
+        assert len(stamps) >= 10
+        assert result.pairs == len(stamps)
+
+
+def test_a_pass_is_measured_again_by_its_trace(dense):
+    sequence, lanes, _ = dense
+    solving = WhenTold()
+    pipeline = marked(dense, solving)
+    for k, pair in enumerate(sequence.pairs):
+        pipeline.process(pair)
+        if k % 3 == 0:  # late more often than not
+            solving.go()
+    for result in pipeline.finish():
+        trace = trace_of(trace_record(result.trace), 'test')
+        tracker = start(start_of(trace, sequence.rig, lanes[trace.lane], TrackerConfig(),
+                                 sequence.pairs[0]))
+        by_stamp = {pair.stamp_ns: pair for pair in sequence.pairs}
+        for fed in trace.pairs:
+            if fed.particles is not None:
+                tracker.share(fed.particles)
+            tracker.hurry(fed.hurried)
+            tracker.update(by_stamp[fed.stamp_ns])
+        assert tracker.result().smoothed == result.smoothed
+
+
+@pytest.mark.parametrize('every', [1, 3])
+def test_each_other_front_is_in_the_trace_of_a_pair_once(dense, every):
+    solving = WhenTold()
+    pipeline = marked(dense, solving)
+    for k, pair in enumerate(dense[0].pairs):
+        pipeline.process(pair)
+        if k % every == 0:
+            solving.go()
+    for result in pipeline.finish():
+        for fed in result.trace.pairs:
+            assert [other.track for other in fed.others] == [1 - result.track]
+
+
+def found(dense, k, **more):
+    """Return a pipeline that finds the first vehicle in pairs k and after, and what finds it."""
+    sequence, _, marks = dense
+    pipeline, finder = automatic(dense, [], set(range(k, len(sequence.pairs))), **more)
+
+    def mark(pair):
+        left, right = project(sequence, marks[0], pair.index)
+        finder.marks = [replace(marks[0], left_px=left, right_px=right)]
+    return pipeline, finder, mark
+
+
+def test_what_is_found_is_begun_once_and_told(dense):
+    """Its detector knows nothing of what is held: it finds the vehicle again in each pair."""
+    solving = WhenTold()
+    pipeline, finder, mark = found(dense, 1, solving=solving)
+    told = []
+    for k, pair in enumerate(dense[0].pairs):
+        mark(pair)
+        told += readings_of(pipeline.process(pair)).values()
+        if k % 2:
+            solving.go()
+    results = pipeline.finish()
+    measured, = [r for r in results if r.verdict is Verdict.MEASURED]
+    assert abs(measured.speed_mps - SPEEDS_MPS[0]) < 4 * measured.speed_std_mps
+    assert {r.reason for r in results if r is not measured} <= {Reason.DUPLICATE}
+    assert told and all(abs(u.speed_mps - SPEEDS_MPS[0]) < 4 * u.speed_std_mps for u in told)
+    # Where a track is it is told of, so that a detector that knows finds no other there.
+    assert finder.occupied[-1]
+
+
+def test_what_is_doubted_is_no_reading_whoever_carries_it_on(dense):
+    """The detector saw it go half as fast again."""
+    solving = WhenTold()
+    pipeline, finder, mark = found(dense, 1, solving=solving)
+    finder.speed_mps, finder.std_share = 1.5 * SPEEDS_MPS[0], 0.01
+    steps = []
+    for pair in dense[0].pairs[:10]:
+        mark(pair)
+        steps.append(pipeline.process(pair))
+        solving.go()
+    assert any(step.updates for step in steps)
+    assert not any(readings_of(step) for step in steps)
+
+
+def test_what_is_being_begun_when_the_stream_ends_has_no_pass(dense):
+    """Earlier pairs would confirm it at once, were it begun."""
+    sequence, _, marks = dense
+    passes = []
+    for told in False, True:
+        solving = WhenTold()
+        pipeline, finder, mark = found(dense, 3, solving=solving)
+        finder.earlier = EarlierFront(pairs=tuple(sequence.pairs[:3]), left_px=marks[0].left_px,
+                                      right_px=marks[0].right_px)
+        finder.speed_mps = 22.0
+        for pair in sequence.pairs[:5]:
+            mark(pair)
+            pipeline.process(pair)
+        assert len(solving.tasks) == 1  # what was found in pair 3 is being begun
+        if told:
+            solving.go()
+            mark(sequence.pairs[5])
+            assert pipeline.process(sequence.pairs[5]).updates
+        passes.append(len(pipeline.finish()))
+    assert passes == [0, 1]
+
+
+def test_an_error_beside_the_pairs_costs_its_track_alone(dense, monkeypatch):
+    """Whoever asks for what is over is told of it as of a pass that cannot be measured."""
+    solving, errors = WhenTold(), []
+    sequence, lanes, marks = dense
+    for at_end in False, True:
+        conclusions = Beside(failed=errors.append)
+        pipeline = SpeedPipeline(sequence.rig, lanes, TrackerConfig(), start, annotations=marks,
+                                 solving=solving, conclusions=conclusions)
+        for pair in sequence.pairs[:8]:
+            pipeline.process(pair)
+            solving.go()
+        broken, sound = pipeline._state.tracks
+        with monkeypatch.context() as patch:
+            patch.setattr(broken.tracker, 'update', lambda pair: 1 / 0)
+            patch.setattr(broken.tracker, 'carry', lambda pair: None)
+            pipeline.process(sequence.pairs[8])
+            if not at_end:
+                solving.go()
+                for pair in sequence.pairs[9:]:
+                    assert {u.track for u in pipeline.process(pair).updates} == {
+                        sound.tracker.track}
+                    solving.go()
+            results = pipeline.finish()
+        conclusions.close()
+        assert [r.track for r in results] == [sound.tracker.track]
+        assert isinstance(errors.pop(), ZeroDivisionError) and not errors
+
+
+def test_what_misses_a_pair_before_it_is_confirmed_ends(dense, monkeypatch):
+    solving = WhenTold()
+    pipeline, _, mark = found(dense, 1, solving=solving)
+    for pair in dense[0].pairs[:4]:
+        mark(pair)
+        pipeline.process(pair)
+        solving.go()
+    track, = pipeline._state.tracks
+    assert not track.confirmed
+    seen = track.tracker.update
+    monkeypatch.setattr(track.tracker, 'update', lambda pair: replace(
+        seen(pair), state=TrackState.COASTING))
+    pipeline.process(dense[0].pairs[4])
+    solving.go()
+    pipeline.process(dense[0].pairs[5])
+    assert track not in pipeline._state.tracks
+
+
+def test_one_of_two_tracks_of_a_vehicle_ends_once_it_has_said_all(dense):
+    solving = WhenTold()
+    sequence, lanes, marks = dense
+    pipeline = marked(dense, solving)
+    for pair in sequence.pairs[:8]:
+        pipeline.process(pair)
+        solving.go()
+    pipeline.process(sequence.pairs[8])
+    busy = next(t for t in pipeline._state.tracks if t.turn is not None)
+    other = next(t for t in pipeline._state.tracks if t is not busy)
+    # It is told to be where the other one is.
+    busy.detection = Detection(
+        lane=next(iter(lanes)), left_px=marks[0].left_px, right_px=marks[0].right_px, std_px=0.7,
+        s_m=0.0, lateral_m=0.0, width_m=1.8, height_m=0.8, speed_mps=None, speed_std_mps=None)
+    busy.last = replace(other.last, state=TrackState.COASTING)
+    pipeline._drop_doubles(sequence.pairs[8].stamp_ns)
+    assert pipeline._state.tracks == [other]
+    assert busy.tracker.track in pipeline.open_tracks
+    solving.go()
+    ended, = pipeline.process(sequence.pairs[9]).passes
+    assert (ended.track, ended.reason) == (busy.tracker.track, Reason.DUPLICATE)
+    assert len(ended.trace.pairs) == 9
+
+
+def test_a_pair_that_is_lost_has_nobody_wait(dense):
+    solving = WhenTold()
+    pipeline = marked(dense, solving)
+    for k, pair in enumerate(dense[0].pairs):
+        if k < 8:
+            pipeline.process(pair)
+            solving.go()
+        elif k % 4:
+            pipeline.process(pair)
+    assert solving.tasks and not solving.waited
+
+
+def test_who_cannot_tell_before_it_has_solved_is_solved_for_at_once(dense):
+    class Plain:
+        """A tracker with no more than it takes."""
+
+        def __init__(self, tracker):
+            self.tracker, self.track = tracker, tracker.track
+            self.update, self.result = tracker.update, tracker.result
+
+        @property
+        def ended(self):
+            """Return whether the pass is over."""
+            return self.tracker.ended
+    sequence, lanes, marks = dense
+    solving = WhenTold()
+    pipeline = SpeedPipeline(sequence.rig, lanes, TrackerConfig(), lambda begun: Plain(
+        start(begun)), annotations=marks, solving=solving)
+    for pair in sequence.pairs[:8]:
+        step = pipeline.process(pair)
+        assert not solving.tasks
+    assert sorted(readings_of(step)) == [0, 1]
+
+
+def test_a_solution_that_is_half_a_second_late_is_waited_for(dense):
+    solving = WhenTold()
+    pipeline = marked(dense, solving)
+    worked_on = []
+    for k, pair in enumerate(dense[0].pairs):
+        pipeline.process(pair)
+        if k < 2:
+            solving.go()
+        worked_on.append([t.turn.pair.stamp_ns for t in pipeline._state.tracks if t.turn])
+        assert all(pair.stamp_ns - ns <= 500_000_000 for ns in worked_on[-1])
+    # Nobody told it to solve from pair 2 on.
+    assert worked_on[2] == worked_on[15] != worked_on[-1]
+
+
+def test_pairs_that_are_far_apart_are_solved_for_in_their_turn(tmp_path):
+    scene = two_abreast(tmp_path, pairs=6)
+    solving = WhenTold()
+    pipeline = marked(scene, solving)
+    for pair in scene[0].pairs:
+        step = pipeline.process(pair)
+        assert not solving.tasks and len(step.updates) == 2
+
+
+def test_a_thread_gives_the_same_as_being_told(dense):
+    """As it solves between pairs, so does it when pairs wait for it."""
+    told, thread = WhenTold(), SolvingBeside()
+    results = []
+    try:
+        for solving, go in (told, told.go), (thread, lambda: thread.wait(
+                thread.submit(lambda: None))):
+            pipeline = marked(dense, solving)
+            for pair in dense[0].pairs:
+                pipeline.process(pair)
+                go()
+            results.append([r.smoothed for r in pipeline.finish()])
+    finally:
+        thread.close()
+    assert results[0] == results[1]
+
+
+def test_what_is_expected_changes_nothing(dense):
+    sequence, lanes, marks = dense
+    asked, left = (SpeedPipeline(sequence.rig, lanes, TrackerConfig(), start, annotations=marks)
+                   for _ in range(2))
+    for pair, after in zip(sequence.pairs[:10], sequence.pairs[1:11]):
+        one, other = asked.process(pair), left.process(pair)
+        assert [(u.speed_mps, u.s_m) for u in one.updates] == [
+            (u.speed_mps, u.s_m) for u in other.updates]
+        for track in asked._state.tracks:
+            track.tracker.expected(after)
+    assert [r.smoothed for r in asked.finish()] == [r.smoothed for r in left.finish()]
+
+
+def test_expecting_while_a_thread_solves_changes_nothing(dense):
+    """Switched between as often as can be."""
+    sequence, lanes, marks = dense
+    asked, left = (SpeedPipeline(sequence.rig, lanes, TrackerConfig(), start, annotations=marks)
+                   for _ in range(2))
+    interval_s = sys.getswitchinterval()
+    sys.setswitchinterval(1e-5)
+    try:
+        with ThreadPoolExecutor(1) as thread:
+            for pair, after in zip(sequence.pairs[:12], sequence.pairs[1:13]):
+                trackers = [track.tracker for track in asked._state.tracks]
+                solved = thread.submit(asked.process, pair)
+                expected = []
+                while not solved.done():
+                    expected += [tracker.expected(after) for tracker in trackers]
+                assert [(u.speed_mps, u.s_m) for u in solved.result().updates] == [
+                    (u.speed_mps, u.s_m) for u in left.process(pair).updates]
+                for update in filter(None, expected):
+                    assert update.stamp_ns == after.stamp_ns and np.isfinite(update.speed_std_mps)
+    finally:
+        sys.setswitchinterval(interval_s)
+    assert [r.smoothed for r in asked.finish()] == [r.smoothed for r in left.finish()]
+
+
+def test_urgent_tasks_go_first_but_not_for_ever():
+    solving, held, order = SolvingBeside(), threading.Event(), []
+    try:
+        first = solving.submit(lambda: held.wait(30.0))
+        tasks = [solving.submit(partial(order.append, 'new'), urgent=False)]
+        tasks += [solving.submit(partial(order.append, k)) for k in range(5)]
+        held.set()
+        for task in [first, *tasks]:
+            solving.wait(task)
+    finally:
+        solving.close()
+    assert order == [0, 1, 2, 'new', 3, 4]
+
+
+def test_what_has_not_begun_when_it_is_closed_is_given_up():
+    solving, held = SolvingBeside(), threading.Event()
+    running = solving.submit(lambda: held.wait(30.0))
+    never = solving.submit(lambda: 1 / 0)
+    closing = threading.Thread(target=solving.close)
+    closing.start()
+    with pytest.raises(CancelledError):
+        never.result(30.0)
+    held.set()
+    closing.join(30.0)
+    assert not closing.is_alive() and running.result()
