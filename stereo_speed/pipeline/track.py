@@ -194,3 +194,8 @@ def is_sure(update: TrackUpdate, limits: VisibilityConfig) -> bool:
 def ahead_m(update: TrackUpdate, stamp_ns: int) -> float:
     """Return how far a vehicle goes until a later stamp by its speed, m."""
     return update.speed_mps * (stamp_ns - update.stamp_ns) * 1e-9
+
+
+def place_m(update: TrackUpdate, stamp_ns: int) -> Array:
+    """Return where (3,) a vehicle is at a later stamp by its speed, left optical frame, m."""
+    return update.position_m + ahead_m(update, stamp_ns) * update.axes[:, 0]

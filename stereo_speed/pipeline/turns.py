@@ -1,13 +1,31 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Whose turn it is: tracks are solved for one after the other where there is no time for all."""
+"""
+What tracks share: particles, and the time to solve for them.
+
+They are solved for one after the other where there is no time for all.
+"""
 from __future__ import annotations
 
 import math
 from typing import Sequence
 
 from .track import holds, Track
+from ..core.config import TrackerConfig
 from ..tracking.protocol import CanHurry, MOST_TIMES, OCCLUDED_TIMES, OLD_S
+
+
+def share_of(config: TrackerConfig, tracks: int) -> int:
+    """Return the particles of each of so many tracks."""
+    wanted = config.particles
+    if tracks == 1:
+        return wanted
+    return min(wanted, max(config.particle_budget // tracks, config.effort.fewest_particles))
+
+
+def solve_interval_s(config: TrackerConfig, tracks: int) -> float:
+    """Return the time between two solutions of each of so many tracks, s."""
+    return config.effort.solve_interval_s * (config.particles / share_of(config, tracks))
 
 
 def take_turns(tracks: Sequence[Track], stamp_ns: int, interval_s: float, *, hurried: bool,

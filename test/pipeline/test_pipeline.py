@@ -169,16 +169,16 @@ def test_of_two_tracks_on_a_vehicle_that_which_sees_it_stays(scene):
     pipeline, finder = automatic(scene, marks[:1], {0, 3})
     for pair in sequence.pairs[:3]:
         pipeline.process(pair)
-    first, = pipeline._state.tracks
+    first, = pipeline._roster.tracks
     pair = sequence.pairs[3]
     left, right = project(sequence, marks[0], 3)
     finder.marks = [replace(marks[0], left_px=left, right_px=right)]
     pipeline.process(pair)
-    younger = pipeline._state.tracks[-1]
+    younger = pipeline._roster.tracks[-1]
     assert younger is not first
     first.last = replace(younger.last, state=TrackState.COASTING)
     pipeline._drop_doubles(pair.stamp_ns)
-    assert pipeline._state.tracks == [younger]
+    assert pipeline._roster.tracks == [younger]
 
 
 def test_where_it_was_not_the_track_starts_where_it_is(scene):
@@ -240,7 +240,7 @@ def test_a_correction_that_comes_and_goes_while_a_vehicle_is_seen_has_changed(sc
     sequence, _, marks = scene
     pipeline, _ = automatic(scene, marks[:1], {0})
     pipeline.process(sequence.pairs[0])
-    track, = pipeline._state.tracks
+    track, = pipeline._roster.tracks
     for pan_rad in (0.0, 3e-4, -1e-4, 0.0):
         track.see_drift(np.array([pan_rad, 0.0, 0.0]))
     assert track.drift_change_rad.tolist() == [3e-4, 0.0, 0.0]
@@ -259,7 +259,7 @@ def test_one_track_has_the_particles_that_were_asked_for(scene, particles):
     sequence, lanes, marks = scene
     pipeline = SpeedPipeline(sequence.rig, lanes, config, start, annotations=marks[:1])
     pipeline.process(sequence.pairs[0])
-    assert [t.tracker.particles for t in pipeline._state.tracks] == [particles]
+    assert [t.tracker.particles for t in pipeline._roster.tracks] == [particles]
 
 
 def test_tracks_share_the_particles_there_are(scene):
@@ -267,7 +267,7 @@ def test_tracks_share_the_particles_there_are(scene):
     config = TrackerConfig(particles=400, particle_budget=500)
     pipeline = SpeedPipeline(sequence.rig, lanes, config, start, annotations=marks)
     pipeline.process(sequence.pairs[0])
-    counts = [t.tracker.particles for t in pipeline._state.tracks]
+    counts = [t.tracker.particles for t in pipeline._roster.tracks]
     assert sum(counts) <= 500 and min(counts) >= EffortConfig().fewest_particles
     for pair in sequence.pairs[1:]:
         pipeline.process(pair)

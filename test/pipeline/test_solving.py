@@ -253,7 +253,7 @@ def test_an_error_beside_the_pairs_costs_its_track_alone(dense, monkeypatch):
         for pair in sequence.pairs[:8]:
             pipeline.process(pair)
             solving.go()
-        broken, sound = pipeline._state.tracks
+        broken, sound = pipeline._roster.tracks
         with monkeypatch.context() as patch:
             patch.setattr(broken.tracker, 'update', lambda pair: 1 / 0)
             patch.setattr(broken.tracker, 'carry', lambda pair: None)
@@ -277,7 +277,7 @@ def test_what_misses_a_pair_before_it_is_confirmed_ends(dense, monkeypatch):
         mark(pair)
         pipeline.process(pair)
         solving.go()
-    track, = pipeline._state.tracks
+    track, = pipeline._roster.tracks
     assert not track.confirmed
     seen = track.tracker.update
     monkeypatch.setattr(track.tracker, 'update', lambda pair: replace(
@@ -285,7 +285,7 @@ def test_what_misses_a_pair_before_it_is_confirmed_ends(dense, monkeypatch):
     pipeline.process(dense[0].pairs[4])
     solving.go()
     pipeline.process(dense[0].pairs[5])
-    assert track not in pipeline._state.tracks
+    assert track not in pipeline._roster.tracks
 
 
 def test_one_of_two_tracks_of_a_vehicle_ends_once_it_has_said_all(dense):
@@ -296,15 +296,15 @@ def test_one_of_two_tracks_of_a_vehicle_ends_once_it_has_said_all(dense):
         pipeline.process(pair)
         solving.go()
     pipeline.process(sequence.pairs[8])
-    busy = next(t for t in pipeline._state.tracks if t.turn is not None)
-    other = next(t for t in pipeline._state.tracks if t is not busy)
+    busy = next(t for t in pipeline._roster.tracks if t.turn is not None)
+    other = next(t for t in pipeline._roster.tracks if t is not busy)
     # It is told to be where the other one is.
     busy.detection = Detection(
         lane=next(iter(lanes)), left_px=marks[0].left_px, right_px=marks[0].right_px, std_px=0.7,
         s_m=0.0, lateral_m=0.0, width_m=1.8, height_m=0.8, speed_mps=None, speed_std_mps=None)
     busy.last = replace(other.last, state=TrackState.COASTING)
     pipeline._drop_doubles(sequence.pairs[8].stamp_ns)
-    assert pipeline._state.tracks == [other]
+    assert pipeline._roster.tracks == [other]
     assert busy.tracker.track in pipeline.open_tracks
     solving.go()
     ended, = pipeline.process(sequence.pairs[9]).passes
@@ -354,7 +354,7 @@ def test_a_solution_that_is_half_a_second_late_is_waited_for(dense):
         pipeline.process(pair)
         if k < 2:
             solving.go()
-        worked_on.append([t.turn.pair.stamp_ns for t in pipeline._state.tracks if t.turn])
+        worked_on.append([t.turn.pair.stamp_ns for t in pipeline._roster.tracks if t.turn])
         assert all(pair.stamp_ns - ns <= 500_000_000 for ns in worked_on[-1])
     # Nobody told it to solve from pair 2 on.
     assert worked_on[2] == worked_on[15] != worked_on[-1]
@@ -394,7 +394,7 @@ def test_what_is_expected_changes_nothing(dense):
         one, other = asked.process(pair), left.process(pair)
         assert [(u.speed_mps, u.s_m) for u in one.updates] == [
             (u.speed_mps, u.s_m) for u in other.updates]
-        for track in asked._state.tracks:
+        for track in asked._roster.tracks:
             track.tracker.expected(after)
     assert [r.smoothed for r in asked.finish()] == [r.smoothed for r in left.finish()]
 
@@ -409,7 +409,7 @@ def test_expecting_while_a_thread_solves_changes_nothing(dense):
     try:
         with ThreadPoolExecutor(1) as thread:
             for pair, after in zip(sequence.pairs[:12], sequence.pairs[1:13]):
-                trackers = [track.tracker for track in asked._state.tracks]
+                trackers = [track.tracker for track in asked._roster.tracks]
                 solved = thread.submit(asked.process, pair)
                 expected = []
                 while not solved.done():

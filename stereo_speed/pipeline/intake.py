@@ -1,0 +1,92 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""What is made of what trackers say: which of it is doubted, which is a reading, in which lane."""
+from __future__ import annotations
+
+import math
+from typing import Optional
+
+from .track import holds, is_sure, Track
+from ..core.config import TrackerConfig
+from ..core.records import StereoPair, TrackState, TrackUpdate
+from ..detection.protocol import Detection
+
+
+class Intake:
+    """
+    Feeds tracks, and takes in what their trackers say.
+
+    :param config: parameters that all trackers share.
+    """
+
+    def __init__(self, config: TrackerConfig) -> None:
+        self.config = config
+
+    def feed(self, track: Track, pair: StereoPair,
+             particles: Optional[int] = None) -> Optional[TrackUpdate]:
+        """
+        Feed a track, and place its vehicle in a lane.
+
+        :param particles: number of particles that its tracker was told; None where it was not.
+        """
+        return self.take(track, pair, particles, track.feed(pair))
+
+    def take(self, track: Track, pair: StereoPair, particles: Optional[int],
+             update: Optional[TrackUpdate]) -> Optional[TrackUpdate]:
+        """
+        Take in what a track says of a pair; return it with the lane.
+
+        :param particles: as for :meth:`feed`.
+        :param update: what its tracker says.
+        """
+        hurried = track.hurried
+        if update is None:
+            track.trace.add(pair, particles, None, hurried=hurried, stamp_std_s=track.stamp_std_s)
+            return None
+        track.doubted = not track.confirmed and self._is_doubtful(track, update)
+        if track.doubted:
+            update = update.unconfirmed()
+        track.confirmed |= update.state is TrackState.CONFIRMED
+        update = track.lanes.place(self._as_sure(update))
+        if track.last is None or update.stamp_ns >= track.last.stamp_ns or not holds(update):
+            track.last = update
+        track.trace.add(pair, particles, update, hurried=hurried, stamp_std_s=track.stamp_std_s)
+        return update
+
+    def expect(self, track: Track, update: TrackUpdate) -> TrackUpdate:
+        """Return what is expected of a track, with the lane, until it says more of the pair."""
+        if track.doubted or not track.confirmed:
+            update = update.unconfirmed()
+        track.last = track.lanes.carried(self._as_sure(update))
+        return track.last
+
+    def same_speed(self, update: TrackUpdate, front: Detection, change_mps: float = 0.0) -> bool:
+        """
+        Return whether track and detector, each by itself, saw one speed.
+
+        :param change_mps: by which the speed may have changed since.
+        """
+        if front.speed_mps is None:
+            return True
+        std = math.hypot(update.speed_std_mps, front.speed_std_mps)
+        limit = self.config.association.same_speed_sigmas * std + change_mps
+        return abs(update.speed_mps - front.speed_mps) < limit
+
+    def _as_sure(self, update: TrackUpdate) -> TrackUpdate:
+        """Return an update that is no reading where the speed is not known well enough."""
+        return update if is_sure(update, self.config.visibility) else update.unconfirmed()
+
+    def _is_doubtful(self, track: Track, update: TrackUpdate) -> bool:
+        """
+        Return whether a young track sees another speed than its detector saw, or none.
+
+        After a while the vehicle may have changed its speed, but by no more than it can brake.
+        What a detector saw move beside a vehicle may be road that this has uncovered.
+        """
+        if track.detection is None or update.state is not TrackState.CONFIRMED:
+            return False
+        if update.speed_mps < self.config.association.moving_sigmas * update.speed_std_mps:
+            return True
+        limits, age_s = self.config.association, (update.stamp_ns - track.found_ns) * 1e-9
+        change_mps = 0.0 if age_s < limits.doubt_s else limits.braking_mps2 * age_s
+        return not self.same_speed(update, track.detection, change_mps)

@@ -1,0 +1,78 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""The tracks that there are: which of them hold one vehicle, and which go without a pass."""
+from __future__ import annotations
+
+from typing import Container, Sequence
+
+import numpy as np
+
+from .search import Search
+from .track import holds, place_m, Track
+from ..core.records import Array, TrackUpdate
+
+Begun = tuple[Track, TrackUpdate]  # a new track, and what it says of the pair it was found in
+
+_APART = 2.0  # times the distance of doubles: what a solution changes of a place is less
+
+
+class Roster:
+    """
+    The tracks of the vehicles in view.
+
+    ``tracks`` are in the order in which they were begun.
+
+    :param same_vehicle_m: distance within which two tracks hold one vehicle.
+    """
+
+    def __init__(self, same_vehicle_m: float) -> None:
+        self.tracks: list[Track] = []
+        self._near_m = same_vehicle_m
+
+    def introduce(self, search: Search, begun: Sequence[Begun]) -> None:
+        """Have the traces of the pair of a search tell of the tracks that were begun in it."""
+        new, found = [track for track, _ in begun], [update for _, update in begun]
+        for track in self.tracks:
+            track.add_others(
+                search.pair.stamp_ns, [*search.seen, *found] if track in new else found)
+
+    def is_apart(self, update: TrackUpdate) -> bool:
+        """Return whether no other track can hold the same vehicle, wherever it is by now."""
+        near_m = _APART * self._near_m
+        return not any(
+            t.last is not None and t.tracker.track != update.track
+            and np.linalg.norm(place_m(t.last, update.stamp_ns) - update.position_m) < near_m
+            for t in self.tracks)
+
+    def drop_missing(self) -> None:
+        """End tracks that miss a pair before they are confirmed; a vehicle is found again."""
+        self.tracks = [
+            t for t in self.tracks if t.confirmed or t.detection is None
+            or t.ended or holds(t.last) or t.turn is not None]
+
+    def drop_doubles(self, stamp_ns: int, told: Container[int] = ()) -> list[Track]:
+        """
+        End one of two tracks that hold the same vehicle.
+
+        That which does not see it ends, and the younger if both do.
+
+        :param stamp_ns: of the pair in hand.
+        :param told: numbers of tracks whose readings of this pair are told, which stay: the other
+            one was expected elsewhere.
+        :return: those that have ended and were confirmed.
+        """
+        held: list[Array] = []
+        ended: list[Track] = []
+        for track in sorted(self.tracks, key=lambda t: (t.tracker.track not in told,
+                                                        not holds(t.last))):
+            if track.last is None or track.ended:
+                continue
+            at_m = place_m(track.last, stamp_ns)
+            if track.detection is not None and any(
+                    np.linalg.norm(at_m - other_m) < self._near_m for other_m in held):
+                self.tracks.remove(track)
+                if track.confirmed:
+                    ended.append(track)
+            else:
+                held.append(at_m)
+        return ended

@@ -1,0 +1,160 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""From fronts to tracks: where a vehicle is found or marked, one is started, once."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+from typing import Callable, Mapping, Optional, Sequence, Union
+
+import numpy as np
+
+from .intake import Intake
+from .roster import Begun, Roster
+from .search import Search
+from .track import holds, start_of, Track, with_stamps
+from .turns import share_of
+from ..classification.size import VehicleSize
+from ..core.config import TrackerConfig
+from ..core.records import Array, InitialFront, RigMotion, StereoPair
+from ..core.trace import PassTrace, TraceBuilder
+from ..detection.protocol import Detection
+from ..geometry.rig import StereoRig
+from ..road.lanes import LanePath
+from ..second.estimate import SecondOpinion
+from ..steadying.view_lag import ViewLag
+from ..tracking.lane_assigner import LaneAssigner
+from ..tracking.protocol import Refusal, Tracker, TrackStart
+
+StartTracker = Callable[[TrackStart], Union[Tracker, Refusal]]
+
+
+@dataclass(eq=False)
+class Starter:
+    """
+    Starts tracks; they share the particles there are with those of the roster.
+
+    :param rig: the cameras.
+    :param lanes: lane name to lane path.
+    :param config: parameters that all trackers share.
+    :param start_tracker: starts a tracker.
+    :param seed: of all randomness.
+    :param intake: feeds them their first pairs.
+    :param roster: the tracks there are; who starts one adds it.
+    :param view_lag: the time between the views.
+    :param next_track: number of the next track.
+    :param stamp_std_s: 1-sigma that stamps are taken to have where they are less even than they
+        should be, s.
+    """
+
+    rig: StereoRig
+    lanes: Mapping[str, LanePath]
+    config: TrackerConfig
+    start_tracker: StartTracker
+    seed: int
+    intake: Intake
+    roster: Roster
+    view_lag: ViewLag
+    next_track: int = 0
+    stamp_std_s: Optional[float] = None
+
+    def at_mark(self, front: InitialFront, pair: StereoPair) -> Track:
+        """
+        Return a track at a front that a person annotated in a pair.
+
+        :raises InputError: the views do not agree on a front there.
+        """
+        track = self._start(front, pair, self._lane_of(front, pair), None, pair)
+        if isinstance(track, Refusal):
+            raise track.error()
+        return track
+
+    def new(self, search: Search, found: Sequence[Detection]) -> list[Detection]:
+        """
+        Return what was found in a pair and is to start tracks.
+
+        A doubted track that is there goes on, and is doubted by what its detector sees now.
+        """
+        new = []
+        for front in found:
+            doubted = self._doubted_at(front, search)
+            if doubted is None:
+                new.append(front)
+            elif doubted.last is not None and self.intake.same_speed(doubted.last, front):
+                doubted.detection, doubted.found_ns = front, search.pair.stamp_ns
+        return new
+
+    def at(self, front: Detection, pair: StereoPair) -> Optional[Begun]:
+        """
+        Return a track begun where a front was first seen; where that fails, where it is now.
+
+        :param pair: that it was found in.
+        :return: with what it says of that; None where what looked like a front is none.
+        """
+        starts: list[tuple[tuple[StereoPair, ...], Array, Array]] = [
+            ((pair,), front.left_px, front.right_px)]
+        if front.earlier is not None:
+            seen = front.earlier.pairs
+            some = seen[::math.ceil(len(seen) / self.config.association.catch_up_pairs)]
+            starts.insert(0, ((*some, pair), front.earlier.left_px, front.earlier.right_px))
+        for pairs, left_px, right_px in starts:
+            first = InitialFront(pairs[0].index, left_px, right_px, front.std_px)
+            track = self._start(first, pairs[0], self.lanes[front.lane], front, pair)
+            if isinstance(track, Refusal):
+                continue
+            updates = [self.intake.feed(track, one) for one in pairs]
+            newest = updates[-1]
+            if newest is not None and all(map(holds, updates)) and (
+                    len(pairs) == 1 or self.intake.same_speed(newest, front)):
+                return track, newest
+        return None
+
+    def _start(self, front: InitialFront, pair: StereoPair, lane: LanePath,
+               detection: Optional[Detection], newest: StereoPair) -> Union[Track, Refusal]:
+        """
+        Return a track.
+
+        :param pair: the pair of the front.
+        :param detection: what found it; None where a person annotated it.
+        :param newest: the pair in hand.
+        """
+        trace = PassTrace(
+            self.next_track, self.seed, lane.name, front,
+            share_of(self.config, len(self.roster.tracks) + 1),
+            seen_mps=detection.speed_mps if detection is not None else None, pairs=(),
+            stamp_std_s=self.stamp_std_s)
+        tracker = self.start_tracker(start_of(trace, self.rig, lane, self.config, pair))
+        if isinstance(tracker, Refusal):
+            return tracker
+        self.next_track += 1
+        config = with_stamps(self.config, trace)
+        second = SecondOpinion(self.rig, lane, config) if config.second.enabled else None
+        size = VehicleSize(self.rig, lane, self.config.classes,
+                           front.std_px if detection is None else None)
+        return Track(
+            tracker, LaneAssigner(self.lanes, self.config.verdict), detection, newest.stamp_ns,
+            TraceBuilder(trace), size, second, lag_changes_s=self.view_lag.changes_s,
+            stamp_std_s=trace.stamp_std_s,
+            drift_rad=np.array((pair.motion or RigMotion()).drift_rad))
+
+    def _doubted_at(self, front: Detection, search: Search) -> Optional[Track]:
+        """Return the doubted track that holds what is detected in a pair; None where none does."""
+        near_m, centre_m = self.config.association.same_vehicle_m, self._centre_m(
+            front, search.pair)
+        return next((track for track, at_m in search.doubted if track in self.roster.tracks
+                     and np.linalg.norm(at_m - centre_m) < near_m), None)
+
+    def _lane_of(self, front: InitialFront, pair: StereoPair) -> LanePath:
+        """Return the lane whose path a front of a pair is nearest to, across the road."""
+        centre_m = self._centre_m(front, pair)
+
+        def across_m(lane: LanePath) -> float:
+            s_m = lane.path.arc_length(centre_m)
+            away_m = centre_m - lane.path.position(s_m)
+            return abs(float(away_m @ lane.path.frame(s_m)[:, 1]))
+        return min(self.lanes.values(), key=across_m)
+
+    def _centre_m(self, front: Union[InitialFront, Detection], pair: StereoPair) -> Array:
+        """Return the middle (3,) of a front of a pair, left optical frame, m."""
+        return self.rig.as_taken(pair.motion).triangulate(
+            front.left_px.mean(axis=0), front.right_px.mean(axis=0))
