@@ -136,14 +136,18 @@ class TraceBuilder:
         """
         Add fronts of other vehicles in a pair to those that are there.
 
+        Of one track there is one: what it says after it has solved for the pair takes the place
+        of what was expected of it.
+
         :param stamp_ns: of that pair; who was not fed it is left as it is.
         :param updates: of vehicles in it.
         """
         for k in range(len(self._pairs) - 1, -1, -1):
             if self._pairs[k].stamp_ns <= stamp_ns:
                 if self._pairs[k].stamp_ns == stamp_ns:
+                    others = (*self._pairs[k].others, *self._others(updates))
                     self._pairs[k] = replace(
-                        self._pairs[k], others=self._pairs[k].others + self._others(updates))
+                        self._pairs[k], others=tuple({o.track: o for o in others}.values()))
                 return
 
     def _others(self, updates: Sequence[TrackUpdate]) -> tuple[OtherFront, ...]:
@@ -152,6 +156,14 @@ class TraceBuilder:
                      if u.track != self._trace.track and np.isfinite(u.quad_left_px).all()
                      and np.isfinite(u.quad_right_px).all())
 
-    def built(self) -> PassTrace:
-        """Return the trace so far."""
-        return replace(self._trace, pairs=tuple(self._pairs))
+    def built(self, stamp_std_s: Optional[float] = None) -> PassTrace:
+        """
+        Return the trace so far.
+
+        :param stamp_std_s: 1-sigma that its stamps were taken to have in the end, where they were
+            less even than they should be: it may have been known after the last pair was fed.
+        """
+        pairs = self._pairs
+        if pairs and stamp_std_s is not None:
+            pairs = [*pairs[:-1], replace(pairs[-1], stamp_std_s=stamp_std_s)]
+        return replace(self._trace, pairs=tuple(pairs))

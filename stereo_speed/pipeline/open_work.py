@@ -132,14 +132,6 @@ class OpenWork:
                 self._take_beginning(one, errors)
         return Ended(ended, errors)
 
-    def take_turn(self, track: Track) -> Ended:
-        """Take in what a track says of the pairs of its turn, if it has one; wait for it."""
-        errors: list[Exception] = []
-        if track.turn is not None:
-            self._worker.wait(track.turn.said)
-            self._take_turn(track, track.turn, errors)
-        return Ended([], errors)
-
     def drop_beginnings(self) -> None:
         """Give up tracks that are being begun: nothing was told of them."""
         beginnings, self._beginnings = self._beginnings, []
@@ -199,6 +191,8 @@ class OpenWork:
             track.trace.add_others(pair.stamp_ns, turn.others.get(pair.stamp_ns, ()))
             if update is not None:
                 told[pair.stamp_ns] = update
+        if turn.stamp_std_s is not None:
+            track.see_stamps(turn.stamp_std_s)
         for other in roster.tracks:
             for stamp_ns, update in told.items():
                 if other is not track:

@@ -41,8 +41,9 @@ class PassEnd:
     def __call__(self) -> PassResult:
         """Return the result of the pass."""
         track = self.track
-        result = replace(track.lanes.conclude(track.tracker.result()), trace=track.trace.built(),
-                         vehicle=track.size.measured())
+        result = replace(
+            track.lanes.conclude(track.tracker.result()), vehicle=track.size.measured(),
+            trace=track.trace.built(track.stamp_std_s))
         if result.lane in self.lanes:
             result = replace(result, direction=_direction(self.lanes[result.lane]))
         result = self._timed(result)

@@ -19,7 +19,7 @@ import numpy as np
 
 from .conclusions import AtOnce, Conclusions
 from .intake import Intake
-from .open_work import Ended, OpenWork
+from .open_work import OpenWork
 from .pass_end import PassEnd
 from .roster import Begun, Roster
 from .search import Search, VehicleSearch
@@ -249,10 +249,7 @@ class SpeedPipeline:
 
         :param wait_before_ns: work for pairs with earlier stamps is waited for.
         """
-        self._end(self._open.take(wait_before_ns))
-
-    def _end(self, ended: Ended) -> None:
-        """Account for tracks that end with work that was taken in."""
+        ended = self._open.take(wait_before_ns)
         for track in ended.doubles:
             self._conclude(track, Reason.DUPLICATE)
         for error in ended.errors:  # as for a pass that cannot be measured
@@ -270,7 +267,6 @@ class SpeedPipeline:
         for track in self._roster.tracks:
             if uneven_s is not None and uneven_s > _WORSE * (
                     track.stamp_std_s or self.config.stamp_std_s):
-                self._end(self._open.take_turn(track))
                 track.see_stamps(uneven_s)
 
     @property

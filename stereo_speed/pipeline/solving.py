@@ -36,6 +36,8 @@ class Turn:
     :param said: the pairs that it was fed in the end, and what it says of each.
     :param expected: by the stamp of a pair, where the vehicle was expected when that came.
     :param others: by the stamp of a pair, what other tracks say of it.
+    :param stamp_std_s: 1-sigma that stamps have turned out to have since, s; None where they are
+        as good as the track takes them to be.
     """
 
     pair: StereoPair
@@ -44,6 +46,7 @@ class Turn:
     said: Future[Said]
     expected: dict[int, TrackUpdate] = field(default_factory=dict)
     others: dict[int, list[TrackUpdate]] = field(default_factory=dict)
+    stamp_std_s: Optional[float] = None
 
 
 def later_pairs() -> deque[StereoPair]:

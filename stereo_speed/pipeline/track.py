@@ -116,12 +116,19 @@ class Track:
             turn.others.setdefault(stamp_ns, []).extend(updates)
 
     def see_stamps(self, stamp_std_s: float) -> None:
-        """Take in that stamps are worse than they were taken for."""
+        """
+        Take in that stamps are worse than they were taken for.
+
+        Its turn, if it has one, goes on with what was known when it began: what it says of those
+        pairs has no other 1-sigma, and no pair has to wait until its tracker can be told.
+        """
+        self.unaware |= not isinstance(self.tracker, DoubtsStamps)
+        if self.turn is not None:
+            self.turn.stamp_std_s = stamp_std_s
+            return
         self.stamp_std_s = stamp_std_s
         if isinstance(self.tracker, DoubtsStamps):
             self.tracker.doubt_stamps(stamp_std_s)
-        else:
-            self.unaware = True
         if self.second is not None:
             self.second.config = replace(self.second.config, stamp_std_s=stamp_std_s)
 

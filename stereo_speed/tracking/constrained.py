@@ -25,7 +25,7 @@ from .likelihood import Reference, score
 from .motion_prior import PassPrior
 from .observation import ObservationSampler
 from .pass_result import calibration_share, conclude, live_std, Pass
-from .posterior import Posterior
+from .posterior import gone_on, Posterior, walks
 from .protocol import MOST_TIMES, OCCLUDED_TIMES, OLD_S, Refusal, TrackStart
 from .window import PhotometricWindow
 from ..core.config import NoParameters, TrackerConfig
@@ -82,15 +82,10 @@ class _Cloud:
         :param config: rates of the random walks.
         :param lateral_mps: rate at which the vehicle crosses its path.
         """
-        dt_s, (mean, covariance) = max(self.until_s(stamp_ns), 0.0), self.moments()
-        goes = np.eye(4)
+        dt_s, goes = max(self.until_s(stamp_ns), 0.0), np.eye(4)
         goes[0, 3] = dt_s
-        mean[1] += lateral_mps * dt_s
-        walk = config.speed_rate_std ** 2 * dt_s
-        strays = np.diag([0.25 * walk * dt_s ** 2, config.drift_across_std_m ** 2 * dt_s,
-                          config.drift_up_std_m ** 2 * dt_s, walk])
-        strays[0, 3] = strays[3, 0] = 0.5 * walk * dt_s
-        return goes @ mean, goes @ covariance @ goes.T + strays
+        return gone_on(self.moments(), goes, dt_s, lateral_mps,
+                       walks(dt_s, config.speed_rate_std, config, parts=4.0))
 
 
 class ConstrainedTracker:
@@ -134,6 +129,7 @@ class ConstrainedTracker:
         self.posterior: Optional[Posterior] = None
         self.reference: Optional[Reference] = None
         self._again_ns: Optional[int] = None  # of the pair that showed it again, after others
+        self._astray_ns: Optional[int] = None  # of one that does not show it where it should be
         self._reported: Optional[TrackUpdate] = None
 
     @property
@@ -241,7 +237,7 @@ class ConstrainedTracker:
         of one view in the first ones (``window``), which decides on nothing but whether it shows.
         """
         last, posterior = self._reported, self.posterior
-        if self.ended or last is None or posterior is None:
+        if self.ended or last is None or posterior is None or pair.stamp_ns == self._astray_ns:
             return None
         if _coasts(last):
             moments = self.cloud.ahead(pair.stamp_ns, self.config, self._lateral_mps())
@@ -286,10 +282,11 @@ class ConstrainedTracker:
                     and self.window.shows(pair, moments[0]):
                 return None
             return self._report(pair, TrackState.COASTING, moments)
-        if not self._goes_on(last):
+        if not self._goes_on(last) or pair.stamp_ns == self._astray_ns:
             return None
         moments = posterior.ahead(after_s, self.config)
         if not self.window.keep(pair, moments[0]):
+            self._astray_ns = pair.stamp_ns  # whoever asks of this pair again need not look again
             return None
         state = self.life.seen(pair, self._quads(moments[0][None], pair)[0][0])
         return self._report(pair, state, moments)

@@ -69,13 +69,8 @@ class Posterior:
         goes[:, 4:] = np.eye(4)
         goes[0, [3, 7]] = after_s * np.array([-0.5 * share, 1 + 0.5 * share])
         goes[3, [3, 7]] = -share, 1 + share
-        mean = goes @ self.mean[-2:].ravel()
-        mean[1] += after_s * self.lateral_mps[-1]
-        walk = self.speed_rate_std ** 2 * after_s
-        strays = np.diag([walk * after_s ** 2 / 3, config.drift_across_std_m ** 2 * after_s,
-                          config.drift_up_std_m ** 2 * after_s, walk])
-        strays[0, 3] = strays[3, 0] = walk * after_s / 2
-        return mean, goes @ self.covariance[-8:, -8:] @ goes.T + strays
+        return gone_on((self.mean[-2:].ravel(), self.covariance[-8:, -8:]), goes, after_s,
+                       float(self.lateral_mps[-1]), walks(after_s, self.speed_rate_std, config))
 
     def ground_speeds(self) -> Array:
         """Return the speeds (n,) over ground, m/s."""
@@ -86,6 +81,40 @@ class Posterior:
         """Return the ground speeds (n,) per speed along the path, which carry over its sigma."""
         along = self.mean[:, 3]
         return np.asarray(self.ground_speeds() / np.where(along == 0, 1.0, along))
+
+
+def gone_on(known: tuple[Array, Array], goes: Array, after_s: float, lateral_mps: float,
+            strays: Array) -> tuple[Array, Array]:
+    """
+    Return the mean (4,) and the covariance (4, 4) of s, a, b, v some time later.
+
+    :param known: mean (n,) and covariance (n, n) of what it goes on from.
+    :param goes: (4, n) how it does.
+    :param after_s: time until then, s.
+    :param lateral_mps: rate at which the vehicle crosses its path, m/s.
+    :param strays: (4, 4) covariance of what it may do otherwise.
+    """
+    mean = goes @ known[0]
+    mean[1] += after_s * lateral_mps
+    return mean, goes @ known[1] @ goes.T + strays
+
+
+def walks(after_s: float, speed_rate_std: float, config: TrackerConfig, parts: float = 3.0
+          ) -> Array:
+    """
+    Return the covariance (4, 4) of the random walks of s, a, b, v over a time (eq. 24-27).
+
+    :param after_s: the time, s.
+    :param speed_rate_std: random walk of the speed, m/s/sqrt(s).
+    :param config: rates of the others.
+    :param parts: the way varies by one in so many of (time times change of speed) squared: three
+        where the speed walks all the time, four where it changes once, evenly.
+    """
+    walk = speed_rate_std ** 2 * after_s
+    strays = np.diag([walk * after_s ** 2 / parts, config.drift_across_std_m ** 2 * after_s,
+                      config.drift_up_std_m ** 2 * after_s, walk])
+    strays[0, 3] = strays[3, 0] = walk * after_s / 2
+    return strays
 
 
 @dataclass(frozen=True, eq=False)

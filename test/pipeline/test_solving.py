@@ -16,6 +16,7 @@ import pytest
 from stereo_speed.core.config import TrackerConfig
 from stereo_speed.core.passes import Reason, Verdict
 from stereo_speed.core.records import TrackState
+from stereo_speed.core.stamp_watch import StampWatch
 from stereo_speed.detection.protocol import Detection, EarlierFront
 from stereo_speed.io.trace_json import trace_of, trace_record
 from stereo_speed.pipeline.conclusions import Beside
@@ -67,11 +68,30 @@ def dense(tmp_path_factory):
     return two_abreast(tmp_path_factory.mktemp('dense'), fps=30.0, pairs=20)
 
 
-def marked(dense, solving):
+def marked(dense, solving, config=TrackerConfig()):
     """Return a pipeline that both vehicles are annotated for."""
     sequence, lanes, marks = dense
-    return SpeedPipeline(
-        sequence.rig, lanes, TrackerConfig(), start, annotations=marks, solving=solving)
+    return SpeedPipeline(sequence.rig, lanes, config, start, annotations=marks, solving=solving)
+
+
+def detected(dense):
+    """Return what has a track taken for one that a detector has found."""
+    _, lanes, marks = dense
+    return Detection(
+        lane=next(iter(lanes)), left_px=marks[0].left_px, right_px=marks[0].right_px, std_px=0.7,
+        s_m=0.0, lateral_m=0.0, width_m=1.8, height_m=0.8, speed_mps=None, speed_std_mps=None)
+
+
+def until_busy(pipeline, solving, pairs):
+    """Process pairs until one of two confirmed tracks has its turn: these two, and the rest."""
+    for k, pair in enumerate(pairs):
+        pipeline.process(pair)
+        tracks = sorted(pipeline._roster.tracks, key=lambda t: t.turn is None)
+        if k >= 8 and tracks[0].turn is not None:
+            assert tracks[1].turn is None
+            return *tracks, pairs[k + 1:]
+        solving.go()
+    raise AssertionError('none has its turn')
 
 
 def readings_of(step):
@@ -151,16 +171,24 @@ def test_a_pass_is_measured_again_by_its_trace(dense):
         if k % 3 == 0:  # late more often than not
             solving.go()
     for result in pipeline.finish():
-        trace = trace_of(trace_record(result.trace), 'test')
-        tracker = start(start_of(trace, sequence.rig, lanes[trace.lane], TrackerConfig(),
-                                 sequence.pairs[0]))
-        by_stamp = {pair.stamp_ns: pair for pair in sequence.pairs}
-        for fed in trace.pairs:
-            if fed.particles is not None:
-                tracker.share(fed.particles)
-            tracker.hurry(fed.hurried)
-            tracker.update(by_stamp[fed.stamp_ns])
-        assert tracker.result().smoothed == result.smoothed
+        assert measured_again(dense, result).smoothed == result.smoothed
+
+
+def measured_again(dense, result, config=TrackerConfig()):
+    """Return a pass as its trace has it measured again."""
+    sequence, lanes, _ = dense
+    trace = trace_of(trace_record(result.trace), 'test')
+    tracker = start(start_of(
+        trace, sequence.rig, lanes[trace.lane], config, sequence.pairs[0]))
+    by_stamp = {pair.stamp_ns: pair for pair in sequence.pairs}
+    for fed in trace.pairs:
+        if fed.particles is not None:
+            tracker.share(fed.particles)
+        tracker.hurry(fed.hurried)
+        if fed.stamp_std_s is not None:
+            tracker.doubt_stamps(fed.stamp_std_s)
+        tracker.update(by_stamp[fed.stamp_ns])
+    return tracker.result()
 
 
 @pytest.mark.parametrize('every', [1, 3])
@@ -299,9 +327,7 @@ def test_one_of_two_tracks_of_a_vehicle_ends_once_it_has_said_all(dense):
     busy = next(t for t in pipeline._roster.tracks if t.turn is not None)
     other = next(t for t in pipeline._roster.tracks if t is not busy)
     # It is told to be where the other one is.
-    busy.detection = Detection(
-        lane=next(iter(lanes)), left_px=marks[0].left_px, right_px=marks[0].right_px, std_px=0.7,
-        s_m=0.0, lateral_m=0.0, width_m=1.8, height_m=0.8, speed_mps=None, speed_std_mps=None)
+    busy.detection = detected(dense)
     busy.last = replace(other.last, state=TrackState.COASTING)
     pipeline._drop_doubles(sequence.pairs[8].stamp_ns)
     assert pipeline._roster.tracks == [other]
@@ -310,6 +336,137 @@ def test_one_of_two_tracks_of_a_vehicle_ends_once_it_has_said_all(dense):
     ended, = pipeline.process(sequence.pairs[9]).passes
     assert (ended.track, ended.reason) == (busy.tracker.track, Reason.DUPLICATE)
     assert len(ended.trace.pairs) == 9
+
+
+def test_a_step_of_the_clock_waits_for_what_is_being_solved_for(dense):
+    """What a detector has found ends with all it has said; what a person marked goes on."""
+    solving = WhenTold()
+    pipeline, pairs = marked(dense, solving), dense[0].pairs
+    period_ns = pairs[1].stamp_ns - pairs[0].stamp_ns
+    for k in range(20, 0, -1):
+        pipeline.stamp_watch.add(pairs[0].stamp_ns - k * period_ns)
+    busy, other, rest = until_busy(pipeline, solving, pairs)
+    busy.detection, turn_ns = detected(dense), busy.turn.pair.stamp_ns
+    ns = rest[0].stamp_ns + 20_000_000
+    step = pipeline.process(replace(rest[0], stamp_ns=ns, right_stamp_ns=ns))
+    assert solving.waited == 1
+    ended, = step.passes
+    assert (ended.track, ended.reason) == (busy.tracker.track, Reason.STAMPS_UNCERTAIN)
+    assert ended.trace.pairs[-1].stamp_ns == turn_ns
+    assert ended.trace.pairs[-1].update.stamp_ns == turn_ns
+    assert [u.track for u in step.updates] == [other.tracker.track] and not readings_of(step)
+    assert pipeline._roster.tracks == [other]
+
+
+def test_where_the_views_have_two_stamps_solutions_are_waited_for(dense):
+    """Where things are in the right view is known once it is known when they were."""
+    solving = WhenTold()
+    pipeline = marked(dense, solving)
+    busy, _, rest = until_busy(pipeline, solving, dense[0].pairs)
+    turn_ns, right_ns = busy.turn.pair.stamp_ns, rest[0].stamp_ns + 5_000_000
+    step = pipeline.process(replace(rest[0], right_stamp_ns=right_ns))
+    assert pipeline.view_lag.concerned and len(step.updates) == 2
+    assert solving.waited == 1 and not solving.tasks
+    assert [fed.stamp_ns for fed in busy.trace.built().pairs[-2:]] == [
+        turn_ns, rest[0].stamp_ns]
+    pipeline.process(rest[1])  # of one trigger again
+    pipeline.process(rest[2])
+    assert solving.tasks and solving.waited == 1
+
+
+def uneven_until(ns, period_ns):
+    """Return what has seen stamps of which every other one was 4 ms late, until one to come."""
+    watch = StampWatch()
+    for k in range(20, 0, -1):
+        watch.add(ns - k * period_ns + 4_000_000 * (k % 2))
+    return watch
+
+
+@pytest.mark.parametrize('more', [0, 100])
+def test_nobody_waits_to_tell_what_is_being_solved_for_of_its_stamps(dense, more):
+    """It is told when its turn is over, with which the stream may be over as well."""
+    solving, pairs = WhenTold(), dense[0].pairs
+    config = TrackerConfig(max_speed_std_share=1.0)  # of a third of a second, too
+    pipeline, at_once = marked(dense, solving, config), marked(dense, None, config)
+    busy, other, rest = until_busy(pipeline, solving, pairs)
+    period_ns, even_mps = pairs[1].stamp_ns - pairs[0].stamp_ns, busy.last.speed_std_mps
+    pipeline.stamp_watch = uneven_until(rest[0].stamp_ns, period_ns)
+    step = pipeline.process(rest[0])
+    assert not solving.waited and busy.turn is not None
+    assert busy.stamp_std_s is None and other.stamp_std_s == pipeline.uneven_stamps_s > 0.002
+    said, = (u for u in step.updates if u.track == busy.tracker.track)
+    assert said.speed_std_mps > 3.0 * even_mps  # it is doubted all the same
+    turn_ns = busy.turn.pair.stamp_ns
+    for pair in rest[1:1 + more]:
+        solving.go()
+        pipeline.process(pair)
+        assert busy.stamp_std_s > 0.002
+    results = pipeline.finish()
+    for pair in pairs[:len(pairs) - len(rest) + 1 + more]:
+        if pair is rest[0]:
+            at_once.stamp_watch = uneven_until(pair.stamp_ns, period_ns)
+        at_once.process(pair)
+    for result, same in zip(results, at_once.finish(), strict=True):
+        assert result.budget.stamps_mps == pytest.approx(same.budget.stamps_mps, rel=0.3)
+        assert result.speed_std_mps == pytest.approx(same.speed_std_mps, rel=0.3)
+    said = next(r for r in results if r.track == busy.tracker.track).trace.pairs
+    assert {fed.stamp_std_s for fed in said[:-1] if fed.stamp_ns <= turn_ns} == {None}
+    assert said[-1].stamp_std_s > 0.002
+    for result in results:
+        again = measured_again(dense, result, config).smoothed
+        assert again == (result.smoothed if more else pytest.approx(result.smoothed, abs=1e-3))
+
+
+def test_what_is_begun_is_told_of_in_the_pairs_that_it_has_seen(dense):
+    """It has missed those that came meanwhile: neither has another one in its trace there."""
+    solving = WhenTold()
+    pipeline, finder, mark = found(dense, 8, solving=solving, annotations=dense[2][1:])
+    finder.pairs, pairs = {8}, dense[0].pairs
+    for k, pair in enumerate(pairs):
+        mark(pair)
+        pipeline.process(pair)
+        if not 9 <= k < 12:
+            solving.go()
+    old, new = (result.trace.pairs for result in pipeline.finish())
+    stamps = [pair.stamp_ns for pair in pairs]
+    assert [fed.stamp_ns for fed in new] == [stamps[8], *stamps[13:]]
+    assert all([front.track for front in fed.others] == [0] for fed in new)
+    assert {fed.stamp_ns for fed in old if fed.others} == {fed.stamp_ns for fed in new}
+    assert all([front.track for front in fed.others] == [1] for fed in old if fed.others)
+    assert len(old) > len(new) + 8
+
+
+def test_what_is_solved_for_takes_the_place_of_what_was_expected(dense):
+    """In the trace of what was found in the pair, and begun before this was solved for."""
+    solving = WhenTold()
+    pipeline, finder, mark = found(dense, 0, solving=solving, annotations=dense[2][1:])
+    finder.pairs, pairs = set(), iter(dense[0].pairs)
+    for k, pair in enumerate(pairs):
+        pipeline.process(pair)
+        solving_for = pipeline._roster.tracks[0].turn
+        solving.go()
+        if k >= 8 and solving_for is not None:
+            break
+    pipeline.process(next(pairs))  # it is solved for in every other pair
+    shown = next(pairs)
+    finder.pairs = {shown.index}
+    mark(shown)
+    pipeline.process(shown)
+    pipeline.process(next(pairs))
+    solving.tasks.rotate(1)
+    solving.go(1)  # which begins what was found
+    pipeline.process(next(pairs))
+    known, new = pipeline._roster.tracks
+    assert known.turn.pair.stamp_ns == shown.stamp_ns
+    expected_px = known.turn.expected[shown.stamp_ns].quad_left_px
+    solving.go()
+    pipeline.process(next(pairs))
+    fed = new.trace.built().pairs[0]
+    said, = (p.update for p in known.trace.built().pairs if p.stamp_ns == shown.stamp_ns)
+    assert fed.stamp_ns == shown.stamp_ns
+    assert [front.track for front in fed.others] == [0]
+    assert np.array_equal(fed.others[0].left_px, said.quad_left_px)
+    assert not np.array_equal(expected_px, said.quad_left_px)
 
 
 def test_a_pair_that_is_lost_has_nobody_wait(dense):

@@ -359,6 +359,40 @@ def test_what_is_hidden_between_solutions_coasts(follow, textured_drive, hide):
     assert abs(result.speed_mps - MPS) < at_most(0.001, 1) * result.speed_std_mps
 
 
+def test_a_pair_that_does_not_show_the_vehicle_is_looked_at_once_before_it_is_solved_for(
+        follow, textured_drive, monkeypatch):
+    """Pair 5 is asked of three times, as by a pipeline that solves beside the pairs."""
+    pairs, poses = textured_drive
+    hidden = blank(pairs[5])
+    _, tracker = follow(pairs[:5], poses[0], SPARING)
+    looks, keep, shows = [], tracker.window.keep, tracker.window.shows
+    monkeypatch.setattr(tracker.window, 'keep', lambda *at: looks.append('keep') or keep(*at))
+    monkeypatch.setattr(tracker.window, 'shows', lambda *at: looks.append('shows') or shows(*at))
+    assert tracker.carry(hidden) is None and tracker.expected(hidden) is None
+    said = tracker.update(hidden)
+    assert looks == ['keep']
+    asked_once = follow([*pairs[:5], hidden], poses[0], SPARING)[0][-1]
+    assert said.state is COASTING and (said.s_m, said.speed_mps) == (
+        asked_once.s_m, asked_once.speed_mps)
+    _, tracker = follow(pairs[:5], poses[0], SPARING)
+    assert tracker.expected(hidden) is None  # by a look of its own
+    assert tracker.expected(pairs[5]).stamp_ns == pairs[5].stamp_ns
+
+
+def test_the_cloud_is_expected_where_its_particles_will_go(follow, textured_drive):
+    """Another computation: forty thousand particles are moved by their random walks."""
+    pairs, poses = textured_drive
+    _, tracker = follow(pairs[:6], poses[0])
+    n, later_ns = 40_000, pairs[5].stamp_ns + 400_000_000
+    tracker.share(n)
+    mean, covariance = tracker.cloud.ahead(later_ns, tracker.config, tracker._lateral_mps())
+    got_mean, got_covariance = tracker._predicted(later_ns).moments()
+    std = np.sqrt(np.diag(covariance))
+    most = at_most(0.001, 20) / np.sqrt(n)
+    assert np.abs((got_mean - mean) / std).max() < most
+    assert np.abs((got_covariance - covariance) / np.outer(std, std)).max() < np.sqrt(2) * most
+
+
 def test_braking_at_thirty_pairs_a_second_is_within_its_sigma(follow, textured):
     """From 20 m/s by 6 m/s^2; two tenths of a second later both kinds of readings follow."""
     times = np.arange(36) / 30
