@@ -88,26 +88,6 @@ class Helpers:
                 process.close()
         self._search = self._pass = None
 
-    @property
-    def search_pid(self) -> Optional[int]:
-        """Return the number of the process that searches; None where there is none."""
-        return None if self._search is None else self._search.process.pid
-
-    @property
-    def pass_pid(self) -> Optional[int]:
-        """Return the number of the process that measures passes; None where there is none."""
-        return None if self._pass is None else self._pass.process.pid
-
-    def wait(self) -> None:
-        """
-        Wait until the process that searches is ready, where there is to be one.
-
-        :raises OSError: it has ended.
-        """
-        if self._search is not None and not self._search_ready:
-            self._search.wait()
-            self._search_ready = True
-
     def _detector(self, rig: StereoRig, lanes: Mapping[str, LanePath], settings: Any
                   ) -> DetectorBeside:
         """Return a detector that moves to the process once that is ready."""

@@ -11,17 +11,55 @@ import threading
 from types import SimpleNamespace
 
 import pytest
-from stereo_speed.cli import replay
+from stereo_speed.cli import replay, replay_helpers
 from stereo_speed.cli.main import main
 from stereo_speed.cli.replay_helpers import FEWEST_PAIRS, Helpers
+from stereo_speed.detection.beside import SearchProcess
 from stereo_speed.io.bags import StereoBag
 from stereo_speed.lab.sim.write import write_pairs
+from stereo_speed.pipeline.pass_process import PassProcess
 
 
 @pytest.fixture(autouse=True)
 def two_cores(monkeypatch):
     """Have helpers pay wherever this runs."""
     monkeypatch.setattr(os, 'sched_getaffinity', lambda pid: {0, 1})
+
+
+class Ready(SearchProcess):
+    """Searches from the first pair on: who asks whether it is ready waits until it is."""
+
+    made = []
+
+    def __init__(self, *settings, **more):
+        """Make itself known."""
+        super().__init__(*settings, **more)
+        self.made.append(self)
+
+    def is_ready(self):
+        """Wait until it is."""
+        self.wait()
+        return True
+
+
+class Dying(Ready):
+    """Is killed as soon as a detector is to move to it."""
+
+    def is_ready(self):
+        """Wait until it is ready, and kill it."""
+        super().is_ready()
+        os.kill(self.process.pid, signal.SIGKILL)
+        return True
+
+
+class DyingBeforePasses(PassProcess):
+    """Is killed as soon as it could measure a pass."""
+
+    def wait(self):
+        """Wait until it is ready, and kill it."""
+        super().wait()
+        Ready.made.append(self)
+        os.kill(self.process.pid, signal.SIGKILL)
 
 
 def files(folder):
@@ -31,35 +69,28 @@ def files(folder):
 @pytest.mark.slow
 def test_the_same_is_written_with_helpers_without_and_where_they_are_killed(
         sample, tmp_path, monkeypatch, capfd):
-    def written(name, helpers):
-        monkeypatch.setattr(replay.Helpers, 'of', helpers)
+    def written(name, helpers, search=Ready, passes=PassProcess):
+        monkeypatch.setattr(replay.Helpers, 'of', lambda *_, beside: helpers())
+        monkeypatch.setattr(replay_helpers, 'SearchProcess', search)
+        monkeypatch.setattr(replay_helpers, 'PassProcess', passes)
+        monkeypatch.setattr(Ready, 'made', [])
         assert main(['replay', str(sample / 'bag'), '--site', str(sample / 'site.yaml'), '--out',
                      str(tmp_path / name), '--no-plots']) == 0
-        return files(tmp_path / name)
+        ended = [one.process.poll() for one in Ready.made]
+        assert None not in ended
+        return files(tmp_path / name), ended
 
-    def ready(pairs, detector, *, beside):
-        helpers = Helpers(True, detector)
-        helpers.wait()
-        used.append(helpers)
-        return helpers
-
-    def dying(pairs, detector, *, beside):
-        """Have them killed as soon as a detector is to move to one, and before any pass."""
-        helpers = ready(pairs, detector, beside=beside)
-        for pid in (helpers.search_pid, helpers.pass_pid):
-            os.kill(pid, signal.SIGKILL)
-        return helpers
-    used = []
-    alone = written('alone', lambda *_, beside: Helpers(False, None, ahead=False))
-    assert written('read ahead', lambda *_, beside: Helpers(False, None)) == alone
-    assert written('helped', ready) == alone
+    def both():
+        return Helpers(True, 'plane_sweep')
+    alone, ended = written('alone', lambda: Helpers(False, None, ahead=False))
+    assert not ended
+    assert written('read ahead', lambda: Helpers(False, None)) == (alone, [])
+    assert written('helped', both) == (alone, [0])
     capfd.readouterr()
-    assert written('killed', dying) == alone
+    assert written('killed', both, Dying, DyingBeforePasses) == (alone, [-signal.SIGKILL] * 2)
     said = capfd.readouterr().err
     assert 'the process that searches for vehicles: ' in said
     assert 'the process that measures passes: ' in said
-    assert len(used) == 2
-    assert all(helpers.search_pid is helpers.pass_pid is None for helpers in used)
 
 
 @pytest.fixture(scope='module')
@@ -84,9 +115,8 @@ def test_parts_of_dense_pairs_end_where_they_do_without_helpers(
             return super().begin(pipeline, so_far)
 
     def helpers(pairs, detector, *, beside):
-        one = Helpers(helped, detector, ahead=helped)
-        one.wait()
-        return one
+        return Helpers(helped, detector, ahead=helped)
+    monkeypatch.setattr(replay_helpers, 'SearchProcess', Ready)
     monkeypatch.setattr(replay, 'Parts', Counted)
     monkeypatch.setattr(replay, 'PART_PAIRS', 10)
     monkeypatch.setattr(replay.Helpers, 'of', helpers)
@@ -124,4 +154,4 @@ def test_other_detectors_and_annotated_fronts_are_searched_for_here():
         with Helpers(True, detector) as helpers:
             assert helpers.later is not None and helpers.detect is None
     with Helpers(True, 'plane_sweep') as helpers:
-        assert helpers.detect is not None and helpers.search_pid is not None
+        assert helpers.detect is not None
