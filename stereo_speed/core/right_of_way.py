@@ -44,17 +44,6 @@ class RightOfWay:
         finally:
             self._free.set()
 
-    @contextmanager
-    def lent(self) -> Iterator[None]:
-        """Let the others go on while who holds it waits for them."""
-        was_held = not self._free.is_set()
-        self._free.set()
-        try:
-            yield
-        finally:
-            if was_held:
-                self._free.clear()
-
 
 def give_way() -> None:
     """Wait while who is in a hurry holds the right of way, if this thread is to give way."""

@@ -108,7 +108,7 @@ class SpeedPipeline:
         for front in annotations:
             check_annotation(rig, front, where)
         self.rig, self.lanes, self.config = rig, dict(lanes), config
-        self.detector, self.steadier, self.seed = detector, steadier, seed
+        self.detector, self.steadier = detector, steadier
         self._annotations = tuple(annotations)
         self._doubt = SpeedDoubt(rig, lanes, config)
         self._conclusions = AtOnce() if conclusions is None else conclusions
@@ -147,18 +147,13 @@ class SpeedPipeline:
             in one or two turns; the step has them too.
         :raises InputError: its stamp is not after the one before.
         """
-        state, roster = self._state, self._roster
-        if state.last_ns is not None and pair.stamp_ns <= state.last_ns:
+        last_ns, roster = self._state.last_ns, self._roster
+        if last_ns is not None and pair.stamp_ns <= last_ns:
             raise InputError('pairs', f'stamp of pair {pair.index}', pair.stamp_ns,
-                             f'later than {state.last_ns}')
+                             f'later than {last_ns}')
         self._take_open(pair.stamp_ns - _SOLVED_S * 1e9)
         dense = self._is_dense(pair.stamp_ns)
-        state.last_ns = pair.stamp_ns
-        self._check_size(pair)
-        if self.stamp_watch.add(pair.stamp_ns):
-            self._end_by_step()
-        self._see_stamps()
-        pair = self.view_lag.corrected(pair.triggered(self.config.trigger_tolerance_s))
+        pair = self._in_time(pair)
         beside = self._open.is_possible and dense and not self.view_lag.concerned
         if not beside:
             self._take_open()
@@ -167,14 +162,9 @@ class SpeedPipeline:
         self._start_annotated(pair)
         answered = not beside or self._search.is_ready(pair.stamp_ns)
         searches = answered and self._search.is_due(pair.stamp_ns, hurried=hurried)
-        take_turns([t for t in roster.tracks if t.turn is None], pair.stamp_ns,
-                   self._solve_interval_s(), hurried=hurried, dense=dense)
         if searches and not dense:
             self._search.expect(pair, roster.tracks)
-        particles = share_of(self.config, max(len(roster.tracks), 1))
-        for track in roster.tracks:
-            if isinstance(track.tracker, SharesParticles) and track.turn is None:
-                track.tracker.share(particles)
+        particles = self._share_out(pair, hurried=hurried, dense=dense)
         self._see_drift()
         if self.view_lag.concerned:  # what this pair shows of the lag counts, too
             readings = _nobody
@@ -192,15 +182,54 @@ class SpeedPipeline:
             found += self._detect(pair)
         if found:
             self._see_drift()
-        updates += found
-        seen = [u for u in updates if u is not None]
+        seen = [u for u in [*updates, *found] if u is not None]
         self.view_lag.observe(pair, seen)
-        # Who is being solved for tells the others what it says of the pair when it does.
-        unsaid = {t.tracker.track for t in roster.tracks if t.turn is not None}
-        for track in roster.tracks:
-            track.add_others(pair.stamp_ns, [u for u in seen if u.track not in unsaid])
+        self._tell_others(pair, seen)
         self._collect(everything=False)
         return Step(self._told(seen), self.concluded())
+
+    def _in_time(self, pair: StereoPair) -> StereoPair:
+        """
+        Take in the stamps of a pair; return it with that of the right view as it is known to be.
+
+        :raises InputError: images of another size.
+        """
+        self._state.last_ns = pair.stamp_ns
+        self._check_size(pair)
+        if self.stamp_watch.add(pair.stamp_ns):
+            self._end_by_step()
+        self._see_stamps()
+        return self.view_lag.corrected(pair.triggered(self.config.trigger_tolerance_s))
+
+    def _share_out(self, pair: StereoPair, *, hurried: bool, dense: bool) -> int:
+        """
+        Tell tracks whether it is their turn, and how many particles they have.
+
+        What a track was told before it began what it is still at holds until that is over.
+
+        :param pair: that they are to be fed.
+        :param hurried: whether others wait.
+        :param dense: whether pairs come faster than vehicles are solved for.
+        :return: the particles of each.
+        """
+        tracks = self._roster.tracks
+        free = [track for track in tracks if track.turn is None]
+        take_turns(free, pair.stamp_ns, self._solve_interval_s(), hurried=hurried, dense=dense)
+        particles = share_of(self.config, max(len(tracks), 1))
+        for track in free:
+            if isinstance(track.tracker, SharesParticles):
+                track.tracker.share(particles)
+        return particles
+
+    def _tell_others(self, pair: StereoPair, seen: Sequence[TrackUpdate]) -> None:
+        """
+        Have the traces of the tracks tell what the others say of a pair.
+
+        Who is being solved for tells them when it is over.
+        """
+        unsaid = {t.tracker.track for t in self._roster.tracks if t.turn is not None}
+        for track in self._roster.tracks:
+            track.add_others(pair.stamp_ns, [u for u in seen if u.track not in unsaid])
 
     def _followed(self, pair: StereoPair, particles: int, readings: TellReadings
                   ) -> list[Optional[TrackUpdate]]:

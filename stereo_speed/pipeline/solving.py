@@ -103,9 +103,8 @@ class SolvingBeside:
         return self._way.held()
 
     def wait(self, future: Future[Any]) -> None:
-        """Wait until a task is done."""
-        with self._way.lent():
-            wait([future])
+        """Wait until a task is done; not while holding it up, for it would give way."""
+        wait([future])
 
     def close(self) -> None:
         """Give up what has not begun, and wait for what has."""

@@ -42,21 +42,6 @@ def test_who_gives_way_waits_while_it_is_held_and_goes_on_after(passing):
     assert passed.wait(_LONG_S)
 
 
-def test_who_waits_for_the_others_lends_it_to_them(passing):
-    way = RightOfWay(most_s=_LONG_S)
-    with way.held():
-        with way.lent():
-            assert passing(way).wait(_LONG_S)
-        assert not passing(way).wait(0.05)
-
-
-def test_lending_what_is_not_held_leaves_it_free(passing):
-    way = RightOfWay(most_s=_LONG_S)
-    with way.lent():
-        pass
-    assert passing(way).wait(_LONG_S)
-
-
 def test_who_never_lets_go_holds_nobody_up_for_long(passing):
     way = RightOfWay(most_s=0.01)
     with way.held():

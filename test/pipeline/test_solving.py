@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections import deque
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
-from contextlib import nullcontext
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 import sys
@@ -33,19 +33,23 @@ class WhenTold:
     """Solves when it is told to, so that tests know what is late."""
 
     def __init__(self):
-        self.tasks, self.waited = deque(), 0
+        self.tasks, self.waited, self.is_held_up = deque(), 0, False
 
     def submit(self, task, *, urgent=True):
         """Keep a task; those that are urgent go first, which nobody here does."""
         self.tasks.append((Future(), task))
         return self.tasks[-1][0]
 
+    @contextmanager
     def held_up(self):
-        """Do nothing: nobody is in the way."""
-        return nullcontext()
+        """Remember that it is: who waits for it now would wait for long."""
+        self.is_held_up = True
+        yield
+        self.is_held_up = False
 
     def wait(self, future):
         """Do what comes until a task is done."""
+        assert not self.is_held_up
         self.waited += not future.done()
         while not future.done():
             assert self.tasks, 'nobody works on what is waited for'
