@@ -148,6 +148,8 @@ def _run(args: argparse.Namespace, pictures: RunPictures, beside: bool) -> int:
     with ExitStack() as open_:
         bag = open_.enter_context(
             StereoBag(args.bag, left=args.left, right=args.right, tolerance_ns=tolerance))
+        helpers = open_.enter_context(Helpers.of(
+            bag.pair_count, None if annotations is not None else config.detector, beside=beside))
         place = MeasuringSite.of(site, bag.rig, bag.pairs() if args.refine_site else None,
                                  config.site)
         figures = None if place.refined is None else report(place.refined)
@@ -156,8 +158,6 @@ def _run(args: argparse.Namespace, pictures: RunPictures, beside: bool) -> int:
         if place.not_refined:
             print(f'warning: site not refined, measured as it was read: {place.not_refined}',
                   file=sys.stderr)
-        helpers = open_.enter_context(Helpers.of(
-            bag.pair_count, None if annotations is not None else config.detector, beside=beside))
 
         def fresh() -> SpeedPipeline:
             return place.pipeline(

@@ -3,10 +3,10 @@
 """
 What a replay has done on another core.
 
-A thread reads and decodes pairs ahead.  Of a long bag two processes do part of the rest: one
-searches for vehicles while the tracks of the pairs are updated, one measures passes that are over
-while the pairs that follow are.  What is written is the same to the last bit, with them, without
-them, and where one dies: each does what would be done here, and is asked in order.
+A thread reads and decodes pairs ahead.  Two processes do part of the rest: one searches for
+vehicles while the tracks of the pairs are updated, one measures passes that are over while the
+pairs that follow are.  What is written is the same to the last bit, with them, without them, and
+where one dies: each does what would be done here, and is asked in order.
 """
 from __future__ import annotations
 
@@ -15,6 +15,8 @@ import sys
 from types import TracebackType
 from typing import Any, Mapping, Optional
 
+from ..core.compiled import warm_up
+from ..core.helper_process import can_fork
 from ..core.passes import PassResult
 from ..detection.beside import DetectorBeside, SearchProcess
 from ..detection.detector import PlaneSweepDetector
@@ -25,8 +27,8 @@ from ..pipeline.pass_process import measured_beside, PassProcess
 from ..pipeline.registry import DETECTORS
 from ..road.lanes import LanePath
 
-# To start both takes four seconds of a core, and they save some four milliseconds a pair.
-FEWEST_PAIRS = 1500
+# They save some four milliseconds a pair.  Forks take less than a tenth of a second, others four.
+FEWEST_PAIRS, FEWEST_WITHOUT_FORK = 60, 1500
 # After which a thread gives way to another that asks: what reads ahead asks ten times a pair.
 _TURN_S = 5e-4
 
@@ -50,10 +52,11 @@ class Helpers:
         if not processes:
             return
         try:
-            self._pass = PassProcess()
+            warm_up()  # what is here is in its forks
+            self._pass = PassProcess(fork=True)
             self.later = Later(self._measured)
             if detector is not None and DETECTORS.load(detector) is PlaneSweepDetector:
-                self._search = SearchProcess()
+                self._search = SearchProcess(fork=True)
                 self.detect = self._detector
         except OSError as error:  # no more processes: what there is will do
             _warn(str(error))
@@ -68,7 +71,8 @@ class Helpers:
         :param beside: whether other cores are free for them.
         """
         beside = beside and len(os.sched_getaffinity(0)) > 1
-        return cls(beside and pairs >= FEWEST_PAIRS, detector, ahead=beside)
+        fewest = FEWEST_PAIRS if can_fork() else FEWEST_WITHOUT_FORK
+        return cls(beside and pairs >= fewest, detector, ahead=beside)
 
     def __enter__(self) -> Helpers:
         """Return itself; threads take shorter turns from now on, where there are any."""

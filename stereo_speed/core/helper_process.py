@@ -3,10 +3,13 @@
 """
 A process that works for this one: asked through a pipe, given images in shared memory.
 
-It is a process of its own, not a fork: what runs here has threads of others, which a fork lacks.
+It is a fork of this one where this one has a single thread and its user wants that, which takes
+a hundredth of a second; else a process of its own, whose imports take two: a fork lacks the
+threads of the one that it is made of, and waits for ever for what they held.
 """
 from __future__ import annotations
 
+from importlib import import_module
 from mmap import mmap
 from multiprocessing.connection import Connection
 import os
@@ -16,12 +19,14 @@ import struct
 import subprocess
 import sys
 import time
-from typing import Any, Optional
+import traceback
+from typing import Any, Callable, Iterable, Optional, Union
 
 from .threads import one_blas_thread
 
 _START_S = 30.0  # that it may take to start: a second, on a machine that is not busy
 _END_S = 2.0  # to end by itself
+_POLL_S = 0.005  # between two looks whether a fork has ended
 
 
 def leave_ending_to_parent() -> None:
@@ -30,39 +35,100 @@ def leave_ending_to_parent() -> None:
         signal.signal(one, signal.SIG_IGN)
 
 
+def can_fork() -> bool:
+    """Return whether a fork lacks nothing that this process has: it has no other thread."""
+    try:
+        return len(os.listdir('/proc/self/task')) == 1
+    except OSError:  # there is no telling
+        return False
+
+
+class Fork:
+    """
+    A fork of this process; it has what is asked of a ``subprocess.Popen`` here.
+
+    :param work: done by the fork, which ends after it, without what this process has to do then.
+    :raises OSError: no memory, no more processes.
+    """
+
+    def __init__(self, work: Callable[[], object]) -> None:
+        for stream in (sys.stdout, sys.stderr):  # or both would write what it holds
+            stream.flush()
+        self.returncode: Optional[int] = None
+        self.pid = os.fork()
+        if self.pid == 0:
+            status = 1
+            try:
+                work()
+                status = 0
+            except BaseException:
+                traceback.print_exc()
+            finally:
+                os._exit(status)
+
+    def poll(self) -> Optional[int]:
+        """Return how it has ended, below 0 by which signal; None where it has not."""
+        if self.returncode is None:
+            pid, status = os.waitpid(self.pid, os.WNOHANG)
+            if pid:
+                self.returncode = os.waitstatus_to_exitcode(status)
+        return self.returncode
+
+    def wait(self, timeout: Optional[float] = None) -> int:
+        """
+        Wait until it has ended; return how.
+
+        :param timeout: s, at most.
+        :raises subprocess.TimeoutExpired: it has not.
+        """
+        until_s = None if timeout is None else time.monotonic() + timeout
+        while (code := self.poll()) is None:
+            if until_s is not None and time.monotonic() >= until_s:
+                raise subprocess.TimeoutExpired('fork', timeout or 0.0)
+            time.sleep(_POLL_S)
+        return code
+
+    def kill(self) -> None:
+        """End it, if it has not ended."""
+        if self.poll() is None:
+            os.kill(self.pid, signal.SIGKILL)
+
+
 class HelperProcess:
     """
     The process; it ends with the one that started it.
 
-    It takes a second until it is ready.
-
-    :param module: that it runs, with the descriptors of its pipe and of the shared memory as
-        arguments; it says that it is ready, and then answers.
+    :param module: that it runs: its ``main`` with the descriptors of its pipe and of the shared
+        memory; it says that it is ready, and then answers.
     :param answer_s: that an answer may take.
     :param patience: with the processor, from its very start; 19 is the most there is.
+    :param fork: whether it is to be a fork of this process, where :func:`can_fork`; else it takes
+        two seconds until it is ready.
     :raises OSError: no memory, no more processes, no such patience.
     """
 
-    def __init__(self, module: str, answer_s: float, patience: int = 0) -> None:
+    _pipes: set[int] = set()  # descriptors of all pipes of this process to its helpers
+
+    def __init__(self, module: str, answer_s: float, patience: int = 0, *, fork: bool = False
+                 ) -> None:
         self._answer_s = answer_s
         one_blas_thread()
         ours, theirs = socket.socketpair()
         self._memory_fd = os.memfd_create('stereo_speed')
-        environment = {**os.environ, 'PYTHONPATH': os.pathsep.join(filter(None, sys.path))}
         # What is large is sent in several turns, and one that stands still takes two at most.
         turn = struct.pack('ll', *divmod(int(answer_s * 5e5), 10**6))
         for side in (socket.SO_SNDTIMEO, socket.SO_RCVTIMEO):
             ours.setsockopt(socket.SOL_SOCKET, side, turn)
         try:
             with theirs:
-                self.process = subprocess.Popen(
-                    [sys.executable, '-m', module, str(theirs.fileno()), str(self._memory_fd)],
-                    stdin=subprocess.DEVNULL, pass_fds=(theirs.fileno(), self._memory_fd),
-                    env=environment)
+                start = _forked if fork and can_fork() else _started
+                self.process: Union[Fork, subprocess.Popen[bytes]] = start(
+                    module, theirs.fileno(), self._memory_fd, {*self._pipes, ours.fileno()})
         except OSError:
             ours.close()
             os.close(self._memory_fd)
             raise
+        self._pipes.add(ours.fileno())
         self._pipe: Connection[Any, Any] = Connection(ours.detach())
         self._memory: Optional[mmap] = None
         try:
@@ -153,6 +219,8 @@ class HelperProcess:
 
         :param most_s: for which it may end by itself.
         """
+        if not self._pipe.closed:
+            self._pipes.discard(self._pipe.fileno())
         self._pipe.close()
         try:
             self.process.wait(most_s)
@@ -162,3 +230,27 @@ class HelperProcess:
         memory_fd, self._memory_fd = self._memory_fd, -1
         if memory_fd >= 0:
             os.close(memory_fd)
+
+
+def _started(module: str, pipe_fd: int, memory_fd: int, others: Iterable[int]
+             ) -> subprocess.Popen[bytes]:
+    """Return a new process that runs a module; it has no other descriptors of this one."""
+    environment = {**os.environ, 'PYTHONPATH': os.pathsep.join(filter(None, sys.path))}
+    return subprocess.Popen(
+        [sys.executable, '-m', module, str(pipe_fd), str(memory_fd)], env=environment,
+        stdin=subprocess.DEVNULL, pass_fds=(pipe_fd, memory_fd))
+
+
+def _forked(module: str, pipe_fd: int, memory_fd: int, others: Iterable[int]) -> Fork:
+    """
+    Return a fork of this process that runs a module.
+
+    :param others: descriptors that it closes: a pipe ends where all who have its end close it.
+    """
+    main = import_module(module).main
+
+    def work() -> None:
+        for fd in others:
+            os.close(fd)
+        main(pipe_fd, memory_fd)
+    return Fork(work)

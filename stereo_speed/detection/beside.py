@@ -112,10 +112,12 @@ class SearchProcess(HelperProcess):
     The process; it serves one detector after the other.
 
     :param answer_s: that a search may take; it takes some hundredths of a second.
+    :param fork: as in :class:`HelperProcess`.
     """
 
-    def __init__(self, answer_s: float = 5.0) -> None:
-        super().__init__('stereo_speed.detection.search_process', answer_s, _PATIENCE)
+    def __init__(self, answer_s: float = 5.0, *, fork: bool = False) -> None:
+        super().__init__(
+            'stereo_speed.detection.search_process', answer_s, _PATIENCE, fork=fork)
 
     def share(self, pair: StereoPair, most_bytes: int) -> SharedPair:
         """

@@ -16,7 +16,6 @@ from .config import EnforcementConfig
 from .decision import Decision
 from .fingerprint import Approved, sha256
 from .instrument import Instrument
-from .page import page_html, page_pdf, PageFacts
 from .recompute import CALIBRATION, SITE, TRACE
 from .schema import SCHEMA, schema_fault
 from ..core.passes import PassResult, SecondEstimate
@@ -93,6 +92,7 @@ def record_files(case: Violation, number: int, setting: Setting, *, whole: bool
              TRACE: _json(trace_record(case.trace)),
              SCHEMA.name: SCHEMA.read_bytes(),
              'speed.png': _plot(case, setting)}
+    from .page import page_html, page_pdf, PageFacts  # reportlab and matplotlib are slow to load
     shown = _shown(case, setting)
     raw = _raw(case, setting, whole, files)
     pictures = _pictures(case, setting, shown, files)

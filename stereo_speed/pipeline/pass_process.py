@@ -36,10 +36,12 @@ class PassProcess(HelperProcess):
     The process; see the module's docstring.
 
     :param answer_s: that a pass may take; it takes some tenths of a second.
+    :param fork: as in :class:`HelperProcess`.
     """
 
-    def __init__(self, answer_s: float = 10.0) -> None:
-        super().__init__('stereo_speed.pipeline.pass_process', answer_s, _PATIENCE)
+    def __init__(self, answer_s: float = 10.0, *, fork: bool = False) -> None:
+        super().__init__(
+            'stereo_speed.pipeline.pass_process', answer_s, _PATIENCE, fork=fork)
 
     def measured(self, measure: Measure) -> PassResult:
         """

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .overlay import COLOURS, fixed_point, PATH_COLOUR, path_points, SHIFT, visible_runs
-from .plots import png_of, speed_figure
 from ..core.errors import InputError
 from ..core.passes import PassResult
 from ..core.records import Array, TrackUpdate
@@ -107,4 +106,5 @@ def speed_plot(updates: Sequence[TrackUpdate], result: PassResult,
     :param lanes: for their limits.
     :param unit: of the speeds.
     """
+    from .plots import png_of, speed_figure  # matplotlib is slow to load
     return png_of(speed_figure(updates, [result], lanes, unit=unit))

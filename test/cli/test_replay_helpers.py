@@ -13,7 +13,7 @@ from types import SimpleNamespace
 import pytest
 from stereo_speed.cli import replay, replay_helpers
 from stereo_speed.cli.main import main
-from stereo_speed.cli.replay_helpers import FEWEST_PAIRS, Helpers
+from stereo_speed.cli.replay_helpers import FEWEST_PAIRS, FEWEST_WITHOUT_FORK, Helpers
 from stereo_speed.detection.beside import SearchProcess
 from stereo_speed.io.bags import StereoBag
 from stereo_speed.lab.sim.write import write_pairs
@@ -139,9 +139,11 @@ def test_after_an_error_nothing_is_read_ahead_any_more(sample):
     assert not [one.name for one in threading.enumerate() if one.name.startswith('ahead')]
 
 
-def test_short_bags_and_those_of_many_go_without_processes():
+@pytest.mark.parametrize('forks, fewest', [(True, FEWEST_PAIRS), (False, FEWEST_WITHOUT_FORK)])
+def test_short_bags_and_those_of_many_go_without_processes(forks, fewest, monkeypatch):
+    monkeypatch.setattr(replay_helpers, 'can_fork', lambda: forks)
     turn_s = sys.getswitchinterval()
-    for pairs, beside in ((FEWEST_PAIRS - 1, True), (10 * FEWEST_PAIRS, False)):
+    for pairs, beside in ((fewest - 1, True), (10 * fewest, False)):
         with Helpers.of(pairs, 'plane_sweep', beside=beside) as helpers:
             assert helpers.later is None and helpers.detect is None
             assert helpers.ahead == beside

@@ -4,9 +4,32 @@
 from __future__ import annotations
 
 import os
+from pathlib import Path
+import subprocess
+import sys
+import threading
+import time
 
 import pytest
-from stereo_speed.core.helper_process import HelperProcess
+from stereo_speed.core.helper_process import can_fork, Fork, HelperProcess
+
+END_S = 20.0
+FORKS = """
+import sys
+from stereo_speed.core.helper_process import Fork
+from stereo_speed.detection.beside import SearchProcess
+from stereo_speed.pipeline.pass_process import PassProcess
+forks = [SearchProcess(fork=True), PassProcess(fork=True)]
+for one in forks:
+    one.wait()
+    assert isinstance(one.process, Fork)
+print(*(one.process.pid for one in forks), flush=True)
+input()
+forks[0].close(20.0)
+print(forks[0].process.returncode, forks[1].process.poll(), flush=True)
+forks[1].close(20.0)
+print(forks[1].process.returncode, flush=True)
+"""
 
 
 def test_a_process_whose_priority_is_refused_is_ended_and_leaves_nothing_open(monkeypatch):
@@ -22,3 +45,68 @@ def test_a_process_whose_priority_is_refused_is_ended_and_leaves_nothing_open(mo
     with pytest.raises(ChildProcessError):  # it has ended, and its status was taken
         os.waitpid(began[0], os.WNOHANG)
     assert len(os.listdir('/proc/self/fd')) == opened
+
+
+@pytest.fixture()
+def forking():
+    """Give a process of one thread with two forks; it is ended."""
+    process = subprocess.Popen([sys.executable, '-c', FORKS], stdin=subprocess.PIPE,
+                               stdout=subprocess.PIPE, text=True)
+    with process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def test_each_fork_ends_by_itself_when_it_is_closed_though_another_goes_on(forking):
+    forking.stdout.readline()
+    said, _ = forking.communicate('\n', END_S)
+    assert said.splitlines() == ['0 None', '0']
+
+
+def test_forks_end_with_the_process_that_they_are_of(forking):
+    pids = forking.stdout.readline().split()
+    forking.kill()
+    until_s = time.monotonic() + END_S
+    while any(is_running(pid) for pid in pids) and time.monotonic() < until_s:
+        time.sleep(0.01)
+    assert len(pids) == 2 and not any(is_running(pid) for pid in pids)
+
+
+def is_running(pid):
+    """Return whether there is such a process that has not ended."""
+    try:
+        return Path('/proc', pid, 'stat').read_text().rsplit(')', 1)[1].split()[0] != 'Z'
+    except FileNotFoundError:
+        return False
+
+
+def test_what_a_fork_raises_is_its_exit_status_and_no_end_of_this_process(capfd):
+    def fail():
+        raise SystemExit(0)
+
+    fork = Fork(fail)
+    assert fork.wait(END_S) == 1 == fork.poll()
+    assert 'SystemExit' in capfd.readouterr().err
+    fork.kill()  # which does nothing any more
+
+
+def test_a_fork_that_goes_on_is_waited_for_no_longer_than_told_and_can_be_killed():
+    fork = Fork(lambda: time.sleep(END_S))
+    with pytest.raises(subprocess.TimeoutExpired):
+        fork.wait(0.0)
+    assert fork.poll() is None
+    fork.kill()
+    assert fork.wait(END_S) == -9
+
+
+def test_what_has_other_threads_is_not_forked():
+    done = threading.Event()
+    thread = threading.Thread(target=done.wait)
+    thread.start()
+    try:
+        assert not can_fork()
+    finally:
+        done.set()
+        thread.join()

@@ -49,6 +49,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                        help='write tracks.csv, passes.csv, summary.json and truth.csv there')
     where.add_argument('--bag', type=Path, metavar='DIR',
                        help='measure nothing, write the stream as a bag with site and truth')
+    add('--raw', action='store_true',
+        help='with --bag: images as mono8, four times as large as the PNG of the default')
     where.add_argument('--lane-changes', type=number_in(int, 1, 1000), metavar='SEEDS',
                        help='in place of a stream, so many of each of the lane changes of the '
                             '2012 paper, marked, beside a tracker that holds to the path')
@@ -66,6 +68,8 @@ def run(args: argparse.Namespace) -> int:
     steadying = SteadyingConfig(enabled=args.sway_deg > 0 or args.turn_deg != 0)
     parameters = PipelineConfig(TrackerConfig(particles=args.particles),
                                 site=SiteConfig(steadying=steadying))
+    if args.raw and args.bag is None:
+        raise InputError('traffic', '--raw', 'no --bag', 'a bag to write')
     if args.lane_changes is not None:
         return _tabulate_changes(args)
     if args.receding >= args.lanes and args.receding:
@@ -78,7 +82,8 @@ def run(args: argparse.Namespace) -> int:
     if args.bag is not None:
         # Only writing bags needs rosbags.
         from ..sim.write import write_traffic_bag
-        print(write_traffic_bag(stream_of(config, args.seed), args.bag, compressed=True))
+        print(write_traffic_bag(stream_of(config, args.seed), args.bag,
+                                compressed=not args.raw))
         return 0
     if args.out is not None:
         prepare_folder(args.out)
