@@ -3,8 +3,8 @@
 """
 Readings that wait for no solution, and the work that they do not wait for.
 
-A track that must solve for a pair does so beside those that come, which is its turn: until it is
-taken in, the pairs are told where the vehicle is expected.  Tracks are begun beside them too.  A
+A track that must solve for a pair does so beside those that come, which is its turn: until that
+is taken in, updates tell where the vehicle is expected.  Tracks are begun beside the pairs too.  A
 track that doubles another one while it has its turn ends when that is over.  What came of all this
 is taken in between two pairs, in the thread of the pairs, so that no track changes under one.
 """

@@ -20,7 +20,7 @@ class Roster:
     """
     The tracks of the vehicles in view.
 
-    ``tracks`` are in the order in which they were begun.
+    ``tracks`` are in the order in which they were added.
 
     :param same_vehicle_m: distance within which two tracks hold one vehicle.
     """
