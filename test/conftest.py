@@ -127,13 +127,14 @@ def make_rig(distorted=False):
 
 
 def build_scene(curvature=0.0, grade=0.0, seed=0, std_px=0.3, distorted=False, crest=0.0,
-                twist=0.0):
+                twist=0.0, step_m=0.0):
     """
     Make a road of constant curvature (1/m), 120 m or 65 m long, seen from ahead.
 
     :param grade: in its middle.
     :param crest: by how much the grade falls, per metre.
     :param twist: by how much the crossfall grows from its middle to its end.
+    :param step_m: by how much the middle line is off to the left from 0.5 to 0.7 of the road.
     """
     rng, rig = np.random.default_rng(seed), make_rig(distorted)
     s = np.linspace(0, 120 if curvature < 0.02 else 65, 2401)
@@ -149,8 +150,9 @@ def build_scene(curvature=0.0, grade=0.0, seed=0, std_px=0.3, distorted=False, c
     x = np.cross(z, [0, 0, 1.0])
     x /= np.linalg.norm(x)
     axes = np.stack([x, np.cross(z, x), z])
-    lines = {name: _picked(rig, (points + o * left - eye) @ axes.T, rng, std_px)
-             for name, o in OFFSETS_M.items()}
+    off = {'line_0': step_m * ((s > 0.5 * s[-1]) & (s < 0.7 * s[-1]))}
+    lines = {name: _picked(rig, (points + (o + off.get(name, 0 * s))[:, None] * left - eye)
+                           @ axes.T, rng, std_px) for name, o in OFFSETS_M.items()}
     lane = (points - eye) @ axes.T
     seen = rig.left.project(lane)[1] & (lane[:, 2] < 80)
     return Scene(rig, lines, lane[seen], s[seen] - s[seen][0], (tangent @ axes.T)[seen])

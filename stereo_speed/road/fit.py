@@ -10,16 +10,19 @@ widened as long as the probability of the picks rises, each number weighed by wh
 roads beforehand. Families that come close remain as rivals, and their disagreement is part of what
 is uncertain.
 
+A marking may be off its place over some metres, and its picks are then off together, which no road
+explains. Where they ask for it, lines may wander (``wander.py``), and the road is looked for anew.
+
 The right camera may have rotated since the calibration. Lines that are parallel in space show it:
 they meet in one vanishing point in each view, and the two must be one direction. On demand its
 three angles are unknowns as well.
 """
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
-from typing import Iterator, Mapping, Optional
+from typing import Iterator, Mapping, NamedTuple, Optional
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -27,6 +30,7 @@ from scipy.optimize import least_squares
 from .first_guess import guess_road, NoRoadError
 from .model import RoadShape, VERTICAL_CURVE, Weights
 from .problem import DriftPrior, Feet, Picks, pixels, REACH, RoadPrior, RoadProblem
+from .wander import wander_of, WanderEvidence, Ways
 from ..core.records import Array
 from ..estimation.robust import robust_std
 from ..geometry.ray_plane import Plane
@@ -49,6 +53,8 @@ _NARROW = 0.7  # least ratio of the robust to the r.m.s. scatter: a few outliers
 _WIDER = RoadShape(curvature=2, tilt=2, vertical=2, twist=2)  # looked at in one step
 _TRIED = 3  # of the families that promise most, until one keeps its promise
 _LEAST_GAIN = 0.0  # in the logarithm of the evidence, of a family that is worth a step
+_WANDER_ROUNDS = 3  # in which roads and by how much their lines wander are found by turns
+_SAME_WANDER = 0.3  # share by which 1-sigmas of wandering may change that need no more of them
 _RIVAL = 5e-3  # least odds against the best family of one that is kept in mind
 
 
@@ -62,12 +68,14 @@ class RoadFit:
     :param cost: robust sum of squares, in sigmas, priors included.
     :param rivals: roads of other families that the picks allow for as well, and their odds
         against this one.
+    :param wander: (k,) how far the lines go each way that they may wander.
     """
 
     problem: RoadProblem
     x: Array
     cost: float
     rivals: tuple[tuple[float, RoadFit], ...] = ()
+    wander: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -89,12 +97,16 @@ class RoadFit:
         square, line = self.feet.residual_px**2, self.problem.picks.line
         return np.sqrt(np.bincount(line, square) / np.bincount(line))
 
+    @property
+    def off(self) -> Array:
+        """How far the picks (n,) are from their lines as these wander, in their own 1-sigmas."""
+        return self._linear[0][:len(self.problem.picks.line)]
+
     @cached_property
     def scale(self) -> float:
         """Scatter of the picks against their 1-sigmas."""
-        picks = self.problem.picks
-        off = self.feet.residual_px / picks.std_px
-        free = max(len(off) - len(self.x), 1)
+        off, wander = self.off, self.problem.wander
+        free = max(len(off) - len(self.x) - (0.0 if wander is None else wander.told), 1)
         # one stray pick is no measure of the others
         std = max(robust_std(off), _NARROW * float(np.sqrt(np.mean(off**2))),
                   float(np.sqrt(_least_variance(self.problem))))
@@ -102,12 +114,13 @@ class RoadFit:
 
     @cached_property
     def covariance(self) -> Array:
-        """Covariance (size, size) of the parameters, scaled by the residuals."""
+        """Covariance (size, size) of the unknowns of road and rig, scaled by the residuals."""
         jacobian = self._linear[1]
         scale = np.ones(len(jacobian))
         scale[:len(self.feet.residual_px)] = self.scale  # priors are not scaled
         jacobian = jacobian / scale[:, None]
-        return np.asarray(np.linalg.pinv(jacobian.T @ jacobian), dtype=np.float64)
+        size = len(self.x)
+        return np.asarray(np.linalg.pinv(jacobian.T @ jacobian)[:size, :size], dtype=np.float64)
 
     def log_evidence(self, variance: float) -> float:
         """
@@ -133,7 +146,8 @@ class RoadFit:
     @cached_property
     def _linear(self) -> tuple[Array, Array]:
         """Residuals and their derivatives."""
-        return self.problem.residuals(self.x), self.problem.jacobian(self.x)
+        unknowns = np.append(self.x, self.wander)
+        return self.problem.residuals(unknowns), self.problem.jacobian(unknowns)
 
     def weighted(self, variance: float) -> tuple[Array, Array]:
         """
@@ -149,6 +163,12 @@ class RoadFit:
         cost[:count] = np.sqrt(2 / (root + 1) / variance)
         slope[:count] = np.sqrt(1 / root / variance)
         return residual * cost, jacobian * slope[:, None]
+
+    @property
+    def slope(self) -> Array:
+        """Return derivatives (n and more, size) of residuals by the unknowns of road and rig."""
+        rows = len(self._linear[0]) - len(self.wander)
+        return self._linear[1][:rows, :len(self.x)]
 
     @property
     def drift_rad(self) -> Array:
@@ -235,13 +255,16 @@ def _least_variance(problem: RoadProblem) -> float:
 
 
 def _solve(problem: RoadProblem, start: Array) -> RoadFit:
-    """Fit one model from a start."""
+    """Fit one model from a start; lines that may wander begin in their places."""
+    if problem.wander is not None:
+        start = np.append(start[:problem.size], np.zeros(problem.wander.count))
     if not np.isfinite(problem.residuals(start)).all():
         raise NoRoadError('the picks give no road to start from')
     result = least_squares(
         problem.residuals, start, jac=problem.jacobian, loss='soft_l1', f_scale=ROBUST,
         x_scale='jac', method='trf', xtol=1e-9, ftol=1e-5, gtol=1e-9, max_nfev=MAX_STEPS)
-    return RoadFit(problem, result.x, 2 * float(result.cost))
+    return RoadFit(problem, result.x[:problem.size], 2 * float(result.cost),
+                   wander=result.x[problem.size:])
 
 
 def _reshaped(fit: RoadFit, shape: RoadShape) -> RoadFit:
@@ -249,7 +272,7 @@ def _reshaped(fit: RoadFit, shape: RoadShape) -> RoadFit:
     problem = fit.problem
     model, start = problem.model.reshaped(shape, fit.x, problem.model.tapered)
     return _solve(RoadProblem(
-        problem.rig, problem.picks, model, problem.drift, problem.prior), start)
+        problem.rig, problem.picks, model, problem.drift, problem.prior, problem.wander), start)
 
 
 def _rebuilt(fit: RoadFit, shape: RoadShape) -> RoadFit:
@@ -262,7 +285,8 @@ def _rebuilt(fit: RoadFit, shape: RoadShape) -> RoadFit:
         problem.picks.std_px, problem.prior.pick_std_px))
     near = _solve(RoadProblem(problem.rig, clicks, model, problem.drift, problem.prior), start)
     return near if clicks.median_std_px == problem.picks.median_std_px else _solve(
-        RoadProblem(problem.rig, problem.picks, model, problem.drift, problem.prior), near.x)
+        RoadProblem(problem.rig, problem.picks, model, problem.drift, problem.prior,
+                    problem.wander), near.x)
 
 
 def same_family(fit: RoadFit, problem: RoadProblem) -> RoadFit:
@@ -380,17 +404,43 @@ def in_family(fit: RoadFit, family: RoadFit, drift: DriftPrior) -> RoadFit:
         fit = family
     problem = fit.problem
     model, start = problem.model.reshaped(shape, fit.x[:problem.model.size], tapered=True)
-    return _solve(RoadProblem(problem.rig, problem.picks, model, drift, problem.prior),
-                  np.append(start, fit.drift_rad))
+    return _solve(RoadProblem(problem.rig, problem.picks, model, drift, problem.prior,
+                              family.problem.wander), np.append(start, fit.drift_rad))
 
 
 def _search(fits: list[RoadFit], most: int) -> RoadFit:
     """
     Return the road of greatest evidence, with its rivals.
 
+    Where the picks of a line are off together, lines may wander, and the road is searched again.
+
     :param fits: roads to start from.
     :param most: curvature coefficients.
     """
+    strict = _explored(fits, most)
+    known = _best(strict)
+    asked, found = _asked(known), None
+    for _ in range(_WANDER_ROUNDS):
+        if not any(asked.std_m):
+            break
+        found = _explored(_loosened(known, asked), most)
+        known, before = _best(found), asked
+        asked = _asked(known)
+        if (np.allclose(asked.std_m, before.std_m, rtol=_SAME_WANDER, atol=0.0)
+                and any(asked.shape == fit.problem.model.shape for fit in found)):
+            break
+    return with_rivals(strict) if found is None else _either(with_rivals(strict),
+                                                             with_rivals(found))
+
+
+def _explored(fits: list[RoadFit], most: int) -> list[RoadFit]:
+    """
+    Return roads of families that are widened as long as the evidence rises.
+
+    :param fits: roads to start from.
+    :param most: curvature coefficients.
+    """
+    fits = list(fits)
     built: set[RoadShape] = set()  # once more than they are known: their starts may be bad ones
     while True:
         best = _best(fits)
@@ -403,7 +453,117 @@ def _search(fits: list[RoadFit], most: int) -> RoadFit:
             if _best(fits) is fits[-1]:
                 break
         if _best(fits) is best:
-            return with_rivals(fits)
+            return fits
+
+
+class _Asked(NamedTuple):
+    """
+    Which road the picks ask for, if lines may wander, were all linear.
+
+    :param log_evidence: of it, but for a constant that all roads of these picks share.
+    :param shape: of it.
+    :param std_m: (lines,) by how much each line wanders.
+    """
+
+    log_evidence: float
+    shape: RoadShape
+    std_m: tuple[float, ...]
+
+
+def _asked(fit: RoadFit) -> _Asked:
+    """Return what the picks ask for, about a road or one that lacks what they may not ask for."""
+    ways = ways_of(fit, _weights(fit)[1])
+    return max((_asked_of(fit, shape, ways) for shape in _plainer(fit.problem.model.shape)),
+               key=lambda one: one.log_evidence)
+
+
+def _plainer(shape: RoadShape) -> Iterator[RoadShape]:
+    """Yield a family, and those that lack kinds of its numbers."""
+    for curvature, *rest in product(sorted({shape.curvature, min(shape.curvature, 1), 0}), *(
+            sorted({count, 0}) for count in shape[2:])):
+        yield RoadShape(curvature, shape.tilt if curvature else 0, *rest)
+
+
+def _weights(fit: RoadFit) -> tuple[Array, Array]:
+    """Return factors (n,) of residuals and of derivatives, whose squares are the robust cost."""
+    root = np.sqrt(1 + (fit.off / ROBUST)**2)
+    return np.sqrt(2 / (root + 1)), np.sqrt(1 / root)
+
+
+def ways_of(fit: RoadFit, weight: Array) -> list[Ways]:
+    """
+    Return the ways in which each line may wander about a road.
+
+    :param weight: (n,) of the picks.
+    """
+    problem, slope = fit.problem, fit.slope
+    picks, first = problem.picks, problem.model.places.offsets.start
+    mine = [np.flatnonzero(picks.line == line) for line in range(problem.model.lines)]
+    return [Ways.of(own, weight[own] * slope[own, first + line], fit.feet.s_m[own],
+                    problem.prior.wander_length_m) for line, own in enumerate(mine)]
+
+
+def _evidence(fit: RoadFit, shape: RoadShape, ways: list[Ways]) -> WanderEvidence:
+    """Return the probability of picks on lines that wander, about a road of a narrower family."""
+    model, count = fit.problem.model, len(fit.problem.picks.line)
+    size, first = len(fit.x), model.places.tapers.start
+    kept = model.columns(shape, size)
+    out = np.setdiff1d(np.arange(size), kept)
+    rest = np.zeros(size)
+    rest[out] = fit.x[out]
+    rest[model.places.vertical_curve][:2] = 0.0  # where a change is 0, these say nothing
+    own, slope = _weights(fit)
+    residual, jacobian = fit.problem.rigid(fit.x), fit.slope
+    residual = residual - jacobian @ rest
+    residual[:count] *= own
+    rows = np.setdiff1d(np.arange(len(residual)), count + 1 + out - first)
+    weighted = jacobian[:, kept].copy()
+    weighted[:count] *= slope[:, None]
+    return WanderEvidence(ways, residual[rows], weighted[rows], _least_variance(fit.problem))
+
+
+def _log_beforehand(fit: RoadFit, shape: RoadShape) -> float:
+    """Return the logarithm of the chance of a narrower family, and of its numbers' 1-sigmas."""
+    model = fit.problem.model
+    std = np.ones(model.size)
+    std[model.places.tapers.start:] = fit.problem.prior_std
+    kept = model.columns(shape, model.size)
+    return log_chance(shape, fit.problem.prior) - float(np.log(std[kept]).sum())
+
+
+def _asked_of(fit: RoadFit, shape: RoadShape, ways: list[Ways]) -> _Asked:
+    """Return by how much lines wander on a road of a narrower family."""
+    best, std_m = _evidence(fit, shape, ways).asked(fit.problem.prior.may_wander)
+    return _Asked(best + _log_beforehand(fit, shape), shape, std_m)
+
+
+def _loosened(fit: RoadFit, asked: _Asked) -> list[RoadFit]:
+    """Return roads with lines that wander, of a family as it is and as it is asked for."""
+    problem = fit.problem
+    ways = ways_of(fit, np.ones(len(problem.picks.line)))
+    loose = replace(fit, problem=RoadProblem(
+        problem.rig, problem.picks, problem.model, problem.drift, problem.prior,
+        wander_of(ways, asked.std_m, len(problem.picks.line))))
+    return [_reshaped(loose, shape) for shape in sorted({asked.shape, problem.model.shape})]
+
+
+def _log_probability(fit: RoadFit) -> float:
+    """Return that of a road, which can be compared with that of others of the same picks."""
+    shape, may = fit.problem.model.shape, fit.problem.prior.may_wander
+    evidence = _evidence(fit, shape, ways_of(fit, _weights(fit)[1]))
+    if fit.problem.wander is not None:
+        return evidence.wandering(may)[0] + _log_beforehand(fit, shape)
+    still = (0,) * fit.problem.model.lines
+    return evidence.at(still) + may.log_chance(still) + _log_beforehand(fit, shape)
+
+
+def _either(strict: RoadFit, loose: RoadFit) -> RoadFit:
+    """Return the more probable one of two roads, with the other one among its rivals."""
+    gain = _log_probability(loose) - _log_probability(strict)
+    best, other = (loose, strict) if gain > 0 else (strict, loose)
+    odds = float(np.exp(-abs(gain)))
+    rivals = [(odds * share, fit) for share, fit in ((1.0, other), *other.rivals)]
+    return replace(best, rivals=(*best.rivals, *(r for r in rivals if r[0] > _RIVAL)))
 
 
 def with_rivals(fits: list[RoadFit]) -> RoadFit:
@@ -443,15 +603,17 @@ def _promising(fit: RoadFit, known: set[RoadShape], most: int, variance: float
     wide = RoadShape(*(min(a + b, c) for a, b, c in zip(shape, _WIDER, limit)))
     model, x = problem.model.reshaped(wide, fit.x, problem.model.tapered)
     wider = RoadFit(RoadProblem(
-        problem.rig, problem.picks, model, problem.drift, problem.prior), x, fit.cost)
+        problem.rig, problem.picks, model, problem.drift, problem.prior, problem.wander), x,
+        fit.cost, wander=fit.wander)
     residual, jacobian = wider.weighted(variance)
     gradient, normal = jacobian.T @ residual, jacobian.T @ jacobian
-    std = np.ones(len(x))
+    count = len(gradient)
+    std = np.ones(count)
     std[model.places.tapers.start:model.size] = wider.problem.prior_std
 
     def promise(new: RoadShape) -> float:
-        kept = model.columns(new, len(x))
-        out = np.setdiff1d(np.arange(len(x)), kept)
+        kept = model.columns(new, count)
+        out = np.setdiff1d(np.arange(count), kept)
         part, rest = normal[np.ix_(kept, kept)], x[out]
         slope = gradient[kept] - normal[np.ix_(kept, out)] @ rest
         gain = slope @ np.linalg.solve(part, slope) + rest @ (

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .model import drift_matrix, RoadModel, Weights
+from .wander import MayWander, Wander
 from ..core.config import CheckedRecord, parameter
 from ..core.records import Array
 from ..geometry.camera import Camera
@@ -21,6 +22,8 @@ _STEP_M = 0.01  # along a line, of its direction in the image
 _LOST_PX = 1e3  # residual of a pick whose line is behind the camera: far off, without a slope
 _ASTRAY_PX = 60.0  # a pick further from its line says nothing of which of its parts it is of
 _LEAST_TAPER_M = 1e-6  # stands for lines that are parallel without a doubt
+_WANDERS = (1 / 3, 1.0, 3.0)  # that are tried, of the usual one
+_ALIKE = 0.5  # lines of other roads, which tell as little of one's as is known beforehand
 REACH = 1.3  # half lengths from the middle of the road to where feet are looked for
 
 
@@ -58,12 +61,30 @@ class RoadPrior(CheckedRecord):
     taper_std_m: float = parameter(
         0.003, 0.0, 1.0, 'm', '1-sigma by which a line runs off from the others over half of the '
         'road: so parallel are lines that are to show a rotation of a camera')
+    wander_std_m: float = parameter(
+        0.003, 1e-6, 1.0, 'm', '1-sigma by which a line is off its place, together over some way, '
+        'where it wanders; a third of it and three times as much are weighed as well')
+    wander_length_m: float = parameter(
+        20.0, 0.1, 1000.0, 'm', 'how far along a line that is off together; rather too far, for '
+        'picks that are near each other hardly tell it')
+    wander_probability: float = parameter(
+        0.2, 0.0, 0.99, '', 'share of lines that wander, beforehand; 0: none does')
     survey_std_m: float = parameter(
         0.03, 0.0, 10.0, 'm', '1-sigma of a given or surveyed point across its line, where the '
         'site does not say; neighbours are wrong together')
     calibrated_std_deg: float = parameter(
         0.0003, 0.0, 1.0, 'degrees', '1-sigma of each angle between cameras that nobody has '
         'touched since their calibration')
+
+    @property
+    def may_wander(self) -> MayWander:
+        """Return what is known of how far lines wander."""
+        chance = self.wander_probability
+        if not chance:
+            return MayWander((0.0,), (1.0,))
+        return MayWander(
+            (0.0, *(share * self.wander_std_m for share in _WANDERS)),
+            (_ALIKE * (1 - chance), *[_ALIKE * chance / len(_WANDERS)] * len(_WANDERS)))
 
     @property
     def calibrated_covariance_rad2(self) -> Array:
@@ -194,12 +215,15 @@ class RoadProblem:
     :param drift: what is known of the drift of the right camera, whose angles are then the last
         three unknowns. None: it stands as calibrated.
     :param prior: what is known of any road.
+    :param wander: how lines may wander, whose numbers follow the other unknowns. None: they do
+        not.
     """
 
     def __init__(self, rig: StereoRig, picks: Picks, model: RoadModel,
-                 drift: Optional[DriftPrior] = None, prior: RoadPrior = RoadPrior()) -> None:
+                 drift: Optional[DriftPrior] = None, prior: RoadPrior = RoadPrior(),
+                 wander: Optional[Wander] = None) -> None:
         self.rig, self.picks, self.model = rig, picks, model
-        self.drift, self.prior = drift, prior
+        self.drift, self.prior, self.wander = drift, prior, wander
         self.steps = model.steps if drift is None else np.append(
             model.steps, np.full(3, _DRIFT_STEP_RAD))
         self._last: Optional[tuple[Array, Feet]] = None
@@ -207,7 +231,7 @@ class RoadProblem:
 
     @property
     def size(self) -> int:
-        """Return the number of unknowns."""
+        """Return the number of unknowns of road and rig."""
         return len(self.steps)
 
     def _reference(self, x: Array) -> tuple[Array, Array]:
@@ -330,16 +354,37 @@ class RoadProblem:
         drift = (self.drift_rad(x) - self.drift.mean_rad) @ self.drift.root.T
         return np.concatenate([weak, drift], axis=-1)
 
-    def residuals(self, x: Array) -> Array:
-        """Return all residuals in sigmas."""
+    def rigid(self, x: Array) -> Array:
+        """Return the residuals of lines that do not wander, in sigmas."""
         return np.append(self.feet(x).residual_px / self.picks.std_px, self.priors(x))
 
-    def jacobian(self, x: Array) -> Array:
+    def residuals(self, unknowns: Array) -> Array:
+        """Return all residuals in sigmas, of (size,) unknowns and those of the ways to wander."""
+        x, wander = unknowns[:self.size], unknowns[self.size:]
+        rigid = self.rigid(x)
+        if self.wander is None:
+            return rigid
+        rigid[:len(self.wander.off)] -= self.wander.off @ wander
+        return np.append(rigid, wander)
+
+    def jacobian(self, unknowns: Array) -> Array:
         """Return their derivatives; moving a foot along its line changes nothing, so feet stay."""
+        x = unknowns[:self.size]
         feet, steps = self.feet(x), self.steps
         both = x + np.concatenate([np.diag(steps), -np.diag(steps)])
         uv = self.at(both, feet.s_m)
         moved = np.concatenate(
             [-np.sum(np.nan_to_num(uv) * feet.normal, axis=-1) / self.picks.std_px,
              self.priors(both)], axis=-1)
-        return np.asarray(((moved[:len(steps)] - moved[len(steps):]) / (2 * steps[:, None])).T)
+        slope = np.asarray(((moved[:len(steps)] - moved[len(steps):]) / (2 * steps[:, None])).T)
+        return slope if self.wander is None else self._with_wander(slope, self.wander)
+
+    @staticmethod
+    def _with_wander(slope: Array, wander: Wander) -> Array:
+        """Return derivatives by the numbers of the ways to wander beside those by the others."""
+        (rows, columns), count = slope.shape, wander.count
+        out = np.zeros((rows + count, columns + count))
+        out[:rows, :columns] = slope
+        out[:len(wander.off), columns:] = -wander.off
+        out[rows:, columns:] = np.eye(count)
+        return out

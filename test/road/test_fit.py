@@ -15,7 +15,7 @@ from stereo_speed.road.first_guess import guess_road
 from stereo_speed.road.fit import fit_road, log_chance, same_family
 from stereo_speed.road.lanes import lane_of_road
 from stereo_speed.road.model import RoadShape
-from stereo_speed.road.problem import Picks, RoadPrior, RoadProblem
+from stereo_speed.road.problem import DriftPrior, Picks, RoadPrior, RoadProblem
 
 
 def lane_of(scene):
@@ -188,9 +188,82 @@ def banked_picks(rig):
 def test_a_crossfall_that_is_built_up_evenly_is_described_as_such(make_scene):
     """What it cannot describe it would take for a camera that has turned, or for more bends."""
     rig = make_scene().rig
-    fit = fit_road(rig, *banked_picks(rig))
+    fit = fit_road(rig, *banked_picks(rig), prior=RoadPrior(wander_probability=0.0))
     assert fit.problem.model.shape.curvature == 2
     assert fit.residual_px.max() < 0.03
+
+
+def test_what_a_built_crossfall_leaves_is_no_camera_that_has_turned(make_scene):
+    """Lines that may be off by millimetres explain it, where a rigid road asks for 2.5 sigmas."""
+    rig = make_scene().rig
+    fit = fit_road(rig, *banked_picks(rig), DriftPrior.loose(np.radians(0.05)))
+    assert np.all(np.abs(fit.drift_rad) < 1.5 * np.sqrt(np.diag(fit.covariance)[-3:]))
+
+
+def plain_picks(rig, rng, off_m, std_px=0.03, count=40):
+    """
+    Return lines of a flat straight road of which some may be off, and their 1-sigmas.
+
+    :param off_m: name of a line to what gives how far it is off to the left at places of 85 m, m.
+    """
+    s, lines = np.linspace(0.0, 85.0, count), {}
+    for name, left_m in (('right', -1.75), ('middle', 1.75), ('left', 5.25)):
+        off = off_m[name](s) if name in off_m else np.zeros(count)
+        points = np.stack([left_m - 3.0 + off, np.full(count, 5.0), 92.0 - s], axis=-1)
+        left, right, in_left, in_right = rig.project(points)
+        lines[name] = tuple(view[seen] + rng.normal(0, std_px, (int(seen.sum()), 2))
+                            for view, seen in ((left, in_left), (right, in_right)))
+    return lines, {name: tuple(np.full(len(view), std_px) for view in views)
+                   for name, views in lines.items()}
+
+
+@pytest.mark.parametrize('stepped', ['right', 'middle', 'left'])
+def test_a_line_that_steps_is_no_crest(make_scene, stepped):
+    """A rigid road explains 6 mm by crests, banks and bends that are none."""
+    rig, rng = make_scene().rig, np.random.default_rng(3)
+    picks = plain_picks(rig, rng, {stepped: lambda s: 0.006 * ((s > 20) & (s < 45))})
+    rigid = fit_road(rig, *picks, prior=RoadPrior(wander_probability=0.0))
+    fit = fit_road(rig, *picks)
+    assert fit.problem.model.shape == RoadShape()
+    assert fit.names[int(np.argmax(fit.problem.wander.std_m))] == stepped
+    assert rigid.problem.model.shape != RoadShape() or rigid.scale > 1.3
+    assert 0.8 < fit.scale < 1.2
+
+
+def test_picks_that_are_off_one_by_one_ask_for_no_wandering(make_scene):
+    """The road is that of rigid lines then, to the bit."""
+    rig, rng = make_scene().rig, np.random.default_rng(4)
+    picks = plain_picks(rig, rng, {})
+    fit, rigid = (fit_road(rig, *picks, prior=prior)
+                  for prior in (RoadPrior(), RoadPrior(wander_probability=0.0)))
+    assert fit.problem.wander is None and not fit.rivals
+    assert fit.x.tolist() == rigid.x.tolist()
+
+
+def wandering(rng, std_m, length_m):
+    """Return a function of a place that wanders by so much, alike over a length."""
+    knots = np.linspace(0.0, 85.0, 341)
+    alike = np.exp(-np.abs(knots[:, None] - knots) / length_m)
+    values = std_m * np.linalg.cholesky(alike + 1e-9 * np.eye(len(knots))) @ rng.normal(
+        size=len(knots))
+    return lambda s: np.interp(s, knots, values)
+
+
+@pytest.mark.slow
+def test_claimed_scatter_is_the_scatter_where_lines_wander(make_scene):
+    """Over 6 roads whose lines wander by 2 mm, over other lengths than is supposed."""
+    rig, scores = make_scene().rig, []
+    for seed in range(6):
+        rng = np.random.default_rng([seed, 5])
+        fit = fit_road(rig, *plain_picks(rig, rng, {
+            name: wandering(rng, 0.002, rng.uniform(6, 20))
+            for name in ('right', 'middle', 'left')}))
+        lane = lane_of_road('lane', fit, (0, 1), None)
+        off = np.array([0, 0, -1.0]) @ lane.path.frame(lane.path.length_m / 2)[:, 1:]
+        scores.append(off / lane.heading_std_rad)
+    # chi-square of 6, 1 in 1000 to either side; by lines that do not wander it is above 3
+    rms = np.sqrt(np.mean(np.square(scores), axis=0))
+    assert np.all((rms > 0.25) & (rms < 1.93)), rms
 
 
 def crest_picks(rig, rng, begin_m, end_m, change):

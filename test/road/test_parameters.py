@@ -42,6 +42,7 @@ def makers(make_scene) -> Mapping[str, Maker]:
     rig = make_scene().rig
     return {'surveyed': lambda prior: lane_paths(surveyed, rig, prior)['lane'],
             'clicked': fitted(), 'precise': fitted(std_px=0.005),
+            'line that steps': fitted(std_px=0.03, step_m=0.03),
             'crest': fitted(crest=1 / 150, std_px=0.1),
             'climbing bend': fitted(curvature=1 / 41, grade=0.02),
             'twisted bend': fitted(curvature=1 / 41, twist=0.08, std_px=0.1),

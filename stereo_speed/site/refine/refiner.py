@@ -144,7 +144,8 @@ def refine_site(site: Site, rig: StereoRig, pairs: Iterable[StereoPair],
     now = better.corrected_rig(rig)
     if road is not None:
         road = same_family(
-            road, RoadProblem(now, road.problem.picks, road.problem.model, prior=prior))
+            road, RoadProblem(now, road.problem.picks, road.problem.model, prior=prior,
+                              wander=road.problem.wander))
         better = replace(better, lines={**better.lines, **{
             n: _with_ends(better.picked[n], rough.picked[n], road)
             for n in found if n in road.names}})
@@ -308,7 +309,7 @@ def _shown(free: RoadFit, fixed: RoadFit, before: DriftPrior) -> list[Shown]:
     :param fixed: the same if it stands as calibrated.
     :param before: what the background says.
     """
-    starts = {family.problem.model.shape: (fit, family)
+    starts = {(family.problem.model.shape, family.problem.wander is None): (fit, family)
               for fit in (fixed, free) for family in fit.families}
     fits = [in_family(*start, before) for start in starts.values()]
     variance = variance_of(fits)
@@ -323,8 +324,7 @@ def _without_strays(fit: RoadFit, found: Found, config: RefineConfig) -> Found:
     A line that would lose much of itself is no line of this road, and is dropped as a whole.
     """
     picks, out = fit.problem.picks, dict(found)
-    off = np.abs(fit.feet.residual_px) / picks.std_px
-    off = off / max(robust_std(fit.feet.residual_px / picks.std_px), 1.0)
+    off = np.abs(fit.off) / max(robust_std(fit.off), 1.0)
     for number, name in enumerate(fit.names):
         if name in found:
             good = [off[picks.of_line(number, right)] < config.stray_sigmas
