@@ -15,6 +15,7 @@ ready by now, and goes on here where one dies or does not answer, as if it had a
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Callable, Mapping, Optional, Sequence, Union
 
 from .config import DetectorConfig
@@ -118,6 +119,16 @@ class SearchProcess(HelperProcess):
     def __init__(self, answer_s: float = 5.0, *, fork: bool = False) -> None:
         super().__init__(
             'stereo_speed.detection.search_process', answer_s, _PATIENCE, fork=fork)
+        self._unanswered = 0
+
+    def ask(self, request: Union[Search, Again]) -> None:
+        """
+        Send what will be answered.
+
+        :raises OSError: as of ``send``.
+        """
+        self.send(request)
+        self._unanswered += 1
 
     def share(self, pair: StereoPair, most_bytes: int) -> SharedPair:
         """
@@ -136,7 +147,17 @@ class SearchProcess(HelperProcess):
         :raises OSError: the process has ended, or does not answer in time.
         """
         found: Found = self.received()
+        self._unanswered -= 1
         return found
+
+    def serve_another(self) -> None:
+        """
+        Let go of the answers that the detector it served so far has not asked for.
+
+        :raises OSError: as of ``answer``.
+        """
+        while self._unanswered:
+            self.answer()
 
 
 class DetectorBeside:
@@ -183,6 +204,7 @@ class DetectorBeside:
         self._pair, self._passing = None, None
         self._process, self._failed = process, failed
         self._here.reset()  # it does not see the pairs that follow
+        self._do(process.serve_another)
         self._send(replace(self._begin, memory=self._memory, pairs=self._pairs))
 
     def reset(self) -> None:
@@ -208,8 +230,8 @@ class DetectorBeside:
         self._passing = self._memory.passing(pair, self._begin.config)
         if self._passing is not None:
             return
-        self._send(Search(process.share(pair, self._most_bytes), tracked,
-                          self._memory.last_ns, self._memory.last_index))
+        self._ask(Search(process.share(pair, self._most_bytes), tracked,
+                         self._memory.last_ns, self._memory.last_index))
 
     def is_ready(self) -> bool:
         """Return whether the answer of the pair that is searched has come, or none is."""
@@ -230,7 +252,7 @@ class DetectorBeside:
         found = self._answer()
         if found is not None and not self._here.spacing.agree(
                 found.asked, self._here.spacing.tracked(tracked)):
-            self._send(Again(tracked))
+            self._ask(Again(tracked))
             found = self._answer()
         self._pair = None
         if found is None:
@@ -268,12 +290,19 @@ class DetectorBeside:
         if pair is not None and found is not None:
             self._remember(pair, found)
 
-    def _send(self, request: Request) -> None:
+    def _send(self, request: Union[Begin, Forget]) -> None:
         if self._process is not None:
-            try:
-                self._process.send(request)
-            except OSError as error:
-                self._give_up(error)
+            self._do(partial(self._process.send, request))
+
+    def _ask(self, request: Union[Search, Again]) -> None:
+        if self._process is not None:
+            self._do(partial(self._process.ask, request))
+
+    def _do(self, what: Callable[[], object]) -> None:
+        try:
+            what()
+        except OSError as error:
+            self._give_up(error)
 
     def _answer(self) -> Optional[Found]:
         """Return what the process has found; None where it is to be searched here."""

@@ -131,6 +131,20 @@ def test_a_pair_that_nobody_asks_for_any_more_is_let_go(straight, process):
     assert all(one.earlier.pairs[0] in straight.pairs for one in found if one.earlier is not None)
 
 
+def test_what_a_detector_before_has_not_asked_for_is_no_answer_to_the_next(straight, process):
+    """As when a calibration changes while a search is under way."""
+    failures, found = [], 0
+    _, before = both(straight, process, failures.append)
+    before.expect(straight.pairs[3], [])
+    turn, beside = both(straight, process, failures.append)
+    for pair in straight.pairs:
+        beside.expect(pair, [])
+        wanted = turn.update(pair)
+        assert_same(beside.update(pair), wanted)
+        found += len(wanted)
+    assert found and failures == []
+
+
 def test_a_process_that_dies_leaves_the_search_here(straight, process):
     failures = []
     turn, beside = both(straight, process, failures.append)
