@@ -24,7 +24,7 @@ from typing import Any, Callable, Iterable, Optional, Union
 
 from .threads import one_blas_thread
 
-_START_S = 30.0  # that it may take to start: a second, on a machine that is not busy
+_START_S = 30.0  # that it may take to start: two, on a machine that is not busy
 _END_S = 2.0  # to end by itself
 _POLL_S = 0.005  # between two looks whether a fork has ended
 
@@ -69,7 +69,10 @@ class Fork:
     def poll(self) -> Optional[int]:
         """Return how it has ended, below 0 by which signal; None where it has not."""
         if self.returncode is None:
-            pid, status = os.waitpid(self.pid, os.WNOHANG)
+            try:
+                pid, status = os.waitpid(self.pid, os.WNOHANG)
+            except ChildProcessError:  # signals of ends are ignored here, so nobody knows how
+                pid, status = self.pid, 0
             if pid:
                 self.returncode = os.waitstatus_to_exitcode(status)
         return self.returncode

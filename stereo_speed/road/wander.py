@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from ..core.records import Array
 
 _LEAST_SHARE = 1e-2  # of the variance of picks, below which a way to wander is left out
+_LEAST_VARIANCE = 1e-12  # of picks by what they may scatter: exact ones are no wonder
 _ROUNDS = 3  # in which the lines take turns, and in which the scatter of the picks is found
 
 
@@ -144,7 +145,7 @@ class WanderEvidence:
 
     def at(self, std_m: Sequence[float]) -> float:
         """
-        Return its logarithm, but for a constant, with the scatter of picks that is most probable.
+        Return its logarithm, but for a constant, with the scatter of picks that they show.
 
         :param std_m: (lines,) by which they wander.
         """
@@ -152,8 +153,8 @@ class WanderEvidence:
         for _ in range(_ROUNDS):
             square, log_det = self._loosened(std_m, variance)
             fitted = _without(square + variance * self._prior)
-            # the priors' part of it is none of the picks' scatter
-            variance = max(fitted / max(self.count - size, 1), self.least)
+            # What the priors add is little beside that of many picks, and makes it no smaller.
+            variance = max(fitted / max(self.count - size, 1), self.least, _LEAST_VARIANCE)
         square, log_det = self._loosened(std_m, variance)
         normal = square / variance + self._prior
         return -0.5 * (_without(normal) + self.count * float(np.log(variance)) + log_det

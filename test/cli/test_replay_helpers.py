@@ -150,6 +150,15 @@ def test_short_bags_and_those_of_many_go_without_processes(forks, fewest, monkey
             assert (sys.getswitchinterval() < turn_s) == beside
     assert sys.getswitchinterval() == turn_s
 
+    class Asked(Helpers):
+        """Tells whether there were to be processes."""
+
+        def __init__(self, processes, *_, **more):
+            asked.append(processes)
+    asked = []
+    Asked.of(fewest, 'plane_sweep', beside=True)
+    assert asked == [True]
+
 
 def test_other_detectors_and_annotated_fronts_are_searched_for_here():
     for detector in (None, 'boxes'):

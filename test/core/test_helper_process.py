@@ -11,6 +11,7 @@ import threading
 import time
 
 import pytest
+from stereo_speed.core import helper_process
 from stereo_speed.core.helper_process import can_fork, Fork, HelperProcess
 
 END_S = 20.0
@@ -99,6 +100,21 @@ def test_a_fork_that_goes_on_is_waited_for_no_longer_than_told_and_can_be_killed
     assert fork.poll() is None
     fork.kill()
     assert fork.wait(END_S) == -9
+
+
+def test_where_it_cannot_be_forked_a_process_of_its_own_is_started(monkeypatch):
+    def start(*_):
+        raise OSError('started')
+    monkeypatch.setattr(helper_process, 'can_fork', lambda: False)
+    monkeypatch.setattr(helper_process, '_started', start)
+    with pytest.raises(OSError, match='started'):
+        HelperProcess('stereo_speed.detection.search_process', 5.0, fork=True)
+
+
+def test_how_a_fork_ended_that_nobody_is_told_of_is_taken_for_well():
+    fork = Fork(lambda: None)
+    os.waitpid(fork.pid, 0)  # as where signals of ends are ignored
+    assert fork.wait(END_S) == 0
 
 
 def test_what_has_other_threads_is_not_forked():
