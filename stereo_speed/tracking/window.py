@@ -46,6 +46,8 @@ _HALF_WIDTH_M = 0.8  # lever by which a change of heading moves the edges of a f
 # How far a right view may be off its epipolar line: by more than any calibration leaves, so that
 # this tells nothing of the speed (`steadying.view_lag` has the lag from it).
 _ACROSS_PX = 3.0
+_ANYWHERE_M = 10.0  # 1-sigma of a place that the views of later pairs alone tell
+_FEWEST_KEYFRAMES = 4  # of a pass, as many as the shortest that is measured has
 _BLUR_PAIRS = 4  # that say which view is the sharper one: as many as the shortest pass has
 _NEGLIGIBLE = 1e-4  # weight of a motion model that counts for nothing in this pair
 
@@ -145,6 +147,10 @@ class _Window:
         return replace(
             self, keyframes=self.keyframes[:k] + self.keyframes[k + 1:],
             state=np.delete(self.state, k, axis=0), inactive=tuple(inactive))
+
+    def since(self, k: int) -> _Window:
+        """Return the window without its keyframes before number ``k``."""
+        return replace(self, keyframes=self.keyframes[k:], state=self.state[k:])
 
     def judged(self, unoccluded: NDArray[np.bool_]) -> _Window:
         """Return the window with what counts from now on, if anything would."""
@@ -304,12 +310,18 @@ class PhotometricWindow:
 
     def solve_pass(self) -> SolvedPass:
         """Return the pass solved from all keyframes, the inactive ones among them."""
-        window = self._recalled(self._window)
+        return self._solved(self._recalled(self._window))
+
+    def _solved(self, window: _Window) -> SolvedPass:
+        """Return the pass solved from all keyframes of a window, of which none is inactive."""
         for _ in range(_MOST_JUDGEMENTS):
             occluded_ns = window.occluded_ns
             window, posterior = self._refined(window, _WHOLE_PASS)
             if window.occluded_ns == occluded_ns:
                 break
+        hidden = int(np.argmax(window.counts()))
+        if 0 < hidden <= len(window.keyframes) - _FEWEST_KEYFRAMES:
+            return self._begun_at(window, hidden)._solved(window.since(hidden))
         # The observations that this answer rests on, should the judgement not have settled.
         window, at = replace(window, occluded_ns=occluded_ns), window.index
         covariance = self._solve(window, self.hypotheses, self.exact_motion).covariance
@@ -319,6 +331,20 @@ class PhotometricWindow:
         return SolvedPass(
             posterior, occluded_ns, covariance[np.ix_(at.speeds, at.speeds)] + of_speeds,
             _given_heading(covariance, at) + of_speeds)
+
+    def _begun_at(self, window: _Window, k: int) -> PhotometricWindow:
+        """
+        Return what solves a pass whose first ``k`` pairs do not show the whole front.
+
+        What was taken to be known beforehand, the front's place in the first pair and its centre,
+        was found where something hid it: it may be a metre off, and would count as speed.
+        """
+        s_m, *offset_m = window.state[k, :3]
+        prior = replace(self.motion.prior, s_m=float(s_m), s_std_m=_ANYWHERE_M,
+                        offset_m=np.array(offset_m))
+        other = PhotometricWindow(self.sampler, prior, self.config)
+        other.doubt_stamps(self.motion.processes.stamp_std_s)
+        return other
 
     def _doubt_of_blur(self, window: _Window, posterior: Posterior) -> Array:
         """Return what views made equally sharp add to the covariance (4 n, 4 n) of a pass."""

@@ -3,7 +3,7 @@
 """The second estimate of a pass with truth: where it agrees, and what it finds."""
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import astuple, replace
 
 from hypothesis import given, settings, strategies as st
 import numpy as np
@@ -75,7 +75,9 @@ def test_pairs_that_follow_too_soon_tell_nothing_new(followed):
         for later_ns in (0, 50_000_000):
             again = replace(pair, stamp_ns=pair.stamp_ns + later_ns)
             opinion.take(again, update.quad_left_px, update.quad_right_px)
-    assert opinion.estimate([pair.stamp_ns for pair, _ in rows]) == estimate(place, rows)
+    found, alone = opinion.estimate([pair.stamp_ns for pair, _ in rows]), estimate(place, rows)
+    # Sums of some processors depend in the last bit on where arrays lie.
+    assert astuple(found) == pytest.approx(astuple(alone), rel=1e-9)
 
 
 def test_too_few_pairs_give_none(followed):

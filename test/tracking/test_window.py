@@ -243,6 +243,26 @@ def test_an_occluded_observation_leads_but_leaves_no_trace(textured, textured_dr
                                   without.solve_pass().posterior.mean)
 
 
+@pytest.mark.parametrize('hidden', [1, 2])
+def test_where_the_first_pairs_do_not_show_the_front_they_say_nothing_of_its_place(
+        textured, textured_drive, hidden):
+    """What hid it half, where it was found, has put it 1.5 m too far away, and aside."""
+    pairs, poses = textured_drive
+    pairs = [behind_a_post(pair, 0.6) if k < hidden else pair for k, pair in enumerate(pairs)]
+    window = window_of(textured, poses[0])
+    prior = window.motion.prior
+    prior = replace(prior, s_m=poses[0][0] - 1.5, s_std_m=0.2,
+                    offset_m=prior.offset_m + [0.3, 0.2])
+    window = PhotometricWindow(window.sampler, prior, window.config)
+    feed(window, pairs, poses)
+    solved = window.solve_pass()
+    assert {pair.stamp_ns for pair in pairs[:hidden]} <= solved.occluded_ns
+    speeds, covariance = solved.posterior.mean[:, 3], solved.posterior.covariance[3::4, 3::4]
+    assert solved.posterior.first_ns == pairs[hidden].stamp_ns
+    assert abs(speeds.mean() - MPS) < 3 * np.sqrt(covariance.mean()) < 0.5
+    assert (np.abs(speeds - MPS) < 4 * np.sqrt(np.diag(covariance))).all()
+
+
 def test_what_is_not_the_vehicle_is_not_seen(textured, textured_drive):
     pairs, poses = textured_drive
     window = window_of(textured, poses[0])
