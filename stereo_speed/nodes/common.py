@@ -229,6 +229,10 @@ def run(make: Callable[[], Node], args: Optional[Sequence[str]] = None,
         if not told:  # rclpy may make this of an interrupt that comes while a message is taken
             raise
     finally:
+        # Ctrl-C reaches what ros2 launch has started twice, for it sends it on: what is under way
+        # is told all the same, and who cannot wait has SIGKILL.
+        for ending in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(ending, signal.SIG_IGN)
         if node is not None:
             getattr(node, 'close', lambda: None)()
             node.destroy_node()

@@ -46,3 +46,24 @@ def test_an_interrupt_that_rclpy_makes_an_error_of_ends_a_node_all_the_same(
     assert common.run(LogNode, given, spin) == 0
     with pytest.raises(RuntimeError, match='a fault of ours'):
         common.run(LogNode, given, broken)
+
+
+@pytest.mark.parametrize('again', [signal.SIGINT, signal.SIGTERM])
+def test_a_node_that_is_told_twice_to_stop_ends_what_is_under_way(private_graph, tmp_path, again):
+    """As by Ctrl-C under ``ros2 launch``, which a terminal sends to both, and launch on."""
+    ended = []
+
+    class Listening(LogNode):
+
+        def close(self):
+            os.kill(os.getpid(), again)
+            super().close()
+            ended.append('closed')
+
+        def destroy_node(self):
+            os.kill(os.getpid(), again)
+            super().destroy_node()
+            ended.append('destroyed')
+    given = ['--ros-args', '-p', f'file:={tmp_path / "passes.sqlite"}']
+    assert common.run(Listening, given, lambda node: os.kill(os.getpid(), signal.SIGINT)) == 0
+    assert ended == ['closed', 'destroyed']
