@@ -26,7 +26,7 @@ from .common import (
     image_message, JUMP_NS, Parameters, qos_options, RELIABLE, run, stamp_ns)
 from .diagnostics import Diagnostics
 from .environment_messages import target_deletions, target_markers, tracks_message
-from .health import Arrivals, Refusals, State, WARN
+from .health import Arrivals, Refusals, State, Tally, WARN
 from .marks import MARK_TOPIC, target_from_message
 from .subscriptions import image_kind, OfferedSubscription
 from ..core.errors import InputError
@@ -74,7 +74,7 @@ class EnvironmentNode(Node):
         self.marks: OrderedDict[int, PolygonStamped] = OrderedDict()  # by stamps yet to come
         self._next_id, self.marked = max((t.id for t in self.targets), default=0) + 1, 0
         self.field = DistanceField(self.labels)
-        self.counter, self.resets, self.marks_missed = FrameCounter(JUMP_NS), 0, 0
+        self.counter, self.resets, self.marks_missed = FrameCounter(JUMP_NS), 0, Tally()
         self.ends = dict.fromkeys(TargetState, 0)
         self.tracker = self._new_tracker()
         self._publish_and_subscribe(kind, suffix)
@@ -163,7 +163,7 @@ class EnvironmentNode(Node):
 
     def miss(self, ns: int) -> None:
         """Refuse a mark whose frame is not there."""
-        self.marks_missed += 1
+        self.marks_missed.add()
         newest = self.frames[-1][0] if self.frames else 'no frame yet'
         oldest = self.frames[0][0] if self.frames else ''
         self.refusals.add(MARK_TOPIC, InputError(
@@ -180,7 +180,7 @@ class EnvironmentNode(Node):
         last = self.counter.number - 1
         for target in self.targets:
             if last - dropped < target.frame <= last:
-                self.marks_missed += 1
+                self.marks_missed.add()
                 self.get_logger().warning(f'target {target.id}: its frame {target.frame} never '
                                           'came; it is not followed')
         if dropped >= self.config.hidden_frames:
@@ -214,14 +214,14 @@ class EnvironmentNode(Node):
         """Return the state for ``/diagnostics``."""
         c, ends, state = self.counter, self.ends, State('tracking')
         self.arrivals.tell(state, 'image', 'image')
-        if self.marks_missed:
-            state.find(WARN, 'frames with a mark in them never came')
+        if self.marks_missed.recent:
+            state.find(WARN, f'{self.marks_missed.recent} frames with a mark in them never came')
         state.values.update({
             'frames': c.number, 'followed': len(self.tracker.filters),
             'ended': sum(ends.values()), 'lost': ends[TargetState.LOST],
             'left_view': ends[TargetState.LEFT_VIEW], 'resets': self.resets, 'gaps': c.gaps,
-            'dropped': c.dropped, 'marked': self.marked, 'marks_missed': self.marks_missed,
-            'repeated': c.repeated, 'late': c.late})
+            'dropped': c.dropped, 'marked': self.marked,
+            'marks_missed': self.marks_missed.total, 'repeated': c.repeated, 'late': c.late})
         self.refusals.tell(state)
         return state
 

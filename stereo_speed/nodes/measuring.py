@@ -558,8 +558,10 @@ class Measuring:
 
     def stamps(self) -> State:
         """Return what is known of the stamps for ``/diagnostics``."""
-        state, pipeline = State('stamps fit the images'), self.pipeline
-        if pipeline is not None:
-            self._steps.tell(pipeline, state)
-            tell_stamps(pipeline, state)
+        pipeline = self.pipeline
+        if pipeline is None:
+            return State('nothing is known of stamps before pairs are measured')
+        state = State('nothing speaks against the stamps')
+        self._steps.tell(pipeline, state)
+        tell_stamps(pipeline, state)
         return state

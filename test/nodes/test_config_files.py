@@ -79,6 +79,17 @@ def test_node_parameters_hold_what_the_tracker_node_declares():
                      if name not in ('site', 'init')}
 
 
+def test_layouts_stand_in_the_frame_of_the_road():
+    """Which has z up, and a name that does not depend on the driver of a camera."""
+    road = declared('frames')['road_frame']
+    rviz = yaml.safe_load((ROOT / 'config' / 'stereo_speed.rviz').read_text())
+    assert rviz['Visualization Manager']['Global Options']['Fixed Frame'] == road
+    foxglove = yaml.safe_load((ROOT / 'config' / 'stereo_speed.foxglove.json').read_text())
+    followed = [panel['followTf'] for panel in foxglove['configById'].values()
+                if 'followTf' in panel]
+    assert followed == [road]
+
+
 @pytest.mark.parametrize('path', sorted((ROOT / 'launch').glob('*.xml')), ids=lambda p: p.name)
 def test_launch_files_name_what_is_installed(path):
     setup = (ROOT / 'setup.py').read_text()

@@ -22,11 +22,12 @@ from sensor_msgs.msg import Image, PointCloud2  # noqa: E402
 from stereo_speed.cli.demo import Process  # noqa: E402
 from stereo_speed.cli.main import main  # noqa: E402
 from stereo_speed.core.errors import InputError  # noqa: E402
-from stereo_speed.monocular.boxes import corners  # noqa: E402
+from stereo_speed.monocular.boxes import corners, TargetState  # noqa: E402
 from stereo_speed.nodes.common import (  # noqa: E402
     image_message, RELIABLE, stamp_ns, to_stamp)
 from stereo_speed.nodes.environment_messages import RECORD  # noqa: E402
 from stereo_speed.nodes.environment_node import EnvironmentNode  # noqa: E402
+from stereo_speed.nodes.health import Arrivals, OK, Refusals, Tally, WARN, WINDOW_S  # noqa: E402
 from stereo_speed.nodes.marks import target_from_message  # noqa: E402
 from visualization_msgs.msg import MarkerArray  # noqa: E402
 
@@ -228,6 +229,26 @@ def test_no_target_is_followed_over_a_gap_longer_than_it_may_be_occluded(dropped
         tracker=SimpleNamespace(filters={3: None, 9: None}, stop=found.append))
     EnvironmentNode.on_gap(node, dropped)
     assert found == stopped
+
+
+def test_a_mark_whose_frame_never_came_is_told_for_a_while_and_counted_for_good():
+    times = [100.0]
+    tallies = {name: kind(clock=lambda: times[0]) for name, kind in (
+        ('arrivals', Arrivals), ('marks_missed', Tally))}
+    node = SimpleNamespace(
+        **tallies, counter=SimpleNamespace(number=40, gaps=1, dropped=2, repeated=0, late=0),
+        targets=[SimpleNamespace(id=4, frame=38)], config=SimpleNamespace(hidden_frames=8),
+        tracker=SimpleNamespace(filters={}), ends=dict.fromkeys(TargetState, 0), resets=0,
+        marked=0, refusals=Refusals(print),
+        get_logger=lambda: SimpleNamespace(warning=print))
+    EnvironmentNode.on_gap(node, 2)
+    levels = []
+    for times[0] in (101.0, 101.0 + WINDOW_S):
+        node.arrivals.add()
+        state = EnvironmentNode.state(node)
+        levels.append(state.level)
+        assert state.values['marks_missed'] == 1
+    assert levels == [WARN, OK]
 
 
 def test_dropped_repeated_and_missed_frames_are_reported_and_the_end_is_quiet(scene, camera):

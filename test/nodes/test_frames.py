@@ -4,15 +4,19 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 pytest.importorskip('rclpy')
 
+from rclpy.clock import Clock  # noqa: E402
+from rclpy.qos import DurabilityPolicy  # noqa: E402
 from scipy.spatial.transform import Rotation  # noqa: E402
 from stereo_speed.core.records import TrackState, TrackUpdate  # noqa: E402
 from stereo_speed.io.bags import StereoBag  # noqa: E402
+from stereo_speed.nodes import frames  # noqa: E402
 from stereo_speed.nodes.frames import static_transforms  # noqa: E402
 from stereo_speed.nodes.messages import markers, odometry, path_markers, speed_of  # noqa: E402
 from stereo_speed.pipeline.assembly import MeasuringSite  # noqa: E402
@@ -54,6 +58,30 @@ def test_the_right_camera_stands_to_the_right_of_the_left_one(place):
     assert np.linalg.norm(at) == pytest.approx(place.rig.baseline_m) and at[0] > 0.4
     point = np.array([1.0, 0.5, 20.0])
     np.testing.assert_allclose(moved(right, place.rig.to_right(point)), point, atol=1e-9)
+
+
+@pytest.mark.parametrize('installed', [True, False])
+def test_frames_are_told_once_for_all_where_the_message_is_installed(
+        place, installed, monkeypatch):
+    """Of ROS, but not on PyPI; without it the log says so, and nothing else is missing."""
+    told, made, logged = [], [], []
+
+    def create_publisher(kind, topic, qos):
+        made.append((topic, qos.durability))
+        return SimpleNamespace(publish=told.append)
+    monkeypatch.setattr(frames, 'TFMessage', SimpleNamespace if installed else None)
+    node = SimpleNamespace(create_publisher=create_publisher, get_clock=Clock,
+                           get_logger=lambda: SimpleNamespace(info=logged.append))
+    given = {'road_frame': 'road_b'}
+    static = frames.StaticFrames(node, SimpleNamespace(
+        get=lambda name, default, *_: given.get(name, default)))
+    static.publish(place.rig, place.lanes)
+    if not installed:
+        assert (made, told) == ([], []) and 'tf2_msgs is not installed' in logged[0]
+        return
+    assert made == [('/tf_static', DurabilityPolicy.TRANSIENT_LOCAL)] and not logged
+    assert [(t.header.frame_id, t.child_frame_id) for t in told[0].transforms] == [
+        ('road_b', place.rig.frame_id), (place.rig.frame_id, 'stereo_right_optical_frame')]
 
 
 def test_what_is_not_measured_is_marked_unknown():

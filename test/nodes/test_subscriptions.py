@@ -1,0 +1,55 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""A subscription takes what the publishers of its topic offer."""
+from __future__ import annotations
+
+import pytest
+
+pytest.importorskip('rclpy')
+
+import rclpy  # noqa: E402, I100
+from rclpy.parameter import Parameter  # noqa: E402
+from rclpy.qos import QoSProfile, ReliabilityPolicy  # noqa: E402
+from std_msgs.msg import String  # noqa: E402
+
+from stereo_speed.nodes.common import RELIABLE  # noqa: E402
+from stereo_speed.nodes.subscriptions import OfferedSubscription  # noqa: E402
+
+EVENT_S = 20.0
+BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+def test_it_is_reliable_where_all_publishers_are_and_hears_the_others_too(stand_in):
+    heard = []
+    subscription = OfferedSubscription(stand_in, String, 'offered', heard.append)
+
+    def hears(publisher, text):
+        stand_in.wait(lambda: publisher.get_subscription_count() == 1, EVENT_S)
+        publisher.publish(String(data=text))
+        stand_in.wait(lambda: heard and heard[-1].data == text, EVENT_S)
+    assert not subscription.reliable  # hears everybody, while nobody is known
+    reliable = stand_in.create_publisher(String, 'offered', RELIABLE)
+    stand_in.wait(lambda: subscription.reliable, EVENT_S)
+    hears(reliable, 'one')
+    other = stand_in.create_publisher(String, 'offered', BEST_EFFORT)
+    stand_in.wait(lambda: not subscription.reliable, EVENT_S)
+    hears(other, 'two')
+    hears(reliable, 'three')
+    stand_in.destroy_publisher(other)
+    stand_in.wait(lambda: subscription.reliable, EVENT_S)
+    hears(reliable, 'four')
+    assert [message.data for message in heard] == ['one', 'two', 'three', 'four']
+    subscription.close()
+
+
+@pytest.mark.parametrize('given', ['reliable', 'best_effort'])
+def test_a_reliability_that_is_given_holds(stand_in, given):
+    node = rclpy.create_node('given', context=stand_in.context, parameter_overrides=[Parameter(
+        'qos_overrides./offered.subscription.reliability', value=given)])
+    subscription = OfferedSubscription(node, String, '/offered', print)
+    stand_in.create_publisher(
+        String, '/offered', BEST_EFFORT if given == 'reliable' else RELIABLE)
+    stand_in.wait(lambda: node.count_publishers('/offered') == 1, EVENT_S)
+    assert not list(node.timers)  # that would look at what is offered
+    assert subscription.reliable == (given == 'reliable')
+    node.destroy_node()
