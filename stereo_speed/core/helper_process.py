@@ -9,6 +9,7 @@ threads of the one that it is made of, and waits for ever for what they held.
 """
 from __future__ import annotations
 
+from contextlib import contextmanager
 from importlib import import_module
 from mmap import mmap
 from multiprocessing.connection import Connection
@@ -20,7 +21,7 @@ import subprocess
 import sys
 import time
 import traceback
-from typing import Any, Callable, Iterable, Optional, Union
+from typing import Any, Callable, Iterable, Iterator, Optional, Union
 
 from .threads import one_blas_thread
 
@@ -29,10 +30,23 @@ _END_S = 2.0  # to end by itself
 _POLL_S = 0.005  # between two looks whether a fork has ended
 
 
+_ENDS = (signal.SIGINT, signal.SIGTERM)
+
+
 def leave_ending_to_parent() -> None:
     """Ignore signals that go to all of a group: the parent ends its helper, or ends."""
-    for one in (signal.SIGINT, signal.SIGTERM):
+    for one in _ENDS:
         signal.signal(one, signal.SIG_IGN)
+
+
+@contextmanager
+def _ends_held_back() -> Iterator[None]:
+    """Start processes that are not sent such signals before they ignore them."""
+    former = signal.pthread_sigmask(signal.SIG_BLOCK, _ENDS)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, former)
 
 
 def can_fork() -> bool:
@@ -239,9 +253,10 @@ def _started(module: str, pipe_fd: int, memory_fd: int, others: Iterable[int]
              ) -> subprocess.Popen[bytes]:
     """Return a new process that runs a module; it has no other descriptors of this one."""
     environment = {**os.environ, 'PYTHONPATH': os.pathsep.join(filter(None, sys.path))}
-    return subprocess.Popen(
-        [sys.executable, '-m', module, str(pipe_fd), str(memory_fd)], env=environment,
-        stdin=subprocess.DEVNULL, pass_fds=(pipe_fd, memory_fd))
+    with _ends_held_back():
+        return subprocess.Popen(
+            [sys.executable, '-m', module, str(pipe_fd), str(memory_fd)], env=environment,
+            stdin=subprocess.DEVNULL, pass_fds=(pipe_fd, memory_fd))
 
 
 def _forked(module: str, pipe_fd: int, memory_fd: int, others: Iterable[int]) -> Fork:

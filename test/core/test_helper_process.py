@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+import signal
 import subprocess
 import sys
 import threading
@@ -46,6 +47,20 @@ def test_a_process_whose_priority_is_refused_is_ended_and_leaves_nothing_open(mo
     with pytest.raises(ChildProcessError):  # it has ended, and its status was taken
         os.waitpid(began[0], os.WNOHANG)
     assert len(os.listdir('/proc/self/fd')) == opened
+
+
+@pytest.mark.parametrize('end', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_to_all_of_a_group_does_not_end_a_process_that_has_just_been_started(end, capfd):
+    """Which its parent may still need, and has no reason to die with a traceback."""
+    former = signal.pthread_sigmask(signal.SIG_BLOCK, ())
+    helper = HelperProcess('stereo_speed.detection.search_process', 5.0)
+    for _ in range(10):  # while it imports
+        helper.process.send_signal(end)
+        time.sleep(0.02)
+    helper.wait()
+    helper.close(END_S)
+    assert helper.process.returncode == 0 and not capfd.readouterr().err
+    assert signal.pthread_sigmask(signal.SIG_BLOCK, ()) == former  # this process is sent them
 
 
 @pytest.fixture()
