@@ -13,8 +13,8 @@ import cv2
 
 from .bench_monocular import HEIGHT, rows, WIDTH
 from ..evaluation.benchmarks import (
-    decode_table, filter_table, kernel_table, likelihood_table, SCALES, Scene, sgbm, size_table,
-    vehicle_table)
+    decode_table, filter_table, follower_table, kernel_table, likelihood_table, SCALES, Scene,
+    sgbm, size_table, vehicle_table)
 from ..evaluation.tables import Table
 from ...core.compiled import kernels, warm_up
 from ...core.config import TrackerConfig
@@ -78,7 +78,8 @@ def _tabulate(scene: Scene, rounds: int, plot: Optional[Path]) -> None:
     print(f'ms of CPU on one core, medians of {rounds} rounds; kernels: {warm_up()}')
     particles, vehicles = likelihood_table(rounds), vehicle_table(scene, rounds)
     sizes = size_table(scene, rounds)
-    tables = [particles, filter_table(rounds), vehicles, sizes, decode_table(scene, rounds)]
+    tables = [particles, filter_table(rounds), vehicles, follower_table(scene, rounds), sizes,
+              decode_table(scene, rounds)]
     if kernels().compiled:
         tables.insert(0, kernel_table(rounds))
     for table in tables:

@@ -33,6 +33,7 @@ from ...vision.haar import CELLS, PartGrid
 
 Job = Callable[[], object]
 PARTICLES, VEHICLES, SCALES = (100, 200, 400, 800), (1, 2, 4, 8), (0.5, 1.0, 1.25, 2.0)
+FOLLOWERS = ('MIL', 'CSRT')  # of OpenCV; CSRT is one of its contributed modules
 _FRONT_PX = (150, 90)
 _OBSERVATIONS, _GRID = 24, (16, 40)  # as many as a live reading has
 _PAIRS = 10  # of a pass, that the cost of a pair is taken from
@@ -154,6 +155,22 @@ def vehicle_table(scene: Scene, rounds: int) -> Table:
                  rows=[[n, found[str(n)] / pairs, found[str(n)] / pairs / n] for n in VEHICLES])
 
 
+def follower_table(scene: Scene, rounds: int) -> Table:
+    """Return the time of a pair with one track, beside trackers that follow a box in one view."""
+    front = scene.fronts[0]
+    pairs = scene.pairs[front.frame:front.frame + _PAIRS]
+    jobs = {'ours': _tracked(scene, [front])}
+    for name in FOLLOWERS:
+        make = getattr(cv2, f'Tracker{name}_create', None)
+        if make is not None:
+            jobs[name] = partial(_followed, make, [pair.left for pair in pairs], front.left_px)
+    found = {name: time_ms / len(pairs) for name, time_ms in medians(jobs, rounds).items()}
+    return Table(title='Following one vehicle', columns=('tracker', 'what it tells', 'a pair, ms'),
+                 rows=[['ours', 'speed, by both views', found['ours']],
+                       *([f'OpenCV {name}', 'box in one view', found.get(name, 'not installed')]
+                         for name in FOLLOWERS)])
+
+
 def size_table(scene: Scene, rounds: int) -> Table:
     """Return the time of a pair against the size of the images, beside stereo matching."""
     matchers = {'SGBM': sgbm(), 'SGBM, 3 ways': sgbm(cv2.STEREO_SGBM_MODE_SGBM_3WAY)}
@@ -251,6 +268,16 @@ def _tracked(scene: Scene, fronts: Sequence[InitialFront]) -> Job:
         for pair in scene.pairs[:_PAIRS]:
             pipeline.process(pair)
     return once
+
+
+def _followed(make: Callable[[], Any], images: Sequence[Any], front_px: Array) -> None:
+    """Follow the box of a front through grey images; trackers of OpenCV want three channels."""
+    first, *later = (cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) for image in images)
+    low, high = front_px.min(axis=0), front_px.max(axis=0)
+    tracker = make()
+    tracker.init(first, tuple(int(v) for v in np.round([*low, *(high - low)])))
+    for image in later:
+        tracker.update(image)
 
 
 def _found(scene: Scene) -> Job:
