@@ -26,6 +26,8 @@ def declared(modules):
 @pytest.mark.parametrize(('node', 'modules'), [
     ('tracker_node', _MEASURING),
     ('speed_camera_node', _MEASURING),
+    ('stereo_sync_node', ('pairing', 'subscriptions', 'diagnostics')),
+    ('speed_node', ('diagnostics',)),
     ('replay_node', ('replay_node',)),
     ('evidence_node', ('evidence_node',)),
     ('environment_node', ('environment_node',)),
