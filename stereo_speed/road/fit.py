@@ -22,7 +22,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
-from typing import Iterator, Mapping, NamedTuple, Optional
+from typing import Iterator, Mapping, NamedTuple, Optional, Sequence
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -30,7 +30,7 @@ from scipy.optimize import least_squares
 from .first_guess import guess_road, NoRoadError
 from .model import RoadShape, VERTICAL_CURVE, Weights
 from .problem import DriftPrior, Feet, Picks, pixels, REACH, RoadPrior, RoadProblem
-from .wander import wander_of, WanderEvidence, Ways
+from .wander import Wander, wander_of, WanderEvidence, Ways
 from ..core.records import Array
 from ..estimation.robust import robust_std
 from ..geometry.ray_plane import Plane
@@ -131,6 +131,7 @@ class RoadFit:
         they should have pulled this one further off its priors.
 
         :param variance: of the picks in units of their own; the same for families to be compared.
+            Lines that wander otherwise have another one (:func:`log_evidences`).
         """
         residual, jacobian = self.weighted(variance)
         normal = jacobian.T @ jacobian
@@ -284,9 +285,10 @@ def _rebuilt(fit: RoadFit, shape: RoadShape) -> RoadFit:
     clicks = replace(problem.picks, std_px=np.maximum(
         problem.picks.std_px, problem.prior.pick_std_px))
     near = _solve(RoadProblem(problem.rig, clicks, model, problem.drift, problem.prior), start)
-    return near if clicks.median_std_px == problem.picks.median_std_px else _solve(
-        RoadProblem(problem.rig, problem.picks, model, problem.drift, problem.prior,
-                    problem.wander), near.x)
+    if problem.wander is None and clicks.median_std_px == problem.picks.median_std_px:
+        return near
+    return _solve(RoadProblem(problem.rig, problem.picks, model, problem.drift, problem.prior,
+                              problem.wander), near.x)
 
 
 def same_family(fit: RoadFit, problem: RoadProblem) -> RoadFit:
@@ -568,11 +570,12 @@ def _either(strict: RoadFit, loose: RoadFit) -> RoadFit:
 
 def with_rivals(fits: list[RoadFit]) -> RoadFit:
     """Return the road of greatest evidence, with those of other families that come near it."""
-    variance, best = variance_of(fits), _best(fits)
-    top = best.log_evidence(variance)
+    logs = log_evidences(fits)
+    top = max(logs)
+    best = fits[logs.index(top)]
     odds: dict[RoadShape, tuple[float, RoadFit]] = {}
-    for fit in fits:
-        shape, chance = fit.problem.model.shape, float(np.exp(fit.log_evidence(variance) - top))
+    for fit, log in zip(fits, logs):
+        shape, chance = fit.problem.model.shape, float(np.exp(log - top))
         if shape != best.problem.model.shape and chance > odds.get(shape, (_RIVAL, fit))[0]:
             odds[shape] = chance, fit
     return replace(best, rivals=tuple(odds.values()))
@@ -652,7 +655,31 @@ def variance_of(fits: list[RoadFit]) -> float:
                _least_variance(problem))
 
 
+def log_evidences(fits: Sequence[RoadFit]) -> list[float]:
+    """
+    Return the logarithms (n,) of the probabilities of the picks on some roads, but for a constant.
+
+    The picks scatter as they do about the closest road.  About lines that do not wander they
+    scatter more, which is as likely then, and that lines wander, and how far, has a probability
+    of its own: roads whose lines wander otherwise have their own scatter, and the best ones of
+    them tell how much more probable the ones are than the others.
+
+    :param fits: of the same picks, with the same unknowns of the rig.
+    """
+    alike: dict[Optional[Wander], list[int]] = {}
+    for number, fit in enumerate(fits):
+        alike.setdefault(fit.problem.wander, []).append(number)
+    out = np.zeros(len(fits))
+    for mine in alike.values():
+        variance = variance_of([fits[i] for i in mine])
+        out[mine] = [fits[i].log_evidence(variance) for i in mine]
+        if len(alike) > 1:
+            best = mine[int(np.argmax(out[mine]))]
+            out[mine] += _log_probability(fits[best]) - out[best]
+    return [float(log) for log in out]
+
+
 def _best(fits: list[RoadFit]) -> RoadFit:
     """Return the road of greatest evidence."""
-    variance = variance_of(fits)
-    return max(fits, key=lambda fit: fit.log_evidence(variance))
+    logs = log_evidences(fits)
+    return fits[logs.index(max(logs))]

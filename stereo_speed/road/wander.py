@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import product
 import math
 from typing import Sequence
 
@@ -25,6 +26,8 @@ from ..core.records import Array
 _LEAST_SHARE = 1e-2  # of the variance of picks, below which a way to wander is left out
 _LEAST_VARIANCE = 1e-12  # of picks by what they may scatter: exact ones are no wonder
 _ROUNDS = 3  # in which the lines take turns, and in which the scatter of the picks is found
+_WORTH = 4.0  # in the logarithm; what is less probable by more has neighbours that add little
+_MOST_CHOICES = 300  # that are added up: of up to four lines all that there are
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,7 +205,7 @@ class WanderEvidence:
                 tuple(float(std) for std in np.sqrt(variance)))
 
     def _known(self, may: MayWander) -> dict[tuple[int, ...], float]:
-        """Return the scores of choices (lines,) on the way to the best one."""
+        """Return the scores of choices (lines,) up to the best one, and of all about it."""
         known: dict[tuple[int, ...], float] = {}
 
         def score(choice: tuple[int, ...]) -> float:
@@ -217,6 +220,16 @@ class WanderEvidence:
                 best = max((best[:line] + (i,) + best[line + 1:] for i in numbers), key=score)
             if best == before:
                 break
+        spread: set[tuple[int, ...]] = set()
+        while len(known) < _MOST_CHOICES:
+            least = max(known.values()) - _WORTH
+            new = [one for one in known if one not in spread and known[one] > least]
+            if not new:
+                break
+            spread.update(new)
+            for one in new:
+                for line, i in product(range(lines), numbers):
+                    score(one[:line] + (i,) + one[line + 1:])
         return known
 
 

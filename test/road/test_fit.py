@@ -4,15 +4,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize_scalar
+from scipy.special import logsumexp
 from stereo_speed.lab.evaluation.roads import draw_road
 from stereo_speed.lab.reference.straight_path import straight_path
 from stereo_speed.lab.sim.scene import SimScene
 from stereo_speed.lab.sim.sequence import picked_site
 from stereo_speed.road.first_guess import guess_road
-from stereo_speed.road.fit import fit_road, log_chance, same_family
+from stereo_speed.road.fit import fit_road, log_chance, log_evidences, same_family
 from stereo_speed.road.lanes import lane_of_road
 from stereo_speed.road.model import RoadShape
 from stereo_speed.road.problem import DriftPrior, Picks, RoadPrior, RoadProblem
@@ -266,15 +269,77 @@ def test_claimed_scatter_is_the_scatter_where_lines_wander(make_scene):
     assert np.all((rms > 0.25) & (rms < 1.93)), rms
 
 
-def crest_picks(rig, rng, begin_m, end_m, change):
-    """Return lines of 0.02 px of a straight road whose grade changes evenly over some m of 85."""
+def dense_log_probability(fit, choices):
+    """
+    Give that of picks near a road, whose lines wander by any of some choices, by dense algebra.
+
+    Soft L1 is taken for Gaussians that are as probable; the scatter of the picks is sought.
+    """
+    problem, count = fit.problem, len(fit.problem.picks.line)
+    prior, line, s_m = problem.prior, problem.picks.line, fit.feet.s_m
+    weight = np.sqrt(2 / (1 + np.sqrt(1 + (fit.off / 3.3)**2)))
+    off, weak = np.split(problem.rigid(fit.x), [count])
+    slope, before = np.split(fit.slope, [count])
+    off, slope = weight * off, weight[:, None] * slope
+    per_m = slope[np.arange(count), problem.model.places.offsets.start + line]
+    alike = np.outer(per_m, per_m) * (line[:, None] == line) * np.exp(
+        -np.abs(s_m[:, None] - s_m) / prior.wander_length_m)
+    may = prior.may_wander
+
+    def of(choice):
+        wandering = alike * np.square(np.array(may.std_m)[list(choice)])[line]
+
+        def unlikely(log_variance):
+            total = wandering + np.exp(log_variance) * np.eye(count)
+            inverse = np.linalg.inv(total)
+            normal = slope.T @ inverse @ slope + before.T @ before
+            pull = slope.T @ inverse @ off + before.T @ weak
+            return 0.5 * (off @ inverse @ off + weak @ weak - pull @ np.linalg.solve(normal, pull)
+                          + np.linalg.slogdet(total)[1] + np.linalg.slogdet(normal)[1])
+        return may.log_chance(choice) - minimize_scalar(
+            unlikely, bounds=(-3, 3), method='bounded').fun
+    return (logsumexp([of(choice) for choice in choices]) - np.log(problem.prior_std).sum()
+            + log_chance(problem.model.shape, prior))
+
+
+@pytest.mark.parametrize('seed', [3, 4])
+def test_whether_lines_wander_is_as_probable_as_dense_algebra_says(make_scene, seed):
+    """With one scatter for roads of both kinds, wandering was thousands of times too probable."""
+    rig, rng = make_scene().rig, np.random.default_rng([seed, 9])
+    fit = fit_road(rig, *plain_picks(rig, rng, {'middle': wandering(rng, 0.006, 15.0)}, 0.1, 12))
+    fits = sorted(fit.families, key=lambda one: one.problem.wander is None)
+    assert [one.problem.wander is None for one in fits] == [False, True]
+    wander, rigid = log_evidences(fits)
+    still, *choices = product(range(4), repeat=3)
+    wanted = dense_log_probability(fits[0], choices) - dense_log_probability(fits[1], [still])
+    assert wander - rigid == pytest.approx(wanted, abs=0.7)
+
+
+def test_clicked_lines_that_wander_are_of_a_grade_that_is_built(make_scene):
+    """By lines that do not wander it has less evidence than a polynomial whose lines do."""
+    rig, rng = make_scene().rig, np.random.default_rng(9)
+    lines, _ = crest_picks(rig, rng, 30, 65, -0.05, {
+        name: wandering(rng, 0.02, 15.0) for name in ('right', 'middle', 'left')})
+    fit = fit_road(rig, {name: tuple(view + rng.normal(0, 0.3, view.shape) for view in views)
+                         for name, views in lines.items()})
+    assert fit.problem.model.shape == RoadShape(vertical_curve=3)
+    assert fit.problem.wander is not None
+
+
+def crest_picks(rig, rng, begin_m, end_m, change, off_m=None):
+    """
+    Return lines of 0.02 px of a straight road whose grade changes evenly over some m of 85.
+
+    :param off_m: as for :func:`plain_picks`.
+    """
     s, lines = np.linspace(0.0, 85.0, 80), {}
     f = np.linspace(0.0, 85.0, 8501)
     grade = change * np.clip((f - begin_m) / (end_m - begin_m), 0, 1)
     up = np.append(0.0, np.cumsum((grade[1:] + grade[:-1]) / 2 * np.diff(f)))
     height = np.interp(s, f, up - up[-1])
     for name, left_m in (('right', -1.75), ('middle', 1.75), ('left', 5.25)):
-        points = np.stack([np.full(80, left_m - 3.0), 5.0 - height, 92.0 - s], axis=-1)
+        off = off_m[name](s) if off_m else np.zeros(80)
+        points = np.stack([left_m - 3.0 + off, 5.0 - height, 92.0 - s], axis=-1)
         left, right, in_left, in_right = rig.project(points)
         lines[name] = tuple(view[seen] + rng.normal(0, 0.02, (int(seen.sum()), 2))
                             for view, seen in ((left, in_left), (right, in_right)))

@@ -31,7 +31,7 @@ from ...core.errors import SiteError
 from ...core.records import Array, StereoPair
 from ...estimation.robust import robust_std
 from ...geometry.rig import StereoRig
-from ...road.fit import in_family, RoadFit, same_family, variance_of
+from ...road.fit import in_family, log_evidences, RoadFit, same_family
 from ...road.lanes import LanePath
 from ...road.problem import DriftPrior, RoadPrior, RoadProblem
 
@@ -312,9 +312,8 @@ def _shown(free: RoadFit, fixed: RoadFit, before: DriftPrior) -> list[Shown]:
     starts = {(family.problem.model.shape, family.problem.wander is None): (fit, family)
               for fit in (fixed, free) for family in fit.families}
     fits = [in_family(*start, before) for start in starts.values()]
-    variance = variance_of(fits)
-    return [Shown(fit.log_evidence(variance), fit.drift_rad, fit.covariance[-3:, -3:])
-            for fit in fits]
+    return [Shown(log, fit.drift_rad, fit.covariance[-3:, -3:])
+            for log, fit in zip(log_evidences(fits), fits)]
 
 
 def _without_strays(fit: RoadFit, found: Found, config: RefineConfig) -> Found:
