@@ -142,12 +142,14 @@ class FrontRefiner:
     :param kind: of the fronts sought.
     :param front: what a front is.
     :param motion: how it may move, for views that are exposed apart.
+    :param least_symmetry: correlation with its mirror image, below which nothing is a front; None
+        where any may be one.
     """
 
     def __init__(self, geometry: LaneGeometry, kind: FrontKind, front: FrontConfig,
-                 motion: MotionConfig) -> None:
+                 motion: MotionConfig, least_symmetry: Optional[float] = None) -> None:
         self.sampler, self.kind = FrontSampler(geometry, kind.low_m, kind.high_m), kind
-        self.front, self.motion = front, motion
+        self.front, self.motion, self.least_symmetry = front, motion, least_symmetry
 
     def refine(self, proposals: Sequence[Proposal], interval: Interval, noise: float,
                symmetric: bool = True) -> list[FrontHypothesis]:
@@ -171,8 +173,7 @@ class FrontRefiner:
             settled = (np.abs(batch.shift_m) < _SETTLED_M) & (round_ > 0)
             done = settled & (2 * batch.half_m >= self.kind.least_width_m)
             if symmetric and done.any():
-                some = batch.take(done)
-                done[done] = np.abs(self._axis(some, now) - some.x_m) < _CLOSE_M
+                done[done] = self._is_middle(batch.take(done), now, noise)
             out += batch.take(done).hypotheses()
             step_m = np.clip(batch.shift_m / self._rate(batch), -_MOST_M, _MOST_M)
             batch = replace(batch, s_m=batch.s_m + step_m)
@@ -242,6 +243,22 @@ class FrontRefiner:
         both = np.log(np.maximum(both, 0.0) + _DARK)
         energy, _ = mirrored(both, 2 * half + 1)
         return np.asarray(batch.x_m + (np.argmax(energy, axis=1) - aside) * _STRIDE * GRID_M)
+
+    def _is_middle(self, batch: FrontBatch, now: PairPyramids, noise: float
+                   ) -> NDArray[np.bool_]:
+        """
+        Return whether fronts (n,) are about the axis of most that is seen, or the only ones.
+
+        A dark vehicle and its shadow are mirrored about what lies between them, and that is no
+        front; the lamp of a front is no front because its front is one.
+        """
+        axis_m = self._axis(batch, now)
+        middle = np.asarray(np.abs(axis_m - batch.x_m) < _CLOSE_M)
+        if self.least_symmetry is None or self.kind.narrow_m is not None or middle.all():
+            return middle
+        others = self._observe(replace(batch, x_m=axis_m).take(~middle), now, noise, True)
+        middle[~middle] = others.symmetry < self.least_symmetry
+        return middle
 
     def _observe(self, batch: FrontBatch, now: PairPyramids, noise: float, symmetric: bool
                  ) -> FrontBatch:

@@ -143,7 +143,8 @@ class FrontSearch:
                  FrontKind(front.narrow_low_m, front.narrow_high_m, front.narrow_least_m,
                            front.narrow_most_m))
         self._refiners = {
-            name: [FrontRefiner(geometry, kind, front, config.motion) for kind in kinds]
+            name: [FrontRefiner(geometry, kind, front, config.motion, least_symmetry)
+                   for kind in kinds]
             for name, geometry in self.geometry.items()}
 
     def search(self, lane: str, proposals: Sequence[Proposal], moment: Moment,

@@ -47,6 +47,8 @@ class Front:
     :param pole_m: half the width of a pole before its middle, m.
     :param half_m: half of its width, m.
     :param low_m: height of its lower edge above the road, m.
+    :param light: of its grey values, as a share.
+    :param shadow_m: how far its shadow reaches to its right, m; it is 8 m long, and black.
     """
 
     s_m: float
@@ -56,6 +58,8 @@ class Front:
     pole_m: float = 0.0
     half_m: float = HALF_M
     low_m: float = LOW_M
+    light: float = 1.0
+    shadow_m: float = 0.0
 
 
 def drawn(camera, centre_m, fronts, rng):
@@ -67,6 +71,10 @@ def drawn(camera, centre_m, fronts, rng):
     image = ndimage.map_coordinates(_ROAD, at, order=1, mode='reflect')
     for front in fronts:
         far = START_M - front.s_m
+        beside, behind = ground[..., 0] - LANE_M - front.x_m, ground[..., 2] - far
+        image = np.where((behind > -1) & (behind < 7) & (beside > 0)
+                         & (beside < front.half_m + front.shadow_m)
+                         & (front.shadow_m > 0), 5.0, image)
         on = ground if front.lying else centre_m + rays * (far - centre_m[2])
         x = on[..., 0] - LANE_M - front.x_m
         h = far - on[..., 2] if front.lying else HEIGHT_M - on[..., 1]
@@ -74,7 +82,7 @@ def drawn(camera, centre_m, fronts, rng):
         values = ndimage.map_coordinates(_FRONT, np.stack([h / CELL_M, column + 2]), order=1,
                                          mode='reflect')
         here = (np.abs(x) <= front.half_m) & (h >= front.low_m) & (h <= HIGH_M)
-        image = np.where(here, values, image)
+        image = np.where(here, front.light * values, image)
         image = np.where(here & (np.abs(x) < front.pole_m), 128.0, image)
     noisy = image + rng.normal(0, NOISE, image.shape)
     return np.clip(np.round(noisy), 0, 255).astype(np.uint8)

@@ -21,10 +21,10 @@ STEP_M = 0.2 * SPEED_MPS
 AT = Front(30.0, x_m=0.3)
 
 
-def refiner_of(front=FrontConfig()):
+def refiner_of(front=FrontConfig(), least_symmetry=None):
     sampler = FrontSampler(LaneGeometry(RIG, LANE), front.low_m, front.high_m)
     kind = FrontKind(front.low_m, front.high_m, front.least_width_m)
-    return FrontRefiner(sampler.geometry, kind, front, MotionConfig())
+    return FrontRefiner(sampler.geometry, kind, front, MotionConfig(), least_symmetry)
 
 
 def interval_of(front, late=None, lag_s=0.0):
@@ -44,8 +44,9 @@ def interval():
 
 
 @pytest.mark.parametrize(('ds_m', 'dx_m'), [(0.0, 0.0), (2.0, -0.4), (-2.0, 0.6)])
-def test_a_proposal_becomes_the_front(interval, ds_m, dx_m):
-    refiner = refiner_of()
+@pytest.mark.parametrize('least_symmetry', [None, 0.6])
+def test_a_proposal_becomes_the_front(interval, ds_m, dx_m, least_symmetry):
+    refiner = refiner_of(least_symmetry=least_symmetry)
     front, = refiner.refine([Proposal(AT.s_m + ds_m, AT.x_m + dx_m)], interval, NOISE)
     assert abs(front.s_m - AT.s_m) < depth_bound_m(refiner.sampler.geometry, AT.s_m)
     assert abs(front.x_m - on_ray(front.s_m)) < 0.03  # a sample
@@ -63,6 +64,16 @@ def test_where_there_is_nothing_nothing_is_found(interval):
     found = refiner_of().refine([Proposal(AT.s_m - 15.0, -1.0)], interval, NOISE)
     assert all(f.cross_ncc < 0.75 or f.symmetry < 0.6 for f in found)
     assert refiner_of().refine([], interval, NOISE) == []
+
+
+def test_a_dark_front_is_told_from_what_it_makes_with_its_shadow():
+    """Most of what is mirrored is so about what lies between them, which is no front."""
+    dark = interval_of(replace(AT, light=0.12, shadow_m=1.6))
+    some = [Proposal(AT.s_m + d, AT.x_m) for d in (-1.0, 0.5)]
+    assert refiner_of(least_symmetry=None).refine(some, dark, NOISE) == []
+    front, = refiner_of(least_symmetry=0.6).refine(some, dark, NOISE)
+    assert abs(front.s_m - AT.s_m) < depth_bound_m(LaneGeometry(RIG, LANE), AT.s_m)
+    assert abs(front.x_m - on_ray(front.s_m)) < 0.03
 
 
 @pytest.mark.parametrize('lag_s', [-0.04, 1 / 60, 0.05])
