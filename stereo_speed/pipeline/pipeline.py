@@ -26,7 +26,7 @@ from .search import Search, VehicleSearch
 from .solving import SolvingBeside
 from .starting import Starter, StartTracker
 from .time_doubt import TimeDoubt
-from .track import holds, Track
+from .track import holds, Track, with_hidden
 from .turns import share_of, solve_interval_s, take_turns
 from ..core.config import TrackerConfig
 from ..core.errors import InputError
@@ -164,7 +164,7 @@ class SpeedPipeline:
         searches = answered and self._search.is_due(pair.stamp_ns, hurried=hurried)
         if searches and not dense:
             self._search.expect(pair, roster.tracks)
-        particles = self._share_out(pair, hurried=hurried, dense=dense)
+        particles = self._share_out(pair, hurried=hurried, dense=dense, beside=beside)
         self._see_drift()
         if self.view_lag.concerned:  # what this pair shows of the lag counts, too
             readings = _nobody
@@ -201,21 +201,25 @@ class SpeedPipeline:
         self._see_stamps()
         return self.view_lag.corrected(pair.triggered(self.config.trigger_tolerance_s))
 
-    def _share_out(self, pair: StereoPair, *, hurried: bool, dense: bool) -> int:
+    def _share_out(self, pair: StereoPair, *, hurried: bool, dense: bool, beside: bool) -> int:
         """
         Tell tracks whether it is their turn, and how many particles they have.
 
-        What a track was told before it began what it is still at holds until that is over.
+        What a track was told before it began what it is still at holds until that is over.  Where
+        nobody waits for solutions, each has them as if it was alone: they queue by themselves, and
+        the older one is, the less is known of the pairs since.
 
         :param pair: that they are to be fed.
         :param hurried: whether others wait.
         :param dense: whether pairs come faster than vehicles are solved for.
+        :param beside: whether vehicles are solved for beside the pairs.
         :return: the particles of each.
         """
         tracks = self._roster.tracks
         free = [track for track in tracks if track.turn is None]
-        take_turns(free, pair.stamp_ns, self._solve_interval_s(), hurried=hurried, dense=dense)
-        particles = share_of(self.config, max(len(tracks), 1))
+        take_turns(free, pair.stamp_ns, self._solve_interval_s(), hurried=hurried,
+                   dense=dense and not beside)
+        particles = share_of(self.config, 1 if beside else max(len(tracks), 1))
         for track in free:
             if isinstance(track.tracker, SharesParticles):
                 track.tracker.share(particles)
@@ -313,8 +317,8 @@ class SpeedPipeline:
         """Return the updates of tracks that there are, with the doubt of their times and rig."""
         tracks = {track.tracker.track: track for track in self._roster.tracks}
         times = self._times
-        told = [times.told(u, tracks[u.track]) for u in updates
-                if u is not None and u.track in tracks]
+        told = [times.told(with_hidden(u, self.config.visibility), tracks[u.track])
+                for u in updates if u is not None and u.track in tracks]
         if self.steadier is None:
             return told
         return [self._doubt.update(u, self.steadier, tracks[u.track].drift_change_rad)

@@ -15,7 +15,6 @@ from ..steadying.view_lag import ViewLag
 
 _ARRIVAL_S = 0.01  # stamps made at arrival are off by some ms; more is exposures at any time
 _ODD_SIGMAS = 3.0  # of an interval that says more of stamps than is known of them
-_USUAL_S = TrackerConfig().stamp_std_s  # of stamps, which what trackers know of onsets allows for
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +46,7 @@ class TimeDoubt:
         """
         if track.clock_stepped or track.unaware:
             return update.unconfirmed()
-        share = math.hypot(self._odd_share(track), self._hidden_share(track, update))
+        share = self._odd_share(track)
         if self.lag.concerned:
             share = math.hypot(share, self.lag_share(track, update))
         if not share:
@@ -58,22 +57,6 @@ class TimeDoubt:
     def lag_share(self, track: Track, update: TrackUpdate) -> float:
         """Return the 1-sigma of a track's speed by the time between the views, as a share."""
         return self.lag.share(update, self.lag.changes_s - track.lag_changes_s)
-
-    def _hidden_share(self, track: Track, update: TrackUpdate) -> float:
-        """
-        Return the 1-sigma of a track's speed, as a share, by changes that uneven stamps hide.
-
-        Of an acceleration that has begun or ended nothing shows until its way, a t^2 / 2, is more
-        than the way by which the stamps of an interval may be wrong, more than stamps usually are.
-        """
-        known_s = track.stamp_std_s or self.config.stamp_std_s
-        late_s = math.sqrt(2.0 * max(known_s**2 - _USUAL_S**2, 0.0))
-        onset_mps2, way_m = self.config.onset_std_mps2, abs(update.speed_mps) * late_s
-        if not (way_m and onset_mps2):
-            return 0.0
-        hidden_s = math.sqrt(2.0 * way_m / onset_mps2)
-        likely = min(self.config.onset_per_s * hidden_s, 1.0)
-        return math.sqrt(likely) * onset_mps2 * hidden_s / abs(update.speed_mps)
 
     def _odd_share(self, track: Track) -> float:
         """Return the 1-sigma of a track's speed, as a share, by stamps it does not doubt yet."""

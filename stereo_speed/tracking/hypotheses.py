@@ -14,7 +14,7 @@ from typing import Sequence
 import numpy as np
 
 from .motion_prior import motion_models, MotionModel, PassMotion, StateIndex, walk_rate
-from .onset import changes, Moments, Onsets, with_onsets
+from .onset import changes, Hidden, hidden, Moments, Onsets, with_onsets
 from .photometry import scatters_px
 from ..core.config import TrackerConfig
 from ..core.records import Array
@@ -22,6 +22,7 @@ from ..core.records import Array
 # Who cruises may brake for this long unnoticed: at 6 m/s^2 it is then 27 cm behind, several times
 # what a pair tells of a place.  Who brakes for longer is one whose speed walks the most.
 _UNNOTICED_S = 0.3
+_NOTICED_S = 1.0  # at last: who brakes then is 3 m behind
 
 
 @dataclass(frozen=True)
@@ -126,3 +127,19 @@ class PassOnsets:
             return with_onsets(answer, does.newest(_UNNOTICED_S), self.onsets)
         return with_onsets(answer, does, self.onsets, np.where(
             does.lasts_s > _UNNOTICED_S, hypothesis.onsets, 1.0))
+
+    def hidden(self, answer: Moments, hypothesis: Hypothesis, newest: int, most_mps2: float
+               ) -> Hidden:
+        """
+        Return by how much the newest speed may be wrong while an onset does not show.
+
+        :param answer: that of the hypothesis without onsets.
+        :param hypothesis: the likeliest.
+        :param newest: index of that speed.
+        :param most_mps2: greatest acceleration.
+        """
+        rate = hypothesis.motion.speed_rate_std
+        if not self._changes or rate is None:
+            return Hidden(np.zeros(1), np.full(1, most_mps2))
+        return hidden(answer, self._changes[walk_rate(rate)].newest(_NOTICED_S), self.onsets,
+                      newest, most_mps2)

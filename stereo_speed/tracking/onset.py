@@ -25,6 +25,7 @@ from ..core.records import Array
 from ..estimation.gaussian import Conditioned
 
 _PART_S = 0.1  # in which times are taken as one: half of it at 6 m/s^2 is less than 1 cm
+_PARTS_OF_MOST = np.arange(1, 5) / 4  # less of an acceleration shows later
 _MOST_PARTS = 4  # of an interval out of sight: pairs of times, and so the cost, grow as the square
 
 
@@ -165,6 +166,54 @@ def with_onsets(steady: Union[Conditioned, Moments], may: Changes, onsets: Onset
     return Moments(
         mean + shift, covariance + moves.T @ (spread @ moves) - np.outer(shift, shift),
         steady.log_evidence + greatest + math.log(total) - onsets.per_s * may.long_s)
+
+
+@dataclass(frozen=True, eq=False)
+class Hidden:
+    """
+    By how much a speed may be wrong that has begun to change, before it shows.
+
+    :param speed_mps: (k,) error of the newest speed, one for each change that may be, m/s, and
+    :param rate_mps2: (k,) by which it grows until more is known, m/s^2.
+    """
+
+    speed_mps: Array
+    rate_mps2: Array
+
+    def after(self, seconds: float) -> float:
+        """Return the greatest error some time after the newest speed, m/s."""
+        return float((self.speed_mps + seconds * self.rate_mps2).max())
+
+
+def hidden(steady: Union[Conditioned, Moments], may: Changes, onsets: Onsets, newest: int,
+           most_mps2: float) -> Hidden:
+    """
+    Return what changes of the speed do to what is known of it, as they are noticed by and by.
+
+    Who brakes is told from who keeps the speed by what the pairs have shown since, which at first
+    is nothing: the answer of :func:`with_onsets` is that of most drivers.  Here it is asked what
+    it would be, but for noise, with each onset there may be.
+
+    :param steady: what is known when there is none.
+    :param may: what each does.
+    :param onsets: how drivers do.
+    :param newest: index of the newest speed.
+    :param most_mps2: greatest acceleration.
+    """
+    moves = may.pull @ steady.covariance
+    shows = may.own - moves @ may.pull.T  # of each, for each that it is taken for
+    known = np.maximum(np.diag(shows), 0.0)[:-1] + 1 / onsets.std_mps2 ** 2
+    before = np.log(onsets.per_s * may.gaps_s[:-1]) - may.lasts_s[:-1] / onsets.lasts_s \
+        - 0.5 * np.log(known * onsets.std_mps2 ** 2)
+    a = most_mps2 * _PARTS_OF_MOST[:, None, None]
+    told = a * shows[:, :-1]
+    log_shares = before + 0.5 * np.square(told) / known
+    greatest = np.maximum(log_shares.max(axis=-1, initial=0.0, keepdims=True), 0.0)
+    shares = np.exp(log_shares - greatest)
+    shares /= shares.sum(axis=-1, keepdims=True) + np.exp(-greatest)
+    noticed = shares * told / known
+    left = a[..., 0] * moves[:, newest] - noticed @ moves[:-1, newest]
+    return Hidden(np.abs(left).ravel(), np.abs(a[..., 0] - noticed.sum(axis=-1)).ravel())
 
 
 def _between(products: Array) -> Array:

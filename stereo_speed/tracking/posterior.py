@@ -4,10 +4,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Optional
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .onset import Hidden
 from ..core.config import TrackerConfig
 from ..core.records import Array
 
@@ -29,6 +31,8 @@ class Posterior:
     :param seen: (n,) whether it shows the vehicle at all.
     :param speed_rate_std: random walk of the speed, r.m.s. of those of the motion models by their
         weights, m/s/sqrt(s).
+    :param hidden: by how much the newest speed may be wrong while braking does not show; None
+        where that is not known.
     """
 
     first_ns: int
@@ -42,6 +46,7 @@ class Posterior:
     unoccluded: NDArray[np.bool_]
     seen: NDArray[np.bool_]
     speed_rate_std: float
+    hidden: Optional[Hidden] = None
 
     @property
     def newest_ns(self) -> int:
@@ -71,6 +76,11 @@ class Posterior:
         goes[3, [3, 7]] = -share, 1 + share
         return gone_on((self.mean[-2:].ravel(), self.covariance[-8:, -8:]), goes, after_s,
                        float(self.lateral_mps[-1]), walks(after_s, self.speed_rate_std, config))
+
+    def hidden_mps(self, stamp_ns: int) -> float:
+        """Return by how much the speed may be wrong at a stamp while braking does not show."""
+        after_s = max((stamp_ns - self.newest_ns) * 1e-9, 0.0)
+        return 0.0 if self.hidden is None else self.hidden.after(after_s)
 
     def ground_speeds(self) -> Array:
         """Return the speeds (n,) over ground, m/s."""

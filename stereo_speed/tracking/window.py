@@ -29,7 +29,7 @@ from .motion_answers import answers
 from .motion_prior import (
     headings, Indices, lateral_rates, PassMotion, PassPrior, rates_by_offsets, StateIndex)
 from .observation import Observation, ObservationSampler
-from .onset import Moments
+from .onset import Hidden, Moments
 from .photometry import Equations, PassPhotometry, Photometry, views_agree
 from .posterior import Posterior, SolvedPass
 from .relief import node_variances, node_weights
@@ -173,6 +173,7 @@ class _Solution:
     :param likely: weight and answer of each that counts.
     :param photometry: what the images say.
     :param speed_rate_std: random walk of the speed, r.m.s. by the weights, m/s/sqrt(s).
+    :param hidden: by how much the newest speed may be wrong while braking does not show.
     """
 
     mean: Array
@@ -182,6 +183,7 @@ class _Solution:
     likely: Sequence[tuple[float, Moments]]
     photometry: Photometry
     speed_rate_std: float
+    hidden: Hidden
 
     @cached_property
     def covariance(self) -> Array:
@@ -422,7 +424,7 @@ class PhotometricWindow:
         return Posterior(
             window.pairs[0].stamp_ns, window.times_s, window.state.copy(),
             solution.covariance[np.ix_(order, order)], rates, heading, path_scale,
-            seen.cross_ncc, seen.unoccluded, seen.seen, solution.speed_rate_std)
+            seen.cross_ncc, seen.unoccluded, seen.seen, solution.speed_rate_std, solution.hidden)
 
     def _solve(self, window: _Window, hypotheses: Sequence[Hypothesis], motion: PassMotion
                ) -> _Solution:
@@ -452,8 +454,8 @@ class PhotometricWindow:
             > _NEGLIGIBLE)
         some = [hypotheses[int(k)] for k in counts]
         with_onsets = PassOnsets(self.config, motion, window.times_s, window.state, some)
-        found = [with_onsets(answer, h) for h, answer in zip(
-            some, self._answers(window, some, motion, said, covariances=True))]
+        without = self._answers(window, some, motion, said, covariances=True)
+        found = [with_onsets(answer, h) for h, answer in zip(some, without)]
         evidence[counts] = [answer.log_evidence for answer in found]
         weights = normalise_log_weights(before + evidence)
         shares = np.where(weights[counts] > _NEGLIGIBLE, weights[counts], 0.0)
@@ -469,7 +471,9 @@ class PhotometricWindow:
         rate = math.sqrt(sum(
             float(w) * (h.motion.speed_rate_std or 0.0) ** 2 for w, h in zip(shares, some)))
         return _Solution(
-            mean, relief, np.square(relief) + strays, weights, likely, seen, rate)
+            mean, relief, np.square(relief) + strays, weights, likely, seen, rate,
+            with_onsets.hidden(without[most], some[most], int(window.index.speeds[-1]),
+                               self.config.visibility.hidden_braking_mps2))
 
     def _answers(self, window: _Window, hypotheses: Sequence[Hypothesis], motion: PassMotion,
                  said: Mapping[float, _PoseEquations], *, covariances: bool) -> list[Moments]:

@@ -18,6 +18,7 @@ from stereo_speed.lab.sim.config import straight_config
 from stereo_speed.lab.sim.sequence import simulate
 from stereo_speed.pipeline.assembly import make_pipeline
 from stereo_speed.pipeline.config import PipelineConfig
+from stereo_speed.pipeline.track import with_hidden
 from stereo_speed.tracking.constrained import ConstrainedTracker, may_follow, transport
 from stereo_speed.tracking.protocol import MOST_TIMES, OLD_S, Refusal, TrackStart
 
@@ -587,19 +588,19 @@ def braked(prepare, knots, seed, lag_s=0.0, drop=()):
         rig=sequence.rig, lane=lanes['lane_0'], config=TrackerConfig(), front=fronts[0],
         pair=sequence.pairs[0], track=0, rng=np.random.default_rng(0)), NoParameters())
     updates = [update for pair in sequence.pairs if (update := tracker.update(pair)) is not None]
-    errors = [(u, u.speed_mps - truth[u.stamp_ns]) for u in updates if u.state is CONFIRMED]
+    told = [with_hidden(update, TrackerConfig().visibility) for update in updates]
+    errors = [(u, u.speed_mps - truth[u.stamp_ns]) for u in told if u.state is CONFIRMED]
     assert len(errors) >= 10
     return [((update.stamp_ns - first_ns) * 1e-9, error / update.speed_std_mps,
              error / MPH_MPS) for update, error in errors]
 
 
 @pytest.mark.slow
-def test_but_for_its_first_reading_who_brakes_hard_is_read_within_4_sigma(prepare):
+def test_who_brakes_hard_is_read_within_4_sigma(prepare):
     """
     Twelve vehicles that brake at 6 m/s^2 from some time on until another, both drawn.
 
-    The first reading after the onset may be off by more: its images hardly show it.  How often
-    it is, is printed (``pytest -s``).
+    Images hardly show the onset in the first reading after it, which comes apart (``pytest -s``).
     """
     first, others = [], []
     for seed in range(12):
@@ -615,4 +616,4 @@ def test_but_for_its_first_reading_who_brakes_hard_is_read_within_4_sigma(prepar
           f'{max((sigmas for _, sigmas, _ in first), key=abs):+.1f} sigma and '
           f'{max((mph for _, _, mph in first), key=abs):+.1f} mph off; '
           f'of {len(others)} others {np.abs(others).max():.1f} sigma at most')
-    assert np.abs(others).max() < 4.0
+    assert not beyond and np.abs(others).max() < 4.0

@@ -8,7 +8,7 @@ import pytest
 from scipy.special import logsumexp
 from stereo_speed.estimation.gaussian import condition, NormalEquations
 from stereo_speed.tracking.motion_prior import StateIndex
-from stereo_speed.tracking.onset import changes, Onsets, with_onsets
+from stereo_speed.tracking.onset import changes, hidden, Onsets, with_onsets
 
 TIMES_S = np.array([0.0, 0.1, 0.4, 0.45])  # the second interval is long: it has parts
 COUNT, AT = len(TIMES_S), StateIndex(len(TIMES_S))
@@ -22,7 +22,7 @@ def speeds_and_ways(begins_s, ends_s):
     return lasted_s, 0.5 * lasted_s ** 2 + lasted_s * np.maximum(TIMES_S - ends_s, 0.0)
 
 
-def solved(speeds_mps, std_mps, braked_s=None):
+def solved(speeds_mps, std_mps, braked_s=None, places_m=None):
     """Return what places tell, without an onset, or with the acceleration as the last unknown."""
     size, s, v = AT.steady, AT.poses[:, 0], AT.speeds
     prior = NormalEquations(size + (braked_s is not None))
@@ -41,7 +41,8 @@ def solved(speeds_mps, std_mps, braked_s=None):
     prior.correlated(
         np.column_stack([s[1:], s[:-1], v[1:], v[:-1], last]),
         np.column_stack([ones, -ones, -gaps_s / 2, -gaps_s / 2, -beside_m]), WAYS)
-    places_m = np.append(0.0, np.cumsum(gaps_s * (speeds_mps[1:] + speeds_mps[:-1]) / 2))
+    if places_m is None:
+        places_m = np.append(0.0, np.cumsum(gaps_s * (speeds_mps[1:] + speeds_mps[:-1]) / 2))
     H, right = np.zeros(size), np.zeros(size)
     H[s], H[v] = 0.03 ** -2, std_mps ** -2
     right[s], right[v] = places_m / 0.03 ** 2, speeds_mps / std_mps ** 2
@@ -90,3 +91,28 @@ def test_newest_speed_is_less_certain_than_without_onsets():
     assert mixed.covariance[AT.speeds[3], AT.speeds[3]] \
         > steady.covariance[AT.speeds[3], AT.speeds[3]] * 1.03
     assert mixed.mean[AT.speeds[3]] == pytest.approx(steady.mean[AT.speeds[3]], abs=0.05)
+
+
+def test_hidden_is_what_is_left_of_each_change_by_the_answer_to_what_it_shows():
+    """Exact places and speeds of vehicles that brake by so much since then, solved as any are."""
+    onsets = Onsets(per_s=0.4, lasts_s=1e9, std_mps2=4.0)  # that none is taken to have ended
+    may = changes(TIMES_S, AT, np.linalg.inv(WAYS), RATE)
+    begins_s = [0.0, 0.1, 0.2, 0.3, 0.4, 0.45]
+    newest, left_mps, growing = int(AT.speeds[-1]), [], []
+    for part in range(1, 5):
+        for begin_s in begins_s:
+            braking = 6.0 * part / 4
+            speeds, places = speeds_and_ways(begin_s, np.inf)
+            steady = solved(20.0 - braking * speeds, 0.3, places_m=20.0 * TIMES_S
+                            - braking * places)
+            mixed = with_onsets(steady, may, onsets)
+            left_mps.append(abs(20.0 - braking * speeds[-1] - mixed.mean[newest]))
+            growing.append(braking)
+    known = solved(np.full(COUNT, 20.0), 0.3)
+    found = hidden(known, may, onsets, newest, 6.0)
+    assert found.speed_mps == pytest.approx(left_mps, abs=1e-6)
+    # Nothing of what begins now is known; what began long ago is known in part.
+    assert found.rate_mps2[5::6] == pytest.approx(growing[5::6])
+    assert (found.rate_mps2 <= np.array(growing) + 1e-9).all() and found.rate_mps2[0] < 1.4
+    assert found.after(0.0) == pytest.approx(max(left_mps))
+    assert found.after(10.0) == pytest.approx(60.0, rel=0.05)
