@@ -149,8 +149,15 @@ class _Window:
             state=np.delete(self.state, k, axis=0), inactive=tuple(inactive))
 
     def since(self, k: int) -> _Window:
-        """Return the window without its keyframes before number ``k``."""
-        return replace(self, keyframes=self.keyframes[k:], state=self.state[k:])
+        """Return the window without its pairs before keyframe ``k``."""
+        first_ns = self.keyframes[k].pair.stamp_ns
+        return replace(self, keyframes=self.keyframes[k:], state=self.state[k:], inactive=tuple(
+            pair for pair in self.inactive if pair.stamp_ns > first_ns))
+
+    def hidden(self, fewest: int) -> int:
+        """Return how many of the first do not count; 0 where fewer than so many follow."""
+        first = int(np.argmax(self.counts()))
+        return first if first <= len(self.keyframes) - fewest else 0
 
     def judged(self, unoccluded: NDArray[np.bool_]) -> _Window:
         """Return the window with what counts from now on, if anything would."""
@@ -233,7 +240,7 @@ class PhotometricWindow:
         window, posterior = self._refined(
             self._grown(_Keyframe(pair, observation), guess), _REACQUIRED if reacquires else _LIVE)
         if posterior.unoccluded[-1]:
-            window, posterior = self._as_sharp(window, posterior)
+            window, posterior = self._since_shown(*self._as_sharp(window, posterior))
             self._window, self._agreement = window, posterior.cross_ncc
         return posterior
 
@@ -321,8 +328,8 @@ class PhotometricWindow:
             window, posterior = self._refined(window, _WHOLE_PASS)
             if window.occluded_ns == occluded_ns:
                 break
-        hidden = int(np.argmax(window.counts()))
-        if 0 < hidden <= len(window.keyframes) - _FEWEST_KEYFRAMES:
+        hidden = window.hidden(_FEWEST_KEYFRAMES)
+        if hidden:
             return self._begun_at(window, hidden)._solved(window.since(hidden))
         # The observations that this answer rests on, should the judgement not have settled.
         window, at = replace(window, occluded_ns=occluded_ns), window.index
@@ -333,6 +340,15 @@ class PhotometricWindow:
         return SolvedPass(
             posterior, occluded_ns, covariance[np.ix_(at.speeds, at.speeds)] + of_speeds,
             _given_heading(covariance, at) + of_speeds)
+
+    def _since_shown(self, window: _Window, posterior: Posterior) -> tuple[_Window, Posterior]:
+        """Return a solution that rests on no pair before the first that shows the whole front."""
+        hidden = window.hidden(self.config.visibility.confirm_pairs)
+        if not hidden:
+            return window, posterior
+        begun = self._begun_at(window, hidden)
+        self.motion, self.exact_motion = begun.motion, begun.exact_motion
+        return self._refined(window.since(hidden), _REACQUIRED)
 
     def _begun_at(self, window: _Window, k: int) -> PhotometricWindow:
         """

@@ -254,7 +254,11 @@ def test_where_the_first_pairs_do_not_show_the_front_they_say_nothing_of_its_pla
     prior = replace(prior, s_m=poses[0][0] - 1.5, s_std_m=0.2,
                     offset_m=prior.offset_m + [0.3, 0.2])
     window = PhotometricWindow(window.sampler, prior, window.config)
-    feed(window, pairs, poses)
+    live = feed(window, pairs, poses)
+    for posterior in live[hidden + 2:]:
+        assert posterior.first_ns == pairs[hidden].stamp_ns
+        (_, _, _, speed), around = posterior.at(-1)
+        assert abs(speed - MPS) < 4 * np.sqrt(around[3, 3]) < 4.0
     solved = window.solve_pass()
     assert {pair.stamp_ns for pair in pairs[:hidden]} <= solved.occluded_ns
     speeds, covariance = solved.posterior.mean[:, 3], solved.posterior.covariance[3::4, 3::4]
