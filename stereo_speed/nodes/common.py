@@ -208,8 +208,7 @@ def run(make: Callable[[], Node], args: Optional[Sequence[str]] = None,
     def end(number: int, frame: Optional[FrameType]) -> None:
         told.append(number)
         signal.default_int_handler(number, frame)
-    for ending in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(ending, end)
+    before = {ending: signal.signal(ending, end) for ending in (signal.SIGINT, signal.SIGTERM)}
     node: Optional[Node] = None
     status = 0
     try:
@@ -231,12 +230,15 @@ def run(make: Callable[[], Node], args: Optional[Sequence[str]] = None,
     finally:
         # Ctrl-C reaches what ros2 launch has started twice, for it sends it on: what is under way
         # is told all the same, and who cannot wait has SIGKILL.
-        for ending in (signal.SIGINT, signal.SIGTERM):
+        for ending in before:
             signal.signal(ending, signal.SIG_IGN)
         if node is not None:
             getattr(node, 'close', lambda: None)()
             node.destroy_node()
         rclpy.try_shutdown()
+        # Processes that are started from now on would ignore them, too.
+        for ending, handler in before.items():
+            signal.signal(ending, handler or signal.SIG_DFL)
     return status
 
 

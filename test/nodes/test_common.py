@@ -65,5 +65,8 @@ def test_a_node_that_is_told_twice_to_stop_ends_what_is_under_way(private_graph,
             super().destroy_node()
             ended.append('destroyed')
     given = ['--ros-args', '-p', f'file:={tmp_path / "passes.sqlite"}']
+    handlers = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
     assert common.run(Listening, given, lambda node: os.kill(os.getpid(), signal.SIGINT)) == 0
     assert ended == ['closed', 'destroyed']
+    # What is started afterwards can be ended.
+    assert [signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)] == handlers

@@ -38,6 +38,8 @@ def produced(make: Callable[..., Iterable[Item]], *arguments: object) -> Iterato
             yield found
     finally:
         process.terminate()
+        process.join(_ALIVE_S)
+        process.kill()  # one that was started by who ignores SIGTERM does so, too
         process.join()
 
 

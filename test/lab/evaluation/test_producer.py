@@ -6,8 +6,10 @@ from __future__ import annotations
 import importlib
 import multiprocessing
 from pathlib import Path
+import signal
 
 import pytest
+from stereo_speed.lab.evaluation import producer
 from stereo_speed.lab.evaluation.producer import produced, WAITING
 
 
@@ -36,10 +38,17 @@ def test_a_process_that_dies_is_noticed(squares):
         list(produced(squares, 5, None, 1))
 
 
-def test_the_process_ends_with_its_reader(squares):
+@pytest.mark.parametrize('ending', [signal.SIG_DFL, signal.SIG_IGN])
+def test_the_process_ends_with_its_reader(squares, monkeypatch, ending):
+    """Also where it does not end when it is told to, as its reader does not."""
+    monkeypatch.setattr(producer, '_ALIVE_S', 0.5)
     before = set(multiprocessing.active_children())
-    items = produced(squares, 100 * WAITING)
-    next(items)
+    handler = signal.signal(signal.SIGTERM, ending)
+    try:
+        items = produced(squares, 100 * WAITING)
+        next(items)
+    finally:
+        signal.signal(signal.SIGTERM, handler)
     assert set(multiprocessing.active_children()) - before
     items.close()
     assert not set(multiprocessing.active_children()) - before
