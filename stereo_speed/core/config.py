@@ -148,12 +148,13 @@ class VisibilityConfig(CheckedRecord):
         'is below this')
     reading_std_share: float = parameter(
         0.02, 0.0, 10.0, '', 'or below this share of its speed')
-    hidden_braking_mps2: float = parameter(
+    unnoticed_braking_mps2: float = parameter(
         6.0, 0.0, 20.0, 'm/s^2', 'the 1-sigma of a reading allows for drivers who have begun to '
         'brake as hard as this, or to accelerate, before the images can show it')
-    hidden_sigmas: float = parameter(
-        4.0, 0.1, 100.0, '', 'how many of these such a reading is off by at most, but for what '
-        'else is not known')
+    unnoticed_sigmas: float = parameter(
+        3.0, 0.1, 100.0, '', 'by how many of these such a reading is off for that alone, at most')
+    unnoticed_std_mps: float = parameter(
+        0.75, 0.0, 100.0, 'm/s', 'a reading whose 1-sigma is above this for it is held back')
     lost_after_s: float = parameter(
         1.5, 0.0, 60.0, 's', 'a vehicle not seen for longer is lost; behind a pole or in missing '
         'images it is gone for less')

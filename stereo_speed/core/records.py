@@ -127,7 +127,7 @@ class TrackUpdate:
     :param quad_left_px: (4, 2) corners of the front in the raw left image, px, clockwise from
         the image's top-left corner.
     :param quad_right_px: (4, 2) the same in the raw right image, px.
-    :param hidden_mps: by how much the speed may be wrong while hard braking does not show, m/s.
+    :param unnoticed_mps: by how much the speed may be wrong while hard braking does not show, m/s.
     """
 
     stamp_ns: int
@@ -143,7 +143,7 @@ class TrackUpdate:
     axes: Array
     quad_left_px: Array
     quad_right_px: Array
-    hidden_mps: float = 0.0
+    unnoticed_mps: float = 0.0
 
     def unconfirmed(self) -> TrackUpdate:
         """Return it as one that is no reading; one that was none stays what it is."""

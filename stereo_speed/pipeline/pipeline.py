@@ -26,7 +26,7 @@ from .search import Search, VehicleSearch
 from .solving import SolvingBeside
 from .starting import Starter, StartTracker
 from .time_doubt import TimeDoubt
-from .track import holds, Track, with_hidden
+from .track import holds, Track, with_unnoticed
 from .turns import share_of, solve_interval_s, take_turns
 from ..core.config import TrackerConfig
 from ..core.errors import InputError
@@ -219,7 +219,8 @@ class SpeedPipeline:
         free = [track for track in tracks if track.turn is None]
         take_turns(free, pair.stamp_ns, self._solve_interval_s(), hurried=hurried,
                    dense=dense and not beside)
-        particles = share_of(self.config, 1 if beside else max(len(tracks), 1))
+        particles = share_of(
+            self.config, 1 if beside and not hurried else max(len(tracks), 1))
         for track in free:
             if isinstance(track.tracker, SharesParticles):
                 track.tracker.share(particles)
@@ -317,12 +318,12 @@ class SpeedPipeline:
         """Return the updates of tracks that there are, with the doubt of their times and rig."""
         tracks = {track.tracker.track: track for track in self._roster.tracks}
         times = self._times
-        told = [times.told(with_hidden(u, self.config.visibility), tracks[u.track])
+        told = [times.told(u, tracks[u.track])
                 for u in updates if u is not None and u.track in tracks]
-        if self.steadier is None:
-            return told
-        return [self._doubt.update(u, self.steadier, tracks[u.track].drift_change_rad)
-                for u in told]
+        if self.steadier is not None:
+            told = [self._doubt.update(u, self.steadier, tracks[u.track].drift_change_rad)
+                    for u in told]
+        return [with_unnoticed(u, self.config.visibility) for u in told]
 
     def concluded(self, *, everything: bool = False) -> list[PassResult]:
         """

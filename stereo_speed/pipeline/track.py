@@ -198,15 +198,15 @@ def is_sure(update: TrackUpdate, limits: VisibilityConfig) -> bool:
         limits.reading_std_mps, limits.reading_std_share * abs(update.speed_mps))
 
 
-def with_hidden(update: TrackUpdate, limits: VisibilityConfig) -> TrackUpdate:
+def with_unnoticed(update: TrackUpdate, limits: VisibilityConfig) -> TrackUpdate:
     """
     Return an update whose 1-sigma allows for a vehicle that brakes before this shows.
 
     Of all drivers few do, but what is told of the speed is told of this one.
     """
     told = replace(update, speed_std_mps=math.hypot(
-        update.speed_std_mps, update.hidden_mps / limits.hidden_sigmas))
-    return told if is_sure(told, limits) else told.unconfirmed()
+        update.speed_std_mps, update.unnoticed_mps / limits.unnoticed_sigmas))
+    return told if told.speed_std_mps <= limits.unnoticed_std_mps else told.unconfirmed()
 
 
 def ahead_m(update: TrackUpdate, stamp_ns: int) -> float:

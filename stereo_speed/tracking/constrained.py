@@ -427,11 +427,11 @@ class ConstrainedTracker:
             position_m=self.front.centre(mean[:3]),
             position_cov_m2=frame @ cov[:3, :3] @ frame.T,
             axes=rotated(frame, self._heading_rad()), quad_left_px=left[0],
-            quad_right_px=right[0], hidden_mps=self._hidden_mps(pair.stamp_ns))
+            quad_right_px=right[0], unnoticed_mps=self._unnoticed_mps(pair.stamp_ns))
 
-    def _hidden_mps(self, stamp_ns: int) -> float:
+    def _unnoticed_mps(self, stamp_ns: int) -> float:
         """Return by how much the speed may be wrong at a stamp while braking does not show."""
-        return 0.0 if self.posterior is None else self.posterior.hidden_mps(stamp_ns)
+        return 0.0 if self.posterior is None else self.posterior.unnoticed_mps(stamp_ns)
 
 
 def _coasts(update: Optional[TrackUpdate]) -> bool:

@@ -14,7 +14,7 @@ from typing import Sequence
 import numpy as np
 
 from .motion_prior import motion_models, MotionModel, PassMotion, StateIndex, walk_rate
-from .onset import changes, Hidden, hidden, Moments, Onsets, with_onsets
+from .onset import changes, Moments, Onsets, Unnoticed, unnoticed, with_onsets
 from .photometry import scatters_px
 from ..core.config import TrackerConfig
 from ..core.records import Array
@@ -111,16 +111,17 @@ class PassOnsets:
     def __init__(self, config: TrackerConfig, motion: PassMotion, times_s: Array, state: Array,
                  hypotheses: Sequence[Hypothesis]) -> None:
         self.onsets = Onsets(config.onset_per_s, config.onset_lasts_s, config.onset_std_mps2)
-        occur = config.onset_per_s and config.onset_std_mps2 and len(times_s) > 1
+        self._occur = bool(config.onset_per_s and config.onset_std_mps2)
+        self._counted = self.onsets if self._occur else Onsets(0.0, config.onset_lasts_s, 1.0)
         rates = {walk_rate(h.motion.speed_rate_std) for h in hypotheses
-                 if occur and h.motion.speed_rate_std is not None}
+                 if len(times_s) > 1 and h.motion.speed_rate_std is not None}
         self._changes = {rate: changes(times_s, StateIndex(len(times_s)), motion.way_information(
             times_s, state, rate), rate) for rate in rates}
 
     def __call__(self, answer: Moments, hypothesis: Hypothesis) -> Moments:
         """Return the answer of a hypothesis with the onsets put in."""
         rate = hypothesis.motion.speed_rate_std
-        if not self._changes or rate is None:
+        if not (self._occur and self._changes) or rate is None:
             return answer
         does = self._changes[walk_rate(rate)]
         if not hypothesis.onsets:
@@ -128,18 +129,17 @@ class PassOnsets:
         return with_onsets(answer, does, self.onsets, np.where(
             does.lasts_s > _UNNOTICED_S, hypothesis.onsets, 1.0))
 
-    def hidden(self, answer: Moments, hypothesis: Hypothesis, newest: int, most_mps2: float
-               ) -> Hidden:
+    def unnoticed(self, answers: Sequence[Moments], hypotheses: Sequence[Hypothesis], newest: int,
+                  most_mps2: float) -> Unnoticed:
         """
-        Return by how much the newest speed may be wrong while an onset does not show.
+        Return by how much the newest speed may be wrong while a change of it does not show.
 
-        :param answer: that of the hypothesis without onsets.
-        :param hypothesis: the likeliest.
+        :param answers: those of hypotheses without onsets.
+        :param hypotheses: the likely ones: who takes any of them for true is to be right.
         :param newest: index of that speed.
         :param most_mps2: greatest acceleration.
         """
-        rate = hypothesis.motion.speed_rate_std
-        if not self._changes or rate is None:
-            return Hidden(np.zeros(1), np.full(1, most_mps2))
-        return hidden(answer, self._changes[walk_rate(rate)].newest(_NOTICED_S), self.onsets,
-                      newest, most_mps2)
+        return Unnoticed.any_of([unnoticed(
+            answer, self._changes[walk_rate(one.motion.speed_rate_std)].newest(_NOTICED_S),
+            self._counted, newest, most_mps2) for answer, one in zip(answers, hypotheses)
+            if self._changes and one.motion.speed_rate_std is not None], most_mps2)

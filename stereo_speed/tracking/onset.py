@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 import math
-from typing import Union
+from typing import Sequence, Union
 
 import numpy as np
 from numpy.typing import NDArray
@@ -169,7 +169,7 @@ def with_onsets(steady: Union[Conditioned, Moments], may: Changes, onsets: Onset
 
 
 @dataclass(frozen=True, eq=False)
-class Hidden:
+class Unnoticed:
     """
     By how much a speed may be wrong that has begun to change, before it shows.
 
@@ -184,9 +184,20 @@ class Hidden:
         """Return the greatest error some time after the newest speed, m/s."""
         return float((self.speed_mps + seconds * self.rate_mps2).max())
 
+    @classmethod
+    def any_of(cls, several: Sequence[Unnoticed], most_mps2: float) -> Unnoticed:
+        """
+        Return all that may be wrong by any of several views of it.
 
-def hidden(steady: Union[Conditioned, Moments], may: Changes, onsets: Onsets, newest: int,
-           most_mps2: float) -> Hidden:
+        :param most_mps2: greatest acceleration, which may begin with the newest pair whatever
+            the view.
+        """
+        return cls(np.concatenate([[0.0], *(one.speed_mps for one in several)]),
+                   np.concatenate([[most_mps2], *(one.rate_mps2 for one in several)]))
+
+
+def unnoticed(steady: Union[Conditioned, Moments], may: Changes, onsets: Onsets, newest: int,
+              most_mps2: float) -> Unnoticed:
     """
     Return what changes of the speed do to what is known of it, as they are noticed by and by.
 
@@ -196,15 +207,16 @@ def hidden(steady: Union[Conditioned, Moments], may: Changes, onsets: Onsets, ne
 
     :param steady: what is known when there is none.
     :param may: what each does.
-    :param onsets: how drivers do.
+    :param onsets: how drivers do; where they never do, nothing is noticed.
     :param newest: index of the newest speed.
     :param most_mps2: greatest acceleration.
     """
     moves = may.pull @ steady.covariance
     shows = may.own - moves @ may.pull.T  # of each, for each that it is taken for
     known = np.maximum(np.diag(shows), 0.0)[:-1] + 1 / onsets.std_mps2 ** 2
-    before = np.log(onsets.per_s * may.gaps_s[:-1]) - may.lasts_s[:-1] / onsets.lasts_s \
-        - 0.5 * np.log(known * onsets.std_mps2 ** 2)
+    with np.errstate(divide='ignore'):
+        before = np.log(onsets.per_s * may.gaps_s[:-1]) - may.lasts_s[:-1] / onsets.lasts_s \
+            - 0.5 * np.log(known * onsets.std_mps2 ** 2)
     a = most_mps2 * _PARTS_OF_MOST[:, None, None]
     told = a * shows[:, :-1]
     log_shares = before + 0.5 * np.square(told) / known
@@ -213,7 +225,7 @@ def hidden(steady: Union[Conditioned, Moments], may: Changes, onsets: Onsets, ne
     shares /= shares.sum(axis=-1, keepdims=True) + np.exp(-greatest)
     noticed = shares * told / known
     left = a[..., 0] * moves[:, newest] - noticed @ moves[:-1, newest]
-    return Hidden(np.abs(left).ravel(), np.abs(a[..., 0] - noticed.sum(axis=-1)).ravel())
+    return Unnoticed(np.abs(left).ravel(), np.abs(a[..., 0] - noticed.sum(axis=-1)).ravel())
 
 
 def _between(products: Array) -> Array:

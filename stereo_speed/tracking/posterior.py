@@ -9,7 +9,7 @@ from typing import Optional
 import numpy as np
 from numpy.typing import NDArray
 
-from .onset import Hidden
+from .onset import Unnoticed
 from ..core.config import TrackerConfig
 from ..core.records import Array
 
@@ -31,7 +31,7 @@ class Posterior:
     :param seen: (n,) whether it shows the vehicle at all.
     :param speed_rate_std: random walk of the speed, r.m.s. of those of the motion models by their
         weights, m/s/sqrt(s).
-    :param hidden: by how much the newest speed may be wrong while braking does not show; None
+    :param unnoticed: by how much the newest speed may be wrong while braking does not show; None
         where that is not known.
     """
 
@@ -46,7 +46,7 @@ class Posterior:
     unoccluded: NDArray[np.bool_]
     seen: NDArray[np.bool_]
     speed_rate_std: float
-    hidden: Optional[Hidden] = None
+    unnoticed: Optional[Unnoticed] = None
 
     @property
     def newest_ns(self) -> int:
@@ -77,10 +77,10 @@ class Posterior:
         return gone_on((self.mean[-2:].ravel(), self.covariance[-8:, -8:]), goes, after_s,
                        float(self.lateral_mps[-1]), walks(after_s, self.speed_rate_std, config))
 
-    def hidden_mps(self, stamp_ns: int) -> float:
+    def unnoticed_mps(self, stamp_ns: int) -> float:
         """Return by how much the speed may be wrong at a stamp while braking does not show."""
         after_s = max((stamp_ns - self.newest_ns) * 1e-9, 0.0)
-        return 0.0 if self.hidden is None else self.hidden.after(after_s)
+        return 0.0 if self.unnoticed is None else self.unnoticed.after(after_s)
 
     def ground_speeds(self) -> Array:
         """Return the speeds (n,) over ground, m/s."""

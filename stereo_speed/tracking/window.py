@@ -15,9 +15,9 @@ a window of keyframes; older ones become inactive until the pass is solved as a 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 import math
-from typing import Iterable, Mapping, Optional, Sequence
+from typing import Callable, Iterable, Mapping, Optional, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +29,7 @@ from .motion_answers import answers
 from .motion_prior import (
     headings, Indices, lateral_rates, PassMotion, PassPrior, rates_by_offsets, StateIndex)
 from .observation import Observation, ObservationSampler
-from .onset import Hidden, Moments
+from .onset import Moments, Unnoticed
 from .photometry import Equations, PassPhotometry, Photometry, views_agree
 from .posterior import Posterior, SolvedPass
 from .relief import node_variances, node_weights
@@ -49,6 +49,7 @@ _ACROSS_PX = 3.0
 _ANYWHERE_M = 10.0  # 1-sigma of a place that the views of later pairs alone tell
 _FEWEST_KEYFRAMES = 4  # of a pass, as many as the shortest that is measured has
 _BLUR_PAIRS = 4  # that say which view is the sharper one: as many as the shortest pass has
+_LIKELY = 0.01  # weight of a motion model that somebody may rely on
 _NEGLIGIBLE = 1e-4  # weight of a motion model that counts for nothing in this pair
 
 
@@ -149,12 +150,10 @@ class _Window:
             state=np.delete(self.state, k, axis=0), inactive=tuple(inactive))
 
     def since(self, k: int) -> _Window:
-        """Return the window without its pairs before keyframe ``k``."""
-        first_ns = self.keyframes[k].pair.stamp_ns
-        return replace(self, keyframes=self.keyframes[k:], state=self.state[k:], inactive=tuple(
-            pair for pair in self.inactive if pair.stamp_ns > first_ns))
+        """Return the window without its keyframes before number ``k``, where none is inactive."""
+        return replace(self, keyframes=self.keyframes[k:], state=self.state[k:])
 
-    def hidden(self, fewest: int) -> int:
+    def unshown(self, fewest: int) -> int:
         """Return how many of the first do not count; 0 where fewer than so many follow."""
         first = int(np.argmax(self.counts()))
         return first if first <= len(self.keyframes) - fewest else 0
@@ -180,7 +179,8 @@ class _Solution:
     :param likely: weight and answer of each that counts.
     :param photometry: what the images say.
     :param speed_rate_std: random walk of the speed, r.m.s. by the weights, m/s/sqrt(s).
-    :param hidden: by how much the newest speed may be wrong while braking does not show.
+    :param unnoticed: returns by how much the newest speed may be wrong while braking does not
+        show.
     """
 
     mean: Array
@@ -190,7 +190,7 @@ class _Solution:
     likely: Sequence[tuple[float, Moments]]
     photometry: Photometry
     speed_rate_std: float
-    hidden: Hidden
+    unnoticed: Callable[[], Unnoticed]
 
     @cached_property
     def covariance(self) -> Array:
@@ -240,8 +240,9 @@ class PhotometricWindow:
         window, posterior = self._refined(
             self._grown(_Keyframe(pair, observation), guess), _REACQUIRED if reacquires else _LIVE)
         if posterior.unoccluded[-1]:
-            window, posterior = self._since_shown(*self._as_sharp(window, posterior))
+            window, posterior = self._as_sharp(window, posterior)
             self._window, self._agreement = window, posterior.cross_ncc
+            posterior = self._begun_where_shown() or posterior
         return posterior
 
     def doubt_stamps(self, stamp_std_s: float) -> None:
@@ -328,9 +329,9 @@ class PhotometricWindow:
             window, posterior = self._refined(window, _WHOLE_PASS)
             if window.occluded_ns == occluded_ns:
                 break
-        hidden = window.hidden(_FEWEST_KEYFRAMES)
-        if hidden:
-            return self._begun_at(window, hidden)._solved(window.since(hidden))
+        unshown = window.unshown(_FEWEST_KEYFRAMES)
+        if unshown:
+            return self._begun_at(window, unshown)._solved(window.since(unshown))
         # The observations that this answer rests on, should the judgement not have settled.
         window, at = replace(window, occluded_ns=occluded_ns), window.index
         covariance = self._solve(window, self.hypotheses, self.exact_motion).covariance
@@ -341,14 +342,24 @@ class PhotometricWindow:
             posterior, occluded_ns, covariance[np.ix_(at.speeds, at.speeds)] + of_speeds,
             _given_heading(covariance, at) + of_speeds)
 
-    def _since_shown(self, window: _Window, posterior: Posterior) -> tuple[_Window, Posterior]:
-        """Return a solution that rests on no pair before the first that shows the whole front."""
-        hidden = window.hidden(self.config.visibility.confirm_pairs)
-        if not hidden:
-            return window, posterior
-        begun = self._begun_at(window, hidden)
+    def _begun_where_shown(self) -> Optional[Posterior]:
+        """
+        Rest on no pair before the first that shows the whole front; return what is known then.
+
+        None where it is there already, or the newest pair would not count.  Once there are
+        inactive pairs, which may show it, this is left to the end of the pass.
+        """
+        window = self._window
+        unshown = window.unshown(self.config.visibility.confirm_pairs)
+        if not unshown or window.inactive:
+            return None
+        begun = self._begun_at(window, unshown)
+        shown, posterior = begun._refined(window.since(unshown), _REACQUIRED)
+        if not posterior.unoccluded[-1]:
+            return None
         self.motion, self.exact_motion = begun.motion, begun.exact_motion
-        return self._refined(window.since(hidden), _REACQUIRED)
+        self._window, self._agreement = shown, posterior.cross_ncc
+        return posterior
 
     def _begun_at(self, window: _Window, k: int) -> PhotometricWindow:
         """
@@ -430,9 +441,9 @@ class PhotometricWindow:
                     and not solution.photometry.unoccluded[-1]:
                 break
         window = window.judged(solution.photometry.unoccluded)
-        return window, self._posterior(window, solution)
+        return window, self._posterior(window, solution, effort)
 
-    def _posterior(self, window: _Window, solution: _Solution) -> Posterior:
+    def _posterior(self, window: _Window, solution: _Solution, effort: _Effort) -> Posterior:
         """Return the solution in the order of the pairs."""
         at, seen = window.index, solution.photometry
         order = np.column_stack([at.poses, at.speeds]).ravel()
@@ -440,7 +451,8 @@ class PhotometricWindow:
         return Posterior(
             window.pairs[0].stamp_ns, window.times_s, window.state.copy(),
             solution.covariance[np.ix_(order, order)], rates, heading, path_scale,
-            seen.cross_ncc, seen.unoccluded, seen.seen, solution.speed_rate_std, solution.hidden)
+            seen.cross_ncc, seen.unoccluded, seen.seen, solution.speed_rate_std,
+            None if effort is _WHOLE_PASS else solution.unnoticed())
 
     def _solve(self, window: _Window, hypotheses: Sequence[Hypothesis], motion: PassMotion
                ) -> _Solution:
@@ -488,8 +500,9 @@ class PhotometricWindow:
             float(w) * (h.motion.speed_rate_std or 0.0) ** 2 for w, h in zip(shares, some)))
         return _Solution(
             mean, relief, np.square(relief) + strays, weights, likely, seen, rate,
-            with_onsets.hidden(without[most], some[most], int(window.index.speeds[-1]),
-                               self.config.visibility.hidden_braking_mps2))
+            partial(with_onsets.unnoticed, [one for one, w in zip(without, shares) if w > _LIKELY],
+                    [one for one, w in zip(some, shares) if w > _LIKELY],
+                    int(window.index.speeds[-1]), self.config.visibility.unnoticed_braking_mps2))
 
     def _answers(self, window: _Window, hypotheses: Sequence[Hypothesis], motion: PassMotion,
                  said: Mapping[float, _PoseEquations], *, covariances: bool) -> list[Moments]:

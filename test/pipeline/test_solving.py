@@ -113,7 +113,7 @@ def test_readings_do_not_wait_for_solutions(dense):
     solving = WhenTold()
     # They have seen so little that what braking may hide has them withheld at once.
     pipeline = marked(dense, solving, TrackerConfig(
-        visibility=VisibilityConfig(hidden_braking_mps2=0.0)))
+        visibility=VisibilityConfig(unnoticed_braking_mps2=0.0)))
     pairs = dense[0].pairs
     for pair in pairs[:8]:
         pipeline.process(pair)

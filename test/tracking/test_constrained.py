@@ -18,7 +18,7 @@ from stereo_speed.lab.sim.config import straight_config
 from stereo_speed.lab.sim.sequence import simulate
 from stereo_speed.pipeline.assembly import make_pipeline
 from stereo_speed.pipeline.config import PipelineConfig
-from stereo_speed.pipeline.track import with_hidden
+from stereo_speed.pipeline.track import with_unnoticed
 from stereo_speed.tracking.constrained import ConstrainedTracker, may_follow, transport
 from stereo_speed.tracking.protocol import MOST_TIMES, OLD_S, Refusal, TrackStart
 
@@ -588,7 +588,7 @@ def braked(prepare, knots, seed, lag_s=0.0, drop=()):
         rig=sequence.rig, lane=lanes['lane_0'], config=TrackerConfig(), front=fronts[0],
         pair=sequence.pairs[0], track=0, rng=np.random.default_rng(0)), NoParameters())
     updates = [update for pair in sequence.pairs if (update := tracker.update(pair)) is not None]
-    told = [with_hidden(update, TrackerConfig().visibility) for update in updates]
+    told = [with_unnoticed(update, TrackerConfig().visibility) for update in updates]
     errors = [(u, u.speed_mps - truth[u.stamp_ns]) for u in told if u.state is CONFIRMED]
     assert len(errors) >= 10
     return [((update.stamp_ns - first_ns) * 1e-9, error / update.speed_std_mps,

@@ -8,7 +8,7 @@ import pytest
 from scipy.special import logsumexp
 from stereo_speed.estimation.gaussian import condition, NormalEquations
 from stereo_speed.tracking.motion_prior import StateIndex
-from stereo_speed.tracking.onset import changes, hidden, Onsets, with_onsets
+from stereo_speed.tracking.onset import changes, Onsets, Unnoticed, unnoticed, with_onsets
 
 TIMES_S = np.array([0.0, 0.1, 0.4, 0.45])  # the second interval is long: it has parts
 COUNT, AT = len(TIMES_S), StateIndex(len(TIMES_S))
@@ -93,7 +93,7 @@ def test_newest_speed_is_less_certain_than_without_onsets():
     assert mixed.mean[AT.speeds[3]] == pytest.approx(steady.mean[AT.speeds[3]], abs=0.05)
 
 
-def test_hidden_is_what_is_left_of_each_change_by_the_answer_to_what_it_shows():
+def test_unnoticed_is_what_is_left_of_each_change_by_the_answer_to_what_it_shows():
     """Exact places and speeds of vehicles that brake by so much since then, solved as any are."""
     onsets = Onsets(per_s=0.4, lasts_s=1e9, std_mps2=4.0)  # that none is taken to have ended
     may = changes(TIMES_S, AT, np.linalg.inv(WAYS), RATE)
@@ -109,10 +109,30 @@ def test_hidden_is_what_is_left_of_each_change_by_the_answer_to_what_it_shows():
             left_mps.append(abs(20.0 - braking * speeds[-1] - mixed.mean[newest]))
             growing.append(braking)
     known = solved(np.full(COUNT, 20.0), 0.3)
-    found = hidden(known, may, onsets, newest, 6.0)
+    found = unnoticed(known, may, onsets, newest, 6.0)
     assert found.speed_mps == pytest.approx(left_mps, abs=1e-6)
     # Nothing of what begins now is known; what began long ago is known in part.
     assert found.rate_mps2[5::6] == pytest.approx(growing[5::6])
     assert (found.rate_mps2 <= np.array(growing) + 1e-9).all() and found.rate_mps2[0] < 1.4
     assert found.after(0.0) == pytest.approx(max(left_mps))
     assert found.after(10.0) == pytest.approx(60.0, rel=0.05)
+
+
+def test_where_nobody_may_begin_to_brake_all_of_it_is_unnoticed():
+    may, newest = changes(TIMES_S, AT, np.linalg.inv(WAYS), RATE), int(AT.speeds[-1])
+    found = unnoticed(solved(np.full(COUNT, 20.0), 0.3), may, Onsets(0.0, 1.5, 1.0), newest, 6.0)
+    left_mps = []
+    for begin_s in (0.0, 0.1, 0.2, 0.3, 0.4, 0.45):
+        speeds, places = speeds_and_ways(begin_s, np.inf)
+        steady = solved(20.0 - 6.0 * speeds, 0.3, places_m=20.0 * TIMES_S - 6.0 * places)
+        left_mps.append(abs(20.0 - 6.0 * speeds[-1] - steady.mean[newest]))
+    assert found.speed_mps[-6:] == pytest.approx(left_mps, abs=1e-6)
+    assert found.rate_mps2[-6:] == pytest.approx(6.0)
+
+
+def test_of_several_views_the_one_that_notices_least_counts():
+    views = [Unnoticed(np.array([mps]), np.array([mps2]))
+             for mps, mps2 in ((1.0, 2.0), (0.5, 4.0))]
+    both = Unnoticed.any_of(views, 6.0)
+    assert [both.after(t) for t in (0.0, 0.3, 1.0)] == pytest.approx([1.0, 1.8, 6.0])
+    assert Unnoticed.any_of([], 6.0).after(0.5) == 3.0
