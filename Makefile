@@ -18,12 +18,15 @@ CASES := 20000
 # of make soak; in its first minutes tracker_node's memory still fills
 MINUTES := 60
 GROWTH_MB := 10
+# of make faults: what breaks the stream; all that there are where it is empty
+FAULTS := short_data other_size black frozen_right lost_30_percent disordered right_20_ms jitter \
+	clock_half_a_second_back info_nan info_other kill_search_process kill_speed_camera_node
 # of make release-check: --draft leaves out clean tree and versions
 RELEASE :=
 # each core has a program of its own already: libraries with a thread for each would wait in turns
 ONE_THREAD := OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 OPENCV_FOR_THREADS_NUM=1
 
-.PHONY: venv browser test test-fast demo bench fuzz soak test-pythons lint audit release-check build screenshots clean
+.PHONY: venv browser test test-fast demo bench fuzz soak faults test-pythons lint audit release-check build screenshots clean
 
 venv:
 	@bash tools/venv.sh '$(PYTHON)' $(VENV)
@@ -54,6 +57,12 @@ soak: venv
 	$(PY) tools/warm_up.py
 	$(ONE_THREAD) $(PY) -m stereo_speed endurance soak --minutes $(MINUTES) \
 		--growth-mb $(GROWTH_MB) --out out/soak
+
+faults: venv
+	$(PY) tools/warm_up.py
+	[ -d out/faults ] || $(ONE_THREAD) $(PY) -m stereo_speed traffic --minutes 0.35 --vehicles 6 \
+		--fps 5 --lanes 2 --seed 8 --bag out/faults
+	$(ONE_THREAD) $(PY) -m stereo_speed faults out/faults --single $(FAULTS:%=--fault %)
 
 lint: venv
 	$(VENV)/bin/ament_flake8 $(SOURCES)
