@@ -154,8 +154,8 @@ class VisibilityConfig(CheckedRecord):
     unnoticed_sigmas: float = parameter(
         3.0, 0.1, 100.0, '', 'by how many of these such a reading is off for that alone, at most')
     unnoticed_std_mps: float = parameter(
-        0.75, 0.0, 100.0, 'm/s', 'a reading whose 1-sigma is above this for it, and above '
-        'reading_std_share of its speed, is held back')
+        0.75, 0.0, 100.0, 'm/s', 'a reading whose 1-sigma is above this for it is held '
+        'back, unless it would be one by reading_std_mps or reading_std_share')
     lost_after_s: float = parameter(
         1.5, 0.0, 60.0, 's', 'a vehicle not seen for longer is lost; behind a pole or in missing '
         'images it is gone for less')

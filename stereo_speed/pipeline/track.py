@@ -206,8 +206,8 @@ def with_unnoticed(update: TrackUpdate, limits: VisibilityConfig) -> TrackUpdate
     """
     told = replace(update, speed_std_mps=math.hypot(
         update.speed_std_mps, update.unnoticed_mps / limits.unnoticed_sigmas))
-    most_mps = max(limits.unnoticed_std_mps, limits.reading_std_share * abs(update.speed_mps))
-    return told if told.speed_std_mps <= most_mps else told.unconfirmed()
+    is_told = told.speed_std_mps <= limits.unnoticed_std_mps or is_sure(told, limits)
+    return told if is_told else told.unconfirmed()
 
 
 def ahead_m(update: TrackUpdate, stamp_ns: int) -> float:

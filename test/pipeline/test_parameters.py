@@ -453,7 +453,8 @@ CASES: dict[str, Case] = {
     'visibility.occlusion_best_share': Case('occluded', 1.0),
     'visibility.reading_std_mps': Case('passing', 0.0, {'visibility.reading_std_share': 0.0}),
     'visibility.reading_std_share': Case('passing', 0.0, {'visibility.reading_std_mps': 0.0}),
-    'visibility.unnoticed_std_mps': Case('passing', 0.0, {'visibility.reading_std_share': 0.0}),
+    'visibility.unnoticed_std_mps': Case(
+        'passing', 0.0, {'visibility.unnoticed_braking_mps2': 9.0}),
     'visibility.lost_after_s': Case('lost', 0.1),
     'visibility.occluded_for_s': Case('occluded', 0.1),
     'visibility.least_width_px': Case('passing', 50.0),
