@@ -474,8 +474,8 @@ class _Asked(NamedTuple):
 
 def _asked(fit: RoadFit) -> _Asked:
     """Return what the picks ask for, about a road or one that lacks what they may not ask for."""
-    ways = ways_of(fit, _weights(fit)[1])
-    return max((_asked_of(fit, shape, ways) for shape in _plainer(fit.problem.model.shape)),
+    squares = _Squares.about(fit)
+    return max((_asked_of(fit, shape, squares) for shape in _plainer(fit.problem.model.shape)),
                key=lambda one: one.log_evidence)
 
 
@@ -486,10 +486,39 @@ def _plainer(shape: RoadShape) -> Iterator[RoadShape]:
         yield RoadShape(curvature, shape.tilt if curvature else 0, *rest)
 
 
-def _weights(fit: RoadFit) -> tuple[Array, Array]:
-    """Return factors (n,) of residuals and of derivatives, whose squares are the robust cost."""
-    root = np.sqrt(1 + (fit.off / ROBUST)**2)
-    return np.sqrt(2 / (root + 1)), np.sqrt(1 / root)
+class _Squares(NamedTuple):
+    """
+    The robust cost near a road, as squares.
+
+    :param own: (n,) weights of the picks' residuals.
+    :param slope: (n,) weights of their derivatives.
+    :param beyond: what the squares lack of the cost.
+    :param ways: in which each line may wander, by picks of that weight.
+    """
+
+    own: Array
+    slope: Array
+    beyond: float
+    ways: list[Ways]
+
+    @classmethod
+    def at(cls, fit: RoadFit) -> _Squares:
+        """
+        Return the cost near a road in its minimum, which it stays with them.
+
+        With squares that are no steeper there than the cost, a road that is far from its picks
+        would seem to have a far better one nearby.
+        """
+        root = np.sqrt(1 + (fit.off / ROBUST)**2)
+        weight, beyond = np.sqrt(1 / root), np.sum(fit.off**2 * (2 / (root + 1) - 1 / root))
+        return cls(weight, weight, float(beyond), ways_of(fit, weight))
+
+    @classmethod
+    def about(cls, fit: RoadFit) -> _Squares:
+        """Return the cost of roads that may meet the picks far better, so that none is lost."""
+        root = np.sqrt(1 + (fit.off / ROBUST)**2)
+        slope = np.sqrt(1 / root)
+        return cls(np.sqrt(2 / (root + 1)), slope, 0.0, ways_of(fit, slope))
 
 
 def ways_of(fit: RoadFit, weight: Array) -> list[Ways]:
@@ -505,7 +534,7 @@ def ways_of(fit: RoadFit, weight: Array) -> list[Ways]:
                     problem.prior.wander_length_m) for line, own in enumerate(mine)]
 
 
-def _evidence(fit: RoadFit, shape: RoadShape, ways: list[Ways]) -> WanderEvidence:
+def _evidence(fit: RoadFit, shape: RoadShape, squares: _Squares) -> WanderEvidence:
     """Return the probability of picks on lines that wander, about a road of a narrower family."""
     model, count = fit.problem.model, len(fit.problem.picks.line)
     size, first = len(fit.x), model.places.tapers.start
@@ -514,14 +543,14 @@ def _evidence(fit: RoadFit, shape: RoadShape, ways: list[Ways]) -> WanderEvidenc
     rest = np.zeros(size)
     rest[out] = fit.x[out]
     rest[model.places.vertical_curve][:2] = 0.0  # where a change is 0, these say nothing
-    own, slope = _weights(fit)
     residual, jacobian = fit.problem.rigid(fit.x), fit.slope
     residual = residual - jacobian @ rest
-    residual[:count] *= own
+    residual[:count] *= squares.own
     rows = np.setdiff1d(np.arange(len(residual)), count + 1 + out - first)
     weighted = jacobian[:, kept].copy()
-    weighted[:count] *= slope[:, None]
-    return WanderEvidence(ways, residual[rows], weighted[rows], _least_variance(fit.problem))
+    weighted[:count] *= squares.slope[:, None]
+    return WanderEvidence(
+        squares.ways, residual[rows], weighted[rows], squares.beyond, _least_variance(fit.problem))
 
 
 def _log_beforehand(fit: RoadFit, shape: RoadShape) -> float:
@@ -533,9 +562,9 @@ def _log_beforehand(fit: RoadFit, shape: RoadShape) -> float:
     return log_chance(shape, fit.problem.prior) - float(np.log(std[kept]).sum())
 
 
-def _asked_of(fit: RoadFit, shape: RoadShape, ways: list[Ways]) -> _Asked:
+def _asked_of(fit: RoadFit, shape: RoadShape, squares: _Squares) -> _Asked:
     """Return by how much lines wander on a road of a narrower family."""
-    best, std_m = _evidence(fit, shape, ways).asked(fit.problem.prior.may_wander)
+    best, std_m = _evidence(fit, shape, squares).asked(fit.problem.prior.may_wander)
     return _Asked(best + _log_beforehand(fit, shape), shape, std_m)
 
 
@@ -552,7 +581,7 @@ def _loosened(fit: RoadFit, asked: _Asked) -> list[RoadFit]:
 def _log_probability(fit: RoadFit) -> float:
     """Return that of a road, which can be compared with that of others of the same picks."""
     shape, may = fit.problem.model.shape, fit.problem.prior.may_wander
-    evidence = _evidence(fit, shape, ways_of(fit, _weights(fit)[1]))
+    evidence = _evidence(fit, shape, _Squares.at(fit))
     if fit.problem.wander is not None:
         return evidence.wandering(may)[0] + _log_beforehand(fit, shape)
     still = (0,) * fit.problem.model.lines

@@ -129,10 +129,11 @@ class WanderEvidence:
     :param ways: in which the lines may wander, by picks as they are weighed here.
     :param residual: (n + m,) of picks and priors, in sigmas.
     :param jacobian: (n + m, size) their derivatives.
+    :param beyond: what the squares of the picks' residuals have in addition, whatever the road.
     :param least_variance: of the picks, in their own.
     """
 
-    def __init__(self, ways: Sequence[Ways], residual: Array, jacobian: Array,
+    def __init__(self, ways: Sequence[Ways], residual: Array, jacobian: Array, beyond: float,
                  least_variance: float) -> None:
         self.count = sum(len(line.mine) for line in ways)
         self.least = least_variance
@@ -143,6 +144,7 @@ class WanderEvidence:
         both = np.column_stack([slope, off])
         self._along = [line.vectors.T @ both[line.mine] for line in ways]
         self._square = both.T @ both
+        self._square[-1, -1] += beyond
         prior = np.column_stack([weak, before])
         self._prior = prior.T @ prior
 
