@@ -4,22 +4,19 @@
 from __future__ import annotations
 
 import json
-import time
 from typing import Any, Callable
 
 from geometry_msgs.msg import TwistWithCovarianceStamped
 from nav_msgs.msg import Odometry
-from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 
 from .common import LATCHED, RELIABLE, stamp_ns
-from .graph_listener import GraphListener
+from .delay_listener import DelayListener
 
 Place = tuple[int, tuple[float, float, float]]  # stamp ns; x, y, z in the left optical frame, m
-_READINGS_NS = 10 * 10**9  # for so long readings may come after the tracks of their pair
 
 
-class SoakListener(GraphListener):
+class SoakListener(DelayListener):
     """
     Listens on a context of its own until it is closed.
 
@@ -30,7 +27,6 @@ class SoakListener(GraphListener):
         super().__init__('soak_listener')
         self._on_pass = on_pass
         self._places: dict[int, list[Place]] = {}
-        self._sent_s: dict[int, float] = {}
         self.pairs_ns: list[int] = []
         self.delays_s: list[float] = []  # from sending a pair to its tracks
         self.reading_delays_s: list[float] = []
@@ -39,15 +35,14 @@ class SoakListener(GraphListener):
                 (TwistWithCovarianceStamped, '/vehicle_speed', self._reading, RELIABLE),
                 (Odometry, '/tracks', self._track, RELIABLE),
                 (String, '/track_states', self._pair, RELIABLE),
-                (String, '/passes', self._pass, LATCHED),
-                (Clock, '/clock', self._clock, 10)):
+                (String, '/passes', self._pass, LATCHED)):
             self.node.create_subscription(kind, topic, callback, qos)
 
     def _reading(self, msg: TwistWithCovarianceStamped) -> None:
         self.readings += 1
-        sent_s = self._sent_s.get(stamp_ns(msg.header.stamp))
-        if sent_s is not None:
-            self.reading_delays_s.append(time.monotonic() - sent_s)
+        delay_s = self.delay_s(stamp_ns(msg.header.stamp))
+        if delay_s is not None:
+            self.reading_delays_s.append(delay_s)
 
     def _track(self, msg: Odometry) -> None:
         p, track = msg.pose.pose.position, int(msg.child_frame_id.rpartition('_')[2])
@@ -56,15 +51,11 @@ class SoakListener(GraphListener):
     def _pair(self, msg: String) -> None:
         ns = int(json.loads(msg.data)['stamp_ns'])
         self.pairs_ns.append(ns)
-        sent_s = self._sent_s.get(ns)
-        if sent_s is not None:
-            self.delays_s.append(time.monotonic() - sent_s)
-        self._sent_s = {sent_ns: at_s for sent_ns, at_s in self._sent_s.items()
-                        if sent_ns > ns - _READINGS_NS}
+        delay_s = self.delay_s(ns)
+        if delay_s is not None:
+            self.delays_s.append(delay_s)
+        self.forget_before(ns)
 
     def _pass(self, msg: String) -> None:
         told = json.loads(msg.data)
         self._on_pass(told, self._places.pop(int(told['track']), []))
-
-    def _clock(self, msg: Clock) -> None:
-        self._sent_s.setdefault(stamp_ns(msg.clock), time.monotonic())

@@ -1,6 +1,11 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""``bench``: what measuring costs on one core, beside peers, and how that grows."""
+"""
+``bench``: what measuring costs on one core, beside peers, and how that grows.
+
+In the end traffic is played to live nodes, to see how late what they tell is, and how many pairs
+they take.
+"""
 from __future__ import annotations
 
 import argparse
@@ -11,11 +16,13 @@ from typing import Callable, Optional
 
 import cv2
 
+from .bench_live import live_lines
 from .bench_monocular import HEIGHT, rows, WIDTH
 from ..evaluation.benchmarks import (
     decode_table, filter_table, follower_table, kernel_table, likelihood_table, SCALES, Scene,
     sgbm, size_table, vehicle_table)
 from ..evaluation.tables import Table
+from ...cli.options import number_in
 from ...core.compiled import kernels, warm_up
 from ...core.config import TrackerConfig
 from ...io.bags import StereoBag
@@ -26,6 +33,7 @@ from ...site.file import load_site
 from ...site.init_file import load_init
 
 _SAMPLE = Path(__file__).resolve().parents[3] / 'sample' / 'straight55'
+_LIVE_S = 20.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -34,6 +42,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='folder with bag/, site.yaml and init.yaml (default: the sample)')
     parser.add_argument('--particles', type=int, nargs='+', default=[200, 400])
     parser.add_argument('--rounds', type=int, default=5, help='times each is run, interleaved')
+    parser.add_argument('--live', type=number_in(float, 0, 3600), default=_LIVE_S, metavar='S',
+                        help='seconds of traffic that live nodes are given in the end, some 20 MB '
+                             f'each on disk meanwhile; 0 for none (default: {_LIVE_S:g})')
     parser.add_argument('--plot', type=Path, metavar='PNG', help='plot how the cost grows')
 
 
@@ -70,6 +81,9 @@ def run(args: argparse.Namespace) -> int:
     print(f'ms of CPU per target and frame of {WIDTH}x{HEIGHT}, the same way')
     _print(rows(args.rounds))
     _tabulate(Scene(rig, place, pairs, annotations), args.rounds, args.plot)
+    if args.live:
+        print('\nin real time, nodes in processes of their own:\n', flush=True)
+        print(live_lines(args.live), end='')
     return 0
 
 

@@ -11,37 +11,26 @@ from __future__ import annotations
 
 import argparse
 from contextlib import ExitStack
-from dataclasses import replace
 from pathlib import Path
 import shutil
 import sqlite3
 import sys
 import time
-from typing import Any, Mapping, Sequence
+from typing import Any, Sequence
 
 from tqdm import tqdm
 
+from .live_graph import alive, ONE_NODE, play, started, TOLD, Traffic
 from ..evaluation.soak import (
     counted_vehicles, Held, held_table, lost_pairs, Rounds, Sample, sample_of, Soaked, SoakRules)
-from ..evaluation.traffic_run import stream_of, TRUTH
-from ..sim.config import RigConfig, RIGS
-from ..sim.traffic_config import traffic_config
-from ..sim.write import write_traffic_bag
-from ...cli.demo import (
-    EVERY_PAIR, private_graph, Process, RELIABLE_IMAGES, RELIABLE_INFOS)
+from ..evaluation.traffic_run import TRUTH
+from ...cli.demo import EVERY_PAIR, private_graph, RELIABLE_IMAGES, RELIABLE_INFOS
 from ...cli.options import number_in
-from ...core.errors import StereoSpeedError
 from ...io.atomic import prepare_folder
-from ...io.bags import StereoBag
 from ...io.truth import read_truth
 
-_START_S = 180.0  # the first start compiles the kernels
 _END_S, _STEP_S = 90.0, 2.0
 _SAMPLES = 240  # of what the nodes hold, over the run
-
-
-class SoakError(StereoSpeedError):
-    """The nodes did not stay up."""
 
 
 def add_soak(actions: Any) -> None:
@@ -74,12 +63,10 @@ def run_soak(args: argparse.Namespace) -> int:
     """Simulate a round, play it through the nodes for so long, print what came of it."""
     rules = SoakRules(growth_mb=args.growth_mb)
     folder = prepare_folder(args.out)
-    traffic = folder / 'traffic'
-    shutil.rmtree(traffic, ignore_errors=True)
-    write_traffic_bag(stream_of(traffic_config(
-        lanes=args.lanes, fps=args.fps, minutes=args.round_minutes, vehicles=args.vehicles,
-        rig=_rig(args.width)), args.seed), traffic, compressed=True)
-    soaked = _soak(folder, args)
+    shutil.rmtree(folder / 'traffic', ignore_errors=True)
+    soaked = _soak(folder, Traffic.drawn(
+        folder / 'traffic', args.seed, lanes=args.lanes, fps=args.fps,
+        minutes=args.round_minutes, vehicles=args.vehicles, width_px=args.width), args)
     print(soaked.table().markdown())
     print(soaked.delays_table().markdown())
     print(held_table(soaked.held, soaked.minutes).markdown())
@@ -91,38 +78,27 @@ def run_soak(args: argparse.Namespace) -> int:
     return 1 if faults else 0
 
 
-def _soak(folder: Path, args: argparse.Namespace) -> Soaked:
-    """Play the traffic of a folder round after round."""
-    traffic = folder / 'traffic'
-    with StereoBag(traffic / 'bag') as bag:
-        stamps_ns = [pair.stamp_ns for pair in bag.pairs()]
-    # one more interval, so that the rounds follow on each other as pairs do
-    round_ns = stamps_ns[-1] - stamps_ns[0] + round(1e9 / args.fps)
+def _soak(folder: Path, traffic: Traffic, args: argparse.Namespace) -> Soaked:
+    """Play the traffic round after round."""
+    stamps_ns, round_ns = traffic.stamps_ns, traffic.round_ns
     played = -(-round(args.minutes * 60e9) // round_ns)
-    truth = read_truth(traffic / TRUTH)
-    rounds = Rounds(truth, counted_vehicles(traffic / TRUTH, truth), round_ns, stamps_ns[0])
+    truth = read_truth(traffic.folder / TRUTH)
+    rounds = Rounds(truth, counted_vehicles(traffic.folder / TRUTH, truth), round_ns,
+                    stamps_ns[0])
     (folder / 'log.sqlite').unlink(missing_ok=True)
     private_graph()
     from ...nodes.soak_listener import SoakListener
     samples: dict[str, list[Sample]] = {}
     with ExitStack() as stack:
-        nodes = {command[0]: stack.enter_context(Process(*command))
-                 for command in _nodes(folder, one=args.one_node)}
+        nodes = started(stack, _nodes(folder, traffic, one=args.one_node))
         listener = SoakListener(rounds.add)
         stack.callback(listener.close)
-        if not listener.spin(_START_S, lambda: _alive(nodes) and listener.connected(
-                '/vehicle_speed', '/tracks', '/track_states', '/passes')):
-            raise SoakError(f'soak: graph: found nodes that are not connected after '
-                            f'{_START_S:.0f} s, wanted all of them')
-        replay = stack.enter_context(Process(
-            'repeating_replay_node', f'bag:={traffic / "bag"}', f'rounds:={played}',
-            f'round_s:={round_ns * 1e-9}',
-            'wait_for_topics:=' + ('tracks' if args.one_node else 'stereo/image_pair tracks')))
-        listener.spin(_START_S, lambda: _alive(nodes) and bool(listener.delays_s))
+        replay = play(stack, traffic, nodes, listener, TOLD, rounds=played,
+                      wait_for='tracks' if args.one_node else 'stereo/image_pair tracks')
         begun_s, total = time.monotonic(), played * len(stamps_ns)
         step_s = max(played * round_ns * 1e-9 / _SAMPLES, _STEP_S)
         with tqdm(total=total, desc='soak', unit='pair', disable=None) as bar:
-            while not replay.ended() and _alive(nodes):
+            while not replay.ended() and alive(nodes):
                 for name, node in nodes.items():
                     samples.setdefault(name, []).append(
                         sample_of(node.process.pid, time.monotonic()))
@@ -130,7 +106,7 @@ def _soak(folder: Path, args: argparse.Namespace) -> Soaked:
                 bar.update(len(listener.pairs_ns) - bar.n)
             minutes = (time.monotonic() - begun_s) / 60
             # what is on its way, and passes that wait for their ends
-            listener.spin(_END_S, lambda: _alive(nodes) and len(listener.pairs_ns) >= total)
+            listener.spin(_END_S, lambda: alive(nodes) and len(listener.pairs_ns) >= total)
             listener.spin(_STEP_S, lambda: False)
     return Soaked(
         minutes=minutes, pairs=lost_pairs(listener.pairs_ns, stamps_ns, round_ns, played),
@@ -139,33 +115,12 @@ def _soak(folder: Path, args: argparse.Namespace) -> Soaked:
         held=[Held.of(name, samples.get(name, ()), SoakRules()) for name in nodes])
 
 
-def _rig(width_px: int) -> RigConfig:
-    """Return a rig of the usual field of view with images of another size."""
-    usual = RIGS['parallel']
-    return replace(usual, width_px=width_px, height_px=width_px * 3 // 4,
-                   f_px=usual.f_px * width_px / usual.width_px)
-
-
-def _nodes(folder: Path, *, one: bool) -> list[tuple[str, ...]]:
+def _nodes(folder: Path, traffic: Traffic, *, one: bool) -> list[tuple[str, ...]]:
     """Return the commands of the nodes; those that measure are one, or three."""
-    site, images = f'site:={folder / "traffic" / "site.yaml"}', (*RELIABLE_IMAGES, *RELIABLE_INFOS)
-    measuring = [('speed_camera_node', *images, site)] if one else [
-        ('stereo_sync_node', *images), ('speed_node',),
-        ('tracker_node', *RELIABLE_INFOS, site, *EVERY_PAIR)]
+    measuring = [(*ONE_NODE, traffic.site)] if one else [
+        ('stereo_sync_node', *RELIABLE_IMAGES, *RELIABLE_INFOS), ('speed_node',),
+        ('tracker_node', *RELIABLE_INFOS, traffic.site, *EVERY_PAIR)]
     return [*measuring, ('log_node', f'file:={folder / "log.sqlite"}')]
-
-
-def _alive(nodes: Mapping[str, Process]) -> bool:
-    """
-    Return True.
-
-    :raises SoakError: one of the nodes has ended.
-    """
-    for node in nodes.values():
-        if node.ended():
-            raise SoakError(f'soak: {node.name}: found it ended with status '
-                            f'{node.process.returncode}, wanted it running')
-    return True
 
 
 def _log_faults(path: Path, soaked: Soaked) -> Sequence[str]:

@@ -10,8 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import partial
 import importlib
+from io import BytesIO
 import statistics
+import sys
 import time
+from types import SimpleNamespace
 from typing import Any, Callable, Iterable, Mapping, Sequence
 
 import cv2
@@ -25,6 +28,7 @@ from ...detection import patch_kernels
 from ...estimation.particle_filter import weigh
 from ...estimation.weights import mean_and_covariance
 from ...geometry.rig import StereoRig
+from ...io.images import grey_from_message
 from ...pipeline.assembly import make_pipeline, MeasuringSite
 from ...pipeline.config import PipelineConfig
 from ...tracking import observation_kernels, photometric_terms
@@ -39,6 +43,7 @@ _OBSERVATIONS, _GRID = 24, (16, 40)  # as many as a live reading has
 _PAIRS = 10  # of a pass, that the cost of a pair is taken from
 _REPEATED = 5  # calls of a kernel that are timed together
 _STEPS = 50  # steps of a filter without images that are
+_TO_GREY = ('bgr8', 'bayer_rggb8')  # of which peers have to be told that grey is wanted
 
 
 @dataclass(frozen=True)
@@ -127,10 +132,7 @@ def likelihood_table(rounds: int) -> Table:
 def filter_table(rounds: int) -> Table:
     """Return the time of the filter alone, without images, beside that of filterpy."""
     rng, config = np.random.default_rng(2), TrackerConfig()
-    try:
-        resample = importlib.import_module('filterpy.monte_carlo').systematic_resample
-    except ImportError:
-        resample = None
+    resample: Any = getattr(_installed('filterpy.monte_carlo'), 'systematic_resample', None)
     jobs: dict[str, Job] = {}
     for count in PARTICLES:
         states, scores = rng.standard_normal((count, 4)), rng.normal(0, 3, count)
@@ -191,14 +193,66 @@ def size_table(scene: Scene, rounds: int) -> Table:
 
 
 def decode_table(scene: Scene, rounds: int) -> Table:
-    """Return the time to decode an image."""
+    """
+    Return the time to turn an image message into a grey image, beside others of the same bytes.
+
+    Pillow is asked for files alone, and a format that a peer does not take is a dash.
+    """
     image = scene.pairs[0].left
-    stored = {kind: cv2.imencode(kind, image)[1] for kind in ('.jpg', '.png')}
-    found = medians({kind: partial(cv2.imdecode, data, cv2.IMREAD_GRAYSCALE)
-                     for kind, data in stored.items()}, rounds)
-    height, width = image.shape
-    return Table(title=f'Decoding an image of {width}x{height}', columns=('format', 'ms'),
-                 rows=[[kind[1:], found[kind]] for kind in stored])
+    messages = _image_messages(image)
+    theirs, pillow = _installed('rosbags.image'), _installed('PIL.Image')
+    jobs: dict[str, Job] = {}
+    for name, msg in messages.items():
+        jobs[f'ours {name}'] = partial(grey_from_message, msg, 'bench')
+        if theirs is not None:
+            jobs[f'rosbags {name}'] = partial(theirs.message_to_cvimage, msg,
+                                              'mono8' if name in _TO_GREY else None)
+        if hasattr(msg, 'format'):
+            jobs[f'OpenCV {name}'] = partial(cv2.imdecode, np.frombuffer(msg.data, np.uint8),
+                                             cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH)
+            if pillow is not None:
+                jobs[f'Pillow {name}'] = partial(_by_pillow, pillow, msg.data)
+    found = {name: time_ms / _REPEATED for name, time_ms in medians({
+        name: _times(job, _REPEATED) for name, job in jobs.items()}, rounds).items()}
+
+    def cell(peer: str, name: str, installed: bool) -> Cell:
+        return found.get(f'{peer} {name}') if installed else 'not installed'
+    return Table(
+        title=f'Decoding an image of {image.shape[1]}x{image.shape[0]}',
+        columns=('format', 'ours, ms', 'OpenCV alone, ms', 'rosbags-image, ms', 'Pillow, ms'),
+        rows=[[name, found[f'ours {name}'], cell('OpenCV', name, True),
+               cell('rosbags', name, theirs is not None), cell('Pillow', name, pillow is not None)]
+              for name in messages])
+
+
+def _image_messages(grey: Array) -> dict[str, SimpleNamespace]:
+    """Return messages with one image (H, W) uint8, by their formats, files first."""
+    height, width = grey.shape
+    found = {f'{kind}, 8 bits': SimpleNamespace(
+        format=f'mono8; {kind} compressed', data=cv2.imencode(f'.{kind}', grey)[1].tobytes())
+        for kind in ('jpeg', 'png')}
+    deep = grey.astype(np.uint16) * 257
+    found['png, 16 bits'] = SimpleNamespace(
+        format='mono16; png compressed', data=cv2.imencode('.png', deep)[1].tobytes())
+    for encoding, pixels in (('mono8', grey), ('mono16', deep), ('bayer_rggb8', grey),
+                             ('bgr8', cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR))):
+        found[encoding] = SimpleNamespace(
+            encoding=encoding, height=height, width=width, step=pixels.strides[0],
+            is_bigendian=int(sys.byteorder == 'big'), data=pixels.tobytes())
+    return found
+
+
+def _by_pillow(pillow: Any, data: bytes) -> object:
+    """Decode a file to an array of its grey values."""
+    return np.asarray(pillow.open(BytesIO(data)))
+
+
+def _installed(module: str) -> Any:
+    """Return a module of a peer; None where it is not installed."""
+    try:
+        return importlib.import_module(module)
+    except ImportError:
+        return None
 
 
 def _times(job: Job, count: int) -> Job:

@@ -6,12 +6,14 @@ from __future__ import annotations
 import sys
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from stereo_speed.io.bags import StereoBag
+from stereo_speed.io.images import grey_from_message
 from stereo_speed.lab.evaluation import benchmarks
 from stereo_speed.lab.evaluation.benchmarks import (
-    filter_table, follower_table, kernel_table, medians, Scene)
+    _image_messages, decode_table, filter_table, follower_table, kernel_table, medians, Scene)
 from stereo_speed.pipeline.assembly import MeasuringSite
 from stereo_speed.report.comparison import growth_plot
 from stereo_speed.site.file import load_site
@@ -60,6 +62,53 @@ def test_one_vehicle_is_followed_beside_trackers_that_this_opencv_has(sample, mo
     shape = (*pairs[0].left.shape, 3)
     # clicked from 384.7 to 429.5 px across and 309.3 to 323.8 px down
     assert seen == 2 * [(shape, (385, 309, 45, 14)), shape, shape]
+
+
+def scene_of(image):
+    """Give a scene of which an image is all that is asked."""
+    return Scene(None, None, [SimpleNamespace(left=image)], ())
+
+
+def test_what_is_decoded_is_the_same_image():
+    """Of what loses nothing; a mosaic of one colour is a grey image."""
+    image = np.random.default_rng(4).integers(0, 256, (24, 32), dtype=np.uint8)
+    messages = _image_messages(image)
+    for name in ('png, 8 bits', 'mono8', 'bgr8'):
+        assert np.array_equal(grey_from_message(messages[name], ''), image)
+    for name in ('png, 16 bits', 'mono16'):
+        found = grey_from_message(messages[name], '')
+        assert found.dtype == np.uint16 and np.array_equal(found, 257 * image.astype(np.uint16))
+    even = _image_messages(np.full((24, 32), 90, np.uint8))
+    assert all(np.abs(grey_from_message(even[name], '').astype(int) - 90).max() <= 1
+               for name in ('jpeg, 8 bits', 'bayer_rggb8'))
+
+
+def test_decoding_is_timed_beside_peers_that_are_installed(monkeypatch):
+    """Each is given the very messages; who is not installed, or does not take one, is told."""
+    image, asked = np.zeros((24, 32), np.uint8), []
+    peer = SimpleNamespace(message_to_cvimage=lambda msg, kind: asked.append(
+        (getattr(msg, 'encoding', 'file'), kind)))
+    monkeypatch.setattr(benchmarks, '_installed', {'rosbags.image': peer}.get)
+    table = decode_table(scene_of(image), 1)
+    files, raw = table.rows[:3], table.rows[3:]
+    assert [row[0] for row in raw] == ['mono8', 'mono16', 'bayer_rggb8', 'bgr8']
+    assert all(row[1] > 0 and row[3] >= 0 and row[4] == 'not installed' for row in table.rows)
+    assert all(row[2] > 0 for row in files) and all(row[2] is None for row in raw)
+    assert set(asked) == {('file', None), ('mono8', None), ('mono16', None),
+                          ('bayer_rggb8', 'mono8'), ('bgr8', 'mono8')}
+    pillow = pytest.importorskip('PIL.Image')
+    monkeypatch.setattr(benchmarks, '_installed', {'PIL.Image': pillow}.get)
+    table = decode_table(scene_of(image), 1)
+    assert all(row[3] == 'not installed' for row in table.rows)
+    assert [row[4] is None for row in table.rows] == 3 * [False] + 4 * [True]
+    deep = _image_messages(image + np.uint8(3))['png, 16 bits'].data
+    assert np.all(benchmarks._by_pillow(pillow, deep) == 3 * 257)
+
+
+def test_a_peer_that_is_not_installed_is_none(monkeypatch):
+    monkeypatch.setitem(sys.modules, 'rosbags.image', None)
+    assert benchmarks._installed('rosbags.image') is None
+    assert benchmarks._installed('json').loads('1') == 1
 
 
 def test_the_plot_is_a_picture(tmp_path):

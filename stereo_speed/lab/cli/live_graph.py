@@ -1,0 +1,148 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""Simulated traffic that is played to nodes: processes of their own over DDS, in real time."""
+from __future__ import annotations
+
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+import os
+from pathlib import Path
+from typing import Mapping, Sequence, TYPE_CHECKING
+
+from ..evaluation.traffic_run import stream_of
+from ..sim.config import RigConfig, RIGS
+from ..sim.traffic_config import traffic_config
+from ..sim.write import write_traffic_bag
+from ...cli.demo import Process, RELIABLE_IMAGES, RELIABLE_INFOS
+from ...core.errors import StereoSpeedError
+from ...io.bags import StereoBag
+from ...io.topics import SIDES
+
+if TYPE_CHECKING:
+    from ...nodes.delay_listener import AnswerListener
+    from ...nodes.soak_listener import SoakListener
+
+START_S = 180.0  # the first start compiles the kernels
+ONE_NODE = ('speed_camera_node', *RELIABLE_IMAGES, *RELIABLE_INFOS)
+TOLD = ('/vehicle_speed', '/tracks', '/track_states', '/passes')  # by nodes that measure
+
+
+class GraphError(StereoSpeedError):
+    """The nodes did not stay up."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Traffic:
+    """
+    A stretch of traffic to be played.
+
+    :param folder: with ``bag``, ``site.yaml`` and ``truth.csv``.
+    :param stamps_ns: of its pairs.
+    :param fps: pairs per second.
+    """
+
+    folder: Path
+    stamps_ns: Sequence[int]
+    fps: float
+
+    @classmethod
+    def of(cls, folder: Path, fps: float) -> Traffic:
+        """Return what a folder holds; stamps of both views have to be equal."""
+        with StereoBag(folder / 'bag') as bag:  # stamps alone: to decode the images takes long
+            both = {side: {m.stamp_ns for m in bag.messages()
+                           if (m.side, m.kind) == (side, 'image')} for side in SIDES}
+        return cls(folder=folder, stamps_ns=sorted(set.intersection(*both.values())), fps=fps)
+
+    @classmethod
+    def drawn(cls, folder: Path, seed: int, *, lanes: int, fps: float, minutes: float,
+              vehicles: int, width_px: int) -> Traffic:
+        """Simulate it, for the usual rig with images of another size; write it to a folder."""
+        write_traffic_bag(stream_of(traffic_config(
+            lanes=lanes, fps=fps, minutes=minutes, vehicles=vehicles, rig=rig_of(width_px)),
+            seed), folder, compressed=True)
+        return cls.of(folder, fps)
+
+    @property
+    def round_ns(self) -> int:
+        """Return the time from a stamp to the same one of the next round, ns."""
+        # one more interval, so that the rounds follow on each other as pairs do
+        return self.stamps_ns[-1] - self.stamps_ns[0] + round(1e9 / self.fps)
+
+    @property
+    def site(self) -> str:
+        """Return the parameter that tells nodes their site."""
+        return f'site:={self.folder / "site.yaml"}'
+
+
+def rig_of(width_px: int) -> RigConfig:
+    """Return a rig of the usual field of view with images of another size."""
+    usual = RIGS['parallel']
+    return replace(usual, width_px=width_px, height_px=width_px * 3 // 4,
+                   f_px=usual.f_px * width_px / usual.width_px)
+
+
+def started(stack: ExitStack, commands: Sequence[Sequence[str]]) -> dict[str, Process]:
+    """Start nodes, which end with the stack; return them by their names."""
+    return {command[0]: stack.enter_context(Process(*command)) for command in commands}
+
+
+def play(stack: ExitStack, traffic: Traffic, nodes: Mapping[str, Process],
+         listener: SoakListener | AnswerListener, told: Sequence[str], *, rounds: int = 1,
+         wait_for: str = '') -> Process:
+    """
+    Play traffic to nodes as soon as all are connected; return who plays, with the first pair told.
+
+    :param told: topics that the listener hears of.
+    :param rounds: how often the traffic goes round.
+    :param wait_for: topics between the nodes that have to be connected.
+    :raises GraphError: a node has ended, or they do not find each other.
+    """
+    if not listener.spin(START_S, lambda: alive(nodes) and listener.connected(*told)):
+        raise GraphError(f'live: graph: found nodes that are not connected after {START_S:.0f} s, '
+                         'wanted all of them')
+    replay = stack.enter_context(Process(
+        'repeating_replay_node', f'bag:={traffic.folder / "bag"}', f'rounds:={rounds}',
+        f'round_s:={traffic.round_ns * 1e-9}',
+        *([f'wait_for_topics:={wait_for}'] if wait_for else [])))
+    listener.spin(START_S, lambda: alive(nodes) and (
+        bool(listener.pairs_ns) or bool(replay.process.poll())))
+    if not listener.pairs_ns:
+        raise GraphError('live: pairs: found none that was told, ' + (
+            f'for who plays them ended with status {replay.process.returncode}'
+            if replay.ended() else f'within {START_S:.0f} s') + ', wanted those that are played')
+    return replay
+
+
+def alive(nodes: Mapping[str, Process]) -> bool:
+    """
+    Return True.
+
+    :raises GraphError: one of the nodes has ended.
+    """
+    for node in nodes.values():
+        if node.ended():
+            raise GraphError(f'live: {node.name}: found it ended with status '
+                             f'{node.process.returncode}, wanted it running')
+    return True
+
+
+def processor_s(pid: int) -> float:
+    """
+    Return the processor time of a process and of those that it has started and that still run, s.
+
+    :raises OSError: there is no such process.
+    """
+    ticks: dict[int, tuple[int, int]] = {}  # parent and ticks of each process
+    for folder in Path('/proc').glob('[0-9]*'):
+        try:
+            fields = (folder / 'stat').read_text().rpartition(')')[2].split()
+        except OSError:  # it has ended meanwhile
+            continue
+        ticks[int(folder.name)] = int(fields[1]), int(fields[11]) + int(fields[12])
+    if pid not in ticks:
+        raise ProcessLookupError(pid)
+    family, found = {pid}, 0
+    while len(family) > found:
+        found = len(family)
+        family |= {child for child, (parent, _) in ticks.items() if parent in family}
+    return sum(ticks[one][1] for one in family) / os.sysconf('SC_CLK_TCK')
