@@ -46,6 +46,16 @@ def classified(width_m: float, width_std_m: float, height_m: Optional[float],
         width_m, width_std_m, height_m, None if height_m is None else config.height_std_m)
 
 
+def is_edge(vehicle: VehicleKind, config: ClassConfig) -> bool:
+    """
+    Return whether what was measured is no vehicle, but an edge of one.
+
+    A lorry that has passed, or stood behind another one where it began, shows that of its rear.
+    """
+    return (vehicle.width_m < config.edge_width_m and vehicle.height_m is not None
+            and vehicle.height_m > config.edge_height_m)
+
+
 def _classes(c: ClassConfig) -> dict[VehicleClass, _Sizes]:
     return {
         VehicleClass.MOTORCYCLE: _Sizes(c.motorcycle_width_m, c.motorcycle_width_std_m,
@@ -66,11 +76,16 @@ def _of_width(width_m: float, std_m: float, sizes: _Sizes, config: ClassConfig) 
 
 
 def _of_height(height_m: float, sizes: _Sizes, config: ClassConfig) -> float:
-    """Return the likelihood of a height up to which a vehicle is seen, perhaps not whole, 1/m."""
+    """
+    Return the likelihood of a height up to which a vehicle is seen, perhaps not whole, 1/m.
+
+    Now and then it is that of something else, and tells nothing.
+    """
     std_m = math.hypot(config.height_std_m, sizes.height_std_m)
     above = 0.5 * math.erfc((height_m - sizes.height_m) / (_SQRT_2 * std_m))
-    return config.hidden_top_share * above / sizes.height_m + (
+    seen = config.hidden_top_share * above / sizes.height_m + (
         1 - config.hidden_top_share) * _normal(height_m - sizes.height_m, std_m)
+    return config.odd_height_share / config.odd_height_m + (1 - config.odd_height_share) * seen
 
 
 def _normal(off: float, std: float) -> float:

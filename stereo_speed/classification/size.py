@@ -3,7 +3,8 @@
 """
 How wide and how high a vehicle is.
 
-Its width is that of its tracked front.  Its height is that of the highest strip above the middle
+Its width is that of its front in the nearest pairs, or, where that is not seen or was marked by a
+person, of the front that is tracked.  Its height is that of the highest strip above the middle
 of the front that moves along: of all depths behind the front there is one at which the strip
 correlates with the other view and, carried along with the vehicle, with an earlier pair, better
 than with what was in the same place of that pair.
@@ -11,7 +12,7 @@ than with what was in the same place of that pair.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Optional
+from typing import Any, Optional, Protocol
 
 import cv2
 import numpy as np
@@ -24,6 +25,13 @@ from ..core.records import Array, StereoPair, TrackUpdate
 from ..geometry.rig import StereoRig
 from ..road.lanes import LanePath
 from ..vision.ncc import ncc
+
+
+class MeasuresWidth(Protocol):
+    """Measures the width of a tracked front in a pair."""
+
+    def widths_m(self, pair: StereoPair, update: TrackUpdate) -> list[float]:
+        """Return the widths that are seen of it, m; none where it does not show whole."""
 
 
 @dataclass(frozen=True)
@@ -101,14 +109,15 @@ class VehicleSize:
     :param config: sizes of the classes, and what counts.
     :param marked_std_px: 1-sigma of the corners of the front that a person marked, px; None for
         one that was detected.
+    :param fronts: measures the width of a front that was detected; None leaves the tracked one.
     :param search: where its top is looked for.
     """
 
     def __init__(self, rig: StereoRig, lane: LanePath, config: ClassConfig,
-                 marked_std_px: Optional[float] = None,
+                 marked_std_px: Optional[float] = None, fronts: Optional[MeasuresWidth] = None,
                  search: HeightSearch = HeightSearch()) -> None:
         self.rig, self.lane, self.config = rig, lane, config
-        self._marked_std_px, self._search = marked_std_px, search
+        self._marked_std_px, self._fronts, self._search = marked_std_px, fronts, search
         self._views: list[_View] = []
         self._first_px = 0.0  # width of the front where the track began
 
@@ -129,10 +138,19 @@ class VehicleSize:
         if not self._views:
             return None
         width_m, std_m = self._width_m()
-        return classified(width_m, std_m, self._height_m(width_m), self.config)
+        height_m = self._height_m(self._tracked_width_m()[0])
+        return classified(width_m, std_m, height_m, self.config)
 
     def _width_m(self) -> tuple[float, float]:
         """Return the width of the front and its 1-sigma, m."""
+        if self._marked_std_px is None and self._fronts is not None:
+            seen = [self._fronts.widths_m(view.pair, view.update) for view in self._views]
+            if 2 * sum(map(bool, seen)) >= len(seen):
+                return float(np.median(np.concatenate(seen))), self.config.width_std_m
+        return self._tracked_width_m()
+
+    def _tracked_width_m(self) -> tuple[float, float]:
+        """Return the width of what is tracked of the front and its 1-sigma, m."""
         view = min(self._views, key=lambda v: v.range_m)
         update, rays = view.update, self.rig.as_taken(view.pair.motion).left.rays(
             view.update.quad_left_px)
@@ -189,6 +207,8 @@ class VehicleSize:
         goes, stays = (np.take_along_axis(v, best, axis=1)[:, 0] for v in (goes, ncc(left, still)))
         height_m = np.take_along_axis(on_vehicle[..., 2].mean(axis=-1), best, axis=1)[:, 0]
         moves = (goes > self.config.least_ncc) & (goes > stays + self.config.still_margin)
+        # Strips overlap by two thirds: what one alone shows, at the best of depths, is chance.
+        moves &= np.convolve(moves, np.ones(3), 'same') > 1
         return seen, height_m[moves] - view.road_m
 
     def _apart(self, one: _View, other: _View) -> bool:

@@ -329,6 +329,11 @@ class ClassConfig(CheckedRecord):
         0.02, 0.0, 0.5, '', 'share of vehicles whose measured width tells nothing')
     odd_width_m: float = parameter(
         3.0, 0.5, 10.0, 'm', 'such a width is anything up to this')
+    odd_height_share: float = parameter(
+        0.02, 0.0, 0.5, '', 'share of vehicles whose measured height tells nothing, as where what '
+        'stands or drives behind them is taken for part of them')
+    odd_height_m: float = parameter(
+        4.5, 0.5, 10.0, 'm', 'such a height is anything up to this')
     hidden_top_share: float = parameter(
         0.1, 0.0, 0.9, '', 'share of vehicles whose top is not seen, as in the dark: the height '
         'that is measured is anything below their own')
@@ -337,6 +342,11 @@ class ClassConfig(CheckedRecord):
         'between the pairs')
     still_margin: float = parameter(
         0.15, 0.0, 1.0, '', 'and by so much better than if it stood still')
+    edge_width_m: float = parameter(
+        1.2, 0.1, 4.0, 'm', 'what was found by itself, is narrower than this')
+    edge_height_m: float = parameter(
+        2.2, 0.5, 10.0, 'm', 'and higher than this is no two-wheeler with a rider, but an edge of '
+        'another vehicle')
     motorcycle_width_m: float = parameter(
         0.65, 0.1, 4.0, 'm', 'mean width of the fronts of motorcycles')
     motorcycle_width_std_m: float = parameter(0.2, 0.01, 1.0, 'm', 'its 1-sigma among them')

@@ -152,13 +152,14 @@ class FrontRefiner:
         self.front, self.motion, self.least_symmetry = front, motion, least_symmetry
 
     def refine(self, proposals: Sequence[Proposal], interval: Interval, noise: float,
-               symmetric: bool = True) -> list[FrontHypothesis]:
+               symmetric: bool = True, speed_known: bool = False) -> list[FrontHypothesis]:
         """
         Refine proposals in one batch.
 
         :param interval: the pair, and an earlier one.
         :param noise: 1-sigma of a grey value.
         :param symmetric: find middle and width by symmetry; else those of the proposals stay.
+        :param speed_known: proposals tell how far they go on until the right view is exposed.
         """
         batch, now = FrontBatch.of(proposals), interval.now
         out: list[FrontHypothesis] = []
@@ -167,7 +168,7 @@ class FrontRefiner:
                 break
             if symmetric and round_ == 0:
                 batch = replace(batch, x_m=self._axis(batch, now))
-            if now.pair.right_lag_s:
+            if now.pair.right_lag_s and not speed_known:
                 batch = replace(batch, ahead_m=self._ahead(batch, interval, round_ == 0))
             batch = self._observe(batch, now, noise, symmetric)
             settled = (np.abs(batch.shift_m) < _SETTLED_M) & (round_ > 0)

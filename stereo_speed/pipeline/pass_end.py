@@ -9,6 +9,7 @@ from typing import Mapping, Optional
 import numpy as np
 
 from .track import Track
+from ..classification.classes import is_edge
 from ..core.config import TrackerConfig
 from ..core.passes import Direction, PassResult, Reason
 from ..road.lanes import LanePath
@@ -49,9 +50,16 @@ class PassEnd:
         result = self._timed(result)
         if track.second is not None:
             result = with_second(result, track.second, self.config.second)
+        if self._is_edge(result):
+            result = result.rejected(Reason.IMPLAUSIBLE)
         if self.reason is not None:
             result = result.rejected(self.reason)
         return self.doubt.result(result, self.rig_shares.get(result.lane, 0.0))
+
+    def _is_edge(self, result: PassResult) -> bool:
+        """Return whether what was found by itself is no vehicle, but an edge of one."""
+        return (self.track.detection is not None and result.vehicle is not None
+                and is_edge(result.vehicle, self.config.classes))
 
     def _timed(self, result: PassResult) -> PassResult:
         """Return the result with the doubt of its stamps; rejected where that is too great."""

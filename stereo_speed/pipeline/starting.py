@@ -18,6 +18,7 @@ from ..classification.size import VehicleSize
 from ..core.config import TrackerConfig
 from ..core.records import Array, InitialFront, RigMotion, StereoPair
 from ..core.trace import PassTrace, TraceBuilder
+from ..detection.front_width import FrontWidth
 from ..detection.protocol import Detection
 from ..geometry.rig import StereoRig
 from ..road.lanes import LanePath
@@ -130,7 +131,8 @@ class Starter:
         config = with_stamps(self.config, trace)
         second = SecondOpinion(self.rig, lane, config) if config.second.enabled else None
         size = VehicleSize(self.rig, lane, self.config.classes,
-                           front.std_px if detection is None else None)
+                           front.std_px if detection is None else None,
+                           FrontWidth(self.rig, lane))
         return Track(
             tracker, LaneAssigner(self.lanes, self.config.verdict), detection, newest.stamp_ns,
             TraceBuilder(trace), size, second, lag_changes_s=self.view_lag.changes_s,

@@ -5,7 +5,7 @@ from dataclasses import replace
 import math
 
 import pytest
-from stereo_speed.classification.classes import classified
+from stereo_speed.classification.classes import classified, is_edge
 from stereo_speed.core.config import ClassConfig
 from stereo_speed.core.passes import VehicleClass
 
@@ -17,9 +17,22 @@ CONFIG = ClassConfig()
     (1.95, 2.45, 'van'), (2.05, 2.60, 'van'),
     (2.50, 3.00, 'heavy_vehicle'), (2.55, 3.60, 'heavy_vehicle'), (2.45, 0.9, 'heavy_vehicle'),
     (0.45, 1.30, 'motorcycle'), (0.80, 1.60, 'motorcycle'), (0.6, None, 'motorcycle'),
-    (1.97, 1.90, 'unknown'), (1.95, None, 'unknown'), (1.80, 3.60, 'heavy_vehicle')])
+    (1.97, 1.90, 'unknown'), (1.95, None, 'unknown'), (1.80, 3.60, 'unknown')])
 def test_common_sizes(width_m, height_m, name):
     assert classified(width_m, 0.08, height_m, CONFIG).name == name
+
+
+@pytest.mark.parametrize(('width_m', 'height_m', 'edge'), [
+    (0.42, 2.8, True), (0.8, 1.7, False), (1.8, 2.8, False), (0.42, None, False)])
+def test_what_is_narrow_and_higher_than_a_rider_is_an_edge(width_m, height_m, edge):
+    assert is_edge(classified(width_m, 0.08, height_m, CONFIG), CONFIG) is edge
+
+
+def test_a_car_before_a_lorry_is_no_lorry_for_the_height_that_is_seen_behind_it():
+    """Its own width says that it is none; the height then tells nothing."""
+    never = replace(CONFIG, odd_height_share=0.0)
+    assert classified(1.84, 0.08, 3.6, never).name == VehicleClass.HEAVY_VEHICLE
+    assert classified(1.84, 0.08, 3.6, CONFIG).name == VehicleClass.UNKNOWN
 
 
 def test_a_probability_by_hand():
@@ -36,7 +49,7 @@ def test_a_probability_by_hand():
 
 
 def test_a_top_in_the_dark_speaks_less_against_a_lorry_than_a_top_that_is_too_low():
-    dark, never = CONFIG, replace(CONFIG, hidden_top_share=0.0)
+    dark, never = CONFIG, replace(CONFIG, hidden_top_share=0.0, odd_height_share=0.0)
     assert classified(2.45, 0.08, 0.9, dark).name == VehicleClass.HEAVY_VEHICLE
     assert classified(2.45, 0.08, 0.9, never).name != VehicleClass.HEAVY_VEHICLE
 

@@ -12,6 +12,7 @@ from stereo_speed.classification.size import HeightSearch, VehicleSize
 from stereo_speed.core.config import ClassConfig
 from stereo_speed.core.passes import VehicleClass
 from stereo_speed.core.records import TrackState, TrackUpdate
+from stereo_speed.detection.front_width import FrontWidth
 from stereo_speed.lab.evaluation.labeled_sequence import read_back
 from stereo_speed.lab.sim.bodies import BODIES
 from stereo_speed.lab.sim.config import straight_config, VehicleConfig
@@ -68,6 +69,42 @@ def test_drawn_vehicles_are_told_by_size(kind, name, height_m):
     assert found.width_m == pytest.approx(BODIES[kind].width_m, abs=0.02)
     assert height_m[0] < found.height_m < height_m[1]
     assert (found.name, found.probability > 0.9) == (name, True)
+
+
+def in_part(update, rig, low, high):
+    """Return an update of a track that holds a part of the front, between shares of its width."""
+    left, right = (np.concatenate([
+        upper[0] + np.array([[low], [high]]) * (upper[1] - upper[0]),
+        lower[0] + np.array([[high], [low]]) * (lower[1] - lower[0])])
+        for upper, lower in ((quad[:2], quad[:1:-1]) for quad in (
+            update.quad_left_px, update.quad_right_px)))
+    middle = rig.triangulate(left.mean(axis=0), right.mean(axis=0))
+    across_m = float((middle - update.position_m) @ update.axes[:, 1])
+    return replace(update, quad_left_px=left, quad_right_px=right, lateral_m=across_m,
+                   position_m=update.position_m + across_m * update.axes[:, 1])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('delay_s', [0.0, 0.02], ids=['at once', 'right view later'])
+@pytest.mark.parametrize('kind', ['car', 'truck'])
+def test_a_front_of_which_a_part_is_tracked_is_as_wide_as_it_is(kind, delay_s):
+    """A pole hid the rest where the track began."""
+    rig, lane, rows = drawn(kind, right_delay_s=delay_s)
+    rows = [(pair, in_part(update, rig, 0.45, 1.0)) for pair, update in rows]
+    width_m = BODIES[kind].width_m
+    assert measured(rig, lane, rows).width_m == pytest.approx(0.55 * width_m, abs=0.03)
+    found = measured(rig, lane, rows, fronts=FrontWidth(rig, lane))
+    assert found.width_m == pytest.approx(width_m, abs=0.1)
+
+
+@pytest.mark.slow
+def test_a_two_wheeler_is_no_part_of_a_wider_front():
+    """No front of a car is seen about it, so it is as wide as what is tracked."""
+    rig, lane, rows = drawn('motorcycle')
+    one, other = (measured(rig, lane, rows, fronts=fronts)
+                  for fronts in (None, FrontWidth(rig, lane)))
+    assert one.width_m == other.width_m
+    assert other.name == VehicleClass.MOTORCYCLE
 
 
 @pytest.mark.slow
