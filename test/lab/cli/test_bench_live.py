@@ -68,7 +68,8 @@ def test_rounds_follow_on_each_other_as_pairs_do(sample):
 @contextmanager
 def python(code):
     """Run Python code; kill it in the end."""
-    with subprocess.Popen([sys.executable, '-c', code], stdout=subprocess.PIPE) as process:
+    with subprocess.Popen([sys.executable, '-c', code], stdin=subprocess.PIPE,
+                          stdout=subprocess.PIPE) as process:
         try:
             yield process
         finally:
