@@ -225,7 +225,9 @@ class FrontSearch:
                 continue
             half_m = moving_half(refiner.sampler, front, motion, interval, moment.noise,
                                  self.config.motion)
-            if half_m > 0 and not self._is_part(front, motion, refiner, interval, moment.noise):
+            if half_m > 0 and self._is_part(front, motion, refiner, interval, moment.noise):
+                return None  # another pair may not show what it is part of
+            if half_m > 0:
                 return FoundFront(lane, replace(front, half_m=half_m), motion, place,
                                   refiner.sampler, before)
         return None

@@ -9,19 +9,23 @@ and where it came from, looks here as it did there, and does not lie on the road
 """
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+import math
 from typing import Optional
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .config import MotionConfig
 from .front_sampler import FrontHypothesis, FrontSampler, GRID_M
 from .patch_kernels import Floats
-from .pyramid import Patches
+from .pyramid import PairPyramids, Patches
 from .temporal_match import Interval, Motion, OFF_SAMPLES
 from ..vision.box_sums import window_sums
 
 _BESIDE_M = 2.3  # the other lamp of a bus is so far from one of them
 _SMOOTH = 3  # columns that are looked at together
+_END = 5  # columns beside each other end what goes
 _MORE = 2.0  # an explanation that leaves so many times less is the better one
 
 
@@ -61,6 +65,9 @@ def going_width(sampler: FrontSampler, front: FrontHypothesis, motion: Motion,
     """
     Return the width of all that goes with a front, and is no shadow of it, m.
 
+    What is hidden beside it counts, too, for it may go with it: columns next to it that show
+    neither it nor what is behind it, as where a pole stands in front, now or a moment ago.
+
     :param sampler: of its lane.
     :param front: in the pair.
     :param motion: of the front, from the earlier pair.
@@ -69,24 +76,109 @@ def going_width(sampler: FrontSampler, front: FrontHypothesis, motion: Motion,
     :param config: parameters.
     """
     half = round(_BESIDE_M / GRID_M)
-    s, x, ahead = (np.array([v]) for v in (front.s_m, front.x_m, front.ahead_m))
+    s, x = np.array([front.s_m]), np.array([front.x_m])
     core = round(front.half_m / GRID_M)
     middle = slice(half - core, half + core + 1)
-    now, still = (sampler.left(s, x, half, pair)[0] for pair in (interval.now, interval.before))
-    left, gone = (sampler.left(s - motion.gone_m, x + motion.aside_m, half, pair)[0]
-                  for pair in (interval.now, interval.before))
-    stands, lies = (sampler.right(s, x, half, interval.now, ahead, lying=lying)[0]
-                    for lying in (False, True))
-    changed, allowed = _change(now, _as_bright(still, now), noise)
-    changed_there, allowed_there = _change(gone, _as_bright(left, gone), noise)
-    left_over, standing, lain = (
-        _change(now, _matched(other, now[:, middle], as_[:, middle]), noise)[0]
-        for other, as_ in ((gone, gone), (stands, stands), (lies, stands)))
-    goes = ((changed > config.change_factor * allowed) & (changed > _MORE * left_over)
+    here = _Window.of(sampler, front, half, middle, interval.now, noise)
+    there = _Window.of(sampler, replace(
+        front, s_m=front.s_m - motion.gone_m, x_m=front.x_m + motion.aside_m,
+        ahead_m=interval.before.pair.right_lag_s * motion.speed_mps), half, middle,
+        interval.before, noise)
+    still = sampler.left(s, x, half, interval.before)[0]
+    left = sampler.left(s - motion.gone_m, x + motion.aside_m, half, interval.now)[0]
+    changed, allowed = _change(here.left, _as_bright(still, here.left), noise)
+    changed_there, allowed_there = _change(there.left, _as_bright(left, there.left), noise)
+    left_over, _ = _change(here.left, _matched(
+        there.left, here.left[:, middle], there.left[:, middle]), noise)
+    has_changed = changed > config.change_factor * allowed
+    goes = (has_changed & (changed > _MORE * left_over)
             & (changed_there > config.change_factor * allowed_there)
-            & (standing < _MORE * np.maximum(lain, allowed)))
+            & (here.standing < _MORE * np.maximum(here.lain, allowed)))
+    if not goes.any():
+        return 0.0
+    stays = ~has_changed | (here.standing > _MORE * np.maximum(here.behind, allowed)) | (
+        there.shows_behind & (left_over > _MORE * allowed))
     columns = np.flatnonzero(goes)
-    return float(columns[-1] - columns[0] + 1) * GRID_M if len(columns) else 0.0
+    first, last = int(columns[0]), int(columns[-1])
+    from_, to = _reached(goes | ~(here.shows_behind & stays), middle)
+    first = from_ if from_ < first - max(here.unseen, 0) else first
+    last = to if to > last + max(-here.unseen, 0) else last
+    return (last - first + 1) * GRID_M
+
+
+@dataclass(frozen=True, eq=False)
+class _Window:
+    """
+    What a pair shows about a front.
+
+    :param left: (rows, w) grey values of the left view.
+    :param allowed: (w,) of the differences of a column, what explains itself.
+    :param standing: (w,) difference from the right view, if it stands where the front does,
+    :param lain: (w,) if it lies on the road, and
+    :param behind: (w,) if it does, or stands farther away.
+    :param unseen: columns of road beside the front that the right view does not show, for the
+        front is before them: positive in front of its first column, else behind its last.
+    """
+
+    left: Patches
+    allowed: Floats
+    standing: Floats
+    lain: Floats
+    behind: Floats
+    unseen: int
+
+    @classmethod
+    def of(cls, sampler: FrontSampler, front: FrontHypothesis, half: int, middle: slice,
+           pair: PairPyramids, noise: float) -> _Window:
+        """Return the columns up to half a width from the middle of a front, of that slice."""
+        s, x, ahead = (np.array([v]) for v in (front.s_m, front.x_m, front.ahead_m))
+        left = sampler.left(s, x, half, pair)[0]
+        stands, lies = (sampler.right(s, x, half, pair, ahead, lying=lying)[0]
+                        for lying in (False, True))
+        farther, unseen = _farther(sampler, front, half, pair)
+        misfits = [_change(left, _matched(view, left[:, middle], stands[:, middle]), noise)
+                   for view in (stands, lies, *farther)]
+        return cls(left, misfits[0][1], misfits[0][0], misfits[1][0],
+                   np.min([misfit for misfit, _ in misfits[1:]], axis=0), unseen)
+
+    @property
+    def shows_behind(self) -> NDArray[np.bool_]:
+        """Return the columns (w,) that show what is behind the front."""
+        return np.asarray(self.behind < _MORE * self.allowed)
+
+
+def _farther(sampler: FrontSampler, front: FrontHypothesis, half: int, now: PairPyramids
+             ) -> tuple[list[Patches], int]:
+    """
+    Return windows of the right view as what the left one shows would be seen farther away.
+
+    From a little behind the front to the horizon it moves by the baseline, on the plane.
+
+    :return: the windows; and how many columns of road beside the front the right view does not
+        show, for the front is before them: positive in front of the first column of the front.
+    """
+    s, x = np.array([front.s_m]), np.array([front.x_m])
+    rates = sampler.geometry.rates(s)
+    shift, ahead_m, climb = (float(v[0]) for v in (rates.shift, rates.ahead_m, rates.climb))
+    most = math.ceil(abs(shift * ahead_m) / GRID_M)
+    wide = sampler.right(s, x, half + most, now, np.zeros(1))[0]
+    way = 1 if shift > 0 else -1
+    road_m = abs(sampler.heights_m[0] / climb)  # behind the front, through its upper edge
+    strip = math.ceil(most * road_m / (ahead_m + road_m))
+    return [wide[:, most + way * k:][:, :2 * half + 1] for k in range(1, most + 1)], way * strip
+
+
+def _reached(may: NDArray[np.bool_], middle: slice) -> tuple[int, int]:
+    """
+    Return the first and the last column that is reached from the middle by such as may go with it.
+
+    A few that may not, one here and one there, do so by chance.
+    """
+    ends = np.convolve(~may, np.ones(_END), 'same') == _END
+    before, after = (np.flatnonzero(part) for part in (ends[:middle.start], ends[middle.stop:]))
+    reach = _END // 2  # of the columns about each end
+    return (int(before[-1]) + reach + 1 if len(before) else 0,
+            middle.stop + int(after[0]) - reach - 1 if len(after) else len(may) - 1)
 
 
 def _change(now: Patches, then: Patches, noise: float) -> tuple[Floats, Floats]:

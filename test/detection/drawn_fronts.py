@@ -47,6 +47,7 @@ class Front:
     :param pole_m: half the width of a pole before its middle, m.
     :param half_m: half of its width, m.
     :param low_m: height of its lower edge above the road, m.
+    :param high_m: height of its upper edge, m.
     :param light: of its grey values, as a share.
     :param shadow_m: how far its shadow reaches to its right, m; it is 8 m long, and black.
     """
@@ -58,6 +59,7 @@ class Front:
     pole_m: float = 0.0
     half_m: float = HALF_M
     low_m: float = LOW_M
+    high_m: float = HIGH_M
     light: float = 1.0
     shadow_m: float = 0.0
 
@@ -81,7 +83,7 @@ def drawn(camera, centre_m, fronts, rng):
         column = (np.abs(x) if front.symmetric else 0.7 * x) / CELL_M
         values = ndimage.map_coordinates(_FRONT, np.stack([h / CELL_M, column + 2]), order=1,
                                          mode='reflect')
-        here = (np.abs(x) <= front.half_m) & (h >= front.low_m) & (h <= HIGH_M)
+        here = (np.abs(x) <= front.half_m) & (h >= front.low_m) & (h <= front.high_m)
         image = np.where(here, front.light * values, image)
         image = np.where(here & (np.abs(x) < front.pole_m), 128.0, image)
     noisy = image + rng.normal(0, NOISE, image.shape)

@@ -5,7 +5,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from drawn_fronts import Front, LANE, pair_of, pyramids_of, RIG, SPEED_MPS, STEP_NS
+from drawn_fronts import (
+    Front, LANE, LANE_M, pair_of, pyramids_of, RIG, SPEED_MPS, START_M, STEP_NS)
 import pytest
 from stereo_speed.detection.config import MotionConfig
 from stereo_speed.detection.front_sampler import FrontHypothesis, FrontSampler
@@ -84,3 +85,22 @@ def test_a_shadow_that_goes_along_does_not_count():
         return [Front(s_m - 4.0, 1.2, half_m=0.4, lying=True), Front(s_m, half_m=0.35)]
     alone, shaded = width_of(came()), width_of(interval_of(pair(S_M), pair(S_M - STEP_M)))
     assert shaded == pytest.approx(alone, abs=4 * GRID_M)
+
+
+def end_of_wide(side, hidden_now):
+    """Return pairs in one of which the rest of a wide front is behind what drives before it."""
+    def pair(s_m, hidden):
+        nearer = (START_M - s_m - 8.0) / (START_M - s_m)
+        # As the left camera sees it, 0.4 m from the middle to beyond the other end.
+        ends_m = [(LANE_M + x_m) * nearer - LANE_M for x_m in (0.4 * side, -1.6 * side)]
+        lorry = Front(s_m + 8.0, sum(ends_m) / 2, half_m=abs(ends_m[0] - ends_m[1]) / 2,
+                      low_m=0.0, high_m=2.6)
+        return [Front(s_m, half_m=0.9, symmetric=False), *([lorry] if hidden else [])]
+    return interval_of(pair(S_M, hidden_now), pair(S_M - STEP_M, not hidden_now))
+
+
+@pytest.mark.parametrize('side', [-1, 1])
+@pytest.mark.parametrize('hidden_now', [False, True])
+def test_what_is_hidden_beside_the_end_of_a_front_may_be_part_of_it(side, hidden_now):
+    """Half a metre of 1.8 m is seen to go along."""
+    assert width_of(end_of_wide(side, hidden_now), 0.65 * side, 0.24) > 1.2
