@@ -43,7 +43,8 @@ class Intake:
         if update is None:
             track.trace.add(pair, particles, None, hurried=hurried, stamp_std_s=track.stamp_std_s)
             return None
-        track.doubted = not track.confirmed and self._is_doubtful(track, update)
+        track.doubted = track.detection is not None and track.upright.lies or (
+            not track.confirmed and self._is_doubtful(track, update))
         if track.doubted:
             update = update.unconfirmed()
         track.confirmed |= update.state is TrackState.CONFIRMED

@@ -50,6 +50,8 @@ class PassEnd:
         result = self._timed(result)
         if track.second is not None:
             result = with_second(result, track.second, self.config.second)
+        if track.upright.lies:
+            result = result.rejected(Reason.VIEWS_DISAGREE)
         if self._is_edge(result):
             result = result.rejected(Reason.IMPLAUSIBLE)
         if self.reason is not None:

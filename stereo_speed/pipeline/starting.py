@@ -26,6 +26,7 @@ from ..second.estimate import SecondOpinion
 from ..steadying.view_lag import ViewLag
 from ..tracking.lane_assigner import LaneAssigner
 from ..tracking.protocol import Refusal, Tracker, TrackStart
+from ..tracking.upright import Upright
 
 StartTracker = Callable[[TrackStart], Union[Tracker, Refusal]]
 
@@ -135,8 +136,8 @@ class Starter:
                            FrontWidth(self.rig, lane))
         return Track(
             tracker, LaneAssigner(self.lanes, self.config.verdict), detection, newest.stamp_ns,
-            TraceBuilder(trace), size, second, lag_changes_s=self.view_lag.changes_s,
-            stamp_std_s=trace.stamp_std_s,
+            TraceBuilder(trace), size, Upright(self.rig, lane), second,
+            lag_changes_s=self.view_lag.changes_s, stamp_std_s=trace.stamp_std_s,
             drift_rad=np.array((pair.motion or RigMotion()).drift_rad))
 
     def _doubted_at(self, front: Detection, search: Search) -> Optional[Track]:

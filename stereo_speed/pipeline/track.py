@@ -23,6 +23,7 @@ from ..road.lanes import LanePath
 from ..second.estimate import SecondOpinion
 from ..tracking.lane_assigner import LaneAssigner
 from ..tracking.protocol import CanHurry, CarriesOn, DoubtsStamps, TellsAge, Tracker, TrackStart
+from ..tracking.upright import Upright
 
 
 @dataclass(eq=False)
@@ -36,6 +37,7 @@ class Track:
     :param found_ns: stamp of the pair that it was detected in.
     :param trace: gathers how its pass comes about.
     :param size: measures the vehicle.
+    :param upright: says whether it stands on the road or lies on it.
     :param second: estimates its speed by other evidence; None where that is not asked for.
     :param last: its newest update.
     :param confirmed: whether it ever was.
@@ -58,6 +60,7 @@ class Track:
     found_ns: int
     trace: TraceBuilder
     size: VehicleSize
+    upright: Upright
     second: Optional[SecondOpinion] = None
     last: Optional[TrackUpdate] = None
     confirmed: bool = False
@@ -85,6 +88,7 @@ class Track:
         """Return what the tracker says of a pair, once the others have taken in the pair."""
         if update is not None and holds(update):
             self.size.take(pair, update)
+            self.upright.take(pair, update)
             if self.second is not None:
                 self.second.take(pair, update.quad_left_px, update.quad_right_px)
         return update

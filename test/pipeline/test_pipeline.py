@@ -28,6 +28,7 @@ from stereo_speed.site.file import load_site
 from stereo_speed.site.init_file import load_init
 from stereo_speed.site.lane_paths import lane_paths
 from stereo_speed.tracking.lane_assigner import LaneAssigner
+from stereo_speed.tracking.upright import Upright
 import yaml
 
 from .scenes import automatic, project, ScriptedFinder, start, two_abreast
@@ -251,6 +252,21 @@ def test_a_found_front_on_which_the_views_disagree_is_left_alone(scene):
     wrong = replace(marks[0], right_px=marks[0].right_px + [0.0, 60.0])
     pipeline, _ = automatic(scene, [wrong], {0})
     assert pipeline.process(sequence.pairs[0]).updates == [] and pipeline.finish() == []
+
+
+@pytest.mark.parametrize('found', [False, True])
+def test_what_lies_on_the_road_is_told_of_nobody(scene, found, monkeypatch):
+    """What was found is no vehicle then; what a person marked is rejected."""
+    monkeypatch.setattr(Upright, 'lies', True)
+    sequence, lanes, marks = scene
+    pipeline = automatic(scene, marks[:1], {0})[0] if found else SpeedPipeline(
+        sequence.rig, lanes, TrackerConfig(), start, annotations=marks[:1])
+    states = [u.state for pair in sequence.pairs for u in pipeline.process(pair).updates]
+    passes = pipeline.finish()
+    if found:
+        assert passes == [] and TrackState.CONFIRMED not in states
+    else:
+        assert [p.reason for p in passes] == ['views_disagree']
 
 
 @pytest.mark.parametrize('particles', [30, 900])

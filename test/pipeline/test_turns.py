@@ -33,7 +33,7 @@ class Aging:
 
 
 def tracks_of(*ages_s, occluded=()):
-    return [Track(Aging(s), None, None, 0, None, None, last=SimpleNamespace(
+    return [Track(Aging(s), None, None, 0, None, None, None, last=SimpleNamespace(
         state=TrackState.COASTING if k in occluded else TrackState.CONFIRMED))
         for k, s in enumerate(ages_s)]
 
@@ -79,8 +79,8 @@ def test_the_pair_in_which_a_track_was_last_not_hurried_is_kept():
 
 def test_a_tracker_that_knows_no_age_waits_since_it_was_last_not_hurried():
     hurries = SimpleNamespace(hurry=lambda hurried: None)
-    track = Track(hurries, None, None, 0, None, None, confirmed=True)
+    track = Track(hurries, None, None, 0, None, None, None, confirmed=True)
     assert track.waited_s(NOW_NS) == math.inf
     track.unhurried_ns = NOW_NS - 10 ** 8
     assert track.waited_s(NOW_NS) == pytest.approx(0.1)
-    assert Track(SimpleNamespace(), None, None, 0, None, None).waited_s(NOW_NS) == 0.0
+    assert Track(SimpleNamespace(), None, None, 0, None, None, None).waited_s(NOW_NS) == 0.0
