@@ -145,8 +145,8 @@ class VehicleSize:
         """Return the width of the front and its 1-sigma, m."""
         if self._marked_std_px is None and self._fronts is not None:
             seen = [self._fronts.widths_m(view.pair, view.update) for view in self._views]
-            if 2 * sum(map(bool, seen)) >= len(seen):
-                return float(np.median(np.concatenate(seen))), self.config.width_std_m
+            if len(widths := np.concatenate(seen)) > 1:
+                return float(np.median(widths)), self.config.width_std_m
         return self._tracked_width_m()
 
     def _tracked_width_m(self) -> tuple[float, float]:

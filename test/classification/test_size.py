@@ -97,6 +97,27 @@ def test_a_front_of_which_a_part_is_tracked_is_as_wide_as_it_is(kind, delay_s):
     assert found.width_m == pytest.approx(width_m, abs=0.1)
 
 
+class Seen:
+    """Tells widths that were seen in some pairs, by their stamps."""
+
+    def __init__(self, widths_m):
+        self._widths_m = widths_m
+
+    def widths_m(self, pair, update):
+        """Return those of a pair."""
+        return self._widths_m.get(pair.stamp_ns, [])
+
+
+@pytest.mark.slow
+def test_what_one_pair_shows_at_two_heights_is_a_width_and_at_one_it_may_be_chance():
+    """A vehicle half hidden all along shows whole in few pairs, or in none."""
+    rig, lane, rows = drawn('car')
+    stamp_ns = rows[-1][0].stamp_ns  # of the nearest, which is kept
+    assert measured(rig, lane, rows, fronts=Seen({stamp_ns: [1.9, 2.0]})).width_m == 1.95
+    assert measured(rig, lane, rows, fronts=Seen({stamp_ns: [1.2]})).width_m == pytest.approx(
+        BODIES['car'].width_m, abs=0.02)
+
+
 @pytest.mark.slow
 def test_a_two_wheeler_is_no_part_of_a_wider_front():
     """No front of a car is seen about it, so it is as wide as what is tracked."""
