@@ -46,6 +46,7 @@ class HeightSearch:
     :param behind_m: depths behind the front at which a strip may be: a roof begins as far behind
         it as bonnet and windscreen are long, the box of a lorry behind its cab; where it is near,
         a wrong depth is seen sooner, so the steps grow.
+    :param own_m: what agrees best at a greater one of these depths is another vehicle's, behind.
     :param half_height_m: half of the height of a strip, which shows some texture then.
     :param width_share: of a strip, of that of the front: roofs are narrower than bumpers.
     :param across: samples of a strip across.
@@ -59,6 +60,7 @@ class HeightSearch:
     most_m: float = 4.5
     step_m: float = 0.1
     behind_m: tuple[float, ...] = (0, 0.25, 0.5, 0.8, 1.2, 1.6, 2, 2.5, 3, 4, 5, 6, 8)
+    own_m: float = 4.0
     half_height_m: float = 0.15
     width_share: float = 0.8
     across: int = 20
@@ -207,6 +209,7 @@ class VehicleSize:
         goes, stays = (np.take_along_axis(v, best, axis=1)[:, 0] for v in (goes, ncc(left, still)))
         height_m = np.take_along_axis(on_vehicle[..., 2].mean(axis=-1), best, axis=1)[:, 0]
         moves = (goes > self.config.least_ncc) & (goes > stays + self.config.still_margin)
+        moves &= np.array(self._search.behind_m)[best[:, 0]] <= self._search.own_m
         # Strips overlap by two thirds: what one alone shows, at the best of depths, is chance.
         moves &= np.convolve(moves, np.ones(3), 'same') > 1
         return seen, height_m[moves] - view.road_m

@@ -169,6 +169,15 @@ def test_the_top_is_no_higher_than_it_is_looked_for():
     assert 1.0 < found.height_m < 1.2 + HeightSearch().step_m
 
 
+@pytest.mark.slow
+def test_what_is_further_behind_than_a_vehicle_s_own_is_none_of_its_height():
+    """A windscreen is a metre behind the bumper; as another vehicle's it would not count."""
+    rig, lane, rows = drawn('car')
+    heights = [measured(rig, lane, rows, search=HeightSearch(own_m=own_m)).height_m
+               for own_m in (0.4, 4.0)]
+    assert heights[0] < 1.15 and 1.3 < heights[1] < 1.65
+
+
 def test_strips_overlap_and_reach_from_the_lowest_to_the_highest():
     search = HeightSearch()
     assert search.heights_m[[0, -1]] == pytest.approx([search.least_m, search.most_m])
