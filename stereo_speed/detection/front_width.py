@@ -34,6 +34,8 @@ class FrontWidth:
     """
     Measures the width of a tracked front anew.
 
+    It looks for what a front usually is, whatever found the vehicle and with whatever parameters.
+
     :param rig: the cameras.
     :param lane: the lane whose path the places of the front are told by.
     """

@@ -91,12 +91,15 @@ def going_width(sampler: FrontSampler, front: FrontHypothesis, motion: Motion,
     left_over, _ = _change(here.left, _matched(
         there.left, here.left[:, middle], there.left[:, middle]), noise)
     has_changed = changed > config.change_factor * allowed
+    has_changed_there = changed_there > config.change_factor * allowed_there
     goes = (has_changed & (changed > _MORE * left_over)
-            & (changed_there > config.change_factor * allowed_there)
-            & (here.standing < _MORE * np.maximum(here.lain, allowed)))
+            & has_changed_there & (here.standing < _MORE * np.maximum(here.lain, allowed)))
     if not goes.any():
         return 0.0
-    stays = ~has_changed | (here.standing > _MORE * np.maximum(here.behind, allowed)) | (
+    # Of views of which one is out of focus neither pair shows alike what stands still.
+    unlike = max(min(here.unlike(~has_changed), there.unlike(~has_changed_there)), 1.0)
+    here, there = (replace(window, allowed=unlike * window.allowed) for window in (here, there))
+    stays = ~has_changed | (here.standing > _MORE * np.maximum(here.behind, here.allowed)) | (
         there.shows_behind & (left_over > _MORE * allowed))
     columns = np.flatnonzero(goes)
     first, last = int(columns[0]), int(columns[-1])
@@ -140,6 +143,14 @@ class _Window:
                    for view in (stands, lies, *farther)]
         return cls(left, misfits[0][1], misfits[0][0], misfits[1][0],
                    np.min([misfit for misfit, _ in misfits[1:]], axis=0), unseen)
+
+    def unlike(self, still: NDArray[np.bool_]) -> float:
+        """
+        Return how many times as much as noise and sampling explain the views differ.
+
+        :param still: (w,) columns that have not changed: most show what both views do.
+        """
+        return float(np.median(self.behind[still] / self.allowed[still])) if still.any() else 1.0
 
     @property
     def shows_behind(self) -> NDArray[np.bool_]:

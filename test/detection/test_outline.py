@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 from drawn_fronts import (
     Front, LANE, LANE_M, pair_of, pyramids_of, RIG, SPEED_MPS, START_M, STEP_NS)
 import pytest
@@ -67,6 +68,20 @@ def width_of(interval, x_m=0.0, half_m=0.35):
 def test_what_goes_with_a_narrow_front_is_as_wide(gone_m):
     """Neither the road nor what the front has uncovered of it counts."""
     assert width_of(came(gone_m=gone_m)) == pytest.approx(0.7, abs=4 * GRID_M)
+
+
+@pytest.mark.parametrize('right', [False, True], ids=['left soft', 'right soft'])
+@pytest.mark.parametrize('blur_px', [0.7, 1.0, 2.0])
+def test_a_narrow_front_is_as_wide_where_one_view_is_out_of_focus(blur_px, right):
+    """The soft view shows the road behind it as well, if the other one is as soft."""
+    def soft(cars, index):
+        pair = pair_of(cars, index)
+        views = {'right' if right else 'left': cv2.GaussianBlur(
+            pair.right if right else pair.left, (0, 0), blur_px)}
+        return pyramids_of(replace(pair, **views))
+    interval = Interval(soft([Front(S_M, half_m=0.35)], 1),
+                        soft([Front(S_M - STEP_M, half_m=0.35)], 0))
+    assert width_of(interval) < 1.3
 
 
 @pytest.mark.parametrize('x_m', [-0.5, 0.0, 0.5])
