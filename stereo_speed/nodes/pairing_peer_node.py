@@ -20,11 +20,15 @@ from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Header
 
 from .common import Parameters, RELIABLE, run, stamp_ns
-from ..core.errors import InputError
+from ..core.errors import InputError, StereoSpeedError
 from ..io.topics import SIDES
 
 _WAITING = 10  # unpaired images that are kept of each side
 _DISPARITIES, _BLOCK_PX = 64, 5
+
+
+class MatchingError(StereoSpeedError):
+    """Pairs are no longer matched."""
 
 
 class PairingPeerNode(Node):
@@ -38,12 +42,13 @@ class PairingPeerNode(Node):
         self._waiting: dict[str, dict[int, Image]] = {side: {} for side in SIDES}
         self._newest: Optional[tuple[Image, Image]] = None
         self._came, self._closed = threading.Condition(), False
+        self._failed: Optional[Exception] = None  # whoever matches
         self._answers = self.create_publisher(Header, 'answers', RELIABLE)
         for side in SIDES:
             self.create_subscription(Image, f'{side}/image_raw', partial(self._image, side),
                                      RELIABLE)
             self.create_subscription(CameraInfo, f'{side}/camera_info', self._info, RELIABLE)
-        self._matching = threading.Thread(target=self._match) if matching == 'sgbm' else None
+        self._matching = threading.Thread(target=self._try_match) if matching == 'sgbm' else None
         if self._matching is not None:
             self._matching.start()
 
@@ -51,6 +56,9 @@ class PairingPeerNode(Node):
         """Take a calibration, as who matches does; here the images stay as they are."""
 
     def _image(self, side: str, msg: Image) -> None:
+        if self._failed is not None:  # answers would cease, with nobody told why
+            raise MatchingError(f'pairing_peer_node: matching: found that it ended by '
+                                f'{self._failed!r}, wanted each pair matched')
         ns = stamp_ns(msg.header.stamp)
         self._waiting[side][ns] = msg
         if not all(ns in waiting for waiting in self._waiting.values()):
@@ -64,6 +72,12 @@ class PairingPeerNode(Node):
         with self._came:
             self._newest = left, right
             self._came.notify()
+
+    def _try_match(self) -> None:
+        try:
+            self._match()
+        except Exception as error:  # what it may be is OpenCV's affair
+            self._failed = error
 
     def _match(self) -> None:
         """Match the newest pair, again and again."""

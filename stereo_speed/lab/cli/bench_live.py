@@ -16,9 +16,10 @@ from typing import Callable, Sequence, TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from .live_graph import alive, ONE_NODE, play, processor_s, started, TOLD, Traffic
+from .live_graph import (
+    alive, GraphError, ON_ITS_WAY_S, ONE_NODE, play, processor_s, started, TOLD, Traffic)
 from ..evaluation.tables import Cell, Table
-from ...cli.demo import private_graph
+from ...cli.demo import private_graph, Process
 from ...core.errors import StereoSpeedError
 
 if TYPE_CHECKING:
@@ -29,7 +30,7 @@ Listener = TypeVar('Listener', 'SoakListener', 'AnswerListener')
 _LANES, _VEHICLES_PER_S, _SEED = 3, 0.8, 11  # up to four in view, as of ten minutes of soak
 _FPS, _WIDTH_PX = 30.0, 1280
 _PEER = 'pairing_peer_node'
-_SLACK_S, _ON_ITS_WAY_S = 60.0, 1.0
+_SLACK_S = 60.0
 
 
 def live_lines(seconds: float) -> str:
@@ -99,10 +100,23 @@ def _timed(traffic: Traffic, command: Sequence[str], told: Sequence[str],
         listener = listen()
         stack.callback(listener.close)
         replay = play(stack, traffic, nodes, listener, told, wait_for=wait_for)
-        node, before = nodes[command[0]].process, len(listener.pairs_ns)
-        begun_s = processor_s(node.pid)
+        node, before = nodes[command[0]], len(listener.pairs_ns)
+        begun_s = _taken_s(node)
         listener.spin(traffic.round_ns * 1e-9 + _SLACK_S,
                       lambda: alive(nodes) and replay.ended())
-        listener.spin(_ON_ITS_WAY_S, lambda: alive(nodes) and False)
-        took_s, pairs = processor_s(node.pid) - begun_s, len(listener.pairs_ns) - before
+        listener.spin(ON_ITS_WAY_S, lambda: alive(nodes) and False)
+        took_s, pairs = _taken_s(node) - begun_s, len(listener.pairs_ns) - before
     return listener, 1e3 * took_s / max(pairs, 1)
+
+
+def _taken_s(node: Process) -> float:
+    """
+    Return the processor time that a node and its helpers have taken, s.
+
+    :raises GraphError: it has ended.
+    """
+    try:
+        return processor_s(node.process.pid)
+    except ProcessLookupError:
+        raise GraphError(f'live: {node.name}: found no process of it any more, wanted it running'
+                         ) from None

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from ...nodes.soak_listener import SoakListener
 
 START_S = 180.0  # the first start compiles the kernels
+ON_ITS_WAY_S = 1.0  # for so long what was told last may be
 ONE_NODE = ('speed_camera_node', *RELIABLE_IMAGES, *RELIABLE_INFOS)
 TOLD = ('/vehicle_speed', '/tracks', '/track_states', '/passes')  # by nodes that measure
 
@@ -105,7 +106,8 @@ def play(stack: ExitStack, traffic: Traffic, nodes: Mapping[str, Process],
         f'round_s:={traffic.round_ns * 1e-9}',
         *([f'wait_for_topics:={wait_for}'] if wait_for else [])))
     listener.spin(START_S, lambda: alive(nodes) and (
-        bool(listener.pairs_ns) or bool(replay.process.poll())))
+        bool(listener.pairs_ns) or replay.ended()))
+    listener.spin(ON_ITS_WAY_S, lambda: alive(nodes) and bool(listener.pairs_ns))
     if not listener.pairs_ns:
         raise GraphError('live: pairs: found none that was told, ' + (
             f'for who plays them ended with status {replay.process.returncode}'

@@ -3,16 +3,16 @@
 """What ``bench`` says of live nodes where it cannot time them, and whose time it counts."""
 from __future__ import annotations
 
-from contextlib import contextmanager
+from contextlib import contextmanager, ExitStack, nullcontext
 from pathlib import Path
 import subprocess
 import sys
 from types import SimpleNamespace
 
 import pytest
-from stereo_speed.lab.cli import bench_live
+from stereo_speed.lab.cli import bench_live, live_graph
 from stereo_speed.lab.cli.bench_live import live_lines, live_table
-from stereo_speed.lab.cli.live_graph import alive, GraphError, processor_s, Traffic
+from stereo_speed.lab.cli.live_graph import alive, GraphError, play, processor_s, Traffic
 
 
 @pytest.fixture
@@ -101,3 +101,30 @@ def test_a_node_that_has_ended_is_told():
             return True
     with pytest.raises(GraphError, match='one_node: found it ended with status 2'):
         alive({'one_node': Ended})
+
+
+@pytest.mark.parametrize('status', [0, 1])
+def test_a_replay_that_ends_before_any_pair_is_told_is_not_waited_for(status, monkeypatch):
+    """Whatever its status: 0 is that of a replay that has played all it had."""
+    monkeypatch.setattr(live_graph, 'Process', lambda *_: nullcontext(SimpleNamespace(
+        process=SimpleNamespace(poll=lambda: status, returncode=status), ended=lambda: True)))
+    waited_s = []
+
+    def spin(seconds, until):
+        met = bool(until())
+        waited_s.append(0.0 if met else seconds)
+        return met
+    listener = SimpleNamespace(pairs_ns=[], connected=lambda *_: True, spin=spin)
+    traffic = Traffic(folder=Path('here'), stamps_ns=range(4), fps=10.0)
+    with ExitStack() as stack, pytest.raises(GraphError, match=f'ended with status {status}'):
+        play(stack, traffic, {}, listener, ())
+    assert sum(waited_s) < 5.0
+
+
+def test_a_node_whose_process_is_gone_is_one_line(undrawn, monkeypatch):
+    with python('') as process:
+        process.wait()
+    node = SimpleNamespace(name='one_node', process=process)
+    monkeypatch.setattr(bench_live, 'live_table', lambda _: bench_live._taken_s(node))
+    assert live_lines(1.0) == ('live over DDS: not measured, live: one_node: found no process of '
+                               'it any more, wanted it running\n')
