@@ -15,7 +15,8 @@ from stereo_speed.lab.reference.straight_path import straight_path
 from stereo_speed.lab.sim.scene import SimScene
 from stereo_speed.lab.sim.sequence import picked_site
 from stereo_speed.road.first_guess import guess_road
-from stereo_speed.road.fit import fit_road, log_chance, log_evidences, same_family
+from stereo_speed.road.fit import (
+    _Squares, fit_road, log_chance, log_evidences, ROBUST, same_family)
 from stereo_speed.road.lanes import lane_of_road
 from stereo_speed.road.model import RoadShape
 from stereo_speed.road.problem import DriftPrior, Picks, RoadPrior, RoadProblem
@@ -109,6 +110,30 @@ def test_one_stray_pick_does_little(make_scene):
     lines['line_0'][0][6] += [15.0, 0.0]
     lane = lane_of_road('lane', fit_road(scene.rig, lines), (0, 1), None)
     assert np.degrees(np.arccos(lane.path.tangent(0.0) @ scene.tangent[0])) < 0.1
+
+
+@pytest.mark.parametrize('beside', [0.0, 1e-3], ids=['fit', 'beside it'])
+def test_squares_touch_the_robust_cost(make_scene, beside):
+    """They are that of the picks, and as steep by central differences, stray picks or not."""
+    scene = make_scene(seed=3)
+    lines = {name: (left.copy(), right.copy()) for name, (left, right) in scene.lines.items()}
+    lines['line_0'][0][6] += [15.0, 0.0]
+    fit = fit_road(scene.rig, lines)
+    fit = replace(fit, x=fit.x + beside)
+    count = len(fit.problem.picks.line)
+
+    def cost(x):  # soft L1
+        off = fit.problem.residuals(x)[:count]
+        return 2 * ROBUST**2 * np.sum(np.sqrt(1 + (off / ROBUST)**2) - 1)
+    squares = _Squares.at(fit)
+    own = squares.own * fit.off
+    assert np.abs(fit.off).max() > 3 * ROBUST and squares.own.min() < 0.6
+    assert own @ own + squares.beyond == pytest.approx(cost(fit.x), rel=1e-12)
+    weighted = squares.slope[:, None] * fit.slope[:count]
+    steps = 1e-6 * np.eye(len(fit.x))
+    by_differences = [(cost(fit.x + step) - cost(fit.x - step)) / 2e-6 for step in steps]
+    share = (2 * own @ weighted - by_differences) / (2 * np.abs(own) @ np.abs(weighted))
+    assert np.abs(share).max() < 1e-4  # of what adds up to the gradient
 
 
 def test_single_line(make_scene):
