@@ -43,7 +43,7 @@ class Intake:
         if update is None:
             track.trace.add(pair, particles, None, hurried=hurried, stamp_std_s=track.stamp_std_s)
             return None
-        track.doubted = track.detection is not None and track.upright.lies or (
+        track.doubted = track.lies or (
             not track.confirmed and self._is_doubtful(track, update))
         if track.doubted:
             update = update.unconfirmed()

@@ -11,7 +11,7 @@ import numpy as np
 from .track import Track
 from ..classification.classes import is_edge
 from ..core.config import TrackerConfig
-from ..core.passes import Direction, PassResult, Reason
+from ..core.passes import Direction, PassResult, Reason, Verdict
 from ..road.lanes import LanePath
 from ..second.estimate import with_second
 from ..steadying.doubt import SpeedDoubt
@@ -50,18 +50,20 @@ class PassEnd:
         result = self._timed(result)
         if track.second is not None:
             result = with_second(result, track.second, self.config.second)
-        if track.upright.lies:
-            result = result.rejected(Reason.VIEWS_DISAGREE)
-        if self._is_edge(result):
-            result = result.rejected(Reason.IMPLAUSIBLE)
+        no_vehicle = self._no_vehicle(result)
+        if no_vehicle is not None and result.verdict is not Verdict.REJECTED:
+            result = result.rejected(no_vehicle)
         if self.reason is not None:
             result = result.rejected(self.reason)
         return self.doubt.result(result, self.rig_shares.get(result.lane, 0.0))
 
-    def _is_edge(self, result: PassResult) -> bool:
-        """Return whether what was found by itself is no vehicle, but an edge of one."""
-        return (self.track.detection is not None and result.vehicle is not None
-                and is_edge(result.vehicle, self.config.classes))
+    def _no_vehicle(self, result: PassResult) -> Optional[Reason]:
+        """Return why what was found by itself is none; None where it is, or a person says so."""
+        if self.track.lies:
+            return Reason.VIEWS_DISAGREE
+        if self.track.detection is None or result.vehicle is None:
+            return None
+        return Reason.IMPLAUSIBLE if is_edge(result.vehicle, self.config.classes) else None
 
     def _timed(self, result: PassResult) -> PassResult:
         """Return the result with the doubt of its stamps; rejected where that is too great."""

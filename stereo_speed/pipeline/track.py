@@ -76,6 +76,11 @@ class Track:
     drift_change_rad: Array = field(default_factory=lambda: np.zeros(3))
 
     @property
+    def lies(self) -> bool:
+        """Return whether what was found by itself lies; what a person marked is their word."""
+        return self.detection is not None and self.upright.lies
+
+    @property
     def ended(self) -> bool:
         """Return whether its pass is over, as far as is known."""
         return self.turn is None and self.tracker.ended

@@ -256,7 +256,7 @@ def test_a_found_front_on_which_the_views_disagree_is_left_alone(scene):
 
 @pytest.mark.parametrize('found', [False, True])
 def test_what_lies_on_the_road_is_told_of_nobody(scene, found, monkeypatch):
-    """What was found is no vehicle then; what a person marked is rejected."""
+    """What was found is no vehicle then; what a person marked is taken at their word."""
     monkeypatch.setattr(Upright, 'lies', True)
     sequence, lanes, marks = scene
     pipeline = automatic(scene, marks[:1], {0})[0] if found else SpeedPipeline(
@@ -266,7 +266,23 @@ def test_what_lies_on_the_road_is_told_of_nobody(scene, found, monkeypatch):
     if found:
         assert passes == [] and TrackState.CONFIRMED not in states
     else:
-        assert [p.reason for p in passes] == ['views_disagree']
+        assert [(p.verdict, p.reason) for p in passes] == [('measured', '')]
+        assert TrackState.CONFIRMED in states
+
+
+@pytest.mark.parametrize('stepped, reason', [
+    (False, 'views_disagree'), (True, 'stamps_uncertain')])
+def test_what_turns_out_to_lie_is_rejected_unless_it_was_before(
+        scene, stepped, reason, monkeypatch):
+    """The first reason is told: a clock that steps says nothing of what stands."""
+    pipeline, _ = automatic(scene, scene[2][:1], {0})
+    for pair in scene[0].pairs[:-1]:
+        pipeline.process(pair)
+    track, = pipeline._roster.tracks
+    track.clock_stepped = stepped
+    monkeypatch.setattr(Upright, 'lies', True)
+    assert track.confirmed
+    assert [p.reason for p in pipeline.finish()] == [reason]
 
 
 @pytest.mark.parametrize('particles', [30, 900])
