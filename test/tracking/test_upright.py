@@ -105,3 +105,12 @@ def test_what_is_not_in_view_tells_nothing():
         0, 0, 'lane', TrackState.CONFIRMED, 0.0, 0.1, LONG_M - FAR_M, 0.0,
         MIDDLE_M + [6.0, 0, 0], np.eye(3), AXES, *RIG.project(corners_m)[:2]))
     assert upright.evidence == before
+
+
+def test_what_hardly_tells_either_is_not_taken_to_lie():
+    """Where both views are noise, the road may meet them a little better, but not by 20 to 1."""
+    rng = np.random.default_rng(4)
+    found = [seen(True, left=rng.integers(0, 256, (240, 320), np.uint8),
+                  right=rng.integers(0, 256, (240, 320), np.uint8)) for _ in range(20)]
+    assert any(one.evidence < 0 for one in found)
+    assert not any(one.lies for one in found)
