@@ -76,7 +76,8 @@ class Upright:
     def _on_road(self, points: Array, s_m: float, off_m: float) -> Optional[Array]:
         """Return where (n, 3) the left camera's rays through points meet the road; None if not."""
         up = self.lane.path.frame(np.array(s_m))[:, 2]
-        share = (float(self.lane.path.position(np.array(s_m)) @ up) + off_m) / (points @ up)
+        with np.errstate(divide='ignore'):  # along the road there is none
+            share = (float(self.lane.path.position(np.array(s_m)) @ up) + off_m) / (points @ up)
         return points * share[:, None] if (np.isfinite(share) & (share > 0)).all() else None
 
     @staticmethod
