@@ -1,3 +1,3 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What every room speaks: records, errors, units, parameters."""
+"""What all rooms share: records, errors, units, parameters."""

@@ -1,19 +1,19 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Loops that numba compiles where it is installed, each beside the same in plain numpy.
+Loops that numba compiles if it is installed, each with an equivalent function in plain numpy.
 
-A kernel is a loop over pixels or observations that numpy can only do in many passes.  Beside it
-stands a function of the same arguments in plain numpy, which says what the kernel computes, is
-what the tests hold it to, and takes its place where numba is missing or ``STEREO_SPEED_KERNELS``
-is ``plain``.  Which of the two is in use, and why, is never left to be guessed: ``kernels``
-returns it for logs, diagnostics and ``summary.json``.
+A kernel is a loop over pixels or observations that numpy could only do in many passes.  Each has
+a plain numpy function of the same arguments, which defines what the kernel computes.  The tests
+compare the two, and the plain function replaces the kernel if numba is missing or
+``STEREO_SPEED_KERNELS`` is ``plain``.  ``kernels`` returns which of the two is in use, and why,
+for logs, diagnostics and ``summary.json``.
 
-A kernel is compiled once, for the types that it declares, and arguments are brought to those: the
-same arguments give the same bits, whatever a process did before.
+A kernel is compiled once, for the types that it declares, and its arguments are converted to
+these.  The same arguments therefore give the same bits, whatever the process did before.
 
-Compiled code is kept beside the sources, or in the user's cache folder where these cannot be
-written, so that only the first run after an installation waits for the compiler.
+Compiled code is cached beside the sources, or in the user's cache folder if that is not writable,
+so that only the first run after an installation waits for the compiler.
 """
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ VARIABLE = 'STEREO_SPEED_KERNELS'
 _CHOICES = ('compiled', 'plain')
 
 
-REGISTRY: dict[str, Kernel[..., Any]] = {}  # every kernel that was imported
+REGISTRY: dict[str, Kernel[..., Any]] = {}  # all kernels imported so far
 
 
 @dataclass(frozen=True)
@@ -40,8 +40,8 @@ class Kernels:
     """
     Which kernels are in use.
 
-    :param compiled: whether they are compiled; else they are plain numpy.
-    :param why: the version of numba, or the reason why it is not used.
+    :param compiled: whether they are compiled; otherwise they are plain numpy.
+    :param why: version of numba, or the reason why it is not used.
     """
 
     compiled: bool
@@ -54,7 +54,7 @@ class Kernels:
 @lru_cache(maxsize=1)
 def kernels() -> Kernels:
     """
-    Return which kernels this process uses; the first call decides for all that follow.
+    Return which kernels this process uses; the first call decides for the whole process.
 
     :raises ValueError: ``STEREO_SPEED_KERNELS`` is neither ``compiled`` nor ``plain``.
     :raises ImportError: it is ``compiled``, and numba cannot be imported.
@@ -75,11 +75,11 @@ def kernels() -> Kernels:
 
 class Kernel(Generic[P, R]):
     """
-    A loop, and the same in plain numpy; calling it calls one of the two.
+    A loop and its plain numpy equivalent; a call runs one of the two.
 
-    :param loop: what numba compiles; it changes none of its arguments.
-    :param plain: takes and returns the same.
-    :param types: those of the arguments, in numba's words; arrays are contiguous.
+    :param loop: function that numba compiles; it must not change its arguments.
+    :param plain: plain numpy function with the same arguments and result.
+    :param types: numba signature of the arguments; arrays are contiguous.
     """
 
     def __init__(self, loop: Callable[..., Any], plain: Callable[P, R], types: str) -> None:
@@ -89,20 +89,20 @@ class Kernel(Generic[P, R]):
         update_wrapper(self, plain)
 
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
-        """Return what the compiled loop returns, or the plain function where there is none."""
+        """Return the result of the compiled loop, or of the plain function if that is in use."""
         chosen = self._chosen
         if chosen is None:
             chosen = self._chosen = self.compiled() if kernels().compiled else self.plain
         return chosen(*args, **kwargs)
 
     def warm_up(self) -> None:
-        """Compile it, or load what was compiled."""
+        """Compile the loop, or load it from the cache."""
         if self._chosen is None:
             self._chosen = self.compiled()
 
     def compiled(self) -> Callable[..., R]:
         """
-        Return the compiled loop, whatever is in use.
+        Return the compiled loop, even if the plain function is in use.
 
         :raises ImportError: numba cannot be imported.
         """
@@ -112,19 +112,19 @@ class Kernel(Generic[P, R]):
 def kernel(plain: Callable[P, R], types: str
            ) -> Callable[[Callable[..., Any]], Kernel[P, R]]:
     """
-    Make a loop a kernel, by decorating it.
+    Return a decorator that turns a loop into a kernel.
 
-    :param plain: the same in plain numpy.
-    :param types: those of the arguments, in numba's words; arrays are contiguous.
+    :param plain: plain numpy function with the same arguments and result.
+    :param types: numba signature of the arguments; arrays are contiguous.
     """
     return lambda loop: Kernel(loop, plain, types)
 
 
 def warm_up() -> Kernels:
     """
-    Compile all kernels that were imported, or load them, so that no pair waits for the compiler.
+    Compile or load all kernels imported so far, so that no pair waits for the compiler.
 
-    :return: which kernels are in use; where these are plain there is nothing to do.
+    :return: which kernels are in use; plain ones need no compilation.
     """
     if kernels().compiled:
         for one in REGISTRY.values():
@@ -134,10 +134,10 @@ def warm_up() -> Kernels:
 
 def inlined(function: Callable[P, R]) -> Callable[P, R]:
     """
-    Mark a helper that becomes part of the compiled loops that call it.
+    Mark a helper as one to inline into the compiled loops that call it.
 
-    Its module's name for it stands for a function of Python until one of those is compiled, and
-    for a compiled one from then on.
+    Its name in its module refers to the Python function until the first such loop is compiled,
+    and to a compiled function from then on.
     """
     function.__dict__['_inline'] = True
     return function
@@ -145,11 +145,11 @@ def inlined(function: Callable[P, R]) -> Callable[P, R]:
 
 @lru_cache(maxsize=None)
 def _fitted(loop: Callable[..., Any], types: str) -> Callable[..., Any]:
-    """Return a loop compiled for these types alone, which takes what can be brought to them."""
+    """Return a loop compiled for these types only; it converts other arguments to them."""
     from numba import types as of
     from numba.core.sigutils import normalize_signature
     from numba.np.numpy_support import as_dtype
-    # what cannot be written to fits as well
+    # Declared read-only, array arguments may be writable or not.
     wanted = tuple(of.Array(t.dtype, t.ndim, 'C', readonly=True) if isinstance(t, of.Array) else t
                    for t in normalize_signature(types)[0])  # type: ignore[no-untyped-call]
     compiled = _compiled(loop, wanted)
@@ -158,35 +158,35 @@ def _fitted(loop: Callable[..., Any], types: str) -> Callable[..., Any]:
     def call(*args: Any) -> Any:
         try:
             return compiled(*args)
-        except TypeError:  # not compiled for these
+        except TypeError:  # not compiled for the types of these arguments
             return compiled(*[arg if dtype is None else _fit(arg, dtype)
                               for arg, dtype in zip(args, dtypes, strict=True)])
     return call
 
 
 def _fit(values: Any, dtype: np.dtype[Any]) -> Any:
-    """Return values as a contiguous array of a type; themselves where they are one."""
+    """Return values as a contiguous, aligned array of a type, without a copy where possible."""
     fit = np.ascontiguousarray(values, dtype)
     return fit if fit.flags.aligned else fit.copy()
 
 
 def _compiled(loop: Callable[..., Any], types: tuple[Any, ...]) -> Callable[..., Any]:
     import numba
-    # Helpers become part of the loop.  As functions of their own they could come from another
-    # module of the compiler's than the loop does, with other bits, where it was not loaded.
+    # Helpers are inlined.  Compiled separately, they could come from another compiled module than
+    # the loop does, and give other bits.
     _inline_helpers(loop)
-    # reassociation lets sums run in vector registers; NaN and infinities keep their meaning
+    # Reassociation vectorises sums; the chosen flags keep the semantics of NaN and infinity.
     compile_ = partial(numba.njit, types, nogil=True, error_model='numpy',
                        fastmath={'reassoc', 'contract', 'arcp', 'nsz'})
     try:
         compiled: Callable[..., Any] = compile_(cache=True)(loop)
-    except RuntimeError:  # no folder to keep the compiled code in
+    except RuntimeError:  # no writable folder for the cache
         compiled = compile_()(loop)
     return compiled
 
 
 def _inline_helpers(function: Callable[..., Any]) -> None:
-    """Have helpers that a function calls compiled into it, and those that they call."""
+    """Have the helpers that a function calls, directly or not, inlined into it."""
     import numba
     for name in function.__code__.co_names:
         helper = function.__globals__.get(name)

@@ -1,7 +1,7 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Every number one can set, once: default, unit, bounds and meaning.
+The parameters of the instrument, each defined once with its default, unit, bounds and meaning.
 
 A config record is a frozen dataclass of :func:`parameter` and :func:`section` fields.  The YAML
 files of ``config/``, the command line and the ROS parameters all derive from such records.
@@ -21,7 +21,7 @@ from .units import is_finite
 
 Value = Union[bool, int, float, str]
 _Value = TypeVar('_Value', bool, int, float, str)
-_UNBOUNDED = 1e308  # of numbers that have no bound of their own
+_UNBOUNDED = 1e308  # bound of numbers for which none is given
 
 
 class ConfigRecord(Protocol):
@@ -39,14 +39,14 @@ def parameter(default: _Value, low: float = -_UNBOUNDED, high: float = _UNBOUNDE
     """
     Return a field of a config record that carries its unit, bounds and meaning.
 
-    :param default: its value where nobody sets it; its type is that of the parameter.
-    :param low: least legal value, of numbers.
-    :param high: greatest legal value, of numbers.
-    :param unit: of numbers.
-    :param doc: what it means.
-    :param choices: the only legal values, where there are few.
-    :param below: name of a parameter of the same record that must be greater.
-    :param at_least: name of one that must not be greater.
+    :param default: value when the user sets none; its type is the type of the parameter.
+    :param low: smallest legal value of a number.
+    :param high: largest legal value of a number.
+    :param unit: unit of a number.
+    :param doc: meaning of the parameter.
+    :param choices: the legal values, if only these are allowed.
+    :param below: name of a parameter of the same record that must be greater than this one.
+    :param at_least: name of a parameter of the same record that must not be greater than this one.
     """
     meta = {'low': low, 'high': high, 'unit': unit, 'doc': doc, 'choices': choices,
             'below': below, 'at_least': at_least}
@@ -56,9 +56,9 @@ def parameter(default: _Value, low: float = -_UNBOUNDED, high: float = _UNBOUNDE
 
 def section(kind: type[Record], doc: str) -> Record:
     """
-    Return a field of a config record that is a config record itself, with its defaults.
+    Return a field that nests a config record, with its defaults, in another one.
 
-    :param kind: the record.
+    :param kind: class of the nested record.
     :param doc: what its parameters have in common.
     """
     field: Record = dataclasses.field(default_factory=kind, metadata={'section': kind, 'doc': doc})
@@ -67,7 +67,7 @@ def section(kind: type[Record], doc: str) -> Record:
 
 @dataclass(frozen=True)
 class CheckedRecord:
-    """A config record that is within its bounds from the moment it is made."""
+    """A config record whose bounds are checked on construction."""
 
     def __post_init__(self) -> None:
         check_bounds(self)
@@ -75,55 +75,59 @@ class CheckedRecord:
 
 @dataclass(frozen=True)
 class NoParameters:
-    """The parameters of what has none."""
+    """Settings of a tracker or detector without parameters."""
 
 
 @dataclass(frozen=True)
 class NoiseConfig(CheckedRecord):
-    """How precisely images tell where a front is; these decide every sigma of matching."""
+    """How precisely the images locate a front; these parameters set every 1-sigma of matching."""
 
     independent_share: float = parameter(
-        0.35, 0.01, 1.0, '', 'share of the samples of a low-passed patch that are independent')
+        0.35, 0.01, 1.0, '', 'share of the samples of a low-pass filtered patch that are '
+        'statistically independent')
     match_floor_px: float = parameter(
-        0.0125, 0.0, 1.0, 'px', 'systematic error of matching one observation between the views, '
-        'which no number of samples averages away')
+        0.0125, 0.0, 1.0, 'px', 'systematic error of the left-right match of one observation, '
+        'which averaging over samples does not reduce')
     match_floor_pairs: float = parameter(
-        4.0, 0.0, 1e6, 'pairs', 'observations that the error above is worth, beside those of the '
-        'pass that show a greater scatter: as many as the shortest pass that is measured has')
+        4.0, 0.0, 1e6, 'pairs', 'weight of match_floor_px as prior knowledge, in observations, '
+        'against the scatter of disparities that the pass shows; the default is the number of '
+        'pairs of the shortest measured pass')
     scatter_levels: int = parameter(
-        5, 1, 10, '', 'scatters of disparities that are weighed against each other in each pass, '
-        'each twice the one before; 1 for the error above alone')
+        5, 1, 10, '', 'number of scatters of disparities that are weighed by their evidence in '
+        'each pass, each twice the previous one; 1 keeps match_floor_px alone')
     texture_floor_px: float = parameter(
-        0.025, 0.0, 1.0, 'px', 'systematic error of one observation against the texture of the '
-        'front, by relief and light')
+        0.025, 0.0, 1.0, 'px', 'systematic error of matching one observation to the texture of '
+        'the front, caused by relief and light')
     tail_dof: float = parameter(
-        2.0, 1.0, 1e6, '', 'degrees of freedom of the t distribution of the residuals: the fewer, '
-        'the less count clipped lamps, sliding highlights and dirt; a million for none of them')
+        2.0, 1.0, 1e6, '', 'degrees of freedom of the t distribution of the residuals: fewer give '
+        'clipped lamps, sliding highlights and dirt less weight; a million treats the residuals '
+        'as Gaussian')
     clipped_share: float = parameter(
-        0.98, 0.5, 1.0, '', 'share of the full scale of the images from which on a grey value '
-        'counts as clipped: what it outlines keeps its size in pixels while the front grows')
+        0.98, 0.5, 1.0, '', 'share of full scale from which a grey value counts as clipped: the '
+        'outline of a clipped area keeps its size in pixels while the front grows')
     clipped_reach_px: float = parameter(
-        3.0, 0.0, 20.0, 'px', 'how far around what is clipped the light of it spreads in the lens')
+        3.0, 0.0, 20.0, 'px', 'distance by which light spreads in the lens around a clipped area')
     relief_std_m: float = parameter(
         0.04, 0.0001, 0.5, 'm', 'scale of the relief of a front: bumper, grille and lamps lie '
         'centimetres apart in depth')
     relief_dof: float = parameter(
-        2.0, 1.0, 1e6, '', 'degrees of freedom of the t distribution of the relief: the fewer, '
-        'the freer are parts far behind the rest, as of a rider; from 1 to 4 speeds are the same, '
-        'a million frees none')
+        2.0, 1.0, 1e6, '', 'degrees of freedom of the t distribution of the relief: fewer let '
+        'parts lie farther behind the rest, such as a rider behind the fork; values from 1 to 4 '
+        'give the same speeds, a million makes the distribution Gaussian')
     gauge_std_m: float = parameter(
-        0.005, 0.0001, 0.5, 'm', '1-sigma of the place of the front across and above the path in '
-        'its first observation, which defines its centre')
+        0.005, 0.0001, 0.5, 'm', '1-sigma of the position of the front across and above the path '
+        'in its first observation, which defines its centre')
     sharpness_sigmas: float = parameter(
-        3.0, 0.0, 1000.0, '', 'where one view is blurrier than the other by so many sigmas, the '
-        'front is blurred in the other as well; 1000 for never')
+        3.0, 0.0, 1000.0, '', 'significance, in sigmas, from which a difference of blur between '
+        'the views is equalised by blurring the sharper view; 1000 never equalises')
     most_blur_px: float = parameter(
-        2.5, 0.5, 10.0, 'px', 'greatest 1-sigma of a blur that one view has more than the other')
+        2.5, 0.5, 10.0, 'px', 'largest difference of blur between the views, as the 1-sigma of a '
+        'Gaussian')
     blur_doubt: float = parameter(
-        0.3, 0.0, 3.0, '', 'share of what such blurs change a pass by that counts as a 1-sigma, '
-        'fitted to the errors of passes out of focus; 0 for none')
+        0.3, 0.0, 3.0, '', 'share of the change of speed with blur that adds to the 1-sigma of a '
+        'pass, fitted to the errors of passes out of focus; 0 adds nothing')
     start_std_px: float = parameter(
-        0.15, 0.01, 5.0, 'px', '1-sigma of the first particles in depth, as disparity')
+        0.15, 0.01, 5.0, 'px', '1-sigma of the depth of the first particles, as disparity')
 
 
 @dataclass(frozen=True)
@@ -131,91 +135,96 @@ class VisibilityConfig(CheckedRecord):
     """When a vehicle counts as seen, occluded, confirmed or lost."""
 
     least_ncc: float = parameter(
-        0.5, 0.0, 1.0, '', 'an observation that agrees less with the other view, or with the '
-        'texture, does not show the vehicle')
+        0.5, 0.0, 1.0, '', 'an observation does not show the vehicle if its correlation with the '
+        'other view or with the texture is below this')
     occlusion_deficit: float = parameter(
-        0.03, 0.0, 1.0, '', 'an observation is occluded when its correlation lacks more than this '
-        'beyond what noise explains')
+        0.03, 0.0, 1.0, '', 'an observation is occluded when its correlation falls short of 1 by '
+        'more than this beyond what noise explains')
     occlusion_noise_factor: float = parameter(
-        3.0, 0.0, 100.0, '', 'noise explains this many times what the best observations lack')
+        3.0, 0.0, 100.0, '', 'noise explains a shortfall of this many times that of the best '
+        'observations')
     occlusion_best_share: float = parameter(
-        0.1, 0.0, 1.0, '', 'share of the observations of a pass that are taken as its best')
+        0.1, 0.0, 1.0, '', 'share of the observations of a pass that count as its best')
     confirm_pairs: int = parameter(
-        3, 1, 100, '', 'pairs in which a vehicle is wholly seen before its readings are '
-        'confirmed, and so published')
+        3, 1, 100, '', 'pairs in which a vehicle must be fully seen before its readings are '
+        'confirmed and published')
     reading_std_mps: float = parameter(
-        0.5, 0.0, 100.0, 'm/s', 'a reading is confirmed, and so published, only where its 1-sigma '
-        'is below this')
+        0.5, 0.0, 100.0, 'm/s', 'a reading is confirmed and published only if its 1-sigma is '
+        'below this, or below reading_std_share of its speed')
     reading_std_share: float = parameter(
-        0.02, 0.0, 10.0, '', 'or below this share of its speed')
+        0.02, 0.0, 10.0, '', 'see reading_std_mps')
     unnoticed_braking_mps2: float = parameter(
-        6.0, 0.0, 20.0, 'm/s^2', 'the 1-sigma of a reading allows for drivers who have begun to '
-        'brake as hard as this, or to accelerate, before the images can show it')
+        6.0, 0.0, 20.0, 'm/s^2', 'the 1-sigma of a reading covers a driver who has begun to brake '
+        'or accelerate as hard as this when the images cannot show it yet')
     unnoticed_sigmas: float = parameter(
-        3.0, 0.1, 100.0, '', 'by how many of these such a reading is off for that alone, at most')
+        3.0, 0.1, 100.0, '', 'largest error of a reading by such unnoticed braking alone, in '
+        '1-sigmas of the reading')
     unnoticed_std_mps: float = parameter(
-        0.75, 0.0, 100.0, 'm/s', 'a reading whose 1-sigma is above this for it is held '
-        'back, unless it would be one by reading_std_mps or reading_std_share')
+        0.75, 0.0, 100.0, 'm/s', 'a reading whose 1-sigma, with unnoticed braking included, is '
+        'above this is held back, unless it satisfies reading_std_mps or reading_std_share')
     lost_after_s: float = parameter(
-        1.5, 0.0, 60.0, 's', 'a vehicle not seen for longer is lost; behind a pole or in missing '
-        'images it is gone for less')
+        1.5, 0.0, 60.0, 's', 'a vehicle not seen at all for longer than this is lost; poles and '
+        'missing images hide it for less')
     occluded_for_s: float = parameter(
-        4.0, 0.0, 60.0, 's', 'a vehicle not wholly seen for longer is lost, even while a part of '
-        'it is seen, as behind one that overtakes')
+        4.0, 0.0, 60.0, 's', 'a vehicle not fully seen for longer than this is lost, even if a '
+        'part of it is visible, as behind one that overtakes')
     least_width_px: float = parameter(
-        12.0, 1.0, 500.0, 'px', 'a front or rear neither as wide nor as high as this has left '
-        'the view')
+        12.0, 1.0, 500.0, 'px', 'a vehicle whose front or rear is both narrower and lower than '
+        'this has left the view')
     beyond_path_m: float = parameter(
-        20.0, 0.0, 500.0, 'm', 'a vehicle further beyond the end of its path has left the view')
+        20.0, 0.0, 500.0, 'm', 'a vehicle farther than this beyond the end of its path has left '
+        'the view')
     speed_change_sigmas: float = parameter(
-        3.0, 0.0, 100.0, '', 'a reading is held back when it differs from the last one by so '
-        'many sigmas more than most_acceleration_mps2 allows')
+        3.0, 0.0, 100.0, '', 'a reading is held back when its change since the last one exceeds '
+        'what most_acceleration_mps2 allows by this many sigmas')
 
 
 @dataclass(frozen=True)
 class StartConfig(CheckedRecord):
-    """When two quads are one front, in the first pair of a track."""
+    """When the left and right quads in the first pair of a track show one front."""
 
     most_gap_px: float = parameter(
-        5.0, 0.1, 100.0, 'px', 'quads whose centres are further off a common epipolar line show '
-        'different things')
+        5.0, 0.1, 100.0, 'px', 'quads whose centres miss a common epipolar line by more than this '
+        'show different objects')
     search_sigmas: float = parameter(
-        4.0, 0.5, 20.0, '', 'depths searched to either side of the one that the quads give, in '
-        'its sigmas')
+        4.0, 0.5, 20.0, '', 'half range of the search in depth around the depth that the quads '
+        'give, in sigmas of that depth')
     least_ncc: float = parameter(
-        0.5, 0.0, 1.0, '', 'left and right quads that correlate less are not of one front')
+        0.5, 0.0, 1.0, '', 'left and right quads that correlate less do not show one front')
     any_speed_share: float = parameter(
-        0.25, 0.0, 1.0, '', 'share of the first particles whose speeds are drawn evenly, for '
-        'speeds that no limit foresees')
+        0.25, 0.0, 1.0, '', 'share of the first particles whose speeds are drawn from a uniform '
+        'distribution, for vehicles far from the expected speed')
     any_speed_factor: float = parameter(
-        2.5, 0.1, 20.0, '', 'greatest speed of these particles, as a multiple of the expected '
+        2.5, 0.1, 20.0, '', 'largest speed of these particles, as a multiple of the expected '
         'speed')
 
 
 @dataclass(frozen=True)
 class VerdictConfig(CheckedRecord):
-    """Which passes are rejected, beside those whose 1-sigma is too great."""
+    """Which passes are rejected, apart from those whose 1-sigma is too large."""
 
     least_pairs: int = parameter(
-        4, 2, 1000, '', 'a pass wholly seen in fewer pairs is rejected as too_few_pairs')
+        4, 2, 1000, '', 'a pass fully seen in fewer pairs is rejected as too_few_pairs')
     least_width_px: float = parameter(
-        20.0, 1.0, 1000.0, 'px', 'a front never as wide or as high as this is rejected as too_far')
+        20.0, 1.0, 1000.0, 'px', 'a pass whose front is never as wide or as high as this is '
+        'rejected as too_far')
     far_width_px: float = parameter(
-        40.0, 1.0, 1000.0, 'px', 'an uncertain pass of a front never as wide or as high as this '
-        'is rejected as too_far, others as uncertain')
+        40.0, 1.0, 1000.0, 'px', 'an uncertain pass whose front is never as wide or as high as '
+        'this is rejected as too_far, any other as uncertain')
     least_median_ncc: float = parameter(
-        0.6, 0.0, 1.0, '', 'a pass whose views agree less in half of its observations is rejected '
-        'as views_disagree')
+        0.6, 0.0, 1.0, '', 'a pass whose median correlation between the views is below this is '
+        'rejected as views_disagree')
     most_height_change_m: float = parameter(
-        0.6, 0.01, 10.0, 'm', 'a pass whose front climbs or sinks more against the path is '
+        0.6, 0.01, 10.0, 'm', 'a pass whose front climbs or sinks by more relative to the path is '
         'rejected as off_path')
     most_speed_mps: float = parameter(
         90.0, 1.0, 300.0, 'm/s', 'a faster pass is rejected as implausible')
     most_acceleration_mps2: float = parameter(
-        12.0, 0.1, 100.0, 'm/s^2', 'more than tyres can do: a pass with a greater acceleration '
-        'is rejected as implausible, a live reading that needs one is held back')
+        12.0, 0.1, 100.0, 'm/s^2', 'a pass with a greater acceleration is rejected as '
+        'implausible, a live reading that implies one is held back; tyres cannot provide this')
     off_road_m: float = parameter(
-        3.0, 0.1, 50.0, 'm', 'a vehicle further from the middle of every lane is off the road')
+        3.0, 0.1, 50.0, 'm', 'a vehicle farther than this from the middle of every lane is off '
+        'the road')
     off_road_share: float = parameter(
         0.5, 0.0, 1.0, '', 'a pass off the road in more than this share of its pairs is rejected '
         'as off_path')
@@ -226,127 +235,131 @@ class VerdictConfig(CheckedRecord):
 
 @dataclass(frozen=True)
 class EffortConfig(CheckedRecord):
-    """How much is spent on a pass: more takes longer and gains little."""
+    """How much computation is spent on a pass; more takes longer and gains little."""
 
     live_observations: int = parameter(
-        24, 4, 1000, '', 'observations that a live reading is solved from; older ones become '
+        24, 4, 1000, '', 'observations in the solution of a live reading; older ones become '
         'inactive keyframes')
     pass_observations: int = parameter(
-        60, 4, 1000, '', 'observations that the pass is measured from, evenly spaced; at least '
-        'live_observations', at_least='live_observations')
+        60, 4, 1000, '', 'evenly spaced observations that a finished pass is measured from; at '
+        'least live_observations', at_least='live_observations')
     fewest_particles: int = parameter(
-        100, 20, 20000, '', 'particles that a track keeps however many tracks share the budget; '
+        100, 20, 20000, '', 'particles that a track keeps even if many tracks share the budget; '
         'never more than particles')
     solve_interval_s: float = parameter(
-        0.06, 0.0, 1.0, 's', 'a reading is solved for when so much time has passed since the last '
-        'one that was: nearer ones rest on nearly the same pairs, and pairs between are kept and '
-        'solved for with the next one; 0 solves for every reading. Who has a share of '
-        'particle_budget waits as many times longer')
+        0.06, 0.0, 1.0, 's', 'least time between two solutions of a track, as closer readings '
+        'rest on nearly the same pairs; the pairs in between are kept and enter the next '
+        'solution; 0 solves in every pair. A track that has only a share of the particles, by '
+        'particle_budget, waits longer in proportion')
 
 
 @dataclass(frozen=True)
 class AssociationConfig(CheckedRecord):
-    """How what the detector finds becomes tracks, one for each vehicle."""
+    """How detections become tracks, one for each vehicle."""
 
     catch_up_pairs: int = parameter(
-        3, 1, 50, '', 'earlier pairs, at most, that a new track is fed')
+        3, 1, 50, '', 'largest number of earlier pairs that a new track is fed')
     same_speed_sigmas: float = parameter(
-        3.0, 0.1, 100.0, '', 'a new track whose speed differs by more sigmas from what its '
-        'detector saw is doubted: a front occluded in part misleads one of them')
+        3.0, 0.1, 100.0, '', 'a new track whose speed differs from that of its detection by more '
+        'sigmas is doubtful: a partly occluded front misleads one of the two')
     moving_sigmas: float = parameter(
-        3.0, 0.0, 100.0, '', 'a new track whose speed is off zero by fewer sigmas stays '
-        'tentative: a detector may take road that a vehicle has uncovered for what moves')
+        3.0, 0.0, 100.0, '', 'a new track whose speed exceeds zero by fewer sigmas stays '
+        'tentative: road that a vehicle uncovers can look like a moving object to a detector')
     doubt_s: float = parameter(
-        1.0, 0.0, 60.0, 's', 'time for which a doubted track stays tentative, whatever it does')
+        1.0, 0.0, 60.0, 's', 'time for which a doubtful track stays tentative')
     braking_mps2: float = parameter(
-        6.0, 0.0, 20.0, 'm/s^2', 'greatest braking that may explain the difference of speeds '
-        'after that time; a greater difference keeps the track tentative')
+        6.0, 0.0, 20.0, 'm/s^2', 'hardest braking that may explain the difference of speeds '
+        'after doubt_s; a larger difference keeps the track tentative')
     gone_s: float = parameter(
         1.0, 0.0, 60.0, 's', 'time for which a vehicle that has left the view is not detected '
         'again')
     same_vehicle_m: float = parameter(
-        1.5, 0.1, 20.0, 'm', 'fronts nearer to each other are of one vehicle')
+        1.5, 0.1, 20.0, 'm', 'fronts closer to each other than this belong to one vehicle')
 
 
 @dataclass(frozen=True)
 class SecondConfig(CheckedRecord):
-    """A second, independent estimate of each pass, which the first has to agree with."""
+    """A second, independent estimate of each pass, with which the first one has to agree."""
 
     enabled: bool = parameter(
-        True, doc='estimate each pass a second time, by corners triangulated in its pairs, and '
-        'reject it as second_estimate where the two disagree')
+        True, doc='estimate each pass a second time, from corners triangulated in its pairs, and '
+        'reject it as second_estimate if the two disagree')
     most_sigmas: float = parameter(
-        4.0, 0.0, 100.0, '', 'the estimates disagree when they differ by more of their combined '
-        '1-sigmas')
+        4.0, 0.0, 100.0, '', 'the estimates disagree when they differ by more than this many of '
+        'their combined 1-sigmas, or by more than most_difference_mps')
     most_difference_mps: float = parameter(
-        0.5555555555555556, 0.0, 100.0, 'm/s', 'or by more than this, which is 2 km/h')
+        0.5555555555555556, 0.0, 100.0, 'm/s', 'largest difference of estimates that agree; the '
+        'default is 2 km/h')
     least_sigmas: float = parameter(
-        3.0, 0.0, 100.0, '', 'a difference above most_difference_mps of fewer of their combined '
-        '1-sigmas tells nothing of the first one: there is no second estimate')
+        3.0, 0.0, 100.0, '', 'a difference above most_difference_mps that is smaller than this '
+        'many combined 1-sigmas is no evidence against the first estimate: the second one is '
+        'then discarded')
     most_std_share: float = parameter(
-        0.009, 0.0, 1.0, '', 'a second estimate whose 1-sigma is a greater share of its speed is '
-        'none')
+        0.009, 0.0, 1.0, '', 'a second estimate whose 1-sigma is a larger share of its speed is '
+        'discarded')
     least_pairs: int = parameter(
-        4, 3, 1000, '', 'pairs that it rests on, at least')
+        4, 3, 1000, '', 'smallest number of pairs in a second estimate')
     most_pairs: int = parameter(
-        40, 4, 1000, '', 'and at most, evenly spaced; at least least_pairs',
-        at_least='least_pairs')
+        40, 4, 1000, '', 'largest number of pairs in a second estimate, evenly spaced; at least '
+        'least_pairs', at_least='least_pairs')
     least_points: int = parameter(
-        5, 3, 1000, '', 'corners of a pair that are seen in other pairs too, at least')
+        5, 3, 1000, '', 'smallest number of corners that a pair shares with other pairs')
     most_points: int = parameter(
-        40, 3, 1000, '', 'corners of a pair, at most; at least least_points',
+        40, 3, 1000, '', 'largest number of corners in a pair; at least least_points',
         at_least='least_points')
     least_quality: float = parameter(
-        0.001, 0.0001, 1.0, '', 'strength of a corner, as a share of that of the strongest, '
-        'which may be a lamp')
+        0.001, 0.0001, 1.0, '', 'least strength of a corner, as a share of that of the strongest '
+        'one, which may be a lamp')
     most_round_trip_px: float = parameter(
-        0.5, 0.01, 10.0, 'px', 'a corner that is found elsewhere, and from there not back to '
-        'where it was by more, is not matched')
+        0.5, 0.01, 10.0, 'px', 'a match of a corner is dropped if matching back misses the '
+        'corner by more than this')
     match_std_px: float = parameter(
-        0.1, 0.001, 5.0, 'px', 'least 1-sigma of the place of one corner in one view')
+        0.1, 0.001, 5.0, 'px', 'least 1-sigma of the position of one corner in one view')
     match_floor_px: float = parameter(
-        0.04, 0.0, 5.0, 'px', '1-sigma of the disparity that all corners of a pair share: '
-        'interpolation errs alike for all of them')
+        0.04, 0.0, 5.0, 'px', '1-sigma of the disparity error that all corners of a pair share, '
+        'as interpolation biases all of them alike')
     tail_dof: float = parameter(
-        3.0, 1.0, 1e6, '', 'degrees of freedom of the t distribution of the residuals: the '
-        'fewer, the less count corners that do not move along')
+        3.0, 1.0, 1e6, '', 'degrees of freedom of the t distribution of the residuals: fewer give '
+        'corners that do not move with the vehicle less weight')
     interval_s: float = parameter(
-        0.06, 0.0, 1.0, 's', 'time from one of these pairs to the next, at least: corners are '
-        'followed from pair to pair, and each step adds its error')
+        0.06, 0.0, 1.0, 's', 'least time between two of these pairs: corners are followed from '
+        'pair to pair, and each step adds its error')
 
 
 @dataclass(frozen=True)
 class ClassConfig(CheckedRecord):
-    """The sizes of the classes of vehicles, and when a vehicle is of one."""
+    """The sizes of the vehicle classes, and when a vehicle is assigned to one."""
 
     least_probability: float = parameter(
-        0.9, 0.5, 1.0, '', 'a vehicle whose most probable class is less probable is unknown')
+        0.9, 0.5, 1.0, '', 'a vehicle whose most probable class has a lower probability is '
+        'unknown')
     width_std_m: float = parameter(
-        0.08, 0.001, 1.0, 'm', '1-sigma of the width of a front that was detected')
+        0.08, 0.001, 1.0, 'm', '1-sigma of the width of a detected front')
     height_std_m: float = parameter(
-        0.12, 0.001, 1.0, 'm', '1-sigma of the height that is seen to move along')
+        0.12, 0.001, 1.0, 'm', '1-sigma of the measured height')
     odd_width_share: float = parameter(
-        0.02, 0.0, 0.5, '', 'share of vehicles whose measured width tells nothing')
+        0.02, 0.0, 0.5, '', 'share of vehicles whose measured width is an outlier')
     odd_width_m: float = parameter(
-        3.0, 0.5, 10.0, 'm', 'such a width is anything up to this')
+        3.0, 0.5, 10.0, 'm', 'outliers of the width are uniform up to this')
     odd_height_share: float = parameter(
-        0.02, 0.0, 0.5, '', 'share of vehicles whose measured height tells nothing, as where what '
-        'stands or drives behind them is taken for part of them')
+        0.02, 0.0, 0.5, '', 'share of vehicles whose measured height is an outlier, for example '
+        'because it includes an object behind them')
     odd_height_m: float = parameter(
-        4.5, 0.5, 10.0, 'm', 'such a height is anything up to this')
+        4.5, 0.5, 10.0, 'm', 'outliers of the height are uniform up to this')
     hidden_top_share: float = parameter(
-        0.1, 0.0, 0.9, '', 'share of vehicles whose top is not seen, as in the dark: the height '
-        'that is measured is anything below their own')
+        0.1, 0.0, 0.9, '', 'share of vehicles whose top is not visible, as in the dark: their '
+        'measured height is uniform below the true one')
     least_ncc: float = parameter(
-        0.6, 0.0, 1.0, '', 'what moves along correlates at least so well between the views and '
-        'between the pairs')
+        0.6, 0.0, 1.0, '', 'least correlation, between the views and between the pairs, of a '
+        'strip that moves with the vehicle')
     still_margin: float = parameter(
-        0.15, 0.0, 1.0, '', 'and by so much better than if it stood still')
+        0.15, 0.0, 1.0, '', 'least margin of that correlation over the one of a strip that stands '
+        'still')
     edge_width_m: float = parameter(
-        1.2, 0.1, 4.0, 'm', 'what was found by itself, is narrower than this')
+        1.2, 0.1, 4.0, 'm', 'a detected front that is narrower than this and higher than '
+        'edge_height_m is an edge of another vehicle, not a two-wheeler with a rider')
     edge_height_m: float = parameter(
-        2.2, 0.5, 10.0, 'm', 'and higher than this is no two-wheeler with a rider, but an edge of '
-        'another vehicle')
+        2.2, 0.5, 10.0, 'm', 'see edge_width_m')
     motorcycle_width_m: float = parameter(
         0.65, 0.1, 4.0, 'm', 'mean width of the fronts of motorcycles')
     motorcycle_width_std_m: float = parameter(0.2, 0.01, 1.0, 'm', 'its 1-sigma among them')
@@ -362,10 +375,10 @@ class ClassConfig(CheckedRecord):
     van_height_m: float = parameter(2.35, 0.1, 5.0, 'm', 'mean height of vans')
     van_height_std_m: float = parameter(0.25, 0.01, 1.0, 'm', 'its 1-sigma among them')
     heavy_width_m: float = parameter(
-        2.5, 0.1, 4.0, 'm', 'mean width of lorries and buses; in Europe 2.55 m are allowed')
+        2.5, 0.1, 4.0, 'm', 'mean width of lorries and buses; Europe allows 2.55 m')
     heavy_width_std_m: float = parameter(0.06, 0.01, 1.0, 'm', 'its 1-sigma among them')
     heavy_height_m: float = parameter(
-        3.2, 0.1, 5.0, 'm', 'mean height of their fronts: the load may be higher')
+        3.2, 0.1, 5.0, 'm', 'mean height of their fronts; the load may be higher')
     heavy_height_std_m: float = parameter(0.35, 0.01, 1.0, 'm', 'its 1-sigma among them')
 
 
@@ -374,55 +387,55 @@ class TrackerConfig(CheckedRecord):
     """
     Parameters of all trackers; the paper's values (2012, Section V) by default.
 
-    Deviations of random walks are rates, per square root of a second, so that the frame rate
-    does not change the filter; the paper's per-frame values at 5 frames/s are given in each doc.
+    The deviations of random walks are rates per square root of a second, so that the frame rate
+    does not change the filter; each text gives the paper's value per frame at 5 frames/s.
     """
 
     particles: int = parameter(400, 20, 20000, '', 'number of particles N')
     speed_rate_std: float = parameter(
         0.335, 0.0, 20.0, 'm/s/sqrt(s)',
-        'random walk of the speed; 0.335 is the 0.15 m/s a frame of the paper at 5 frames/s')
+        'random walk of the speed; 0.335 is the 0.15 m/s per frame of the paper at 5 frames/s')
     cruise_rate_std: float = parameter(
-        0.05, 0.0, 20.0, 'm/s/sqrt(s)', 'random walk of the speed of a vehicle that cruises')
+        0.05, 0.0, 20.0, 'm/s/sqrt(s)', 'random walk of the speed of a cruising vehicle')
     cruise_share: float = parameter(
         0.7, 0.0, 1.0, '', 'share of passes that cruise; 0 leaves the model out')
     acceleration_std_mps2: float = parameter(
-        1.5, 0.0, 20.0, 'm/s^2', '1-sigma of the first acceleration of a vehicle that changes '
+        1.5, 0.0, 20.0, 'm/s^2', '1-sigma of the initial acceleration of a vehicle that changes '
         'its speed')
     jerk_rate_std: float = parameter(
         3.0, 0.0, 50.0, 'm/s^2/sqrt(s)', 'random walk of the acceleration of such a vehicle')
     onset_per_s: float = parameter(
-        0.3, 0.0, 10.0, '1/s', 'how often a vehicle that keeps its speed begins to brake or to '
-        'accelerate; 0 leaves this out')
+        0.3, 0.0, 10.0, '1/s', 'rate at which a vehicle that keeps its speed begins to brake or '
+        'accelerate; 0 leaves such onsets out')
     onset_lasts_s: float = parameter(
-        2.0, 0.1, 100.0, 's', 'time for which it does so, on average, before it keeps its speed '
+        2.0, 0.1, 100.0, 's', 'mean duration of such a change before the vehicle keeps its speed '
         'again')
     onset_std_mps2: float = parameter(
-        4.0, 0.0, 20.0, 'm/s^2', '1-sigma of its acceleration meanwhile')
+        4.0, 0.0, 20.0, 'm/s^2', '1-sigma of the acceleration during such a change')
     manoeuvre_across_std_m: float = parameter(
-        1.0, 0.0, 5.0, 'm/sqrt(s)', 'drift across the path, over long times, of a vehicle that '
-        'changes lanes')
+        1.0, 0.0, 5.0, 'm/sqrt(s)', 'long-term drift across the path of a vehicle that changes '
+        'lanes')
     manoeuvre_across_s: float = parameter(
-        0.5, 0.01, 100.0, 's', 'time for which its speed across the path persists')
+        0.5, 0.01, 100.0, 's', 'time constant of the speed across the path of such a vehicle')
     manoeuvre_probability: float = parameter(
-        0.05, 0.0, 0.49, '', 'share of passes that brake or accelerate, and share of those that '
-        'change lanes; 0 leaves these models out')
+        0.05, 0.0, 0.49, '', 'share of passes that brake or accelerate, and also the share of '
+        'passes that change lanes; 0 leaves these models out')
     drift_across_std_m: float = parameter(
         0.2236, 0.0, 5.0, 'm/sqrt(s)',
-        'drift across the path, sigma_P of eq. 27; 0.10 m a frame at 5 frames/s')
+        'drift across the path, sigma_P of eq. 27; 0.10 m per frame at 5 frames/s')
     drift_up_std_m: float = parameter(
         0.0671, 0.0, 2.0, 'm/sqrt(s)',
-        'drift above the path, sigma_B of eq. 27; 0.03 m a frame at 5 frames/s')
+        'drift above the path, sigma_B of eq. 27; 0.03 m per frame at 5 frames/s')
     crossfall_std: float = parameter(
-        0.02, 0.0, 0.2, 'm/m', '1-sigma of the crossfall beside the path, which carries a '
-        'vehicle up or down as it changes lanes')
+        0.02, 0.0, 0.2, 'm/m', '1-sigma of the crossfall beside the path, which raises or lowers '
+        'a vehicle that changes lanes')
     smooth_ride_std_m: float = parameter(
-        0.003, 0.0005, 0.5, 'm', 'bouncing of the front on a smooth ride, and its climbing above '
-        'the path in a second')
+        0.003, 0.0005, 0.5, 'm', '1-sigma of the bounce of the front on a smooth ride, and of its '
+        'rise above the path within a second')
     rough_ride_std_m: float = parameter(
-        0.03, 0.0005, 0.5, 'm', 'the same on a rough ride')
+        0.03, 0.0005, 0.5, 'm', 'as smooth_ride_std_m, on a rough ride')
     smooth_share: float = parameter(
-        0.5, 0.0, 1.0, '', 'share of passes that ride smoothly')
+        0.5, 0.0, 1.0, '', 'share of passes with a smooth ride')
     parts: int = parameter(
         10, doc='parts N_p of the front', choices=(4, 6, 8, 10, 12, 16))
     samples_per_part: int = parameter(
@@ -432,40 +445,43 @@ class TrackerConfig(CheckedRecord):
     reference_epsilon: float = parameter(
         0.3, 0.0, 1.0, '', 'share of the old reference kept in each update, epsilon of eq. 14')
     resample_ess: float = parameter(
-        0.5, 0.0, 1.0, '', 'resample when the effective sample size falls below this share of N')
+        0.5, 0.0, 1.0, '', 'effective sample size, as a share of N, below which the particles are '
+        'resampled')
     initial_speed_mps: float = parameter(
         20.0, 0.5, 100.0, 'm/s', 'expected speed on a lane without a speed limit')
     initial_speed_std: float = parameter(
-        0.5, 0.01, 5.0, '', '1-sigma of the first speeds, as a share of the expected one')
+        0.5, 0.01, 5.0, '', '1-sigma of the initial speeds, as a share of the expected speed')
 
     stamp_std_s: float = parameter(
-        2e-4, 0.0, 0.1, 's', '1-sigma of each header stamp against the true exposure')
+        2e-4, 0.0, 0.1, 's', '1-sigma of each header stamp relative to the true exposure')
     uneven_stamp_sigmas: float = parameter(
-        2.0, 1.0, 1e6, '', 'stamps that are off an even pace by more than so many stamp_std_s are '
-        'taken to be wrong by that; a great number where uneven stamps are those of the exposures')
+        2.0, 1.0, 1e6, '', 'stamps that deviate from an even frame interval by more than this '
+        'many stamp_std_s are taken to be wrong by the deviation; set it to a large number if '
+        'the exposures themselves are uneven')
     trigger_tolerance_s: float = parameter(
-        5e-4, 0.0, 1.0, 's', 'pairs whose stamps differ by less were exposed at once; beyond it '
-        'each view counts at its own time')
+        5e-4, 0.0, 1.0, 's', 'views whose stamps differ by less were exposed simultaneously; '
+        'otherwise each view counts at its own stamp')
     focal_std: float = parameter(
-        5e-4, 0.0, 0.1, '', '1-sigma of the focal lengths, as a share')
+        5e-4, 0.0, 0.1, '', '1-sigma of the focal lengths, as a share of them')
     baseline_std_m: float = parameter(
         2e-4, 0.0, 0.1, 'm', '1-sigma of the baseline')
     max_speed_std_share: float = parameter(
-        0.01, 0.0, 1.0, '', 'a pass whose 1-sigma is a greater share of its speed is rejected')
+        0.01, 0.0, 1.0, '', 'a pass whose 1-sigma is a larger share of its speed is rejected, '
+        'unless it is below max_speed_std_mps')
     max_speed_std_mps: float = parameter(
-        0.15, 0.0, 10.0, 'm/s', 'unless its 1-sigma is smaller than this')
+        0.15, 0.0, 10.0, 'm/s', 'see max_speed_std_share')
     max_scale_std_share: float = parameter(
-        0.0025, 0.0, 1.0, '', 'a pass is rejected when focal length, baseline, path and '
-        'extrinsic drift leave its scale uncertain by a greater share')
+        0.0025, 0.0, 1.0, '', 'a pass is rejected if the 1-sigma of its scale, from focal length, '
+        'baseline, path and extrinsic drift, is a larger share of the scale')
     particle_budget: int = parameter(
-        800, 100, 100000, '', 'particles of all tracks together; while there are several, they '
-        'share them')
+        800, 100, 100000, '', 'number of particles that all tracks together share')
 
     noise: NoiseConfig = section(NoiseConfig, 'precision of the images')
-    visibility: VisibilityConfig = section(VisibilityConfig, 'seen, occluded, confirmed, lost')
+    visibility: VisibilityConfig = section(
+        VisibilityConfig, 'when a vehicle is seen, occluded, confirmed or lost')
     start: StartConfig = section(StartConfig, 'first pair of a track')
-    verdict: VerdictConfig = section(VerdictConfig, 'passes that are rejected')
-    effort: EffortConfig = section(EffortConfig, 'work spent on a pass')
+    verdict: VerdictConfig = section(VerdictConfig, 'when a pass is rejected')
+    effort: EffortConfig = section(EffortConfig, 'computation spent on a pass')
     association: AssociationConfig = section(AssociationConfig, 'from detections to tracks')
     second: SecondConfig = section(SecondConfig, 'second, independent estimate of each pass')
     classes: ClassConfig = section(ClassConfig, 'classes of vehicles, by their sizes')
@@ -473,9 +489,9 @@ class TrackerConfig(CheckedRecord):
 
 def check_bounds(config: ConfigRecord) -> None:
     """
-    Check each parameter of a config record against its bounds or choices, and against others.
+    Check each parameter of a config record against its bounds or choices and related parameters.
 
-    :raises InputError: names the field, what was found and what was wanted.
+    :raises InputError: a parameter that is illegal; names the field, the value and what is legal.
     """
     for f in dataclasses.fields(config):
         value = getattr(config, f.name)
@@ -494,7 +510,7 @@ def check_bounds(config: ConfigRecord) -> None:
 
 
 def wanted_of(field: dataclasses.Field[Any]) -> str:
-    """Return in words what a parameter may be."""
+    """Return a text that describes the legal values of a parameter."""
     meta, kind = field.metadata, type(field.default).__name__
     if meta['choices']:
         return 'one of ' + ', '.join(str(choice) for choice in meta['choices'])
@@ -504,10 +520,10 @@ def wanted_of(field: dataclasses.Field[Any]) -> str:
 
 
 def _is_legal(field: dataclasses.Field[Any], value: object) -> bool:
-    """Return whether a value is of the type of a parameter, and within its bounds."""
+    """Return whether a value has the type of a parameter and is within its bounds."""
     meta, kind = field.metadata, type(field.default)
     if kind is float and isinstance(value, int) and not isinstance(value, bool):
-        # A whole number may be too large to be a float, and is out of any bounds then.
+        # An integer that is too large for a float is out of any bounds.
         value = float(value) if is_finite(value) else math.inf
     if type(value) is not kind:
         return False
@@ -523,8 +539,8 @@ def parameters_of(kind: type[ConfigRecord], prefix: str = ''
     """
     Yield the dotted name and the field of every parameter of a record and of its sections.
 
-    :param kind: the record.
-    :param prefix: put before each name.
+    :param kind: class of the record.
+    :param prefix: prepended to each name.
     """
     for f in dataclasses.fields(kind):
         if 'section' in f.metadata:
@@ -537,7 +553,7 @@ def read_yaml_mapping(path: Union[str, Path]) -> Mapping[str, object]:
     """
     Read a YAML mapping of parameters.
 
-    :raises InputError: an unreadable file, or one without a mapping at its top.
+    :raises InputError: an unreadable file, or one whose top level is not a mapping.
     """
     data = read_yaml(path, InputError)
     if not isinstance(data, Mapping):
@@ -547,10 +563,10 @@ def read_yaml_mapping(path: Union[str, Path]) -> Mapping[str, object]:
 
 def record_of(kind: type[Record], data: object, where: object, prefix: str = '') -> Record:
     """
-    Make a config record of a mapping, with defaults for what it leaves out.
+    Return a config record made from a mapping, with defaults for what it leaves out.
 
-    :param kind: the record.
-    :param data: parameter to value, section to mapping; dots of flat names are nested already.
+    :param kind: class of the record.
+    :param data: parameter names to values, section names to mappings; not with dotted names.
     :param where: file, for errors.
     :param prefix: dotted name of the section, for errors.
     :raises InputError: an unknown key, or a value out of bounds.
@@ -568,7 +584,7 @@ def record_of(kind: type[Record], data: object, where: object, prefix: str = '')
         values[key] = value if inner is None else record_of(inner, value, where, f'{prefix}{key}.')
     try:
         record = kind(**values)
-        check_bounds(record)  # records of other packages need not do so themselves
+        check_bounds(record)  # records of other packages may not check themselves
     except InputError as error:
         raise InputError(where, prefix + error.what, error.found, error.wanted) from None
     return record
@@ -576,23 +592,23 @@ def record_of(kind: type[Record], data: object, where: object, prefix: str = '')
 
 def load_config(path: Optional[Union[str, Path]], kind: type[Record]) -> Record:
     """
-    Read a YAML mapping of parameters; the others keep their defaults.
+    Return the config record that a YAML file describes; parameters not in it keep their defaults.
 
-    :param path: of the file; None gives the defaults.
-    :param kind: the config record whose parameters they are.
+    :param path: path of the file; None gives the defaults.
+    :param kind: class of the config record.
     :raises InputError: unreadable file, unknown key or value out of bounds.
     """
     return kind() if path is None else record_of(kind, read_yaml_mapping(path), path)
 
 
-TOLERANCES = ('focal_std', 'baseline_std_m', 'stamp_std_s')  # those that a site file may give
+TOLERANCES = ('focal_std', 'baseline_std_m', 'stamp_std_s')  # that a site file may override
 
 
 def check_tolerance(name: str, value: object, where: object) -> float:
     """
-    Check a tolerance of a site file against the bounds of its parameter.
+    Return a tolerance of a site file after checking it against the bounds of its parameter.
 
-    :raises InputError: names the file and the field.
+    :raises InputError: an illegal value; names the file and the field.
     """
     config = record_of(TrackerConfig, {name: value}, where, 'tolerances.')
     return float(getattr(config, name))

@@ -1,21 +1,21 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Errors a user can cause, under one base class, each a single clear line."""
+"""Errors that a user can cause, under one base class; each message is a single line."""
 from __future__ import annotations
 
 
 class StereoSpeedError(Exception):
-    """Base class of every error this package raises on purpose."""
+    """Base class of all errors that this package raises deliberately."""
 
 
 class InputError(StereoSpeedError):
     """
-    Bad input: says where, what, found, wanted, on one line.
+    Bad input; the message says in one line where, what, found and wanted.
 
-    :param where: file (or topic) that holds the fault.
-    :param what: the field, key or thing at fault.
-    :param found: what was there; shown by ``str``.
-    :param wanted: what should have been there.
+    :param where: file or topic that contains the fault.
+    :param what: field, key or item at fault.
+    :param found: value found there; shown by ``str``.
+    :param wanted: description of what is legal there.
     """
 
     def __init__(self, where: object, what: str, found: object, wanted: str) -> None:
@@ -24,7 +24,7 @@ class InputError(StereoSpeedError):
         super().__init__(' '.join(line.split()))
 
     def __reduce__(self) -> tuple[type, tuple[str, ...]]:
-        """Pickle by what it says, so that it comes out of worker processes whole."""
+        """Pickle by the constructor's arguments, so that worker processes can pass it on."""
         return type(self), (self.where, self.what, self.found, self.wanted)
 
 

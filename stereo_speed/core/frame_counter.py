@@ -1,25 +1,26 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Number the frames of a live camera by their header stamps, in integer nanoseconds."""
+"""Numbers the frames of a live camera by their header stamps, in integer nanoseconds."""
 from __future__ import annotations
 
 from collections import deque
 from statistics import median
 
-_INTERVALS = 31  # enough that a run of dropped frames does not move their median
+_INTERVALS = 31  # enough that a run of dropped frames does not affect their median
 
 
 class FrameCounter:
     """
-    Numbers frames by their stamps, so that those dropped on the way count as well.
+    Numbers frames by their stamps, so that dropped frames keep their numbers.
 
-    The interval of the frames is the median of the latest ones; a gap of k of them, rounded,
-    advances the number by k. Stamps that are not later than the last one have no number.
+    The frame interval is the median of the latest intervals; a gap of k frame intervals, rounded,
+    advances the number by k. A stamp that is not later than the last one gets no number.
 
-    ``number`` is that of the last frame, 0 before the first; ``gaps`` and ``dropped`` count the
-    gaps and the frames missing in them, ``repeated`` and ``late`` the stamps left out.
+    ``number`` is the number of the last frame, 0 before the first; ``gaps`` and ``dropped`` count
+    the gaps and the frames missing in them, ``repeated`` and ``late`` the stamps left out.
 
-    :param jump_ns: a stamp this far before the last one is of another time, ns.
+    :param jump_ns: a stamp farther than this before the last one means that time has jumped
+        back, ns.
     """
 
     def __init__(self, jump_ns: int) -> None:
@@ -29,16 +30,16 @@ class FrameCounter:
         self._intervals: deque[int] = deque(maxlen=_INTERVALS)
 
     def jumps_back(self, ns: int) -> bool:
-        """Return whether a stamp [ns] is of another time."""
+        """Return whether time has jumped back to a stamp [ns]."""
         return self.number > 0 and ns < self.last_ns - self.jump_ns
 
     def restart(self) -> None:
-        """Start again at number 1; the counts go on."""
+        """Start again at number 1; the counts continue."""
         self.number = self.last_ns = 0
         self._intervals.clear()
 
     def step(self, ns: int) -> int:
-        """Return how many frames after the last one a stamp [ns] is: 0 for one to leave out."""
+        """Return by how many frames a stamp [ns] follows the last one; 0 if it is left out."""
         if self.number == 0:
             self.number, self.last_ns = 1, ns
             return 1

@@ -1,11 +1,11 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-A process that works for this one: asked through a pipe, given images in shared memory.
+A helper process that takes requests through a pipe and images through shared memory.
 
-It is a fork of this one where this one has a single thread and its user wants that, which takes
-a hundredth of a second; else a process of its own, whose imports take two: a fork lacks the
-threads of the one that it is made of, and waits for ever for what they held.
+It is a fork if the caller asks for one and this process has a single thread; that takes a
+hundredth of a second.  Otherwise it is a new process, whose imports take two seconds: a fork
+lacks the other threads of its parent and would wait for ever for locks that they held.
 """
 from __future__ import annotations
 
@@ -25,23 +25,23 @@ from typing import Any, Callable, Iterable, Iterator, Optional, Union
 
 from .threads import one_blas_thread
 
-_START_S = 30.0  # that it may take to start: two, on a machine that is not busy
-_END_S = 2.0  # to end by itself
-_POLL_S = 0.005  # between two looks whether a fork has ended
+_START_S = 30.0  # time limit of a start, which takes two seconds on an idle machine
+_END_S = 2.0  # time that a helper has to end by itself
+_POLL_S = 0.005  # interval of the checks whether a fork has ended
 
 
 _ENDS = (signal.SIGINT, signal.SIGTERM)
 
 
 def leave_ending_to_parent() -> None:
-    """Ignore signals that go to all of a group: the parent ends its helper, or ends."""
+    """Ignore signals sent to the whole process group; the parent ends its helper."""
     for one in _ENDS:
         signal.signal(one, signal.SIG_IGN)
 
 
 @contextmanager
 def _ends_held_back() -> Iterator[None]:
-    """Start processes that are not sent such signals before they ignore them."""
+    """Block the signals of ``_ENDS``, also in processes started meanwhile, which ignore them."""
     former = signal.pthread_sigmask(signal.SIG_BLOCK, _ENDS)
     try:
         yield
@@ -50,23 +50,24 @@ def _ends_held_back() -> Iterator[None]:
 
 
 def can_fork() -> bool:
-    """Return whether a fork lacks nothing that this process has: it has no other thread."""
+    """Return whether this process can be forked safely: it has no other thread."""
     try:
         return len(os.listdir('/proc/self/task')) == 1
-    except OSError:  # there is no telling
+    except OSError:  # number of threads unknown
         return False
 
 
 class Fork:
     """
-    A fork of this process; it has what is asked of a ``subprocess.Popen`` here.
+    A fork of this process, with the part of the interface of ``subprocess.Popen`` used here.
 
-    :param work: done by the fork, which ends after it, without what this process has to do then.
-    :raises OSError: no memory, no more processes.
+    :param work: run by the fork, which then exits without running the exit handlers of this
+        process.
+    :raises OSError: no memory, or no more processes.
     """
 
     def __init__(self, work: Callable[[], object]) -> None:
-        for stream in (sys.stdout, sys.stderr):  # or both would write what it holds
+        for stream in (sys.stdout, sys.stderr):  # or both processes would write their buffers
             stream.flush()
         self.returncode: Optional[int] = None
         self.pid = os.fork()
@@ -81,11 +82,11 @@ class Fork:
                 os._exit(status)
 
     def poll(self) -> Optional[int]:
-        """Return how it has ended, below 0 by which signal; None where it has not."""
+        """Return the exit code, negative for a signal; None while it runs."""
         if self.returncode is None:
             try:
                 pid, status = os.waitpid(self.pid, os.WNOHANG)
-            except ChildProcessError:  # signals of ends are ignored here, so nobody knows how
+            except ChildProcessError:  # SIGCHLD is ignored here, so the exit code is unknown
                 pid, status = self.pid, 0
             if pid:
                 self.returncode = os.waitstatus_to_exitcode(status)
@@ -93,10 +94,10 @@ class Fork:
 
     def wait(self, timeout: Optional[float] = None) -> int:
         """
-        Wait until it has ended; return how.
+        Wait until it has ended, and return its exit code.
 
-        :param timeout: s, at most.
-        :raises subprocess.TimeoutExpired: it has not.
+        :param timeout: time limit, s; None for none.
+        :raises subprocess.TimeoutExpired: it has not ended in time.
         """
         until_s = None if timeout is None else time.monotonic() + timeout
         while (code := self.poll()) is None:
@@ -106,25 +107,25 @@ class Fork:
         return code
 
     def kill(self) -> None:
-        """End it, if it has not ended."""
+        """Kill the process if it still runs."""
         if self.poll() is None:
             os.kill(self.pid, signal.SIGKILL)
 
 
 class HelperProcess:
     """
-    The process; it ends with the one that started it.
+    A helper process; it ends when the process that started it ends.
 
-    :param module: that it runs: its ``main`` with the descriptors of its pipe and of the shared
-        memory; it says that it is ready, and then answers.
-    :param answer_s: that an answer may take.
-    :param patience: with the processor, from its very start; 19 is the most there is.
-    :param fork: whether it is to be a fork of this process, where :func:`can_fork`; else it takes
-        two seconds until it is ready.
-    :raises OSError: no memory, no more processes, no such patience.
+    :param module: name of the module that it runs.  Its ``main`` gets the descriptors of the pipe
+        and of the shared memory, sends a message when it is ready, and then answers requests.
+    :param answer_s: time limit of an answer, s.
+    :param patience: niceness relative to this process, from its start on; 19 at most.
+    :param fork: whether to fork this process if :func:`can_fork`; a new process takes two seconds
+        to be ready.
+    :raises OSError: no memory, no more processes, or the niceness cannot be set.
     """
 
-    _pipes: set[int] = set()  # descriptors of all pipes of this process to its helpers
+    _pipes: set[int] = set()  # descriptors of all pipes from this process to its helpers
 
     def __init__(self, module: str, answer_s: float, patience: int = 0, *, fork: bool = False
                  ) -> None:
@@ -132,7 +133,7 @@ class HelperProcess:
         one_blas_thread()
         ours, theirs = socket.socketpair()
         self._memory_fd = os.memfd_create('stereo_speed')
-        # What is large is sent in several turns, and one that stands still takes two at most.
+        # A large message takes several system calls; a stalled one at most two such timeouts.
         turn = struct.pack('ll', *divmod(int(answer_s * 5e5), 10**6))
         for side in (socket.SO_SNDTIMEO, socket.SO_RCVTIMEO):
             ours.setsockopt(socket.SOL_SOCKET, side, turn)
@@ -149,7 +150,7 @@ class HelperProcess:
         self._pipe: Connection[Any, Any] = Connection(ours.detach())
         self._memory: Optional[mmap] = None
         try:
-            if patience:  # now, for its imports take a second of one core
+            if patience:  # set now, as the imports take a second of one core
                 os.setpriority(os.PRIO_PROCESS, self.process.pid,
                                os.getpriority(os.PRIO_PROCESS, 0) + patience)
         except OSError:
@@ -158,7 +159,7 @@ class HelperProcess:
 
     def wait(self) -> None:
         """
-        Wait until it is ready.
+        Wait until the helper is ready.
 
         :raises OSError: it has ended, or is not ready in time.
         """
@@ -168,7 +169,7 @@ class HelperProcess:
 
     def is_ready(self) -> bool:
         """
-        Return whether it can be asked; to be called until then, in place of ``wait``.
+        Return whether the helper is ready; poll it in place of ``wait``, and not after True.
 
         :raises OSError: it has ended.
         """
@@ -178,14 +179,14 @@ class HelperProcess:
         return True
 
     def has_answer(self) -> bool:
-        """Return whether ``received`` would not wait: there is an answer, or it has ended."""
+        """Return whether ``received`` would return at once: with an answer or an error."""
         return self._pipe.poll(0.0)
 
     def send(self, request: Any) -> None:
         """
         Send a request.
 
-        :raises OSError: the process has ended, or does not take it in time.
+        :raises OSError: the process has ended, or does not accept the request in time.
         """
         try:
             self._pipe.send(request)
@@ -194,7 +195,7 @@ class HelperProcess:
 
     def answered(self, request: Any) -> Any:
         """
-        Return the answer to a request; sending it counts as part of that.
+        Send a request and return its answer; the time limit includes the sending.
 
         :raises OSError: the process has ended, or does not answer in time.
         """
@@ -203,7 +204,7 @@ class HelperProcess:
         return self._received(max(until_s - time.monotonic(), 0.0))
 
     def memory(self, least_bytes: int) -> mmap:
-        """Return the shared memory, of at least so many bytes; it only ever grows."""
+        """Return the shared memory, grown to at least so many bytes; it never shrinks."""
         if self._memory is None or len(self._memory) < least_bytes:
             os.ftruncate(self._memory_fd, least_bytes)
             self._memory = mmap(self._memory_fd, least_bytes)
@@ -211,7 +212,7 @@ class HelperProcess:
 
     def received(self) -> Any:
         """
-        Return the answer to the last request that has one.
+        Wait for the next answer and return it.
 
         :raises OSError: the process has ended, or does not answer in time.
         """
@@ -224,7 +225,7 @@ class HelperProcess:
             return self._pipe.recv()
         except EOFError:
             raise BrokenPipeError('it has ended') from None
-        except BlockingIOError:  # it stands still in the middle
+        except BlockingIOError:  # the answer stalled halfway
             raise self._late() from None
 
     def _late(self) -> TimeoutError:
@@ -232,9 +233,9 @@ class HelperProcess:
 
     def close(self, most_s: float = _END_S) -> None:
         """
-        End the process; once is enough.
+        End the process; further calls have no effect.
 
-        :param most_s: for which it may end by itself.
+        :param most_s: time that it has to end by itself before it is killed, s.
         """
         if not self._pipe.closed:
             self._pipes.discard(self._pipe.fileno())
@@ -251,7 +252,7 @@ class HelperProcess:
 
 def _started(module: str, pipe_fd: int, memory_fd: int, others: Iterable[int]
              ) -> subprocess.Popen[bytes]:
-    """Return a new process that runs a module; it has no other descriptors of this one."""
+    """Return a new process that runs a module; it inherits no other descriptors."""
     environment = {**os.environ, 'PYTHONPATH': os.pathsep.join(filter(None, sys.path))}
     with _ends_held_back():
         return subprocess.Popen(
@@ -263,7 +264,8 @@ def _forked(module: str, pipe_fd: int, memory_fd: int, others: Iterable[int]) ->
     """
     Return a fork of this process that runs a module.
 
-    :param others: descriptors that it closes: a pipe ends where all who have its end close it.
+    :param others: descriptors that it closes, because a pipe ends only when all of its holders
+        have closed it.
     """
     main = import_module(module).main
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Pair the images of two cameras by their header stamps, in integer nanoseconds."""
+"""Pairs the images of two cameras by their header stamps, in integer nanoseconds."""
 from __future__ import annotations
 
 from collections import deque
@@ -10,23 +10,23 @@ from typing import Any, Optional, Sequence
 import numpy as np
 
 LEFT, RIGHT = 0, 1
-MAX_TOLERANCE_NS = 5_000_000  # a car at 30 m/s moves 0.15 m in this time: no more is forgiven
+MAX_TOLERANCE_NS = 5_000_000  # the time in which a car at 30 m/s moves 0.15 m
 
 Match = tuple[int, Any, int, Any]  # left stamp, left item, right stamp, right item
 
 
 class PairMatcher:
     """
-    Match left and right items by stamp: exactly, or the nearest within a tolerance.
+    Matches left and right items by stamp, either exactly or the nearest within a tolerance.
 
-    Each item is used once and pairs come out in time order. The stamps of one side must rise;
+    Each item is used once and pairs are returned in time order. The stamps of one side must rise:
     an item that is not newer than the last of its side is left out and counted as unpaired
-    (call :meth:`reset` when time itself jumps back). A pair is given out as soon as no later
+    (call :meth:`reset` when time itself jumps back). A pair is returned as soon as no later
     item could be nearer: at once for equal stamps, otherwise when the gap is below half the
-    smallest interval seen on that side, or when the next item has come.
+    smallest interval seen on the earlier item's side, or when the next item has arrived.
 
-    :param tolerance_ns: largest gap between the stamps of a pair, ns; 0 wants equal stamps.
-    :param queue_size: how many unpaired items to keep a side; the oldest goes first.
+    :param tolerance_ns: largest gap between the stamps of a pair, ns; 0 requires equal stamps.
+    :param queue_size: number of unpaired items kept per side; the oldest is dropped first.
     """
 
     def __init__(self, tolerance_ns: int = 0, queue_size: int = 10) -> None:
@@ -37,7 +37,7 @@ class PairMatcher:
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything, the counts too."""
+        """Forget all items and counts."""
         self._queues: tuple[deque[tuple[int, Any]], ...] = (deque(), deque())
         self._last: list[Optional[int]] = [None, None]
         self._spacing: list[Optional[int]] = [None, None]
@@ -45,24 +45,24 @@ class PairMatcher:
 
     @property
     def unpaired_left(self) -> int:
-        """Left items that were given up; those still waiting are not counted."""
+        """Return the number of left items dropped; items still waiting are not counted."""
         return self._unpaired[LEFT]
 
     @property
     def unpaired_right(self) -> int:
-        """Right items that were given up; those still waiting are not counted."""
+        """Return the number of right items dropped; items still waiting are not counted."""
         return self._unpaired[RIGHT]
 
     def add_left(self, stamp_ns: int, item: Any) -> list[Match]:
-        """Take a left item and give the pairs that are now certain."""
+        """Add a left item and return the pairs that are now certain."""
         return self._add(LEFT, stamp_ns, item)
 
     def add_right(self, stamp_ns: int, item: Any) -> list[Match]:
-        """Take a right item and give the pairs that are now certain."""
+        """Add a right item and return the pairs that are now certain."""
         return self._add(RIGHT, stamp_ns, item)
 
     def flush(self) -> list[Match]:
-        """Give the pairs still undecided, as nothing more will come, and drop the rest."""
+        """Return the pairs still undecided, as no more items will come, and drop the rest."""
         matches = self._settle(final=True)
         for side in (LEFT, RIGHT):
             self._unpaired[side] += len(self._queues[side])
@@ -90,7 +90,7 @@ class PairMatcher:
         self._unpaired[side] += 1
 
     def _settle(self, final: bool) -> list[Match]:
-        """Work off the heads of both queues as far as they are certain."""
+        """Return the pairs at the heads of both queues that are certain."""
         left, right = self._queues
         matches: list[Match] = []
         while left and right:
@@ -98,9 +98,9 @@ class PairMatcher:
             queue, late_ns = self._queues[early], self._queues[1 - early][0][0]
             gap = late_ns - queue[0][0]
             if gap > self.tolerance_ns:
-                self._drop(early)  # stamps rise, so nothing nearer can come for it
+                self._drop(early)  # stamps rise, so no nearer item can come
             elif len(queue) > 1 and abs(queue[1][0] - late_ns) < gap:
-                self._drop(early)  # its follower is nearer
+                self._drop(early)  # the next item of its side is nearer
             elif len(queue) > 1 or final or self._certain(early, gap):
                 matches.append((*left.popleft(), *right.popleft()))
             else:
@@ -108,17 +108,17 @@ class PairMatcher:
         return matches
 
     def _certain(self, early: int, gap: int) -> bool:
-        """Tell whether the next item of the early side is bound to be farther than ``gap``."""
+        """Return whether the next item of the early side must be farther away than ``gap``."""
         spacing = self._spacing[early]
         return gap == 0 or (spacing is not None and 2 * gap < spacing)
 
 
 def choose_tolerance_ns(left_ns: Sequence[int], right_ns: Sequence[int]) -> int:
     """
-    Choose how two recorded streams are to be paired, from their stamps alone.
+    Return the tolerance by which to pair two recorded streams, from their stamps alone.
 
-    Exactly (0) when at least half the images of the scarcer side have an equal stamp on the
-    other; otherwise the nearest within a quarter of the median frame interval, 5 ms at most.
+    It is 0, for exact matching, when at least half of the images of the side with fewer have an
+    equal stamp on the other side; otherwise a quarter of the median frame interval, 5 ms at most.
 
     :param left_ns: stamps of the left images, rising, ns.
     :param right_ns: stamps of the right images, rising, ns.
@@ -139,7 +139,8 @@ def plan_pairs(left_ns: Sequence[int], right_ns: Sequence[int], tolerance_ns: in
     :param left_ns: stamps of the left images, rising, ns.
     :param right_ns: stamps of the right images, rising, ns.
     :param tolerance_ns: see :class:`PairMatcher`.
-    :return: the positions (left, right) of each pair, and how many of each side have none.
+    :return: the indices (left, right) of each pair, and the numbers of unpaired left and right
+        images.
     """
     matcher = PairMatcher(tolerance_ns, queue_size=len(left_ns) + len(right_ns) + 1)
     matches: list[Match] = []

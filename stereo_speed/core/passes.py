@@ -1,7 +1,7 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-What is said of a vehicle's whole pass: its speed, what that is made of, and the verdict.
+The result of a vehicle's whole pass: its speed, the budget of its 1-sigma, and the verdict.
 
 Time is integer nanoseconds of the header stamp; speeds are in m/s over ground.
 """
@@ -33,7 +33,7 @@ class TrackEnd(Word):
 
 
 class Direction(Word):
-    """Which way a vehicle drives, as the cameras see it."""
+    """Direction in which a vehicle drives, as seen from the cameras."""
 
     APPROACHING = 'approaching'
     RECEDING = 'receding'
@@ -43,7 +43,7 @@ class Reason(Word):
     """
     Why a pass is rejected; the values are those of ``passes.csv``.
 
-    ``docs/method.md`` says what each means.
+    ``docs/method.md`` explains each of them.
     """
 
     NEVER_SEEN = 'never_seen'
@@ -62,9 +62,9 @@ class Reason(Word):
 
 class VehicleClass(Word):
     """
-    Classes of vehicles as far as their sizes tell them; the values are those of ``passes.csv``.
+    Vehicle classes that can be told apart by size; the values are those of ``passes.csv``.
 
-    A heavy vehicle is a lorry or a bus: from ahead these are of one size.
+    A heavy vehicle is a lorry or a bus, which have the same size when seen from ahead.
     """
 
     MOTORCYCLE = 'motorcycle'
@@ -77,12 +77,12 @@ class VehicleClass(Word):
 @dataclass(frozen=True)
 class SpeedBudget:
     """
-    What the 1-sigma of a pass's speed is made of, each part in m/s.
+    The independent parts of the 1-sigma of a pass's speed, each in m/s.
 
-    :param matching_mps: the images and how the vehicle may have moved between them.
-    :param path_mps: the direction of the lane's path.
-    :param stamps_mps: the header stamps against the true exposures.
-    :param calibration_mps: focal length, baseline and the length of the path.
+    :param matching_mps: part of the images and of the vehicle's possible motion between them.
+    :param path_mps: part of the direction of the lane's path.
+    :param stamps_mps: part of the header stamps, relative to the true exposures.
+    :param calibration_mps: part of focal length, baseline and the length of the path.
     """
 
     matching_mps: float
@@ -92,7 +92,7 @@ class SpeedBudget:
 
     @property
     def total_mps(self) -> float:
-        """Root of the sum of squares: the parts are independent."""
+        """Return the root of the sum of squares of the parts."""
         return math.hypot(self.matching_mps, self.path_mps, self.stamps_mps,
                           self.calibration_mps)
 
@@ -100,11 +100,11 @@ class SpeedBudget:
 @dataclass(frozen=True)
 class SecondEstimate:
     """
-    What other evidence and other code say of a pass's speed, for comparison only.
+    An estimate of a pass's speed from other evidence and by other code, for comparison only.
 
-    :param speed_mps: mean ground speed over the pass, m/s; None where it came to none.
-    :param speed_std_mps: its 1-sigma, m/s; None likewise.
-    :param pairs: number of pairs it rests on.
+    :param speed_mps: mean ground speed over the pass, m/s; None if there is no estimate.
+    :param speed_std_mps: its 1-sigma, m/s; None if there is no estimate.
+    :param pairs: number of pairs that it is based on.
     """
 
     speed_mps: Optional[float]
@@ -115,15 +115,16 @@ class SecondEstimate:
 @dataclass(frozen=True)
 class VehicleKind:
     """
-    The size of a vehicle, and what it is by that.
+    The size of a vehicle, and the class that follows from it.
 
-    :param name: its class; unknown where no class is probable enough.
-    :param probability: of its most probable class, be it named or not.
-    :param width_m: width of what is tracked of it, its front or its rear, m.
+    :param name: class of the vehicle; unknown if no class is probable enough.
+    :param probability: probability of the most probable class, even if ``name`` is unknown.
+    :param width_m: width of the tracked front or rear, m.
     :param width_std_m: its 1-sigma, m.
-    :param height_m: greatest height above the road that is seen to move along above the middle of
-        the front, m: there may be more of it in the dark; None where it could not be measured.
-    :param height_std_m: its 1-sigma, m; None likewise.
+    :param height_m: greatest height above the road, above the middle of the front, at which
+        something moves with the vehicle, m.  In the dark the vehicle may be higher.  None if it
+        could not be measured.
+    :param height_std_m: its 1-sigma, m; None if the height is.
     """
 
     name: VehicleClass
@@ -137,28 +138,28 @@ class VehicleKind:
 @dataclass(frozen=True, eq=False)
 class PassResult:
     """
-    One vehicle's whole pass: the final speed and the smoothed profile.
+    The result of one vehicle's whole pass: its speed and the smoothed profile.
 
     :param track: track number.
     :param lane: name of the lane.
     :param first_ns: stamp of its first pair, ns.
     :param last_ns: stamp of its last pair, ns.
     :param pairs: number of pairs it was measured in.
-    :param speed_mps: final ground speed, mean over the pass, m/s; None when rejected for want
-        of a measurement.
-    :param speed_std_mps: its 1-sigma, m/s.
+    :param speed_mps: mean ground speed over the pass, m/s; None if the pass is rejected.
+    :param speed_std_mps: its 1-sigma, m/s; None if the pass is rejected.
     :param verdict: see :class:`Verdict`.
     :param reason: why it was rejected, a :class:`Reason` or, from trackers of other packages,
-        another word in snake_case; empty when measured.
-    :param smoothed: stamp in ns to the smoothed speed in m/s, from all pairs of the pass.
-    :param smoothed_std: stamp in ns to the 1-sigma of the smoothed speed, m/s.
-    :param budget: what the 1-sigma is made of; None where the tracker does not tell.
+        another word in snake_case; empty if measured.
+    :param smoothed: maps stamps in ns to the smoothed speed in m/s, from all pairs of the pass.
+    :param smoothed_std: maps stamps in ns to the 1-sigma of the smoothed speed, m/s.
+    :param budget: parts of the 1-sigma; None if the tracker does not provide them.
     :param end: how the track ended.
-    :param lane_to: name of the lane it ended in; that of ``lane`` unless it changed lanes.
-    :param second: the independent estimate beside it; None where none was asked for.
-    :param direction: which way the lane leads; None where the pipeline did not say.
-    :param vehicle: size and class of the vehicle; None where the pipeline did not say.
-    :param trace: how it came about; None where nobody kept it.
+    :param lane_to: name of the lane it ended in, equal to ``lane`` unless it changed lanes.
+    :param second: the independent second estimate; None if none was made.
+    :param direction: direction of the lane as seen from the cameras; None if not set by the
+        pipeline.
+    :param vehicle: size and class of the vehicle; None if not set by the pipeline.
+    :param trace: how the pass came about; None if it was not kept.
     """
 
     track: int
@@ -185,16 +186,18 @@ class PassResult:
             object.__setattr__(self, 'lane_to', self.lane)
 
     def rejected(self, reason: str) -> PassResult:
-        """Return the same pass without any speed: what is rejected is never guessed."""
+        """Return the pass as rejected: without any speed."""
         return replace(self, speed_mps=None, speed_std_mps=None, verdict=Verdict.REJECTED,
                        reason=reason, smoothed={}, smoothed_std={}, budget=None)
 
     def doubted(self, share: float, part: str) -> PassResult:
         """
-        Return it with another independent doubt of its speeds; without a speed, as it is.
+        Return the pass with another independent 1-sigma added to those of its speeds.
 
-        :param share: 1-sigma of all speeds, as a share of them.
-        :param part: the field of :class:`SpeedBudget` that it belongs to.
+        A pass without a speed is returned as it is.
+
+        :param share: 1-sigma to add, as a share of each speed.
+        :param part: field of :class:`SpeedBudget` that it belongs to.
         """
         if self.speed_mps is None or self.speed_std_mps is None or not share:
             return self
@@ -208,7 +211,7 @@ class PassResult:
 
     @property
     def profile_mps(self) -> tuple[Optional[float], Optional[float], Optional[float]]:
-        """Smoothed speed in the first pair, in the last, and the greatest, m/s."""
+        """Return the smoothed speed in the first pair, in the last one, and the largest, m/s."""
         if not self.smoothed:
             return None, None, None
         speeds = [self.smoothed[ns] for ns in sorted(self.smoothed)]
@@ -217,13 +220,13 @@ class PassResult:
 
 def time_shares(stamps_ns: Sequence[int]) -> Array:
     """
-    Return the shares (n,) of the time of a pass that its pairs stand for, by which it is averaged.
+    Return the weights (n,) of the pairs of a pass in its mean speed: the share of time of each.
 
-    Each stands for the time up to half way to its neighbours, the first and the last for as much
-    beyond them as is usual: pairs in which a braking vehicle was hidden, or that were passed over
-    before it was found, do not change its mean speed.
+    Each pair stands for the time up to halfway to its neighbours, and the first and the last pair
+    for half a median interval beyond them.  Pairs that are missing because the vehicle was hidden
+    or not yet found therefore do not bias the mean speed of a braking vehicle.
 
-    :param stamps_ns: of the pairs, rising.
+    :param stamps_ns: stamps of the pairs, rising, ns.
     """
     gaps = np.diff(np.asarray(stamps_ns, dtype=np.int64)).astype(float)
     if not len(gaps):

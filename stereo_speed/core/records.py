@@ -1,10 +1,10 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-The records that every layer speaks.
+The records that all layers share.
 
-Time is integer nanoseconds of the header stamp; everything geometric is in the left camera's
-optical frame (x right, y down, z forward), in metres; pixels are of the raw images.
+Time is integer nanoseconds of the header stamp; geometry is in the left camera's optical frame
+(x right, y down, z forward), in metres; pixels are those of the raw images.
 """
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ Array = NDArray[np.float64]
 
 
 class Word(str, Enum):
-    """A word of a fixed vocabulary; it prints as its value."""
+    """A word of a fixed vocabulary, printed as its value."""
 
     __str__ = str.__str__
 
 
 class TrackState(Word):
-    """Life of a track; the values are those of ``tracks.csv``."""
+    """State of a track; the values are those of ``tracks.csv``."""
 
     TENTATIVE = 'tentative'
     CONFIRMED = 'confirmed'
@@ -36,12 +36,13 @@ class TrackState(Word):
 @dataclass(frozen=True, eq=False)
 class InitialFront:
     """
-    A vehicle's front in the first pair of its track, as a person annotated or a detector found it.
+    A vehicle's front in the first pair of its track, annotated by a person or detected.
 
     :param frame: index of the pair.
-    :param left_px: (4, 2) raw pixels, clockwise from the image's top-left corner.
-    :param right_px: (4, 2) the same in the right view.
-    :param std_px: 1-sigma of each corner.
+    :param left_px: (4, 2) corners in the raw left image, px, clockwise from the image's top-left
+        corner.
+    :param right_px: (4, 2) the same in the raw right image, px.
+    :param std_px: 1-sigma of each corner, px.
     """
 
     frame: int
@@ -53,13 +54,13 @@ class InitialFront:
 @dataclass(frozen=True)
 class RigMotion:
     """
-    How a rig stood when it took a pair, against how it stood when the site was learnt.
+    Rotation of a rig when it took a pair, relative to how it stood when the site was learnt.
 
     Angles are pan to the right, tilt upwards and roll clockwise, rad: components of one rotation
     vector about the camera's y, x and z axis.
 
-    :param sway_rad: of the whole rig, about the left camera.
-    :param drift_rad: of the right camera against the left one.
+    :param sway_rad: rotation of the whole rig about the left camera.
+    :param drift_rad: rotation of the right camera relative to the left one.
     """
 
     sway_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -76,10 +77,10 @@ class StereoPair:
     :param right_stamp_ns: header stamp of the right image, ns.
     :param left: (H, W) uint8 or uint16, raw (not rectified).
     :param right: (H, W), same type.
-    :param stamp_error_s: difference of the stamps, s, that was found to be an error.
-    :param motion: how the rig stood; None where it stood as when the site was learnt.
-    :param right_came_ns: header stamp of the right image as it came, where ``right_stamp_ns`` is
-        another one that the images speak for; None where it is none.
+    :param stamp_error_s: difference of the header stamps, s, if it was found to be an error.
+    :param motion: rotation of the rig; None if it stood as when the site was learnt.
+    :param right_came_ns: original header stamp of the right image, if ``right_stamp_ns`` was
+        replaced; None otherwise.
     """
 
     index: int
@@ -98,9 +99,9 @@ class StereoPair:
 
     def triggered(self, tolerance_s: float) -> StereoPair:
         """
-        Return it as exposed at once where its stamps tell no more than that.
+        Return the pair with one stamp for both views if its stamps differ only by an error.
 
-        :param tolerance_s: stamps that differ by no more are of one exposure.
+        :param tolerance_s: largest difference of stamps that counts as an error of one exposure.
         """
         if not 0 < abs(self.right_lag_s) <= tolerance_s:
             return self
@@ -111,7 +112,7 @@ class StereoPair:
 @dataclass(frozen=True, eq=False)
 class TrackUpdate:
     """
-    What a tracker says of one vehicle after one pair, from this pair and earlier ones only.
+    A tracker's estimate of one vehicle after one pair, from this pair and earlier ones only.
 
     :param stamp_ns: header stamp of the pair, ns.
     :param track: track number, never reused.
@@ -123,11 +124,12 @@ class TrackUpdate:
     :param lateral_m: offset from the path, positive to the left of travel, m.
     :param position_m: (3,) centre of the tracked front, left optical frame, m.
     :param position_cov_m2: (3, 3) its covariance, m^2.
-    :param axes: (3, 3) columns are heading (unit), left and up, left optical frame.
+    :param axes: (3, 3) unit vectors of heading, left and up as columns, left optical frame.
     :param quad_left_px: (4, 2) corners of the front in the raw left image, px, clockwise from
         the image's top-left corner.
     :param quad_right_px: (4, 2) the same in the raw right image, px.
-    :param unnoticed_mps: by how much the speed may be wrong while hard braking does not show, m/s.
+    :param unnoticed_mps: largest error of the speed by hard braking that the images cannot show
+        yet, m/s.
     """
 
     stamp_ns: int
@@ -146,10 +148,10 @@ class TrackUpdate:
     unnoticed_mps: float = 0.0
 
     def unconfirmed(self) -> TrackUpdate:
-        """Return it as one that is no reading; one that was none stays what it is."""
+        """Return the update as tentative if it was confirmed, else as it is."""
         return replace(self, state=TrackState.TENTATIVE) \
             if self.state is TrackState.CONFIRMED else self
 
     def doubted(self, share: float) -> TrackUpdate:
-        """Return it with another independent doubt of the speed, a 1-sigma as a share of it."""
+        """Return the update with another independent 1-sigma, given as a share of the speed."""
         return replace(self, speed_std_mps=math.hypot(self.speed_std_mps, share * self.speed_mps))

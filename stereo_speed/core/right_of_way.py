@@ -1,11 +1,11 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-A thread that others must not wait for, and that gives way to them.
+Lets a background thread yield the interpreter to an urgent one.
 
-Threads of Python run in turns, each for as long as it likes or some milliseconds.  One that has
-time stops at the points that it is known to pass often while another one is in a hurry, which
-then has the interpreter for itself.
+Python threads take turns, each for up to some milliseconds.  A background thread calls
+:func:`give_way` at points that it passes often, and waits there while an urgent thread holds the
+right of way, so that this one has the interpreter for itself.
 """
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ _of_thread = threading.local()
 
 class RightOfWay:
     """
-    Held by who is in a hurry; threads that are told of it wait meanwhile.
+    Held by an urgent thread; threads that called :meth:`give` wait meanwhile.
 
-    :param most_s: that is waited for at one point, whatever becomes of who holds it.
+    :param most_s: longest wait at one point, s, even if the holder never releases it.
     """
 
     def __init__(self, most_s: float = 0.1) -> None:
@@ -28,16 +28,16 @@ class RightOfWay:
         self._free.set()
 
     def give(self) -> None:
-        """Have this thread give way from now on, wherever it calls :func:`give_way`."""
+        """Make the calling thread give way from now on, wherever it calls :func:`give_way`."""
         _of_thread.way = self
 
     def wait(self) -> None:
-        """Wait until nobody holds it."""
+        """Wait until no thread holds it, or the longest wait is over."""
         self._free.wait(self._most_s)
 
     @contextmanager
     def held(self) -> Iterator[None]:
-        """Hold it; one thread does at a time."""
+        """Hold it; only one thread may at a time."""
         self._free.clear()
         try:
             yield
@@ -46,7 +46,7 @@ class RightOfWay:
 
 
 def give_way() -> None:
-    """Wait while who is in a hurry holds the right of way, if this thread is to give way."""
+    """Wait while an urgent thread holds the right of way, if this thread is to give way."""
     way = getattr(_of_thread, 'way', None)
     if way is not None:
         way.wait()

@@ -11,7 +11,7 @@ Item = TypeVar('Item')
 
 
 def evenly(items: Sequence[Item], count: int) -> list[Item]:
-    """Return at most ``count`` items, evenly spaced, the first and the last among them."""
+    """Return at most ``count`` items, evenly spaced, including the first and the last."""
     chosen = np.linspace(0, len(items) - 1, min(count, len(items)))
     return [items[i] for i in np.round(chosen).astype(int)]
 
@@ -20,7 +20,7 @@ class EvenSampler(Generic[Item]):
     """
     Keeps evenly spaced items of a stream of unknown length, in bounded memory.
 
-    :param count: items wanted; at most twice as many are kept.
+    :param count: number of items wanted; at most twice as many are kept.
     """
 
     def __init__(self, count: int) -> None:
@@ -28,16 +28,16 @@ class EvenSampler(Generic[Item]):
         self.kept: list[Item] = []
 
     def wants(self) -> bool:
-        """Return whether the next item is one to keep; call once per item."""
+        """Return whether to keep the next item; call it once per item."""
         self._seen += 1
         return (self._seen - 1) % self._step == 0
 
     def add(self, item: Item) -> None:
-        """Keep an item; past twice the count, keep every other one from then on."""
+        """Keep an item; beyond twice the count, drop every other one and double the step."""
         self.kept.append(item)
         if len(self.kept) > 2 * self._count:
             self.kept, self._step = self.kept[::2], 2 * self._step
 
     def items(self) -> list[Item]:
-        """Return at most ``count`` of those kept, the first and the last among them."""
+        """Return at most ``count`` of the kept items, including the first and the last."""
         return evenly(self.kept, self._count)

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A pair whose images lie in memory that two processes share: see ``helper_process``."""
+"""A pair whose images lie in memory shared by two processes; see ``helper_process``."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -16,15 +16,15 @@ from .records import RigMotion, StereoPair
 @dataclass(frozen=True, eq=False)
 class SharedPair:
     """
-    What is told of the pair; its images lie in the memory, one after the other.
+    Description of a pair whose images lie in shared memory, the right one after the left one.
 
-    :param index: of the pair.
-    :param stamp_ns: of its left image.
-    :param right_stamp_ns: of its right image.
-    :param motion: how the rig stood.
-    :param shape: of each image.
-    :param dtype: of both.
-    :param begin: of the left image, bytes.
+    :param index: index of the pair.
+    :param stamp_ns: stamp of the left image, ns.
+    :param right_stamp_ns: stamp of the right image, ns.
+    :param motion: rotation of the rig.
+    :param shape: shape of each image.
+    :param dtype: type of both images, as a string.
+    :param begin: offset of the left image in the memory, bytes.
     """
 
     index: int
@@ -38,29 +38,29 @@ class SharedPair:
     @classmethod
     def of(cls, pair: StereoPair, begin: int = 0) -> SharedPair:
         """
-        Return what is told of a pair.
+        Return the description of a pair.
 
-        :param begin: where its left image is to lie, bytes.
+        :param begin: offset that its left image is to have in the memory, bytes.
         """
         return cls(pair.index, pair.stamp_ns, pair.right_stamp_ns, pair.motion, pair.left.shape,
                    pair.left.dtype.str, begin)
 
     @property
     def end(self) -> int:
-        """Return where the right image ends, bytes."""
+        """Return the offset of the end of the right image, bytes."""
         return self.begin + 2 * math.prod(self.shape) * np.dtype(self.dtype).itemsize
 
     def _images(self, memory: mmap) -> np.ndarray[Any, Any]:
-        """Return both images (2, ...), where they lie."""
+        """Return both images (2, ...) as a view of the memory."""
         return np.ndarray((2, *self.shape), self.dtype, memory, self.begin)
 
     def lay(self, pair: StereoPair, memory: mmap) -> None:
-        """Lay the images of the pair into the memory."""
+        """Copy the images of the pair into the memory."""
         there = self._images(memory)
         there[0], there[1] = pair.left, pair.right
 
     def pair(self, memory: mmap) -> StereoPair:
-        """Return the pair itself; its images are good as long as they lie there."""
+        """Return the pair; its images are views of the memory and valid until that is reused."""
         left, right = self._images(memory)
         return StereoPair(self.index, self.stamp_ns, self.right_stamp_ns, left, right,
                           motion=self.motion)

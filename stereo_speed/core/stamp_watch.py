@@ -1,9 +1,9 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-What the stamps of a camera tell of its clock: steps, and by how much they are off an even pace.
+Monitors the stamps of a camera for steps of its clock and for deviations from an even pace.
 
-A step shows where the pace was kept until then.
+A pace is a constant frame interval.  A step can be found only in a stream that has kept a pace.
 """
 from __future__ import annotations
 
@@ -16,40 +16,40 @@ from numpy.typing import NDArray
 
 from .records import Array
 
-_PACE = 20  # intervals that must have kept the pace
-_JITTER_S = 5e-4  # by which an interval may differ from it
-_STEP_S = 3e-3  # a smaller difference is no step
-_MOST_PERIODS = 10  # of a gap; after a longer one the pace has to be found anew
-_FEWEST = 5  # intervals that tell how even the stamps are
-_FEWEST_ODD = 2  # intervals, of which one is odd where they differ
-_NO_PACE = 0.15  # of a period; without any pace the 1-sigma would be 0.2 of it (a uniform rest)
-_ROUNDED_S = 1e-5  # of an even pace: stamps are rounded to less
-_NEW_PACE = 3  # intervals that make another pace
-_STRAYS = 2  # intervals that one stray stamp makes
-_SHORT = 8  # one interval in so many is a stray shorter than the pace
-_FEWEST_BESIDE = 8  # intervals that such strays are held against
-_STRAY_SIGMAS = 4.0  # a stray is farther off than Gaussian intervals are
-_MAD_SIGMA = 1.4826  # 1-sigma of a Gaussian over its median absolute deviation
+_PACE = 20  # intervals that must have kept the pace before a step can be found
+_JITTER_S = 5e-4  # largest deviation of an interval that keeps the pace
+_STEP_S = 3e-3  # smallest deviation that is a step
+_MOST_PERIODS = 10  # longest gap, in periods, that the pace is carried over
+_FEWEST = 5  # fewest intervals that tell how even the stamps are
+_FEWEST_ODD = 2  # fewest intervals that can show an odd one, by differing
+_NO_PACE = 0.15  # 1-sigma in periods above which there is no pace; uniform remainders give 0.2
+_ROUNDED_S = 1e-5  # deviation that counts as none; the rounding of stamps is smaller
+_NEW_PACE = 3  # intervals that establish another pace
+_STRAYS = 2  # intervals affected by one stray stamp
+_SHORT = 8  # at most one interval in so many is shorter than the pace by a stray stamp
+_FEWEST_BESIDE = 8  # fewest other intervals that a stray is compared with
+_STRAY_SIGMAS = 4.0  # deviation of a stray in sigmas, beyond those of Gaussian intervals
+_MAD_SIGMA = 1.4826  # ratio of a Gaussian's 1-sigma to its median absolute deviation
 
 
 class StampWatch:
     """
-    Finds steps of the clock; see the module's docstring.
+    Finds steps of the clock and measures how even the stamps are; see the module's docstring.
 
-    A stream with uneven intervals has no pace, and nothing is said of it. Missing images leave
-    gaps of whole periods, which are no steps. ``steps`` counts them, ``last_step_s`` is the newest
-    one.
+    A stream with uneven intervals has no pace, so no steps are found in it. Missing images leave
+    gaps of whole periods, which are not steps. ``steps`` counts the steps, ``last_step_s`` is the
+    newest one.
     """
 
     def __init__(self) -> None:
         self._intervals_s: deque[float] = deque(maxlen=_PACE)
-        self._latest_s: deque[float] = deque(maxlen=_PACE)  # as they are, but for steps
+        self._latest_s: deque[float] = deque(maxlen=_PACE)  # undivided intervals, without steps
         self._last_ns: Optional[int] = None
         self.steps, self.last_step_s = 0, 0.0
-        self._odd: dict[tuple[float, float, float], float] = {}  # shares at the newest stamp
+        self._odd: dict[tuple[float, float, float], float] = {}  # odd_share at the newest stamp
 
     def add(self, ns: int) -> float:
-        """Take the next stamp; return by how much the clock has stepped before it, s."""
+        """Add the next stamp; return the step of the clock before it, s, 0 for none."""
         last_ns, self._last_ns = self._last_ns, ns
         self._odd.clear()
         if last_ns is None:
@@ -67,25 +67,25 @@ class StampWatch:
             self._take(interval_s)
             return 0.0
         self.steps, self.last_step_s = self.steps + 1, off_s
-        # One step leaves the pace as it was; where they go on, there was none.
+        # The pace survives one step; repeated steps use up the intervals and so end the pace.
         self._intervals_s.popleft()
         return off_s
 
     def restart(self) -> None:
-        """Forget the last stamp: time has jumped."""
+        """Forget the last stamp, because time has jumped."""
         self._last_ns = None
 
     def unevenness_s(self, most_s: float) -> Optional[float]:
         """
-        Return the 1-sigma of the stamps about an even pace.
+        Return the 1-sigma of the stamps about an even pace, s.
 
-        Independent errors of two stamps make that of the interval between them.  One stray stamp
-        says nothing of the others.  What few intervals tell is uncertain: the mean of the variance
-        is given, by all they tell.  Where there is no pace, as of exposures at any time, all
-        scatter of the intervals counts.
+        The error of an interval is that of two stamps with independent errors.  A single stray
+        stamp is left out.  A few intervals determine the variance poorly, so its posterior mean
+        is used.  Without a pace, as with exposures at arbitrary times, all scatter of the
+        intervals counts.
 
-        :param most_s: that is as it should be.
-        :return: None where it is no more than that, or where nothing is known yet.
+        :param most_s: largest 1-sigma that is normal, s.
+        :return: None if the 1-sigma is not above ``most_s``, or there are too few intervals.
         """
         if len(self._latest_s) < _FEWEST:
             return None
@@ -100,18 +100,18 @@ class StampWatch:
 
     def odd_share(self, odd_s: float, most_s: float, least_s: float) -> float:
         """
-        Return the 1-sigma of a speed at the newest stamp by odd ones among the last, as a share.
+        Return the relative 1-sigma that odd stamps among the latest add to a speed at the newest.
 
-        A stamp off an even pace by more than stamps are known to be may be a stray one or the
-        first of many, which only those to come will tell. A way since then is wrong as if it had
-        taken so much longer or shorter.
+        A stamp that deviates from an even pace by more than usual may be a single stray or the
+        first of many; only later stamps will tell. A speed measured since then is wrong by the
+        share of the deviation in the elapsed time.
 
-        :param odd_s: by which intervals are off as stamps are known to be; more is odd.
-        :param most_s: by which a stamp may be wrong; exposures are off by more.
-        :param least_s: for which a speed is measured at least.
+        :param odd_s: largest usual deviation of an interval, s; a larger one is odd.
+        :param most_s: largest error of a stamp, s; a larger deviation is one of the exposure.
+        :param least_s: shortest time over which a speed is measured, s.
         """
         asked = odd_s, most_s, least_s
-        if asked not in self._odd:  # each track of a pair asks the same
+        if asked not in self._odd:  # cached, as every track of a pair asks the same
             self._odd[asked] = self._odd_share(*asked)
         return self._odd[asked]
 
@@ -128,7 +128,7 @@ class StampWatch:
         return float(np.max(np.minimum(off_s, most_s) / since_s))
 
     def _take(self, interval_s: float) -> None:
-        """Take in an interval; where the newest few have another pace, forget the others."""
+        """Add an interval; if the newest few have another pace, forget the older ones."""
         self._latest_s.append(interval_s)
         if len(self._latest_s) < _FEWEST + _NEW_PACE:
             return
@@ -142,7 +142,7 @@ class StampWatch:
             self._latest_s.extend(newest)
 
     def _pace_s(self) -> Optional[float]:
-        """Return the period of the stream; None where it keeps none."""
+        """Return the period of the stream, s; None if it has not kept a pace."""
         if len(self._intervals_s) < _PACE:
             return None
         pace_s = float(np.median(self._intervals_s))
@@ -152,11 +152,11 @@ class StampWatch:
 
 class _Paced(NamedTuple):
     """
-    How intervals keep a pace.
+    The intervals of a stream in terms of its pace.
 
-    :param periods: (n,) that each spans.
-    :param near: (n,) whether it is no long gap.
-    :param pace_s: the period.
+    :param periods: (n,) number of periods that each interval spans.
+    :param near: (n,) whether the interval is not a long gap.
+    :param pace_s: the period, s.
     """
 
     periods: Array
@@ -165,8 +165,8 @@ class _Paced(NamedTuple):
 
 
 def _paced(intervals_s: Array) -> _Paced:
-    """Return how intervals keep the pace that fits most of them."""
-    pace_s = float(np.sort(intervals_s)[len(intervals_s) // _SHORT])  # gaps are longer
+    """Return the pace that fits most of the intervals."""
+    pace_s = float(np.sort(intervals_s)[len(intervals_s) // _SHORT])  # low, as gaps are longer
     for _ in range(2):
         periods = np.maximum(np.round(intervals_s / pace_s), 1.0)
         near = periods <= _MOST_PERIODS
@@ -176,9 +176,10 @@ def _paced(intervals_s: Array) -> _Paced:
 
 def _off_s(intervals_s: Array) -> Array:
     """
-    Return by how much intervals are off a pace.
+    Return the deviations of intervals from their pace, s.
 
-    Those over missing images are off whole periods, where these show.
+    Intervals over missing images are compared with whole multiples of the period; without a pace,
+    all are compared with their median, and outliers are left out.
     """
     periods, near, pace_s = _paced(intervals_s)
     off_s = (intervals_s - periods * pace_s)[near]
@@ -186,17 +187,17 @@ def _off_s(intervals_s: Array) -> Array:
         return off_s
     middle_s = float(np.median(intervals_s))
     off_s = (intervals_s - middle_s)[intervals_s < _MOST_PERIODS * middle_s]
-    # A gap is no scatter, and without a pace only its length tells it.
+    # A gap is not scatter; without a pace only its length reveals it.
     return off_s[np.abs(off_s) < _STRAY_SIGMAS * _MAD_SIGMA * float(np.median(np.abs(off_s)))]
 
 
 def _keeps_pace(off_s: Array, pace_s: float) -> bool:
-    """Return whether intervals that are off a pace by so much have one at all."""
+    """Return whether intervals with such deviations from a pace keep it at all."""
     return _interval_std_s(off_s) < _NO_PACE * math.sqrt(2.0) * pace_s
 
 
 def _interval_std_s(off_s: Array) -> float:
-    """Return the 1-sigma of intervals; what one stray stamp makes of two of them is left out."""
+    """Return the 1-sigma of intervals, without the two that a single stray stamp affects."""
     by_size_s = np.sort(np.abs(off_s))
     rest_s = by_size_s[:-_STRAYS]
     if len(rest_s) >= _FEWEST_BESIDE:

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Strict reading of small YAML files: every key known, every number finite, every fault named."""
+"""Strict reading of small YAML files: known keys, finite numbers, errors that say where."""
 from __future__ import annotations
 
 from pathlib import Path
@@ -14,14 +14,14 @@ from .records import Array
 from .units import is_finite, parse_speed
 
 
-LARGEST = 1e9  # no pixel and no metre of a site is as large; beyond it a number is a slip
+LARGEST = 1e9  # larger than any coordinate of a site in px or m; a larger number is a mistake
 
 
 class _StrictLoader(yaml.SafeLoader):
-    """YAML that refuses a key given twice, and numbers that nothing can hold or print."""
+    """YAML loader that refuses duplicate keys and integers too large for a float."""
 
     def construct_yaml_int(self, node: Any) -> int:
-        """Build a whole number."""
+        """Build an integer, if a float can hold it."""
         value: int = super().construct_yaml_int(node)
         if not is_finite(value):
             raise yaml.constructor.ConstructorError(
@@ -29,12 +29,12 @@ class _StrictLoader(yaml.SafeLoader):
         return value
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
-        """Build a mapping; the plain loader would keep the last of two equal keys."""
+        """Build a mapping without duplicate keys, of which the base class keeps the last."""
         seen = set()
         for key_node, _ in node.value if isinstance(node, yaml.MappingNode) else ():
             key = self.construct_object(key_node, deep=True)
             if isinstance(key, (list, dict)):
-                break  # what the plain loader refuses by itself
+                break  # the base class refuses it
             if key in seen:
                 raise yaml.constructor.ConstructorError(
                     None, None, f'key {key!r} given twice', key_node.start_mark)
@@ -47,10 +47,10 @@ _StrictLoader.add_constructor('tag:yaml.org,2002:int', _StrictLoader.construct_y
 
 def read_yaml(path: Union[str, Path], kind_of_error: type[InputError] = SiteError) -> Any:
     """
-    Read a YAML file, whatever is in it.
+    Return the content of a YAML file, of any type.
 
-    :param path: the file.
-    :param kind_of_error: raised when it cannot be read.
+    :param path: path of the file.
+    :param kind_of_error: error to raise if the file cannot be read.
     """
     try:
         text = Path(path).read_text(encoding='utf-8')
@@ -61,9 +61,9 @@ def read_yaml(path: Union[str, Path], kind_of_error: type[InputError] = SiteErro
 
 def load_yaml(path: Union[str, Path], version_key: str) -> Mapping[str, Any]:
     """
-    Read a YAML mapping that says its kind and version, as ``version_key: 1``.
+    Read a YAML mapping that states its kind and version as ``version_key: 1``.
 
-    :raises SiteError: unreadable, no mapping, or another kind or version.
+    :raises SiteError: an unreadable file, no mapping, or another kind or version.
     """
     data = read_yaml(path)
     if not isinstance(data, Mapping):
@@ -76,26 +76,28 @@ def load_yaml(path: Union[str, Path], version_key: str) -> Mapping[str, Any]:
 
 
 def kind(value: Any) -> str:
-    """Name the kind of a YAML value as a person would."""
+    """Return a description of a YAML value for error messages."""
     names = {dict: 'a mapping', list: 'a list', str: f'{value!r}', type(None): 'nothing'}
     return names.get(type(value), repr(value))
 
 
 def _within(value: Any, low: float, high: float) -> bool:
-    """Return whether a YAML value is a number, finite and within bounds."""
+    """Return whether a YAML value is a finite number within bounds."""
     return not isinstance(value, bool) and isinstance(value, (int, float)) \
         and is_finite(value) and low <= value <= high
 
 
 class StrictMapping:
     """
-    One mapping of a file, read key by key.
+    One mapping of a file, whose values are read by typed methods.
 
-    :param where: the file.
-    :param what: place of the mapping in it, such as ``lanes[0]``; empty at the top.
+    Each method raises a :class:`SiteError` that names the key if the value is missing or illegal.
+
+    :param where: path of the file.
+    :param what: place of the mapping in the file, such as ``lanes[0]``; empty at the top level.
     :param data: the mapping.
-    :param known: the keys it may have.
-    :raises SiteError: when it is no mapping or has other keys.
+    :param known: keys that it may have.
+    :raises SiteError: it is not a mapping, or has other keys.
     """
 
     def __init__(self, where: object, what: str, data: Any, known: Sequence[str]) -> None:
@@ -109,7 +111,7 @@ class StrictMapping:
                                 'one of ' + ', '.join(known))
 
     def name(self, key: str) -> str:
-        """Name a key with its place in the file."""
+        """Return the name of a key with its place in the file."""
         return f'{self.what}.{key}' if self.what else key
 
     def __contains__(self, key: str) -> bool:
@@ -117,18 +119,18 @@ class StrictMapping:
         return key in self.data
 
     def error(self, key: str, found: object, wanted: str) -> SiteError:
-        """Make the error for a key."""
+        """Return the error for a key."""
         return SiteError(self.where, self.name(key), found, wanted)
 
     def text(self, key: str) -> str:
-        """Return a text that is not empty."""
+        """Return a non-empty text."""
         value = self.data.get(key)
         if not isinstance(value, str) or not value.strip():
             raise self.error(key, kind(value), 'a name')
         return value
 
     def integer(self, key: str) -> int:
-        """Return an integer from 0."""
+        """Return a non-negative integer."""
         value = self.data.get(key)
         if isinstance(value, bool) or not isinstance(value, int) or value < 0:
             raise self.error(key, kind(value), 'an integer from 0')
@@ -138,25 +140,25 @@ class StrictMapping:
         """
         Return a finite number within bounds.
 
-        :param low: the least that is allowed.
-        :param high: the greatest that is allowed.
-        :param unit: for the error.
+        :param low: smallest legal value.
+        :param high: largest legal value.
+        :param unit: unit of the value, for the error message.
         """
         return self._bounded(key, self.data.get(key), low, high, unit)
 
     def numbers(self, key: str, low: float, high: float, unit: str) -> Array:
-        """Return a list (n,) of numbers as :meth:`number` takes them, n >= 1."""
+        """Return a list of at least one number (n,), each as :meth:`number` accepts it."""
         return np.array([self._bounded(f'{key}[{i}]', value, low, high, unit)
                          for i, value in enumerate(self.listed(key))])
 
     def _bounded(self, key: str, value: Any, low: float, high: float, unit: str) -> float:
-        """Check one number."""
+        """Return one number after checking its bounds."""
         if not _within(value, low, high):
             raise self.error(key, kind(value), f'{unit} in [{low:g}, {high:g}]')
         return float(value)
 
     def speed(self, key: str) -> float:
-        """Return a speed with its unit, m/s."""
+        """Return a speed, m/s, that the file gives with its unit."""
         try:
             return parse_speed(self.text(key))
         except ValueError:
@@ -164,21 +166,21 @@ class StrictMapping:
                              "a speed like '55 mph', '80 km/h' or '22.2 m/s'") from None
 
     def choice(self, key: str, choices: Collection[str]) -> str:
-        """Return a text that is one of those given."""
+        """Return a text that is one of the choices."""
         return self._chosen(key, self.text(key), choices)
 
     def choices(self, key: str, choices: Collection[str]) -> list[str]:
-        """Return a list of texts that are each one of those given."""
+        """Return a list of texts, each of them one of the choices."""
         return [self._chosen(key, value, choices) for value in self.listed(key)]
 
     def _chosen(self, key: str, value: Any, choices: Collection[str]) -> str:
-        """Check one choice."""
+        """Return one text after checking that it is one of the choices."""
         if not isinstance(value, str) or value not in choices:
             raise self.error(key, kind(value), 'one of ' + ', '.join(choices))
         return value
 
     def quad(self, key: str) -> Array:
-        """Return the corners (4, 2) of a convex quad, clockwise from the image's top left."""
+        """Return the corners (4, 2) of a convex quad, clockwise from its top-left corner."""
         quad = self.points(key, 2, 4, 4)
         side = np.roll(quad, -1, axis=0) - quad
         after = np.roll(side, -1, axis=0)
@@ -189,7 +191,7 @@ class StrictMapping:
         return quad
 
     def listed(self, key: str) -> list[Any]:
-        """Return a list that is not empty."""
+        """Return a non-empty list."""
         value = self.data.get(key)
         if not isinstance(value, list) or not value:
             raise self.error(key, 'an empty list' if value == [] else kind(value), 'a list')
@@ -199,8 +201,9 @@ class StrictMapping:
         """
         Return (n, width) points, all finite.
 
-        :param least: the fewest that are enough.
-        :param most: the most that are allowed; None for any number.
+        :param width: number of coordinates of each point.
+        :param least: smallest legal number of points.
+        :param most: largest legal number of points; None for no limit.
         """
         rows = self.listed(key)
         wanted = f'{width} finite numbers'

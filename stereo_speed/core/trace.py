@@ -1,10 +1,10 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-How a pass came about: what its tracker was started with and fed, and what it said of each pair.
+How a pass came about: how its tracker was started, what it was fed, and what it returned.
 
-With the images of its pairs, the rig, the lanes and the parameters, a trace is all it takes to
-measure the pass again.
+A trace suffices to measure the pass again, together with the images of its pairs, the rig, the
+lanes and the parameters.
 """
 from __future__ import annotations
 
@@ -34,20 +34,21 @@ class OtherFront:
 @dataclass(frozen=True, eq=False)
 class TracePair:
     """
-    One pair that a tracker was fed, and what came of it.
+    One pair that a tracker was fed, and the resulting update.
 
     :param stamp_ns: header stamp of the left image, ns.
-    :param right_stamp_ns: stamp of the right image as it was fed, ns.
-    :param particles: number of particles that the tracker was told to go on with; None where it
-        was told none.
-    :param motion: how the rig stood; None where it stood as when the site was learnt.
-    :param update: what the tracker said; None where it said nothing.
+    :param right_stamp_ns: stamp of the right image as the tracker got it, ns.
+    :param particles: number of particles set before this pair; None if it was not set.
+    :param motion: rotation of the rig; None if it stood as when the site was learnt.
+    :param update: the tracker's update; None if it returned none.
     :param others: fronts of other vehicles in the pair.
-    :param stamp_error_s: difference of the stamps, s, that was found to be an error.
-    :param right_came_ns: header stamp of the right image as it came; None for that fed.
-    :param hurried: whether the tracker was told to do little with it, for others had their turn.
-    :param stamp_std_s: 1-sigma, s, that the stamps were taken to have by then, where they were
-        less even than the parameter has it.
+    :param stamp_error_s: difference of the header stamps, s, if it was found to be an error.
+    :param right_came_ns: original header stamp of the right image, ns; None if it equals
+        ``right_stamp_ns``.
+    :param hurried: whether the tracker was told to do less with this pair because other tracks
+        had their turn.
+    :param stamp_std_s: 1-sigma of the stamps assumed for this pair, s, if they were less even
+        than the parameter ``stamp_std_s`` says; None otherwise.
     """
 
     stamp_ns: int
@@ -63,7 +64,7 @@ class TracePair:
 
     @property
     def right_image_ns(self) -> int:
-        """Return the header stamp that the right image came with, ns."""
+        """Return the original header stamp of the right image, ns."""
         return self.right_stamp_ns if self.right_came_ns is None else self.right_came_ns
 
 
@@ -72,15 +73,15 @@ class PassTrace:
     """
     How one pass came about.
 
-    :param track: number of the track; with the seed it names its random stream.
-    :param seed: of all randomness.
-    :param lane: name of the lane whose path it was started on.
-    :param front: the front it was started from.
-    :param particles: number of particles it was started with.
-    :param seen_mps: speed as the detector saw it; None where it saw none.
-    :param pairs: those it was fed, in order of stamps.
-    :param stamp_std_s: 1-sigma that the stamps were taken to have when it began, where they were
-        less even than the parameter has it; else None.
+    :param track: number of the track, which together with the seed identifies its random stream.
+    :param seed: seed of all randomness.
+    :param lane: name of the lane on whose path the tracker was started.
+    :param front: front that the tracker was started from.
+    :param particles: number of particles that the tracker was started with.
+    :param seen_mps: speed measured by the detector, m/s; None if it measured none.
+    :param pairs: pairs that the tracker was fed, in order of stamps.
+    :param stamp_std_s: 1-sigma of the stamps assumed at the start, s, if they were less even than
+        the parameter ``stamp_std_s`` says; None otherwise.
     """
 
     track: int
@@ -94,11 +95,11 @@ class PassTrace:
 
     def shown(self, measured_ns: Container[int]) -> tuple[TracePair, ...]:
         """
-        Return the pairs that show the vehicle where it was measured.
+        Return the measured pairs in which the track was confirmed.
 
-        The front of a track that is not confirmed yet may lie metres from the vehicle's.
+        Before that, the tracked front may lie metres from the vehicle's front.
 
-        :param measured_ns: stamps of the pairs that its speed is measured from.
+        :param measured_ns: stamps of the pairs that the speed was measured from.
         """
         return tuple(p for p in self.pairs if p.update is not None
                      and p.update.state is TrackState.CONFIRMED and p.stamp_ns in measured_ns)
@@ -106,9 +107,9 @@ class PassTrace:
 
 class TraceBuilder:
     """
-    Gathers the trace of a track while it is followed.
+    Builds the trace of a track while it is followed.
 
-    :param trace: with no pairs yet.
+    :param trace: trace without pairs.
     """
 
     def __init__(self, trace: PassTrace) -> None:
@@ -121,11 +122,11 @@ class TraceBuilder:
         """
         Add a pair that the tracker was fed.
 
-        :param pair: as it was fed.
-        :param particles: number of particles it was told before; None where it was told none.
-        :param update: what the tracker said.
-        :param hurried: whether it was told to do little.
-        :param stamp_std_s: 1-sigma of the stamps, where they were less even than they should be.
+        :param pair: the pair as it was fed.
+        :param particles: number of particles set before this pair; None if it was not set.
+        :param update: the tracker's update; None if it returned none.
+        :param hurried: whether the tracker was told to do less with this pair.
+        :param stamp_std_s: 1-sigma of the stamps, s, if they were less even than expected.
         """
         self._pairs.append(TracePair(
             pair.stamp_ns, pair.right_stamp_ns, particles, pair.motion, update,
@@ -134,13 +135,13 @@ class TraceBuilder:
 
     def add_others(self, stamp_ns: int, updates: Sequence[TrackUpdate]) -> None:
         """
-        Add fronts of other vehicles in a pair to those that are there.
+        Add the fronts of other vehicles to a pair.
 
-        Of one track there is one: what it says after it has solved for the pair takes the place
-        of what was expected of it.
+        Each other track has one front in a pair: its solution for the pair replaces its
+        prediction.
 
-        :param stamp_ns: of that pair; who was not fed it is left as it is.
-        :param updates: of vehicles in it.
+        :param stamp_ns: stamp of the pair, ns; nothing is done if the tracker was not fed it.
+        :param updates: updates of vehicles in the pair; those of this track are ignored.
         """
         for k in range(len(self._pairs) - 1, -1, -1):
             if self._pairs[k].stamp_ns <= stamp_ns:
@@ -151,7 +152,7 @@ class TraceBuilder:
                 return
 
     def _others(self, updates: Sequence[TrackUpdate]) -> tuple[OtherFront, ...]:
-        """Return the fronts of other vehicles that lie somewhere."""
+        """Return the fronts of other vehicles whose corners are finite in both views."""
         return tuple(OtherFront(u.track, u.quad_left_px, u.quad_right_px) for u in updates
                      if u.track != self._trace.track and np.isfinite(u.quad_left_px).all()
                      and np.isfinite(u.quad_right_px).all())
@@ -160,8 +161,8 @@ class TraceBuilder:
         """
         Return the trace so far.
 
-        :param stamp_std_s: 1-sigma that its stamps were taken to have in the end, where they were
-            less even than they should be: it may have been known after the last pair was fed.
+        :param stamp_std_s: final 1-sigma of the stamps, s, if they were less even than expected;
+            it may become known only after the last pair was fed.
         """
         pairs = self._pairs
         if pairs and stamp_std_s is not None:

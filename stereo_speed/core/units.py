@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Units that people read; inside, everything is SI."""
+"""Units for people to read; internally, everything is SI."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ SPEED_UNITS = tuple(_UNITS)
 @dataclass(frozen=True)
 class SpeedUnit:
     """
-    The unit that speeds are shown in to people; files and topics have m/s.
+    The unit in which speeds are shown to people; files and topics use m/s.
 
     :param name: ``mph``, ``km/h`` or ``m/s``.
     """
@@ -29,23 +29,23 @@ class SpeedUnit:
 
     @property
     def mps(self) -> float:
-        """Return one of it in m/s."""
+        """Return the size of the unit in m/s."""
         return _UNITS[self.name]
 
     def of(self, speed_mps: Optional[float], digits: int = 2) -> str:
-        """Return a speed as a number of this unit; a dash where there is none."""
+        """Return a speed as text in this unit; a dash for None."""
         return '-' if speed_mps is None else f'{speed_mps / self.mps:.{digits}f}'
 
     def signed(self, speed_mps: Optional[float], digits: int = 2) -> str:
-        """Return a difference of speeds with its sign; a dash where there is none."""
+        """Return a difference of speeds as text in this unit, with sign; a dash for None."""
         return '-' if speed_mps is None else f'{speed_mps / self.mps:+.{digits}f}'
 
 
 def parse_speed(text: str) -> float:
     """
-    Turn ``'55 mph'``, ``'80 km/h'`` or ``'22.2 m/s'`` into m/s.
+    Return a speed such as ``'55 mph'``, ``'80 km/h'`` or ``'22.2 m/s'`` in m/s.
 
-    :raises ValueError: when the text is none of these, or not a positive finite number.
+    :raises ValueError: another form, or a number that is not positive and finite.
     """
     number, _, unit = str(text).strip().partition(' ')
     factor = _UNITS.get(unit.strip())
@@ -57,13 +57,13 @@ def parse_speed(text: str) -> float:
 
 def is_finite(value: Union[int, float]) -> bool:
     """
-    Return whether a number is one that a float can hold.
+    Return whether a number is finite and can be held by a float.
 
-    ``math.isfinite`` alone fails on whole numbers that are too large, as a file may have them.
+    ``math.isfinite`` fails on integers that are too large for a float, which a file may contain.
     """
     return abs(value) <= sys.float_info.max  # false for NaN
 
 
 def seconds(stamp_ns: int, origin_ns: int) -> float:
-    """Time since ``origin_ns`` in s; exact to the ns because the difference is taken first."""
+    """Return the time since ``origin_ns``, s; subtracting integers keeps it exact to 1 ns."""
     return (stamp_ns - origin_ns) * NS_S
