@@ -3,9 +3,9 @@
 """
 The points of a space curve from its two image curves (Zhu 2012, Section IV-C).
 
-The two views are picked independently: each point of the left curve is matched with the place
-where its epipolar line crosses the right curve. How well that place is known depends on how
-squarely the two cross.
+The two views are picked independently: each point of the left curve is matched with the point
+where its epipolar line crosses the right curve. The precision of that point depends on the angle
+of the crossing.
 """
 from __future__ import annotations
 
@@ -20,8 +20,9 @@ from .path import chord_lengths, spline_through
 from ..core.records import Array
 from ..geometry.rig import StereoRig
 
-_SAMPLES = 400  # along the right image curve; between two it is taken for straight
-_MIN_SINE = 0.06  # of the angle between epipolar line and curve; depth is uncertain by its inverse
+_SAMPLES = 400  # samples of the right image curve, which is taken as straight between them
+# Least sine of the angle between epipolar line and curve; depth error grows with its inverse.
+_MIN_SINE = 0.06
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,8 +32,8 @@ class CurveMatches:
 
     :param left_px: (n, 2) raw pixels.
     :param right_px: (n, 2) raw pixels.
-    :param sine: (n,) of the angle between the epipolar line and the right curve.
-    :param points_m: (n, 3) triangulated.
+    :param sine: (n,) sine of the angle between the epipolar line and the right curve.
+    :param points_m: (n, 3) triangulated points, left optical frame, m.
     """
 
     left_px: Array
@@ -43,7 +44,7 @@ class CurveMatches:
 
 def image_spline(uv_px: Array) -> CubicSpline:
     """
-    Return a curve through picks, parametrised from 0 to 1 by chord length.
+    Return a spline through picks, parametrised from 0 to 1 by chord length.
 
     :param uv_px: (n, 2) raw pixels, n >= 2.
     """
@@ -59,7 +60,7 @@ def match_curves(
 
     :param left_px: (n, 2) raw picks in order.
     :param right_px: (m, 2) raw picks in order.
-    :param at: (k, 2) raw pixels of the left curve to match; the picks unless given.
+    :param at: (k, 2) raw pixels of the left curve to match; None matches the picks.
     """
     left_px = np.asarray(left_px if at is None else at, dtype=np.float64)
     curve = image_spline(np.asarray(right_px, dtype=np.float64))
@@ -84,7 +85,7 @@ def match_curves(
 
 
 def _one_each(rows: NDArray[np.intp], crossing: Array, count: int) -> list[int]:
-    """Return one crossing for each row: of several, the one at the same share of the curve."""
+    """Return one crossing per row; of several, the one at the same share of the curve."""
     kept = []
     for row in range(count):
         candidates = np.nonzero(rows == row)[0]

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A start for the joint fit of a road: lines triangulated singly, then laid on a plane."""
+"""An initial guess for the joint fit of a road: lines triangulated one by one, then on a plane."""
 from __future__ import annotations
 
 from typing import NamedTuple, Sequence
@@ -17,36 +17,36 @@ from ..geometry.ray_plane import back_project, Plane
 from ..geometry.rig import StereoRig
 
 Line = tuple[Array, Array]
-_SAMPLES = 60  # along each image curve, so that long and short lines count alike
-_ROUNDS = 15  # of reweighting; mismatches have lost their weight after a few
+_SAMPLES = 60  # samples of each image curve, so that long and short lines count alike
+_ROUNDS = 15  # rounds of reweighting; mismatches have lost their weight after a few
 _ROLL = 1e-2  # weight of the prior of no roll, as a share of a good match's
-_FOLLOWED = 0.5  # of the share of the line that is followed best, from which others are followed
-_LONGEST = 1.5  # half lengths of the road, in lengths of its longest line, that picks may ask for
-_FARTHEST = 0.98  # quantile of the matched depths, for a few matches are far off
-# Times as far as the views see it: of a line clicked from 10 to 90 m that quantile is 77 m, and
-# beyond half as much again a plane is not the road.
+_FOLLOWED = 0.5  # least share of a line that its picks follow, relative to the best line
+_LONGEST = 1.5  # largest half length of the road by its picks, in lengths of its longest line
+_FARTHEST = 0.98  # quantile of the matched depths, as a few matches are far off
+# Greatest depth of the road as a multiple of that quantile, which is 77 m for a line clicked from
+# 10 to 90 m; farther away a plane does not represent the road.
 _BEYOND = 1.5
 
 
 class NoRoadError(ValueError):
-    """The picks of the two views give no road to start from."""
+    """Raised when the picks of the two views give no road to start from."""
 
 
 class _Curve(NamedTuple):
-    """A smooth plane curve by arc length, one polynomial for each coordinate."""
+    """A smooth plane curve over arc length, with one polynomial for each coordinate."""
 
     x: Legendre
     y: Legendre
 
     @classmethod
     def through(cls, flat: Array, s_m: Array, curvature_terms: int) -> _Curve:
-        """Fit points (n, 2) at arc lengths (n,), smoothly enough for the curvature terms."""
+        """Return a fit to points (n, 2) at arc lengths (n,), of a degree for so many terms."""
         degree = min(curvature_terms + 1, len(s_m) - 1)
         x, y = (Legendre.fit(s_m, column, degree, domain=[0, s_m[-1]]) for column in flat.T)
         return cls(x, y)
 
     def at(self, s_m: float) -> Array:
-        """Return the point (2,) of an arc length."""
+        """Return the point (2,) at an arc length."""
         return np.array([self.x(s_m), self.y(s_m)])
 
     def slope(self, s_m: Array) -> Array:
@@ -60,10 +60,10 @@ def guess_road(
     """
     Return a model about a guess, and the guess's parameters.
 
-    :param lines: (left (n, 2), right (m, 2)) raw pixels of each line.
+    :param lines: raw pixels (left (n, 2), right (m, 2)) of each line.
     :param curvature_terms: number of curvature coefficients.
-    :param least_half_m: half the length of the road, at least.
-    :raises NoRoadError: when the two views have too little in common.
+    :param least_half_m: smallest half length of the road, m.
+    :raises NoRoadError: the two views have too little in common.
     """
     followed = _followed(lines) if curvature_terms else list(range(len(lines)))
     matched = [_matched(rig, lines[i]) for i in followed]
@@ -82,9 +82,9 @@ def guess_road(
 
 def _followed(lines: Sequence[Line]) -> list[int]:
     """
-    Return the numbers of the lines whose picks follow them.
+    Return the numbers of the lines that are covered by their picks.
 
-    Of a line of which little but its ends was found, the rest cuts through a bend.
+    If little more than the ends of a line was found, a curve through its picks cuts across a bend.
     """
     shares = []
     for views in lines:
@@ -94,18 +94,18 @@ def _followed(lines: Sequence[Line]) -> list[int]:
 
 
 def _matched(rig: StereoRig, line: Line) -> CurveMatches:
-    """Return places of a line that the views have in common."""
+    """Return points of a line that are matched between the views."""
     left, right = line
     return match_curves(rig, left, right, image_spline(left)(np.linspace(0, 1, _SAMPLES)))
 
 
 def _surface(rig: StereoRig, matched: Sequence[CurveMatches]) -> Plane:
     """
-    Fit a plane to the matched points of all lines, each as its depth is certain.
+    Return a plane fitted to the matched points of all lines, weighted by their certainty.
 
-    In the depth's inverse a plane is linear, ``1/Z = n . x / d``, and the scatter of a disparity
-    is the same near and far; a prior keeps the plane's roll near the camera's, where one straight
-    line says nothing of it.
+    A plane is linear in inverse depth, ``1/Z = n . x / d``, where the scatter is that of the
+    disparity, the same near and far. A prior keeps the plane's roll near the camera's, because
+    a single straight line does not determine it.
     """
     rays = [rig.left.rays(found.left_px) for found in matched]
     inverse, sine = [1 / found.points_m[:, 2] for found in matched], [f.sine for f in matched]
@@ -124,12 +124,12 @@ def _surface(rig: StereoRig, matched: Sequence[CurveMatches]) -> Plane:
 
 def _on_road(rig: StereoRig, line: Line, surface: Plane, most_m: float) -> tuple[Array, Array]:
     """
-    Return the points (n, 3), (m, 3) where the picks of both views meet the surface.
+    Return the points (n, 3), (m, 3) where the rays of the picks of both views meet the surface.
 
-    Where the road climbs out of a sag, the plane of its near part lies below it, and meets the
-    rays of its far part at any distance: they go as far as the views see it.
+    If the road climbs out of a sag, the plane of its near part lies below its far part and meets
+    the rays of that part at arbitrary distances. Points are therefore limited in depth.
 
-    :param most_m: greatest depth of a point.
+    :param most_m: greatest depth of a point, m.
     """
     n, d, eye_m = surface.normal, surface.distance_m, rig.R.T @ rig.t  # less the right camera
     left = back_project(rig.left.rays(line[0]), n, d)
@@ -139,10 +139,12 @@ def _on_road(rig: StereoRig, line: Line, surface: Plane, most_m: float) -> tuple
 
 def _within(points_m: Array, most_m: float) -> Array:
     """
-    Return the points that rays have in common with a surface, but none deeper than most_m.
+    Return the points where rays meet a surface, limited in depth.
 
-    :param points_m: (n, 3) from the eye of the rays; NaN where a ray misses the surface.
-    :return: (m, 3) without those; what is deeper is brought nearer along its ray.
+    :param points_m: (n, 3) points relative to the origin of the rays, m; NaN for a ray that
+        misses the surface.
+    :param most_m: greatest depth, m.
+    :return: (m, 3) points without NaN; deeper ones are moved nearer along their rays.
     """
     met = points_m[np.isfinite(points_m).all(axis=-1)]
     return np.asarray(met * np.minimum(1.0, most_m / np.maximum(met[:, 2:], 1e-9)))
@@ -151,9 +153,10 @@ def _within(points_m: Array, most_m: float) -> Array:
 def _along(line: Array, on_road: list[Array], curvature_terms: int, up: Array,
            least_half_m: float) -> tuple[RoadModel, Array]:
     """
-    Lay the reference line along one line's points (n, 3) on the surface.
+    Return a model, and its parameters, whose reference line follows points of one line.
 
-    :param on_road: (m, 3) points of each line.
+    :param line: (n, 3) points of that line on the surface, m.
+    :param on_road: (m, 3) points of each line on the surface, m.
     """
     chord = unit(line[-1] - line[0])
     frame = frame_of(chord, up)
@@ -161,7 +164,7 @@ def _along(line: Array, on_road: list[Array], curvature_terms: int, up: Array,
     step = np.linalg.norm(np.diff(flat, axis=0), axis=-1)
     s = np.concatenate([[0.0], np.cumsum(step)])
     curve = _Curve.through(flat, s, curvature_terms)
-    # the middle of the line, and a half length that reaches every pick of every line
+    # The road is centred on the middle of the line, and long enough to reach all picks.
     middle = s[-1] / 2
     tangent = unit(frame[:, :2] @ curve.slope(middle))
     centre = line[0] + frame[:, :2] @ curve.at(middle)
@@ -177,7 +180,7 @@ def _along(line: Array, on_road: list[Array], curvature_terms: int, up: Array,
 
 
 def _curvature(curve: _Curve, length_m: float, half_m: float, terms: int) -> Array:
-    """Fit the curvature coefficients (terms,) to the heading of a curve."""
+    """Return the curvature coefficients (terms,) that fit the heading of a curve."""
     if terms == 0:
         return np.zeros(0)
     s = np.linspace(0, length_m, 50)
@@ -191,12 +194,12 @@ def _curvature(curve: _Curve, length_m: float, half_m: float, terms: int) -> Arr
 
 
 def _offset(points: Array, frame: Array, centre: Array) -> float:
-    """Return the median offset of a line's points from a straight reference."""
+    """Return the median offset of a line's points from a straight reference line, m."""
     return float(np.median((points - centre) @ frame[:, 1]))
 
 
 def _offset_along(points: Array, line: Array, frame: Array) -> float:
-    """Return the median offset of a line's points from the nearest piece of another line."""
+    """Return the median offset of a line's points from the segments beside them, m."""
     out = []
     for a, b in zip(line[:-1], line[1:]):
         t = unit(b - a)

@@ -1,21 +1,22 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-The joint fit of a road: all picks of all its lines, in both raw views, at once.
+The joint fit of a road to all picks of all its lines, in both raw views.
 
-Lines of one road are parallel, so they share one heading and one surface. Each pick measures
-how far it lies from its projected line, in its own 1-sigma; a far line thus weighs as little as
-it should. How the road curves, climbs and is banked is decided by evidence: families of roads are
-widened as long as the probability of the picks rises, each number weighed by what is known of
-roads beforehand. Families that come close remain as rivals, and their disagreement is part of what
-is uncertain.
+The lines of a road are parallel, so they share one heading and one surface. The residual of a
+pick is its distance from the projected line in units of its 1-sigma, so that far lines get their
+proper weight. Evidence decides how the road curves, climbs and is banked: families of roads are
+widened with further parameters as long as the marginal likelihood of the picks rises, given prior
+knowledge of roads. Families of similar evidence remain as rivals, and their disagreement adds to
+the uncertainty.
 
-A marking may be off its place over some metres, and its picks are then off together, which no road
-explains. Where they ask for it, lines may wander (``wander.py``), and the road is looked for anew.
+A marking may be displaced over some metres. The residuals of its picks are then correlated, which
+no road explains. If the evidence supports it, lines may wander (``wander.py``), and the road is
+searched again.
 
-The right camera may have rotated since the calibration. Lines that are parallel in space show it:
-they meet in one vanishing point in each view, and the two must be one direction. On demand its
-three angles are unknowns as well.
+The right camera may have rotated since the calibration. Lines that are parallel in space reveal
+this: they have one vanishing point in each view, and both must be the same direction. On demand
+the three angles of the rotation are unknowns as well.
 """
 from __future__ import annotations
 
@@ -36,26 +37,26 @@ from ..estimation.robust import robust_std
 from ..geometry.ray_plane import Plane
 from ..geometry.rig import StereoRig
 
-ROBUST = 3.3  # residuals beyond this many sigmas count less and less (soft L1)
-# Numbers that may describe a road: a clothoid needs two, a hairpin some more, the ends of a
-# parabola in the middle of a road five.
+ROBUST = 3.3  # residuals, in sigmas, beyond which the soft L1 loss reduces their weight
+# Most parameters of a road's shape: a clothoid needs two of curvature, a hairpin some more; the
+# ends of a parabola in the middle of a road need five of vertical curvature.
 MOST = RoadShape(8, 2, 6, 6, VERTICAL_CURVE)
-MAX_STEPS = 40  # of the solver; fits that converge need 10
-FOOT_PLACES = 8001  # places along the road among which a foot is looked up: some cm apart
-# Times their 1-sigma, by which not even 30 picks scatter by chance: a longer road would tell more.
+MAX_STEPS = 40  # limit of the solver's evaluations; fits that converge need 10
+FOOT_PLACES = 8001  # places along the road, some cm apart, among which a foot is looked up
+# Scatter in 1-sigmas that not even 30 picks reach by chance; a longer road may explain it.
 _ASTRAY = 1.5
-# Times as far as the last node, up to which picks are met: so far the cubic through the last nodes
-# goes on within 2 mm, even of an arc of 41 m.
+# Reach of the road in distances of the last node: up to there the cubic through the last nodes
+# extrapolates within 2 mm, even on an arc of 41 m radius.
 _OVERREACH = 1.1
-_LENGTHS = 3  # of the road that are tried, until it reaches its picks
-_LONGER = REACH  # times as far as the second pick that a road which ended there has met
-_NARROW = 0.7  # least ratio of the robust to the r.m.s. scatter: a few outliers are no excuse
-_WIDER = RoadShape(curvature=2, tilt=2, vertical=2, twist=2)  # looked at in one step
-_TRIED = 3  # of the families that promise most, until one keeps its promise
-_LEAST_GAIN = 0.0  # in the logarithm of the evidence, of a family that is worth a step
-_WANDER_ROUNDS = 3  # in which roads and by how much their lines wander are found by turns
-_SAME_WANDER = 0.3  # share by which 1-sigmas of wandering may change that need no more of them
-_RIVAL = 5e-3  # least odds against the best family of one that is kept in mind
+_LENGTHS = 3  # most lengths of the road that are tried until it reaches its picks
+_LONGER = REACH  # next half length as a multiple of the farthest foot, see _farthest_m
+_NARROW = 0.7  # lower bound of the robust scatter, as a share of the r.m.s. scatter
+_WIDER = RoadShape(curvature=2, tilt=2, vertical=2, twist=2)  # most parameters added in one step
+_TRIED = 3  # most families of one step that are fitted, in the order of their promise
+_LEAST_GAIN = 0.0  # least promised gain of the log evidence for which a family is fitted
+_WANDER_ROUNDS = 3  # most alternations between finding roads and how far their lines wander
+_SAME_WANDER = 0.3  # relative change of the 1-sigmas of wandering at which these have converged
+_RIVAL = 5e-3  # least odds of a rival family against the best one
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,10 +66,9 @@ class RoadFit:
 
     :param problem: picks and model.
     :param x: (size,) parameters.
-    :param cost: robust sum of squares, in sigmas, priors included.
-    :param rivals: roads of other families that the picks allow for as well, and their odds
-        against this one.
-    :param wander: (k,) how far the lines go each way that they may wander.
+    :param cost: robust sum of squares of the residuals in sigmas, including the priors.
+    :param rivals: other roads that explain the picks, each with its odds against this one.
+    :param wander: (k,) coefficients of the ways in which the lines wander, see :class:`Wander`.
     """
 
     problem: RoadProblem
@@ -79,7 +79,7 @@ class RoadFit:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of its lines, in the order of their numbers."""
+        """Return the names of the lines, in the order of their numbers."""
         return self.problem.picks.names
 
     def number(self, name: str) -> int:
@@ -88,54 +88,55 @@ class RoadFit:
 
     @cached_property
     def feet(self) -> Feet:
-        """Where the picks meet the fitted lines."""
+        """Return the feet of the picks on the fitted lines."""
         return self.problem.feet(self.x)
 
     @cached_property
     def residual_px(self) -> Array:
-        """Root mean square distance (lines,) of each line's picks from it."""
+        """Return the r.m.s. distance (lines,) of each line's picks from the line, px."""
         square, line = self.feet.residual_px**2, self.problem.picks.line
         return np.sqrt(np.bincount(line, square) / np.bincount(line))
 
     @property
     def off(self) -> Array:
-        """How far the picks (n,) are from their lines as these wander, in their own 1-sigmas."""
+        """Return the residuals (n,) of the picks from their wandering lines, in 1-sigmas."""
         return self._linear[0][:len(self.problem.picks.line)]
 
     @cached_property
     def scale(self) -> float:
-        """Scatter of the picks against their 1-sigmas."""
+        """Return the scatter of the picks, in units of their 1-sigmas."""
         off, wander = self.off, self.problem.wander
         free = max(len(off) - len(self.x) - (0.0 if wander is None else wander.told), 1)
-        # one stray pick is no measure of the others
+        # The robust estimate keeps one outlier from determining the scatter of the other picks.
         std = max(robust_std(off), _NARROW * float(np.sqrt(np.mean(off**2))),
                   float(np.sqrt(_least_variance(self.problem))))
         return std * float(np.sqrt(len(off) / free))
 
     @cached_property
     def covariance(self) -> Array:
-        """Covariance (size, size) of the unknowns of road and rig, scaled by the residuals."""
+        """Return the covariance (size, size) of road and rig, scaled by the residuals."""
         jacobian = self._linear[1]
         scale = np.ones(len(jacobian))
-        scale[:len(self.feet.residual_px)] = self.scale  # priors are not scaled
+        scale[:len(self.feet.residual_px)] = self.scale  # picks only, not priors
         jacobian = jacobian / scale[:, None]
         size = len(self.x)
         return np.asarray(np.linalg.pinv(jacobian.T @ jacobian)[:size, :size], dtype=np.float64)
 
     def log_evidence(self, variance: float) -> float:
         """
-        Return the logarithm of the probability of the picks in this family, but for a constant.
+        Return the log evidence of this family, up to a constant.
 
-        Laplace's approximation, with the priors of all numbers that other families lack, about
-        the road that would be fitted with that variance: precise picks that scatter more than
-        they should have pulled this one further off its priors.
+        This is Laplace's approximation, including the priors of all parameters that other families
+        lack.  It is taken about the road that would be fitted with the given variance, because
+        picks that scatter by more than their 1-sigmas have pulled this one too far off its priors.
 
-        :param variance: of the picks in units of their own; the same for families to be compared.
-            Lines that wander otherwise have another one (:func:`log_evidences`).
+        :param variance: variance of the picks in units of their own; it must be the same for all
+            families that are compared.  Families whose lines wander differently have different
+            ones (:func:`log_evidences`).
         """
         residual, jacobian = self.weighted(variance)
         normal = jacobian.T @ jacobian
-        # In the minimum the picks pull as much as the priors; with that variance they pull less.
+        # At the minimum the pulls of picks and priors balance; with that variance picks pull less.
         count = len(self.problem.picks.line)
         pull = max(1 - 1 / variance, 0.0) * (jacobian[count:].T @ residual[count:])
         gain = float(pull @ np.linalg.solve(normal, pull))
@@ -146,34 +147,34 @@ class RoadFit:
 
     @cached_property
     def _linear(self) -> tuple[Array, Array]:
-        """Residuals and their derivatives."""
+        """Return the residuals and their derivatives."""
         unknowns = np.append(self.x, self.wander)
         return self.problem.residuals(unknowns), self.problem.jacobian(unknowns)
 
     def weighted(self, variance: float) -> tuple[Array, Array]:
         """
-        Return residuals and derivatives whose squares are the robust cost near this road.
+        Return residuals and derivatives, weighted so that their squares equal the robust cost.
 
-        :param variance: as for :meth:`log_evidence`.
+        :param variance: see :meth:`log_evidence`.
         """
         residual, jacobian = self._linear
         count = len(self.problem.picks.line)
         root = np.sqrt(1 + (residual[:count] / ROBUST)**2)
         cost, slope = np.ones(len(residual)), np.ones(len(residual))
-        # soft L1, 2 f^2 (root - 1), and the square root of its derivative by the square
+        # Soft L1 is 2 f^2 (root - 1); slopes take the root of its derivative by the square.
         cost[:count] = np.sqrt(2 / (root + 1) / variance)
         slope[:count] = np.sqrt(1 / root / variance)
         return residual * cost, jacobian * slope[:, None]
 
     @property
     def slope(self) -> Array:
-        """Return derivatives (n and more, size) of residuals by the unknowns of road and rig."""
+        """Return the derivatives (n + m, size) of picks and priors by road and rig."""
         rows = len(self._linear[0]) - len(self.wander)
         return self._linear[1][:rows, :len(self.x)]
 
     @property
     def drift_rad(self) -> Array:
-        """Pan, tilt and roll (3,) of the right camera since the calibration."""
+        """Return pan, tilt and roll (3,) of the right camera since the calibration, rad."""
         return self.problem.drift_rad(self.x)
 
     @property
@@ -183,7 +184,7 @@ class RoadFit:
 
     @property
     def plane(self) -> Plane:
-        """Return the plane that the road lies in, about its middle."""
+        """Return the tangent plane of the road in its middle."""
         points, frames = self.problem.model.reference(self.x)
         middle = len(points) // 2
         n = frames[middle, :, 2]
@@ -205,10 +206,10 @@ class RoadFit:
 
     def points(self, line: int, s_m: Array, across_m: Array) -> Array:
         """
-        Return points of the surface beside a line: (..., 3), left optical frame.
+        Return points (n, ..., 3) of the road surface beside a line, left optical frame, m.
 
-        :param line: its number.
-        :param s_m: (n,) reference arc lengths.
+        :param line: number of the line.
+        :param s_m: (n,) reference arc lengths, m.
         :param across_m: (n, ...) distances from the line, m, positive to the left.
         """
         model = self.problem.model
@@ -222,10 +223,10 @@ class RoadFit:
 
     def foot(self, line: int, right: bool, uv_px: Array) -> Array:
         """
-        Return the reference arc lengths (n,) where pixels (n, 2) of a view are nearest a line.
+        Return the reference arc lengths (n,) at which a line is nearest to pixels (n, 2), m.
 
-        :param line: its number.
-        :param right: the right view.
+        :param line: number of the line.
+        :param right: whether the pixels are of the right view.
         """
         nodes = self.problem.model.s_m
         s = np.linspace(REACH * nodes[0], REACH * nodes[-1], FOOT_PLACES)
@@ -235,9 +236,9 @@ class RoadFit:
 
     def seen(self, points_m: Array, right: bool) -> Array:
         """
-        Return the raw pixels of points (..., 3) in a view as it stands now; NaN behind it.
+        Return the raw pixels of points (..., 3), with the drift applied; NaN behind the camera.
 
-        :param right: the right view.
+        :param right: whether to project into the right view.
         """
         rig = self.problem.rig
         if not right:
@@ -245,18 +246,18 @@ class RoadFit:
         return pixels(rig.right, self.problem.to_right(self.x, points_m))
 
     def line_range_m(self, line: int) -> tuple[float, float]:
-        """Return the reference arc lengths of a line's first and last pick in either view."""
+        """Return the reference arc lengths of a line's first and last pick in any view, m."""
         s = self.feet.s_m[self.problem.picks.line == line]
         return float(s.min()), float(s.max())
 
 
 def _least_variance(problem: RoadProblem) -> float:
-    """Return, in their own sigmas, how well picks can agree with a road at best."""
+    """Return the smallest credible variance of the picks, in units of their own."""
     return min((problem.prior.best_pick_std_px / problem.picks.median_std_px)**2, 1.0)
 
 
 def _solve(problem: RoadProblem, start: Array) -> RoadFit:
-    """Fit one model from a start; lines that may wander begin in their places."""
+    """Fit one model from a start, at which no line wanders."""
     if problem.wander is not None:
         start = np.append(start[:problem.size], np.zeros(problem.wander.count))
     if not np.isfinite(problem.residuals(start)).all():
@@ -269,7 +270,7 @@ def _solve(problem: RoadProblem, start: Array) -> RoadFit:
 
 
 def _reshaped(fit: RoadFit, shape: RoadShape) -> RoadFit:
-    """Fit another family, from the result of one."""
+    """Fit another family, starting from a fitted road."""
     problem = fit.problem
     model, start = problem.model.reshaped(shape, fit.x, problem.model.tapered)
     return _solve(RoadProblem(
@@ -277,11 +278,11 @@ def _reshaped(fit: RoadFit, shape: RoadShape) -> RoadFit:
 
 
 def _rebuilt(fit: RoadFit, shape: RoadShape) -> RoadFit:
-    """Fit a family that has a vertical curve in place of a polynomial, from the result of one."""
+    """Fit a family with a vertical curve, starting from a road with vertical curvature."""
     problem, seen_m = fit.problem, fit.feet.s_m
     model, start = problem.model.as_built(
         shape, fit.x, (float(seen_m.min()), float(seen_m.max())))
-    # Among precise picks there are many roads that no small step makes better.
+    # With precise picks the cost has many local minima, so fit with the 1-sigma of clicks first.
     clicks = replace(problem.picks, std_px=np.maximum(
         problem.picks.std_px, problem.prior.pick_std_px))
     near = _solve(RoadProblem(problem.rig, clicks, model, problem.drift, problem.prior), start)
@@ -293,10 +294,10 @@ def _rebuilt(fit: RoadFit, shape: RoadShape) -> RoadFit:
 
 def same_family(fit: RoadFit, problem: RoadProblem) -> RoadFit:
     """
-    Fit the same family of roads again.
+    Fit the same family of roads to another problem.
 
-    :param fit: where to start.
-    :param problem: with a model of the same shape; its rig, picks or drift prior may be others.
+    :param fit: road to start from.
+    :param problem: problem of the same shape; its rig, picks and drift prior may differ.
     """
     shape, tapered = problem.model.shape, problem.model.tapered
     start = fit.problem.model.reshaped(shape, fit.x[:fit.problem.model.size], tapered)[1]
@@ -308,17 +309,17 @@ def fit_road(rig: StereoRig, lines: Mapping[str, tuple[Array, Array]],
              drift: Optional[DriftPrior] = None, prior: RoadPrior = RoadPrior(), *,
              near: Optional[RoadFit] = None) -> RoadFit:
     """
-    Fit one road to the picks of its lines; the data decide how it curves and climbs.
+    Fit one road to the picks of its lines; the evidence decides how it curves and climbs.
 
-    :param lines: name to (left (n, 2), right (m, 2)) raw pixels in order along travel.
-    :param std_px: name to (left (n,), right (m,)) 1-sigmas; see :meth:`Picks.of`.
+    :param lines: maps names to raw pixels (left (n, 2), right (m, 2)), in order along travel.
+    :param std_px: maps names to 1-sigmas (left (n,), right (m,)), px; see :meth:`Picks.of`.
     :param drift: see :class:`RoadProblem`.
-    :param prior: what is known of any road.
-    :param near: a road that is not far off, with the same lines.
-    :raises NoRoadError: when the picks give no road to start from.
+    :param prior: prior knowledge of any road.
+    :param near: approximate road with the same lines to start from; None finds a start.
+    :raises NoRoadError: the picks give no road to start from.
     """
     picks = Picks.of(lines, std_px, prior.pick_std_px)
-    # a few picks, 2 a line, are only enough for a straight road
+    # Few picks, such as 2 per line, suffice only for a straight road.
     most = min(MOST.curvature, len(picks.line) // 2 - 4 - len(lines))
     if near is not None:
         return _from_near(near, RoadProblem(rig, picks, near.problem.model, drift, prior), most)
@@ -326,7 +327,7 @@ def fit_road(rig: StereoRig, lines: Mapping[str, tuple[Array, Array]],
 
 
 def _from_near(near: RoadFit, problem: RoadProblem, most: int) -> RoadFit:
-    """Fit a road from one that is not far off; arguments as elsewhere."""
+    """Fit a road from an approximate one; ``most`` as for :func:`_reaching`."""
     fit = same_family(near, problem)
     return fit if most < 1 else _search([fit], most)
 
@@ -334,31 +335,31 @@ def _from_near(near: RoadFit, problem: RoadProblem, most: int) -> RoadFit:
 def _reaching(rig: StereoRig, lines: Mapping[str, tuple[Array, Array]], picks: Picks,
               drift: Optional[DriftPrior], prior: RoadPrior, most: int) -> RoadFit:
     """
-    Fit the road of greatest evidence of some that are longer and longer, up to all their picks.
+    Fit roads of increasing length until one reaches its picks; return that of greatest evidence.
 
-    A guess lies in a plane, which may meet the rays of far picks too early.  Arguments are as for
-    :func:`fit_road`.
+    The initial guess lies in a plane, which may intersect the rays of far picks too early and so
+    be too short.  The other arguments are those of :func:`fit_road`.
 
-    :param most: curvature coefficients.
+    :param most: largest number of curvature coefficients.
     """
     tries = [_from_guesses(rig, lines, picks, drift, prior, most, 0.0)]
     while len(tries) < _LENGTHS and not _reaches(tries[-1]):
         half_m = _LONGER * _farthest_m(tries[-1])
         try:
             tries.append(_from_guesses(rig, lines, picks, drift, prior, most, half_m))
-        except (NoRoadError, np.linalg.LinAlgError):  # of a road that is too long for its picks
+        except (NoRoadError, np.linalg.LinAlgError):  # the road is too long for its picks
             break
     return _best(tries)
 
 
 def _reaches(fit: RoadFit) -> bool:
-    """Return whether a road is long enough for its picks, or agrees with them as it is."""
+    """Return whether a road is long enough for its picks, or agrees with them anyway."""
     return (_farthest_m(fit) < _OVERREACH * float(fit.problem.model.s_m[-1])
             or fit.scale < _ASTRAY)
 
 
 def _farthest_m(fit: RoadFit) -> float:
-    """Return how far from the middle some line has two picks; one alone may be astray."""
+    """Return the second largest distance of a line's feet from the middle, of any line, m."""
     line = fit.problem.picks.line
     return max(float(np.sort(np.abs(fit.feet.s_m[line == i]))[-2]) for i in np.unique(line))
 
@@ -367,25 +368,25 @@ def _from_guesses(rig: StereoRig, lines: Mapping[str, tuple[Array, Array]], pick
                   drift: Optional[DriftPrior], prior: RoadPrior, most: int, least_half_m: float
                   ) -> RoadFit:
     """
-    Fit one road from guesses, by way of clicks; arguments as for :func:`fit_road`.
+    Fit one road from guesses; the other arguments are those of :func:`fit_road`.
 
-    :param most: curvature coefficients.
-    :param least_half_m: half the length of the road, at least.
+    :param most: largest number of curvature coefficients.
+    :param least_half_m: smallest half length of the road, m.
     """
     if picks.median_std_px < prior.pick_std_px:
-        # Among precise picks there are many roads that no small step makes better.
+        # With precise picks the cost has many local minima; fit with the 1-sigma of clicks first.
         clicks = Picks.of(lines, None, prior.pick_std_px)
         near = _from_guesses(rig, lines, clicks, drift, prior, most, least_half_m)
         return _from_near(near, RoadProblem(rig, picks, near.problem.model, drift, prior), most)
     rotated = np.zeros(0) if drift is None else drift.mean_rad
     fits = []
-    for terms in range(max(min(most, 2), 0) + 1):  # each from its own guess
+    for terms in range(max(min(most, 2), 0) + 1):  # each from a guess of its own
         model, start = guess_road(rig, list(lines.values()), terms, least_half_m)
         fits.append(_solve(RoadProblem(rig, picks, model, drift, prior),
                            np.append(start, rotated)))
     if most < 1:
         return fits[0]
-    # straight roads go over crests and through sags, real bends climb and are banked
+    # Straight roads have crests and sags; real bends climb and are banked.
     for fit in tuple(fits):
         shape = fit.problem.model.shape
         fits.append(_reshaped(fit, shape._replace(tilt=2) if shape.curvature
@@ -395,11 +396,11 @@ def _from_guesses(rig: StereoRig, lines: Mapping[str, tuple[Array, Array]], pick
 
 def in_family(fit: RoadFit, family: RoadFit, drift: DriftPrior) -> RoadFit:
     """
-    Fit the family of a road, with lines that may run off from each other a little.
+    Fit the family of a road, with tapered lines and the drift of the right camera.
 
-    :param fit: where to start.
-    :param family: a road of that family, where to start if only one of both has a vertical curve.
-    :param drift: what is known of the drift of the right camera.
+    :param fit: road to start from.
+    :param family: road of that family; the start if only one of the two has a vertical curve.
+    :param drift: prior knowledge of the drift of the right camera.
     """
     shape = family.problem.model.shape
     if shape.vertical_curve != fit.problem.model.shape.vertical_curve:
@@ -414,10 +415,10 @@ def _search(fits: list[RoadFit], most: int) -> RoadFit:
     """
     Return the road of greatest evidence, with its rivals.
 
-    Where the picks of a line are off together, lines may wander, and the road is searched again.
+    If the residuals of a line are correlated, lines may wander, and the road is searched again.
 
     :param fits: roads to start from.
-    :param most: curvature coefficients.
+    :param most: largest number of curvature coefficients.
     """
     strict = _explored(fits, most)
     known = _best(strict)
@@ -440,10 +441,11 @@ def _explored(fits: list[RoadFit], most: int) -> list[RoadFit]:
     Return roads of families that are widened as long as the evidence rises.
 
     :param fits: roads to start from.
-    :param most: curvature coefficients.
+    :param most: largest number of curvature coefficients.
     """
     fits = list(fits)
-    built: set[RoadShape] = set()  # once more than they are known: their starts may be bad ones
+    # Families with a vertical curve are fitted once more even if known, from a better start.
+    built: set[RoadShape] = set()
     while True:
         best = _best(fits)
         known = {fit.problem.model.shape for fit in fits}
@@ -460,11 +462,11 @@ def _explored(fits: list[RoadFit], most: int) -> list[RoadFit]:
 
 class _Asked(NamedTuple):
     """
-    Which road the picks ask for, if lines may wander, were all linear.
+    The family that the picks support if lines may wander, by linear approximation.
 
-    :param log_evidence: of it, but for a constant that all roads of these picks share.
-    :param shape: of it.
-    :param std_m: (lines,) by how much each line wanders.
+    :param log_evidence: its log evidence, up to a constant that all roads of these picks share.
+    :param shape: its shape.
+    :param std_m: (lines,) 1-sigma of how far each line wanders, m.
     """
 
     log_evidence: float
@@ -473,14 +475,14 @@ class _Asked(NamedTuple):
 
 
 def _asked(fit: RoadFit) -> _Asked:
-    """Return what the picks ask for, about a road or one that lacks what they may not ask for."""
+    """Return the best supported one of a road's family and plainer ones, by linearisation."""
     squares = _Squares.about(fit)
     return max((_asked_of(fit, shape, squares) for shape in _plainer(fit.problem.model.shape)),
                key=lambda one: one.log_evidence)
 
 
 def _plainer(shape: RoadShape) -> Iterator[RoadShape]:
-    """Yield a family, and those that lack kinds of its numbers."""
+    """Yield a family and those without some kinds of its parameters."""
     for curvature, *rest in product(sorted({shape.curvature, min(shape.curvature, 1), 0}), *(
             sorted({count, 0}) for count in shape[2:])):
         yield RoadShape(curvature, shape.tilt if curvature else 0, *rest)
@@ -488,12 +490,12 @@ def _plainer(shape: RoadShape) -> Iterator[RoadShape]:
 
 class _Squares(NamedTuple):
     """
-    The robust cost near a road, as squares.
+    A sum of squares that stands for the robust cost near a road.
 
     :param own: (n,) weights of the picks' residuals.
     :param slope: (n,) weights of their derivatives.
-    :param beyond: what the squares lack of the cost.
-    :param ways: in which each line may wander, by picks of that weight.
+    :param beyond: difference of the cost and the sum of squares at the road.
+    :param ways: ways in which each line may wander, with picks of these weights.
     """
 
     own: Array
@@ -504,10 +506,9 @@ class _Squares(NamedTuple):
     @classmethod
     def at(cls, fit: RoadFit) -> _Squares:
         """
-        Return the cost near a road in its minimum, which it stays with them.
+        Return squares for a road at its minimum, which is then the minimum of the squares too.
 
-        With squares that are no steeper there than the cost, a road that is far from its picks
-        would seem to have a far better one nearby.
+        Otherwise a road that is far from its picks would seem to have a far better one nearby.
         """
         root = np.sqrt(1 + (fit.off / ROBUST)**2)
         weight, beyond = np.sqrt(1 / root), np.sum(fit.off**2 * (2 / (root + 1) - 1 / root))
@@ -515,7 +516,7 @@ class _Squares(NamedTuple):
 
     @classmethod
     def about(cls, fit: RoadFit) -> _Squares:
-        """Return the cost of roads that may meet the picks far better, so that none is lost."""
+        """Return squares that do not miss roads nearby that agree with the picks far better."""
         root = np.sqrt(1 + (fit.off / ROBUST)**2)
         slope = np.sqrt(1 / root)
         return cls(np.sqrt(2 / (root + 1)), slope, 0.0, ways_of(fit, slope))
@@ -525,7 +526,7 @@ def ways_of(fit: RoadFit, weight: Array) -> list[Ways]:
     """
     Return the ways in which each line may wander about a road.
 
-    :param weight: (n,) of the picks.
+    :param weight: (n,) weights of the picks.
     """
     problem, slope = fit.problem, fit.slope
     picks, first = problem.picks, problem.model.places.offsets.start
@@ -535,14 +536,14 @@ def ways_of(fit: RoadFit, weight: Array) -> list[Ways]:
 
 
 def _evidence(fit: RoadFit, shape: RoadShape, squares: _Squares) -> WanderEvidence:
-    """Return the probability of picks on lines that wander, about a road of a narrower family."""
+    """Return the evidence of a narrower family, as a function of how far its lines wander."""
     model, count = fit.problem.model, len(fit.problem.picks.line)
     size, first = len(fit.x), model.places.tapers.start
     kept = model.columns(shape, size)
     out = np.setdiff1d(np.arange(size), kept)
     rest = np.zeros(size)
     rest[out] = fit.x[out]
-    rest[model.places.vertical_curve][:2] = 0.0  # where a change is 0, these say nothing
+    rest[model.places.vertical_curve][:2] = 0.0  # without effect when the change of grade is 0
     residual, jacobian = fit.problem.rigid(fit.x), fit.slope
     residual = residual - jacobian @ rest
     residual[:count] *= squares.own
@@ -554,7 +555,7 @@ def _evidence(fit: RoadFit, shape: RoadShape, squares: _Squares) -> WanderEviden
 
 
 def _log_beforehand(fit: RoadFit, shape: RoadShape) -> float:
-    """Return the logarithm of the chance of a narrower family, and of its numbers' 1-sigmas."""
+    """Return the log prior of a narrower family, including the 1-sigmas of its parameters."""
     model = fit.problem.model
     std = np.ones(model.size)
     std[model.places.tapers.start:] = fit.problem.prior_std
@@ -563,13 +564,13 @@ def _log_beforehand(fit: RoadFit, shape: RoadShape) -> float:
 
 
 def _asked_of(fit: RoadFit, shape: RoadShape, squares: _Squares) -> _Asked:
-    """Return by how much lines wander on a road of a narrower family."""
+    """Return how far lines wander on a road of a narrower family, and its evidence."""
     best, std_m = _evidence(fit, shape, squares).asked(fit.problem.prior.may_wander)
     return _Asked(best + _log_beforehand(fit, shape), shape, std_m)
 
 
 def _loosened(fit: RoadFit, asked: _Asked) -> list[RoadFit]:
-    """Return roads with lines that wander, of a family as it is and as it is asked for."""
+    """Return roads whose lines may wander, of the road's own family and the supported one."""
     problem = fit.problem
     ways = ways_of(fit, np.ones(len(problem.picks.line)))
     loose = replace(fit, problem=RoadProblem(
@@ -579,7 +580,7 @@ def _loosened(fit: RoadFit, asked: _Asked) -> list[RoadFit]:
 
 
 def _log_probability(fit: RoadFit) -> float:
-    """Return that of a road, which can be compared with that of others of the same picks."""
+    """Return the log probability of a road, comparable between all roads of the same picks."""
     shape, may = fit.problem.model.shape, fit.problem.prior.may_wander
     evidence = _evidence(fit, shape, _Squares.at(fit))
     if fit.problem.wander is not None:
@@ -598,7 +599,7 @@ def _either(strict: RoadFit, loose: RoadFit) -> RoadFit:
 
 
 def with_rivals(fits: list[RoadFit]) -> RoadFit:
-    """Return the road of greatest evidence, with those of other families that come near it."""
+    """Return the road of greatest evidence, with roads of other families as its rivals."""
     logs = log_evidences(fits)
     top = max(logs)
     best = fits[logs.index(top)]
@@ -612,10 +613,10 @@ def with_rivals(fits: list[RoadFit]) -> RoadFit:
 
 def log_chance(shape: RoadShape, prior: RoadPrior) -> float:
     """
-    Return the logarithm of the probability of a family, but for a constant.
+    Return the log prior probability of a family, up to a constant.
 
-    A bend that lies in a plane is the exception, as is each number more; but a bend whose
-    curvature changes evenly, as where it begins and ends, is as common as an arc.
+    A plane bend is an exception, and so is each further parameter; but a bend whose curvature
+    changes linearly, as at its beginning and end, is as common as an arc.
     """
     plane_bend = bool(shape.curvature) and not shape.tilt
     numbers = sum(shape) - shape.tilt - (shape.curvature > 1)
@@ -625,10 +626,11 @@ def log_chance(shape: RoadShape, prior: RoadPrior) -> float:
 def _promising(fit: RoadFit, known: set[RoadShape], most: int, variance: float
                ) -> list[RoadShape]:
     """
-    Return other families whose evidence would be greater, the best first, were all linear.
+    Return families whose evidence should be greater, by linear approximation, the best first.
 
-    :param known: families that need not be looked at.
-    :param most: curvature coefficients.
+    :param known: families to leave out.
+    :param most: largest number of curvature coefficients.
+    :param variance: see :meth:`RoadFit.log_evidence`.
     """
     shape, problem = fit.problem.model.shape, fit.problem
     limit = MOST._replace(curvature=max(most, shape.curvature))
@@ -662,14 +664,14 @@ def _promising(fit: RoadFit, known: set[RoadShape], most: int, variance: float
 
 
 def _as_built(shape: RoadShape) -> list[RoadShape]:
-    """Return the family with a vertical curve in place of several numbers of a polynomial."""
+    """Return the family with a vertical curve in place of two or more vertical coefficients."""
     if shape.vertical < 2 or shape.vertical_curve:
         return []
     return [shape._replace(vertical=0, vertical_curve=VERTICAL_CURVE)]
 
 
 def _narrower(shape: RoadShape) -> Iterator[RoadShape]:
-    """Yield the families that lack one number, or both of the tilt."""
+    """Yield the families with one parameter less, or without the tilt."""
     for name, less in (('curvature', 1), ('tilt', 2), ('vertical', 1), ('twist', 1)):
         count = getattr(shape, name) - less
         if count >= 0 and not (name == 'curvature' and count == 0 and shape.tilt):
@@ -677,7 +679,7 @@ def _narrower(shape: RoadShape) -> Iterator[RoadShape]:
 
 
 def variance_of(fits: list[RoadFit]) -> float:
-    """Return the variance of the picks, in their own, about the closest of some roads."""
+    """Return the variance of the picks, in units of their own, about the closest of some roads."""
     problem = fits[0].problem
     count = len(problem.picks.line)
     return max(min(f.cost / max(count - f.problem.size, 1) for f in fits),
@@ -686,14 +688,14 @@ def variance_of(fits: list[RoadFit]) -> float:
 
 def log_evidences(fits: Sequence[RoadFit]) -> list[float]:
     """
-    Return the logarithms (n,) of the probabilities of the picks on some roads, but for a constant.
+    Return the log evidences (n,) of some roads, up to a constant.
 
-    The picks scatter as they do about the closest road.  About lines that do not wander they
-    scatter more, which is as likely then, and that lines wander, and how far, has a probability
-    of its own: roads whose lines wander otherwise have their own scatter, and the best ones of
-    them tell how much more probable the ones are than the others.
+    Roads whose lines wander alike share one variance of the picks, that about the closest of
+    them.  Groups of roads whose lines wander differently have different variances, and how far
+    lines wander has a prior of its own, so groups are compared by the probabilities of their best
+    roads.
 
-    :param fits: of the same picks, with the same unknowns of the rig.
+    :param fits: roads of the same picks, with the same unknowns of the rig.
     """
     alike: dict[Optional[Wander], list[int]] = {}
     for number, fit in enumerate(fits):

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The paths of lanes: the middle of two lines of a fitted road, or of surveyed ones."""
+"""The paths of lanes, midway between two lines of a fitted road or between surveyed lines."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -16,28 +16,30 @@ from .spline_kernels import unit
 from ..core.records import Array
 from ..geometry.rig import StereoRig
 
-_SLIDE_M = 0.5  # along the path, of the curvature in its middle
-_BEYOND, _DENSE = 1.2, 4001  # nodes' ends to which a rival is followed, and places there
-_SPACING_M, _FEWEST = 1.0, 8  # of the points of a path between surveyed lines
+_SLIDE_M = 0.5  # step along the path from which the curvature in its middle is computed
+# A rival is sampled at so many places, up to so many times as far as its last nodes.
+_BEYOND, _DENSE = 1.2, 4001
+# Spacing and smallest number of the points of a path between surveyed lines.
+_SPACING_M, _FEWEST = 1.0, 8
 
 
 @dataclass(frozen=True, eq=False)
 class LanePath:
     """
-    The path of a lane and how well it is known.
+    The path of a lane and its uncertainty.
 
-    :param name: of the lane.
-    :param path: along travel.
-    :param speed_limit_mps: None where the site file gives none.
-    :param heading_std_rad: (2,) 1-sigma of the direction in the middle, across (P) and up (B).
-    :param residual_px: root mean square distance of the picks from the lines; 0 for surveys.
-    :param scale_std: 1-sigma of the length along the path, as a share: what it does to the speed
-        of a pass over the whole path, where near observations weigh most.
-    :param scale_profile: arc lengths (n,) in m and the 1-sigma (n,) of the length there, as a
-        share; errors are the same one along the path, only larger farther away. None: it is
+    :param name: name of the lane.
+    :param path: path in the direction of travel.
+    :param speed_limit_mps: speed limit, m/s; None if the site file gives none.
+    :param heading_std_rad: (2,) 1-sigma of the direction in the middle, across (P) and up (B),
+        rad.
+    :param residual_px: r.m.s. distance of the picks from the lines, px; 0 for surveyed lines.
+    :param scale_std: relative 1-sigma of the speed of a pass over the whole path by errors of
+        lengths along it, with near observations weighing most.
+    :param scale_profile: arc lengths (n,) in m and the relative 1-sigma (n,) of lengths there.
+        The errors along the path are fully correlated and grow with distance.  None means
         ``scale_std`` everywhere.
-    :param shape_std: 1-sigma of speeds, as a share, by whatever else than its direction is wrong
-        with the path.
+    :param shape_std: relative 1-sigma of speeds by errors of the path other than its direction.
     """
 
     name: str
@@ -51,9 +53,9 @@ class LanePath:
 
     def scale_std_at(self, s_m: Array) -> Array:
         """
-        Return the 1-sigma of the length along the path, as a share, at arc lengths (...,).
+        Return the relative 1-sigma of lengths along the path at arc lengths (...,).
 
-        Its errors at different places are one and the same error: they do not average out.
+        The errors at different places are fully correlated and do not average out.
         """
         s_m = np.asarray(s_m, dtype=np.float64)
         if self.scale_profile is None:
@@ -64,13 +66,13 @@ class LanePath:
 def lane_of_road(name: str, fit: RoadFit, lines: tuple[int, ...],
                  speed_limit_mps: Optional[float], *, reverse: bool = False) -> LanePath:
     """
-    Return a lane's path midway between its lines, or along its one line.
+    Return a lane's path midway between its lines, or along its only line.
 
-    It runs from the first pick of these lines to the last, or back.
+    The path extends from the first to the last pick of these lines.
 
     :param fit: the road.
     :param lines: numbers of the lane's lines in the fit, one or two.
-    :param reverse: travel runs against the order of the picks in the fit.
+    :param reverse: whether travel runs against the order of the picks in the fit.
     """
     ranges = np.array([fit.line_range_m(i) for i in lines])
     s = np.linspace(ranges[:, 0].min(), ranges[:, 1].max(), NODES)
@@ -98,13 +100,13 @@ def _lane(fit: RoadFit, x: Array, lines: tuple[int, ...], s_m: Array) -> tuple[A
 
 def _uncertain(fit: RoadFit, lines: tuple[int, ...], s_m: Array) -> tuple[Array, float]:
     """
-    Return how well a lane's path is known.
+    Return the uncertainty of a lane's path.
 
-    What the rivals of the road say otherwise counts as they are likely.
+    The rivals of the road contribute their disagreement, weighted by their probabilities.
 
-    :param s_m: (n,) reference arc lengths along the lane.
-    :return: the 1-sigmas (2,) of its direction in its middle, across and up, in rad; and that of
-        speeds, as a share, for whatever else is wrong with the path.
+    :param s_m: (n,) reference arc lengths along the lane, m.
+    :return: the 1-sigmas (2,) of the direction in the middle, across and up, rad, and the relative
+        1-sigma of speeds by other errors of the path.
     """
     weight = np.array([odds for odds, _ in fit.rivals])
     weight = weight / (1 + weight.sum())
@@ -118,7 +120,7 @@ def _uncertain(fit: RoadFit, lines: tuple[int, ...], s_m: Array) -> tuple[Array,
 
 
 def _densely(fit: RoadFit, lines: tuple[int, ...]) -> tuple[Array, Array]:
-    """Return points (n, 3) of a lane, near to each other, and its directions (n, 3) there."""
+    """Return closely spaced points (n, 3) of a lane, and its directions (n, 3) there."""
     nodes = fit.problem.model.s_m
     points, axes = _lane(fit, fit.x, lines, np.linspace(
         _BEYOND * nodes[0], _BEYOND * nodes[-1], _DENSE))
@@ -127,10 +129,10 @@ def _densely(fit: RoadFit, lines: tuple[int, ...]) -> tuple[Array, Array]:
 
 def _heading_variance(fit: RoadFit, lines: tuple[int, ...], middle_m: float) -> Array:
     """
-    Return the variances (2,) of a lane's direction in its middle, across and up, in rad^2.
+    Return the variances (2,) of a lane's direction in its middle, across and up, rad^2.
 
-    Sliding along the path is no error of it: a point that slides by ds takes its direction from
-    ``T(s)`` to ``T(s + ds)``, which is subtracted.
+    A point that slides along the path by ds changes its direction from ``T(s)`` to ``T(s + ds)``.
+    This is not an error of the path, and is subtracted.
     """
     steps, h = fit.problem.steps, _SLIDE_M
     both = fit.x + np.concatenate([np.diag(steps), -np.diag(steps)])
@@ -150,10 +152,11 @@ def _heading_variance(fit: RoadFit, lines: tuple[int, ...], middle_m: float) -> 
 def _shape_std(fit: RoadFit, lines: tuple[int, ...], s_m: Array, heading_variance: Array,
                rivals: list[tuple[float, tuple[Array, Array]]]) -> float:
     """
-    Return the 1-sigma of speeds, as a share, by errors of the path beyond its direction.
+    Return the relative 1-sigma of speeds by errors of the path other than its direction.
 
-    :param heading_variance: (2,) of the direction, which is an unknown of each pass by itself.
-    :param rivals: weights, and points and directions of the lane on rival roads.
+    :param heading_variance: (2,) variances of the direction, rad^2, which is left out because
+        each pass solves for it.
+    :param rivals: weight, and points and directions of the lane, of each rival road.
     """
     rig, points = fit.problem.rig, _lane(fit, fit.x, lines, s_m)[0]
     stretch = seen_stretch(rig, points)
@@ -182,7 +185,7 @@ def _shape_std(fit: RoadFit, lines: tuple[int, ...], s_m: Array, heading_varianc
 
 def between(right: Path, left: Path) -> SplinePath:
     """
-    Return a path midway between two lines of any kind; its up is square to both.
+    Return a path midway between two lines of any kind; its up axis is perpendicular to both.
 
     :param right: the line on the driver's right.
     :param left: the line on the driver's left.
@@ -201,21 +204,22 @@ def lane_of_paths(name: str, paths: tuple[Path, ...], speed_limit_mps: Optional[
     """
     Return a lane of which at least one line is surveyed.
 
-    Errors of its points that change over the length of the path turn it and bow it.
+    Errors of the points that vary along the path rotate and bow it.
 
     :param paths: one path, or those of the right and the left line.
-    :param rig: that sees it.
-    :param std_m: 1-sigma of the points across the path.
+    :param rig: rig that sees the lane.
+    :param std_m: 1-sigma of the points across the path, m.
+    :param residual_px: see :class:`LanePath`.
     """
     path = paths[0] if len(paths) == 1 else between(*paths)
-    # both ends are off by so much, each by itself
+    # The errors of the two ends are independent.
     heading_std = np.full(2, np.sqrt(2.0) * std_m / path.length_m)
     return LanePath(name, path, speed_limit_mps, heading_std, residual_px,
                     shape_std=std_m * _bow_effect(path, rig))
 
 
 def _bow_effect(path: Path, rig: StereoRig) -> float:
-    """Return the change of speeds, as a share, by each m that a path's middle is off its ends."""
+    """Return the relative change of speeds per m by which a path's middle bows."""
     s = np.linspace(0.0, path.length_m, NODES)
     stretch = seen_stretch(rig, path.position(s))
     if stretch is None:

@@ -3,15 +3,15 @@
 """
 The shape of a road: a reference line that curves and climbs, and lines parallel to it.
 
-The road's frame at reference arc length ``s`` is ``G Rz(psi(s)) Ry(-theta(s)) Rx(phi(s))``:
-heading ``psi`` about a fixed up axis, the integral of a polynomial curvature; grade ``theta``, the
-integral of a polynomial vertical curvature; crossfall ``phi``, the integral of a polynomial twist.
-A straight grade needs none of these, because the plane tilts with it; a curve that climbs does.
-As roads are built, a grade goes over into the next one in a *vertical curve*, a parabola, whose
-two ends no polynomial follows.
+The road's frame at reference arc length ``s`` is ``G Rz(psi(s)) Ry(-theta(s)) Rx(phi(s))``, where
+``G`` is the frame in the middle of the road.  The heading ``psi`` about a fixed up axis is the
+integral of a polynomial curvature, the grade ``theta`` that of a polynomial vertical curvature,
+and the crossfall ``phi`` that of a polynomial twist.  A straight road of constant grade needs
+none of them, because the plane tilts with it; a curve that climbs does.  Real roads join two
+grades by a *vertical curve*, a parabola, whose two ends a polynomial cannot follow.
 
-The parameters are one vector: small rotation of the guess (3), height (1), a lateral offset for
-each line, on demand a taper for each line, and the coefficients of the shape.
+The parameters form one vector: a small rotation of the guess (3), a height (1), a lateral offset
+for each line, optionally a taper for each line, and the coefficients of the shape.
 """
 from __future__ import annotations
 
@@ -26,23 +26,24 @@ from numpy.typing import NDArray
 
 from ..core.records import Array
 
-NODES = 81  # along the reference line
-# Numbers of one: its middle, the logarithm of its length, in half lengths, and its change, rad.
+NODES = 81  # number of nodes along the reference line
+# Parameters of a vertical curve: middle and logarithm of the length, in half lengths of the road,
+# and change of grade, rad.
 VERTICAL_CURVE = 3
-_OVERHANG = 1.1  # half lengths from the middle to the last node; lines go on a little
-# Of vertical curves that are tried: middles along what is seen, and lengths as shares of it.
+_OVERHANG = 1.1  # distance of the last node from the middle, in half lengths of the road
+# Initial vertical curves: number of middles along the seen stretch, and lengths as shares of it.
 _MIDDLES, _LENGTHS = 21, np.geomspace(0.1, 1, 9)
 
 
 class RoadShape(NamedTuple):
     """
-    How many numbers describe how a road departs from a straight one on a plane.
+    Numbers of parameters that describe how a road differs from a straight one on a plane.
 
-    :param curvature: coefficients of its curvature.
-    :param tilt: 2 where grade and crossfall in the middle are free, 0 where they are 0.
-    :param vertical: coefficients of its vertical curvature.
-    :param twist: coefficients of the change of its crossfall.
-    :param vertical_curve: ``VERTICAL_CURVE`` where one grade goes over into another, or 0.
+    :param curvature: number of coefficients of the curvature.
+    :param tilt: 2 if grade and crossfall in the middle are free, else 0.
+    :param vertical: number of coefficients of the vertical curvature.
+    :param twist: number of coefficients of the twist, the change of the crossfall.
+    :param vertical_curve: ``VERTICAL_CURVE`` if the road has a vertical curve, else 0.
     """
 
     curvature: int = 0
@@ -62,12 +63,12 @@ class RoadModel:
     """
     A family of roads about a guess.
 
-    :param frame: (3, 3) columns T, P left, B up in the middle, left optical frame.
-    :param centre_m: (3,) in the middle of the road.
-    :param half_length_m: from the middle to the furthest pick.
+    :param frame: (3, 3) columns T, P left, B up in the middle of the road, left optical frame.
+    :param centre_m: (3,) point in the middle of the road, left optical frame, m.
+    :param half_length_m: distance from the middle to the farthest pick, m.
     :param lines: number of lines.
-    :param shape: what is free.
-    :param tapered: each line may run off from the others, evenly along the road.
+    :param shape: free parameters of the shape.
+    :param tapered: whether each line may diverge from the others, linearly along the road.
     """
 
     frame: Array
@@ -79,27 +80,27 @@ class RoadModel:
 
     @property
     def size(self) -> int:
-        """Length of the parameter vector."""
+        """Return the length of the parameter vector."""
         return self._first + sum(self.shape)
 
     @property
     def _first(self) -> int:
-        """Place of the first coefficient of the shape."""
+        """Return the index of the first coefficient of the shape."""
         return 4 + self.lines * (2 if self.tapered else 1)
 
     @cached_property
     def places(self) -> RoadPlaces:
-        """Return where the parameters of each kind stand."""
+        """Return the places of each kind of parameter in the vector."""
         ends = self._first + np.cumsum(self.shape)
         return RoadPlaces(slice(4, 4 + self.lines), slice(4 + self.lines, self._first), *(
             slice(int(end) - count, int(end)) for end, count in zip(ends, self.shape)))
 
     def columns(self, shape: RoadShape, count: int) -> NDArray[np.intp]:
         """
-        Return which unknowns a narrower family keeps.
+        Return the indices of the unknowns that a narrower family keeps.
 
-        :param shape: of that family.
-        :param count: of the unknowns, those that follow the parameters included.
+        :param shape: shape of that family.
+        :param count: number of unknowns, including those that follow the parameters.
         """
         keep = np.ones(count, dtype=bool)
         for place, count in zip(self.places[2:], shape):
@@ -108,7 +109,7 @@ class RoadModel:
 
     @cached_property
     def steps(self) -> Array:
-        """Return the (size,) differences that move the picks by something like 1e-3 px."""
+        """Return steps (size,) for finite differences; each moves the picks by about 1e-3 px."""
         out = np.full(self.size, 1e-6)
         out[3:self._first] = 1e-5
         out[self.places.vertical_curve][:-1] = 1e-5
@@ -116,16 +117,16 @@ class RoadModel:
 
     @cached_property
     def s_m(self) -> Array:
-        """Arc lengths (NODES,) of the nodes from the middle."""
+        """Return the arc lengths (NODES,) of the nodes, from the middle, m."""
         return np.linspace(-1, 1, NODES) * _OVERHANG * self.half_length_m
 
     def reshaped(self, shape: RoadShape, x: Array, tapered: bool = False
                  ) -> tuple[RoadModel, Array]:
         """
-        Return another family about the same guess, and the parameters nearest to a road in it.
+        Return another family about the same guess, and the parameters there closest to a road.
 
-        :param x: (size,) parameters of the road, or more.
-        :param shape: of that family; coefficients that it lacks are dropped, further ones 0.
+        :param shape: shape of that family; coefficients that it lacks are dropped, new ones are 0.
+        :param x: (size,) parameters of the road; further unknowns may follow and are kept.
         :param tapered: see :class:`RoadModel`.
         """
         other = replace(self, shape=shape, tapered=tapered)
@@ -138,7 +139,7 @@ class RoadModel:
 
     @cached_property
     def _basis(self) -> Array:
-        """Integrals (2 NODES - 1, terms) of Legendre polynomials, at nodes and between."""
+        """Return integrals (2 NODES - 1, terms) of Legendre polynomials at nodes and midpoints."""
         sigma = self._between
         terms = max(self.shape.curvature, self.shape.vertical, self.shape.twist, 1)
         return np.stack([legendre.legval(sigma, legendre.legint(row, lbnd=0))
@@ -150,11 +151,11 @@ class RoadModel:
 
     @cached_property
     def _between(self) -> Array:
-        """Places (2 NODES - 1,) of the nodes and between, in half lengths from the middle."""
+        """Return nodes and midpoints (2 NODES - 1,), in half lengths from the middle."""
         return np.linspace(-1, 1, 2 * NODES - 1) * _OVERHANG
 
     def _vertical_curve(self, numbers: Array) -> Array:
-        """Return the grades (..., 2 NODES - 1) by a vertical curve (..., 3) or none (..., 0)."""
+        """Return the grades (..., 2 NODES - 1) of a vertical curve (..., 3), or 0 for (..., 0)."""
         if not numbers.shape[-1]:
             return np.zeros(numbers.shape[:-1] + (1,))
         middle, log_length, change = (numbers[..., i, None] for i in range(VERTICAL_CURVE))
@@ -163,11 +164,11 @@ class RoadModel:
     def as_built(self, shape: RoadShape, x: Array, seen_m: tuple[float, float]
                  ) -> tuple[RoadModel, Array]:
         """
-        Return a family with a vertical curve, and the road in it that is near.
+        Return a family with a vertical curve, and the parameters there closest to a road.
 
-        :param shape: of that family: with the vertical curve, and without the polynomial of one.
-        :param x: (size,) parameters of the road, or more.
-        :param seen_m: arc lengths between which they are to be alike.
+        :param shape: shape of that family, with a vertical curve and no vertical curvature.
+        :param x: (size,) parameters of the road; further unknowns may follow and are kept.
+        :param seen_m: arc lengths between which the two roads should agree, m.
         """
         other, out = self.reshaped(shape, x, self.tapered)
         near, up_m, grade = self._vertical_curve_near(x[self.places.vertical], seen_m)
@@ -182,10 +183,11 @@ class RoadModel:
     def _vertical_curve_near(self, coefficients: Array, seen_m: tuple[float, float]
                              ) -> tuple[Array, float, float]:
         """
-        Return the vertical curve that climbs most like a polynomial of vertical curvature.
+        Return the vertical curve whose heights are closest to those of a polynomial.
 
-        :param seen_m: arc lengths between which they are compared.
-        :return: its numbers, and the height, m, and grade that are to be added.
+        :param coefficients: coefficients of the vertical curvature.
+        :param seen_m: arc lengths between which the heights are compared, m.
+        :return: its parameters, and the height, m, and grade, rad, to add to the road.
         """
         u, step = self._between, self._between[1] - self._between[0]
         begin, end = np.array(seen_m) / self.half_length_m
@@ -206,15 +208,15 @@ class RoadModel:
         return np.array([middle, log_length, change]), up * self.half_length_m, grade
 
     def offsets(self, x: Array) -> Array:
-        """Return the (..., lines) lateral places of the lines, m, positive to the left."""
+        """Return the lateral offsets (..., lines) of the lines, m, positive to the left."""
         return x[..., self.places.offsets]
 
     def offsets_at(self, x: Array, line: NDArray[np.intp], s_m: Array) -> Array:
         """
-        Return the lateral places (..., n) of lines where they are looked at, tapers included.
+        Return the lateral offsets (..., n) of lines at arc lengths, tapers included, m.
 
-        :param line: (n,) their numbers.
-        :param s_m: (n,) arc lengths.
+        :param line: (n,) numbers of the lines.
+        :param s_m: (n,) arc lengths, m.
         """
         out: Array = x[..., self.places.offsets][..., line]
         if self.tapered:
@@ -222,7 +224,7 @@ class RoadModel:
         return np.asarray(out)
 
     def tilt(self, x: Array) -> Array:
-        """Return grade and crossfall in the middle (..., 2), rad; 0 where they are not free."""
+        """Return grade and crossfall in the middle (..., 2), rad; 0 if they are not free."""
         return x[..., self.places.tilt] if self.shape.tilt else np.zeros(x.shape[:-1] + (2,))
 
     def reference(self, x: Array) -> tuple[Array, Array]:
@@ -256,15 +258,16 @@ class RoadModel:
 
 class RoadPlaces(NamedTuple):
     """
-    Where the parameters of each kind stand in the vector of a :class:`RoadModel`.
+    The places of each kind of parameter in the vector of a :class:`RoadModel`.
 
-    :param offsets: lateral places of the lines, m.
-    :param tapers: by how much each line runs off over half the length, m.
-    :param curvature: rad per half length.
+    :param offsets: lateral offsets of the lines, m.
+    :param tapers: divergence of each line over half the length of the road, m.
+    :param curvature: coefficients of the curvature, rad per half length.
     :param tilt: grade and crossfall in the middle, rad.
-    :param vertical: rad per half length.
-    :param twist: rad per half length.
-    :param vertical_curve: middle and logarithm of the length, half lengths; change of grade, rad.
+    :param vertical: coefficients of the vertical curvature, rad per half length.
+    :param twist: coefficients of the twist, rad per half length.
+    :param vertical_curve: middle and logarithm of the length, in half lengths; change of grade,
+        rad.
     """
 
     offsets: slice
@@ -278,14 +281,14 @@ class RoadPlaces(NamedTuple):
 
 def _ramp(u: Array, middle: Array, length: Array) -> Array:
     """
-    Return how much of a vertical curve lies behind places (n,), against the middle of the road.
+    Return which share of a vertical curve lies before places (n,), less that before the middle.
 
-    Its ends are rounded over the distance of two nodes, as pavers round them; the nodes do
-    not show more, and it changes smoothly with its ends.
+    The ends of the curve are rounded over the distance of two nodes, as a paver does. The nodes
+    cannot resolve more, and the result becomes a smooth function of the ends.
 
-    :param u: in half lengths, as are the others.
-    :param middle: (..., 1) of the curve.
-    :param length: (..., 1) of it.
+    :param u: (n,) places along the road, in half lengths, as all lengths here.
+    :param middle: (..., 1) middle of the curve.
+    :param length: (..., 1) length of the curve.
     """
     half = _OVERHANG / (NODES - 1)
 
@@ -310,7 +313,7 @@ def rotation(vectors: Array) -> Array:
 
 def drift_matrix(drift_rad: Array) -> Array:
     """
-    Return the matrices (..., 3, 3) that take row vectors into the frame of a rotated camera.
+    Return the matrices (..., 3, 3) that transform row vectors to the frame of a rotated camera.
 
     :param drift_rad: (..., 3) pan to the right, tilt upwards and roll clockwise, components of
         one rotation vector about the camera's y, x and z axis.
@@ -323,7 +326,7 @@ class Weights:
     """
     Cubic interpolation between nodes at fixed places.
 
-    :param matrix: (n, NODES) weights, 4 of each row not zero.
+    :param matrix: (n, NODES) weights, of which 4 in each row are not zero.
     """
 
     matrix: Array
@@ -333,7 +336,8 @@ class Weights:
         """
         Return the weights for arc lengths (n,); beyond the nodes they extrapolate.
 
-        :param nodes_m: (NODES,) even.
+        :param nodes_m: (NODES,) evenly spaced arc lengths of the nodes, m.
+        :param s_m: (n,) arc lengths, m.
         """
         u = (s_m - nodes_m[0]) / (nodes_m[1] - nodes_m[0])
         i = np.clip(np.floor(u).astype(int) - 1, 0, len(nodes_m) - 4)

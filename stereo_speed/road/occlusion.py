@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a road hides of itself: behind a crest its lines are not seen, whoever clicks them."""
+"""Occlusion of a road by itself: lines behind a crest are not visible, even if clicked."""
 from __future__ import annotations
 
 import numpy as np
@@ -9,19 +9,19 @@ from numpy.typing import NDArray
 from .fit import RoadFit
 from ..core.records import Array
 
-_ALONG, _ACROSS = 161, 9  # places of the surface that may hide others
-_BESIDE_M = 1.0  # of road beyond the outer lines
-_SPARE_M = 0.05  # of height by which a line of sight must pass below the surface
-_NEARER_M = 1.0  # by which what hides a place is nearer to the camera
+_ALONG, _ACROSS = 161, 9  # samples of the surface along and across the road
+_BESIDE_M = 1.0  # width of the road beyond the outer lines
+_SPARE_M = 0.05  # least height by which the surface must rise above a line of sight
+_NEARER_M = 1.0  # least distance of an occluding sample in front of the occluded one
 
 
 def hidden(fit: RoadFit, line: int, right: bool, s_m: Array) -> NDArray[np.bool_]:
     """
-    Return which places (n,) of a line the surface of its road hides.
+    Return which places (n,) of a line are occluded by the surface of its road.
 
     :param line: number of the line.
-    :param right: from the right camera.
-    :param s_m: (n,) reference arc lengths.
+    :param right: whether it is seen from the right camera.
+    :param s_m: (n,) reference arc lengths, m.
     """
     model = fit.problem.model
     if model.shape.flat:

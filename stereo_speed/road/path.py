@@ -1,11 +1,11 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-What a path is, and the two kinds there are.
+The protocol of a path and its two implementations, straight and curved.
 
-A path knows position, tangent and frame at arc length ``s``, and the arc length of a point. The
-frame's columns are T along travel, P to the left of travel and B up; it is right-handed. Both
-ends go on as straight lines, so that a vehicle may come from before the first pick and leave
+A path gives position, tangent and frame at arc length ``s``, and the arc length of a point. The
+frame is right-handed; its columns are T along travel, P to the left of travel and B up. Both
+ends continue as straight lines, so that a vehicle may come from before the first pick and leave
 after the last.
 """
 from __future__ import annotations
@@ -18,7 +18,7 @@ from scipy.interpolate import CubicHermiteSpline, CubicSpline
 from .spline_kernels import arc_lengths, frames, positions, unit
 from ..core.records import Array
 
-# Up in the left optical frame, where nothing better is known.
+# Default up direction in the left optical frame.
 CAMERA_UP: Array = np.array([0.0, -1.0, 0.0])
 
 
@@ -45,9 +45,9 @@ class Path(Protocol):
 
 def frame_of(tangent: Array, up: Array) -> Array:
     """
-    Return frames (..., 3, 3) with columns T, P left, B up from directions and rough ups.
+    Return frames (..., 3, 3) with columns T, P left, B up from tangents and rough up directions.
 
-    :param tangent: (..., 3) unit.
+    :param tangent: (..., 3) unit vectors.
     :param up: (..., 3) or (3,), not parallel to the tangent; made orthogonal to it.
     """
     tangent = np.asarray(tangent, dtype=np.float64)
@@ -56,7 +56,7 @@ def frame_of(tangent: Array, up: Array) -> Array:
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """Cross product (..., 3); frames are asked for so often that np.cross is too slow."""
+    """Return the cross product (..., 3); np.cross is too slow, as frames are computed often."""
     out = np.empty(a.shape)
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         out[..., i] = a[..., j] * b[..., k] - a[..., k] * b[..., j]
@@ -76,14 +76,14 @@ def spline_through(x: Array, values: Array) -> CubicSpline:
     """
     Return the cubic spline through values (n, d) at places (n,), n >= 2.
 
-    Three points or fewer have no third derivative to be continuous: the ends are then natural.
+    Up to three points allow no not-a-knot condition, so the ends are natural then.
     """
     ends: Literal['not-a-knot', 'natural'] = 'not-a-knot' if len(x) > 3 else 'natural'
     return CubicSpline(x, values, bc_type=ends)
 
 
 def _everywhere(values: Array, shape: tuple[int, ...]) -> Array:
-    """Return the same values at many places; so often asked for that np.broadcast_to is slow."""
+    """Return the same values repeated; np.broadcast_to is too slow, as this is called often."""
     out = np.empty(shape + values.shape)
     out[...] = values
     return out
@@ -95,7 +95,7 @@ class StraightPath:
 
     :param origin_m: (3,) the point at ``s = 0``.
     :param direction: (3,) direction of travel, any length.
-    :param length_m: to the far end.
+    :param length_m: arc length of the far end, m.
     :param up: (3,) rough up direction.
     """
 
@@ -132,9 +132,9 @@ class SplinePath:
     """
     A smooth curve through points: a cubic spline, parametrised by its own arc length.
 
-    :param points_m: (n, 3) in order along travel, n >= 2, no two in a row the same.
+    :param points_m: (n, 3) points in order along travel, n >= 2, no two successive ones equal.
     :param up: (3,) or (n, 3) rough up directions at the points.
-    :param spacing_m: between the knots of the arc-length form.
+    :param spacing_m: largest spacing of the knots of the spline over arc length, m.
     """
 
     def __init__(self, points_m: Array, up: Array = CAMERA_UP,
@@ -158,7 +158,7 @@ class SplinePath:
         self._ups = self._up_coefficients(up, chord, chords)
 
     def _up_coefficients(self, up: Array, chord: Array, chords: Array) -> Array:
-        """Return the coefficients (4, pieces, 3) of the rough ups by arc length."""
+        """Return the coefficients (4, pieces, 3) of the rough up directions over arc length."""
         up = np.asarray(up, dtype=np.float64)
         if up.ndim == 1:
             same = np.zeros_like(self._coefficients)
@@ -197,7 +197,7 @@ class SplinePath:
 
 
 def _lengths(curve: CubicSpline, nodes: Array) -> Array:
-    """Integrate the arc length between nodes (n,) by three-point Gauss quadrature: (n - 1,)."""
+    """Return the arc lengths (n - 1,) between nodes (n,), by three-point Gauss quadrature."""
     half, middle = np.diff(nodes) / 2, (nodes[1:] + nodes[:-1]) / 2
     x = np.sqrt(0.6)
     speeds = [np.linalg.norm(curve(middle + k * half, 1), axis=-1) for k in (-x, 0.0, x)]

@@ -1,12 +1,12 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-What an error of a path does to speeds measured along it, to first order.
+The effect of an error of a path on speeds measured along it, to first order.
 
-A vehicle follows the true path and is seen in both views. Its arc length on the path at hand is
-what explains its pixels best, while its place beside and above the path hardly changes. The slope
-of these arc lengths against the true ones, each weighted by how well disparity determines it, is
-the speed.
+A vehicle follows the true path and is seen in both views. Its measured arc length is the one on
+the assumed path that explains its pixels best, while its offsets across and above the path hardly
+change. The measured speed is the slope of these arc lengths over the true ones, each weighted by
+how well disparity determines it.
 """
 from __future__ import annotations
 
@@ -18,22 +18,21 @@ import numpy as np
 from ..core.records import Array
 from ..geometry.rig import StereoRig
 
-PLACES = 13  # at which the vehicle is seen
-_FEWEST = 4  # fewer make no speed
-_WANDER_STD_M = 0.05  # how constant the place beside and above the path is
-_ANYWHERE_M = 10.0  # 1-sigma of that place, and of the arc lengths
-_PIXEL_STD = 0.1  # px, of the place of a front in an image
-_STEP_M = 1e-4  # of the differences by the place: 1e-2 px
+PLACES = 13  # number of places at which the vehicle is seen
+_FEWEST = 4  # fewest visible points of a path for a speed
+_WANDER_STD_M = 0.05  # 1-sigma of changes of the offsets across and above the path
+_ANYWHERE_M = 10.0  # prior 1-sigma of these offsets and of the arc lengths
+_PIXEL_STD = 0.1  # 1-sigma of the position of a front in an image, px
+_STEP_M = 1e-4  # step for finite differences by the position, about 1e-2 px
 
 
 @dataclass(frozen=True, eq=False)
 class PathEffect:
     """
-    How speeds depend on where a path lies.
+    The derivatives of the speed by the places of the true path.
 
-    :param of_place: (n, 3) change of the speed, as a share, for each m that a place of the true
-        path lies off.
-    :param of_arc: (n,) the same for each m that its arc length is greater.
+    :param of_place: (n, 3) relative change of the speed per m of displacement of each place.
+    :param of_arc: (n,) relative change of the speed per m of greater arc length of each place.
     """
 
     of_place: Array
@@ -41,11 +40,11 @@ class PathEffect:
 
     def speed(self, displacement_m: Array, arc_m: Array) -> Array:
         """
-        Return errors (...,) of the speed, as shares.
+        Return the relative errors (...,) of the speed.
 
-        :param displacement_m: (..., n, 3) of the places of the true path.
-        :param arc_m: (..., n) by which their arc lengths along the true path are greater; what
-            they have in common does not count.
+        :param displacement_m: (..., n, 3) displacements of the places of the true path, m.
+        :param arc_m: (..., n) increases of their arc lengths along the true path, m; a common
+            increase has no effect.
         """
         return np.asarray(np.einsum('...ni,ni->...', displacement_m, self.of_place)
                           + arc_m @ self.of_arc)
@@ -53,9 +52,10 @@ class PathEffect:
 
 def seen_stretch(rig: StereoRig, points_m: Array) -> Optional[tuple[float, float]]:
     """
-    Return which part of a path both views see, as shares of its points; None where too little.
+    Return begin and end of the part of a path that both views see, as shares of its length.
 
-    :param points_m: (n, 3) evenly along it.
+    :param points_m: (n, 3) evenly spaced points of the path, m.
+    :return: None if too few of the points are visible.
     """
     in_left, in_right = rig.project(points_m)[2:]
     both = np.flatnonzero(in_left & in_right)
@@ -66,17 +66,17 @@ def seen_stretch(rig: StereoRig, points_m: Array) -> Optional[tuple[float, float
 
 def path_effect(rig: StereoRig, points_m: Array, frames: Array, arc_m: Array) -> PathEffect:
     """
-    Return how speeds depend on a path.
+    Return how speeds depend on the places of a path.
 
-    :param points_m: (n, 3) places of the path, seen in both views.
+    :param points_m: (n, 3) places of the path that both views see, m.
     :param frames: (n, 3, 3) columns T, P, B there.
-    :param arc_m: (n,) arc lengths.
+    :param arc_m: (n,) arc lengths of the places, m.
     """
     n = len(points_m)
     near = points_m[:, None] + _STEP_M * np.concatenate([np.eye(3), -np.eye(3)])
     seen = np.concatenate(rig.project(near)[:2], axis=-1)  # (n, 6, 4)
     slope = np.swapaxes(seen[:, :3] - seen[:, 3:], 1, 2) / (2 * _STEP_M * _PIXEL_STD)  # (n, 4, 3)
-    # unknowns: along, beside and above at each place, and the usual beside and above
+    # Unknowns: shift along, across and above at each place, then the common ones across and above.
     normal = np.zeros((3 * n + 2, 3 * n + 2))
     right = np.zeros((3 * n + 2, n, 3))
     for i in range(n):

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The least-squares problem of a road: picks, and how far they lie from their projected lines."""
+"""The least-squares problem of a road: the distances of picks from their projected lines."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -16,69 +16,68 @@ from ..core.records import Array
 from ..geometry.camera import Camera
 from ..geometry.rig import StereoRig
 
-_DRIFT_STEP_RAD = 1e-6  # moves the picks by something like 1e-3 px
-_NEAREST_M = 0.1  # what is nearer to a camera's plane is not seen
-_STEP_M = 0.01  # along a line, of its direction in the image
-_LOST_PX = 1e3  # residual of a pick whose line is behind the camera: far off, without a slope
-_ASTRAY_PX = 60.0  # a pick further from its line says nothing of which of its parts it is of
-_LEAST_TAPER_M = 1e-6  # stands for lines that are parallel without a doubt
-_WANDERS = (1 / 3, 1.0, 3.0)  # that are tried, of the usual one
-_ALIKE = 0.5  # lines of other roads, which tell as little of one's as is known beforehand
-REACH = 1.3  # half lengths from the middle of the road to where feet are looked for
+_DRIFT_STEP_RAD = 1e-6  # step for finite differences, which moves the picks by about 1e-3 px
+_NEAREST_M = 0.1  # least depth of a visible point
+_STEP_M = 0.01  # step along a line for its direction in the image
+_LOST_PX = 1e3  # residual of a pick whose line is behind the camera; its derivative is 0
+_ASTRAY_PX = 60.0  # cap of the distance by which a pick is assigned to a part of its line
+_LEAST_TAPER_M = 1e-6  # 1-sigma that stands for exactly parallel lines
+_WANDERS = (1 / 3, 1.0, 3.0)  # 1-sigmas of wandering that are tried, as multiples of wander_std_m
+_ALIKE = 0.5  # weight of the prior of how far lines wander, in lines already seen on this road
+REACH = 1.3  # distance from the middle, in half lengths, up to which feet are searched
 
 
 @dataclass(frozen=True)
 class RoadPrior(CheckedRecord):
-    """What is known of any road and rig before their lines are looked at."""
+    """Prior knowledge of any road and rig."""
 
     pick_std_px: float = parameter(
-        0.3, 0.01, 10.0, 'px', '1-sigma of a point that a careful person clicked, across its line')
+        0.3, 0.01, 10.0, 'px', '1-sigma across the line of a carefully clicked point')
     best_pick_std_px: float = parameter(
-        0.02, 0.0, 10.0, 'px', 'no points of a line agree with a road better than this')
+        0.02, 0.0, 10.0, 'px', 'least scatter of the points of a line about a road')
     roll_std_rad: float = parameter(
-        0.1, 1e-3, 3.0, 'rad', "1-sigma of the road's roll about its direction against the "
-        "camera's up, for one straight line says nothing of it")
+        0.1, 1e-3, 3.0, 'rad', "1-sigma of the road's roll about its direction, relative to the "
+        "camera's up, which a single straight line does not determine")
     grade_std_rad: float = parameter(
-        0.06, 1e-4, 1.0, 'rad', '1-sigma of the grade of a curved road against its plane')
+        0.06, 1e-4, 1.0, 'rad', '1-sigma of the grade of a curved road relative to its plane')
     crossfall_std_rad: float = parameter(
-        0.04, 1e-4, 1.0, 'rad', '1-sigma of the crossfall of a curved road against its plane')
+        0.04, 1e-4, 1.0, 'rad', '1-sigma of the crossfall of a curved road relative to its plane')
     curvature_std_per_m: float = parameter(
         0.02, 1e-5, 1.0, '1/m', '1-sigma of the curvature of a road that is not straight')
     crest_std_per_m: float = parameter(
         1 / 400, 1e-6, 1.0, '1/m', '1-sigma of the vertical curvature of a road whose grade '
         'changes; crests are built with radii from 200 m at 30 km/h to 5000 m at 100 km/h')
     twist_std_rad: float = parameter(
-        0.04, 1e-4, 1.0, 'rad', '1-sigma of the change of the crossfall over half the road, where '
+        0.04, 1e-4, 1.0, 'rad', '1-sigma of the change of the crossfall over half the road, if '
         'it changes; superelevation is built up to 8 %')
     vertical_curve_m: float = parameter(
-        40.0, 1.0, 1000.0, 'm', 'usual length of a vertical curve, over which one grade goes over '
-        'into another')
+        40.0, 1.0, 1000.0, 'm', 'usual length of a vertical curve, which joins two grades')
     vertical_curve_log_std: float = parameter(
         0.7, 0.01, 5.0, '', '1-sigma of the natural logarithm of that length')
     bent_probability: float = parameter(
-        0.1, 1e-6, 0.9, '', 'probability, beforehand, of each number more that describes how a '
-        'road bends, and of a bend that lies in a plane; a clothoid is as common as an arc')
+        0.1, 1e-6, 0.9, '', 'prior probability of each further parameter of the shape of a road, '
+        'and of a bend that lies in a plane; a clothoid is as common as an arc')
     taper_std_m: float = parameter(
-        0.003, 0.0, 1.0, 'm', '1-sigma by which a line runs off from the others over half of the '
-        'road: so parallel are lines that are to show a rotation of a camera')
+        0.003, 0.0, 1.0, 'm', '1-sigma of how far a line diverges from the others over half of '
+        'the road; this limits how well lines reveal a rotation of a camera')
     wander_std_m: float = parameter(
-        0.003, 1e-6, 1.0, 'm', '1-sigma by which a line is off its place, together over some way, '
-        'where it wanders; a third of it and three times as much are weighed as well')
+        0.003, 1e-6, 1.0, 'm', '1-sigma of the displacement of a line that wanders, which is '
+        'correlated along the line; a third and three times of it are tried as well')
     wander_length_m: float = parameter(
-        20.0, 0.1, 1000.0, 'm', 'how far along a line that is off together; rather too far, for '
-        'picks that are near each other hardly tell it')
+        20.0, 0.1, 1000.0, 'm', 'correlation length of that displacement; better too long, as '
+        'close picks hardly determine it')
     wander_probability: float = parameter(
-        0.2, 0.0, 0.99, '', 'share of lines that wander, beforehand; 0: none does')
+        0.2, 0.0, 0.99, '', 'prior share of lines that wander; 0 for none')
     survey_std_m: float = parameter(
-        0.03, 0.0, 10.0, 'm', '1-sigma of a given or surveyed point across its line, where the '
-        'site does not say; neighbours are wrong together')
+        0.03, 0.0, 10.0, 'm', '1-sigma of a given or surveyed point across its line, if the site '
+        'does not give it; errors of neighbouring points are correlated')
     calibrated_std_deg: float = parameter(
-        0.0003, 0.0, 1.0, 'degrees', '1-sigma of each angle between cameras that nobody has '
+        0.0003, 0.0, 1.0, 'degrees', '1-sigma of each angle between cameras that have not been '
         'touched since their calibration')
 
     @property
     def may_wander(self) -> MayWander:
-        """Return what is known of how far lines wander."""
+        """Return the prior of how far lines wander."""
         chance = self.wander_probability
         if not chance:
             return MayWander((0.0,), (1.0,))
@@ -88,7 +87,7 @@ class RoadPrior(CheckedRecord):
 
     @property
     def calibrated_covariance_rad2(self) -> Array:
-        """Return the covariance (3, 3) of pan, tilt and roll of a rig as calibrated."""
+        """Return the covariance (3, 3) of pan, tilt and roll of a calibrated rig, rad^2."""
         return np.asarray(np.radians(self.calibrated_std_deg) ** 2 * np.eye(3))
 
 
@@ -97,11 +96,11 @@ class Picks:
     """
     All picks of a road's lines.
 
-    :param names: of the lines, in the order of their numbers.
+    :param names: names of the lines, in the order of their numbers.
     :param uv_px: (n, 2) raw pixels.
-    :param line: (n,) number of the line.
-    :param right: (n,) whether it is of the right view.
-    :param std_px: (n,) 1-sigma across the line.
+    :param line: (n,) number of the line of each pick.
+    :param right: (n,) whether the pick is in the right view.
+    :param std_px: (n,) 1-sigma across the line, px.
     """
 
     names: tuple[str, ...]
@@ -117,9 +116,9 @@ class Picks:
         """
         Return the picks of named lines.
 
-        :param lines: name to (left (n, 2), right (m, 2)).
-        :param std_px: name to (left (n,), right (m,)) 1-sigmas.
-        :param click_std_px: 1-sigma of the picks of lines that are not named there.
+        :param lines: maps names to raw pixels (left (n, 2), right (m, 2)).
+        :param std_px: maps names to 1-sigmas (left (n,), right (m,)), px.
+        :param click_std_px: 1-sigma of the picks of lines not in ``std_px``, px.
         """
         given = std_px or {}
         parts = [(view, i, j) for i, pair in enumerate(lines.values())
@@ -134,27 +133,27 @@ class Picks:
 
     def of_line(self, line: int, right: bool) -> NDArray[np.bool_]:
         """
-        Return which picks (n,) are of a line in one view.
+        Return which picks (n,) belong to a line in one view.
 
-        :param line: its number.
-        :param right: the right view.
+        :param line: number of the line.
+        :param right: whether the view is the right one.
         """
         return np.asarray((self.line == line) & (self.right == right))
 
     @property
     def median_std_px(self) -> float:
-        """Return the usual 1-sigma of a pick."""
+        """Return the median 1-sigma of the picks, px."""
         return float(np.median(self.std_px))
 
 
 @dataclass(frozen=True, eq=False)
 class Feet:
     """
-    Where the picks meet their lines.
+    The feet of the picks: the nearest points of their projected lines.
 
-    :param s_m: (n,) reference arc length of the foot of each pick.
+    :param s_m: (n,) reference arc length of each foot, m.
     :param normal: (n, 2) unit normal of the projected line there.
-    :param residual_px: (n,) signed distance of the pick from it.
+    :param residual_px: (n,) signed distance of the pick from the projected line, px.
     """
 
     s_m: Array
@@ -163,7 +162,7 @@ class Feet:
 
 
 def pixels(camera: Camera, points_m: Array) -> Array:
-    """Return raw pixels of points (..., 3) of the camera's frame; NaN behind the camera."""
+    """Return raw pixels of points (..., 3) in the camera's frame; NaN behind the camera."""
     z = points_m[..., 2:]
     return camera.distort(points_m[..., :2] / np.where(z > _NEAREST_M, z, np.nan))
 
@@ -171,10 +170,11 @@ def pixels(camera: Camera, points_m: Array) -> Array:
 @dataclass(frozen=True, eq=False)
 class DriftPrior:
     """
-    What is known beforehand of the extrinsic drift: how the right camera has rotated.
+    Prior of the extrinsic drift, the rotation of the right camera.
 
-    :param mean_rad: (3,) pan, tilt and roll since the calibration.
-    :param root: (n, 3) such that ``root @ (drift - mean_rad)`` has unit covariance.
+    :param mean_rad: (3,) pan, tilt and roll since the calibration, rad.
+    :param root: (n, 3) square root of the information: ``root @ (drift - mean_rad)`` has unit
+        covariance.
     """
 
     mean_rad: Array
@@ -182,21 +182,21 @@ class DriftPrior:
 
     @classmethod
     def loose(cls, std_rad: float) -> DriftPrior:
-        """Return one about no drift at all."""
+        """Return a prior about no drift, with the same 1-sigma for each angle."""
         return cls(np.zeros(3), np.eye(3) / std_rad)
 
 
 def in_order(cost: Array) -> NDArray[np.intp]:
     """
-    Return the column (g, n) of each row of least cost together, columns never going back.
+    Return the non-decreasing column (g, n) of each row whose total cost is least.
 
-    :param cost: (g, n, m) of each column for each row, for each of some groups.
+    :param cost: (g, n, m) cost of each column for each row, in each group.
     """
     groups, columns = np.arange(len(cost)), np.arange(cost.shape[2])
     total, came = cost[:, 0], []
     for row in range(1, cost.shape[1]):
         least = np.minimum.accumulate(total, axis=1)
-        # the last column at or before each at which the least was reached
+        # For each column, the last one up to it at which the running minimum was reached.
         came.append(np.maximum.accumulate(np.where(total == least, columns, 0), axis=1))
         total = least + cost[:, row]
     out = [np.argmin(total, axis=1)]
@@ -210,13 +210,13 @@ class RoadProblem:
     The residuals of a road model and their derivatives.
 
     :param rig: the calibrated rig.
-    :param picks: of all lines.
+    :param picks: picks of all lines.
     :param model: the family of roads.
-    :param drift: what is known of the drift of the right camera, whose angles are then the last
-        three unknowns. None: it stands as calibrated.
-    :param prior: what is known of any road.
-    :param wander: how lines may wander, whose numbers follow the other unknowns. None: they do
-        not.
+    :param drift: prior of the drift of the right camera, whose angles are then the last three
+        unknowns of road and rig. None means that it stands as calibrated.
+    :param prior: prior knowledge of any road.
+    :param wander: how lines may wander; its coefficients follow the other unknowns. None means
+        that they do not wander.
     """
 
     def __init__(self, rig: StereoRig, picks: Picks, model: RoadModel,
@@ -235,29 +235,29 @@ class RoadProblem:
         return len(self.steps)
 
     def _reference(self, x: Array) -> tuple[Array, Array]:
-        """Return the reference line of the model; the last one is kept."""
+        """Return the reference line of the model; the last result is cached."""
         if self._known is None or not np.array_equal(self._known[0], x):
             self._known = x.copy(), self.model.reference(x)
         return self._known[1]
 
     def drift_rad(self, x: Array) -> Array:
-        """Return pan, tilt and roll (..., 3) of the right camera; zeros where they are fixed."""
+        """Return pan, tilt and roll (..., 3) of the right camera, rad; zeros if they are fixed."""
         if self.drift is None:
             return np.zeros(x.shape[:-1] + (3,))
         return x[..., -3:]
 
     def to_right(self, x: Array, points_m: Array) -> Array:
-        """Return points (..., n, 3) in the frame of the right camera as it stands now."""
+        """Return points (..., n, 3) in the frame of the right camera, with the drift applied."""
         right = self.rig.to_right(points_m)
         return right if self.drift is None else right @ drift_matrix(self.drift_rad(x))
 
     def at(self, x: Array, s_m: Array) -> Array:
-        """Return the pixels (..., n, 2) of the lines at arc lengths (n,), one for each pick."""
+        """Return the pixels (..., n, 2) of each pick's line at the arc length (n,) of the pick."""
         points, frames = self._reference(x)
         return self._seen(x, (points, frames[..., 1]), s_m)
 
     def _seen(self, x: Array, reference: tuple[Array, Array], s_m: Array) -> Array:
-        """Return the pixels of a point on the line of each pick, in the view of the pick."""
+        """Return the pixels of a point on each pick's line, in the view of the pick."""
         weights = Weights.at(self.model.s_m, s_m)
         points, left = (weights(values) for values in reference)
         points = points + self.model.offsets_at(x, self.picks.line, s_m)[..., None] * left
@@ -268,7 +268,7 @@ class RoadProblem:
         return uv_px
 
     def feet(self, x: Array) -> Feet:
-        """Return where each pick meets its projected line."""
+        """Return the foot of each pick on its projected line."""
         if self._last is not None and np.array_equal(self._last[0], x):
             return self._last[1]
         points, frames = self._reference(x)
@@ -295,8 +295,8 @@ class RoadProblem:
         """
         Return the node (n,) whose projection is nearest to each pick.
 
-        The picks of a line are in order: where a hairpin or a crest brings a line back near
-        itself in the image, the order tells which of its parts a pick is of.
+        The picks of a line are in order. If a hairpin or a crest brings the line back near itself
+        in the image, the order determines which part of it a pick belongs to.
         """
         nodes, lines = self.model.s_m, []
         for i in range(self.model.lines):
@@ -317,10 +317,10 @@ class RoadProblem:
 
     @property
     def prior_std(self) -> Array:
-        """Return the 1-sigmas of the parameters of the shape and of the tapers, beforehand."""
+        """Return the prior 1-sigmas of the tapers and of the parameters of the shape."""
         shape, half, prior = self.model.shape, self.model.half_length_m, self.prior
         tilt = np.array([prior.grade_std_rad, prior.crossfall_std_rad])
-        number = np.arange(1, max(shape) + 1)  # roads are smooth: further coefficients are smaller
+        number = np.arange(1, max(shape) + 1)  # roads are smooth: higher coefficients are smaller
         return np.concatenate([
             np.full(self.model.lines * self.model.tapered, max(prior.taper_std_m, _LEAST_TAPER_M)),
             prior.curvature_std_per_m * half / number[:shape.curvature], tilt[:shape.tilt],
@@ -331,7 +331,7 @@ class RoadProblem:
 
     @property
     def prior_mean(self) -> Array:
-        """Return what the parameters of the shape and the tapers are beforehand."""
+        """Return the prior means of the tapers and of the parameters of the shape."""
         places, out = self.model.places, np.zeros(self.model.size)
         out[places.vertical_curve][1:2] = np.log(
             self.prior.vertical_curve_m / self.model.half_length_m)
@@ -339,12 +339,12 @@ class RoadProblem:
 
     def priors(self, x: Array) -> Array:
         """
-        Return weak constraints as (..., 1 and more) residuals in sigmas.
+        Return the residuals (..., m) of the priors, in sigmas.
 
-        They are roll, tapers, the coefficients of the shape, and the drift of the right camera.
+        They are those of roll, tapers, the parameters of the shape, and the right camera's drift.
         """
         axes = (self._reference(x)[1])[..., len(self.model.s_m) // 2, :, :]
-        roll = axes[..., 1, 1:2]  # how far the left axis dips below the camera's horizontal
+        roll = axes[..., 1, 1:2]  # dip of the left axis below the camera's horizontal
         weak = np.concatenate([
             roll / self.prior.roll_std_rad,
             (x[..., self.model.places.tapers.start:self.model.size] - self.prior_mean)
@@ -355,11 +355,11 @@ class RoadProblem:
         return np.concatenate([weak, drift], axis=-1)
 
     def rigid(self, x: Array) -> Array:
-        """Return the residuals of lines that do not wander, in sigmas."""
+        """Return the residuals for lines that do not wander, in sigmas."""
         return np.append(self.feet(x).residual_px / self.picks.std_px, self.priors(x))
 
     def residuals(self, unknowns: Array) -> Array:
-        """Return all residuals in sigmas, of (size,) unknowns and those of the ways to wander."""
+        """Return all residuals, in sigmas, given the unknowns of road, rig and wandering."""
         x, wander = unknowns[:self.size], unknowns[self.size:]
         rigid = self.rigid(x)
         if self.wander is None:
@@ -368,7 +368,7 @@ class RoadProblem:
         return np.append(rigid, wander)
 
     def jacobian(self, unknowns: Array) -> Array:
-        """Return their derivatives; moving a foot along its line changes nothing, so feet stay."""
+        """Return the derivatives of the residuals; a foot's shift along its line has no effect."""
         x = unknowns[:self.size]
         feet, steps = self.feet(x), self.steps
         both = x + np.concatenate([np.diag(steps), -np.diag(steps)])
@@ -381,7 +381,7 @@ class RoadProblem:
 
     @staticmethod
     def _with_wander(slope: Array, wander: Wander) -> Array:
-        """Return derivatives by the numbers of the ways to wander beside those by the others."""
+        """Return the derivatives with those by the coefficients of wandering appended."""
         (rows, columns), count = slope.shape, wander.count
         out = np.zeros((rows + count, columns + count))
         out[:rows, :columns] = slope

@@ -1,11 +1,11 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-What extrinsic drift, a rotation of the right camera, does to lengths along a path.
+The effect of extrinsic drift, a rotation of the right camera, on lengths along a path.
 
-A pan adds the same disparity everywhere. Road, lines and vehicles are then seen in one and the
-same distorted space, in which a length at range Z along the line of sight is wrong by about
-``2 Z pan / baseline`` of itself: no residual shows it, but it is in every speed.
+A pan adds the same disparity everywhere. Road, lines and vehicles are then reconstructed in the
+same distorted space, where the relative error of a length at range Z along the line of sight is
+about ``2 Z pan / baseline``. No residual reveals this error, but it affects every speed.
 """
 from __future__ import annotations
 
@@ -18,19 +18,20 @@ from .path import Path
 from ..core.records import Array
 from ..geometry.rig import StereoRig
 
-_PLACES = 41  # along a path; the effect is smooth
-_STEP_RAD = 1e-6  # of the differences by the rotation: 1e-3 px
+_PLACES = 41  # samples along a path, where the effect is smooth
+_STEP_RAD = 1e-6  # step for finite differences by the rotation, about 1e-3 px
 _STEP_M = 0.25  # half of the lengths that are compared
 
 
 def scale_by_drift(path: Path, rig: StereoRig, s_m: Array) -> Array:
     """
-    Return how lengths along a path change, as a share, with the rotation of the right camera.
+    Return the relative change of lengths along a path with the rotation of the right camera.
 
-    The points of the path are seen with the rig and triangulated with a rotated one.
+    The points of the path are projected with the rig and triangulated with a rotated one.
 
-    :param s_m: (n,) arc lengths.
-    :return: (n, 3) per rad of pan, tilt and roll; NaN where a camera cannot see the path.
+    :param s_m: (n,) arc lengths, m.
+    :return: (n, 3) relative changes per rad of pan, tilt and roll; NaN where a camera does not see
+        the path.
     """
     h = _STEP_M
     points = path.position(s_m[:, None] + np.array([-h, h]))
@@ -50,12 +51,12 @@ def scale_by_drift(path: Path, rig: StereoRig, s_m: Array) -> Array:
 
 def with_scale(lane: LanePath, rig: StereoRig, covariance_rad2: Array) -> LanePath:
     """
-    Return a lane with what the uncertain rotation of the right camera does to its lengths.
+    Return a lane whose scale is uncertain by the rotation of the right camera.
 
-    The speed of a pass is the slope of its places over time, each weighted by how well disparity
-    determines it, ``1 / Z^4``.
+    The speed of a pass is the slope of its positions over time, each weighted by how well
+    disparity determines it, ``1 / Z^4``.
 
-    :param covariance_rad2: (3, 3) of pan, tilt and roll.
+    :param covariance_rad2: (3, 3) covariance of pan, tilt and roll, rad^2.
     """
     s = np.linspace(0.0, lane.path.length_m, _PLACES)
     slope = scale_by_drift(lane.path, rig, s)
@@ -65,7 +66,7 @@ def with_scale(lane: LanePath, rig: StereoRig, covariance_rad2: Array) -> LanePa
     s, slope = s[known], slope[known]
     weight = lane.path.position(s)[:, 2]**-4.0
     lever = weight * (s - np.average(s, weights=weight))
-    # by how much each place is off, m per rad
+    # Displacement of each place, m per rad.
     off = np.concatenate([np.zeros((1, 3)), np.cumsum(
         (slope[1:] + slope[:-1]) / 2 * np.diff(s)[:, None], axis=0)])
     mean = lever @ off / (lever @ s)

@@ -1,11 +1,11 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Points and frames of splines with even knots: kernels of ``SplinePath``.
+Points and frames of splines with evenly spaced knots: the kernels of ``SplinePath``.
 
-A tracker asks for one or a few places at a time, and so often that it is the calls that cost.
-Splines are given by the coefficients (4, pieces, 3) of scipy's ``CubicSpline``, the highest power
-first, and the step between their knots; the first knot is 0.
+A tracker asks for one or a few places at a time, but so often that the overhead of calls
+dominates.  Splines are given by the coefficients (4, pieces, 3) of scipy's ``CubicSpline``, the
+highest power first, and the step between their knots; the first knot is 0.
 """
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from scipy.interpolate import PPoly
 from ..core.compiled import inlined, kernel
 from ..core.records import Array
 
-_STEPS = 8  # of Newton's method for the nearest point, at most
-_SETTLED_M = 1e-10  # smaller steps do nothing
-_LEAST_BEND = 0.2  # of 1 - offset * bend: nearer to the centre of the bend there is no step
+_STEPS = 8  # most Newton steps for the nearest point
+_SETTLED_M = 1e-10  # step at which Newton's method has converged
+_LEAST_BEND = 0.2  # lower bound of 1 - offset * bend, which is 0 at the centre of the bend
 
 
 def _curve(c: Array, step: float) -> PPoly:
@@ -38,14 +38,14 @@ def unit(vectors: Array) -> Array:
 
 @inlined
 def _piece(c, step, s):  # type: ignore
-    """Return the piece of a spline that an arc length is on, and how far."""
+    """Return the index of the spline piece at an arc length, and the arc length within it."""
     k = min(max(int(np.floor(s / step)), 0), c.shape[1] - 1)
     return k, s - k * step
 
 
 def plain_positions(c: Array, step: float, ends: Array, s_m: Array) -> Array:
     """
-    Return points (n, 3) of a spline at arc lengths (n,); beyond its ends it goes straight on.
+    Return points (n, 3) of a spline at arc lengths (n,); beyond its ends it continues straight.
 
     :param ends: (2, 3) unit directions at the two ends.
     """
@@ -74,7 +74,7 @@ def plain_frames(c: Array, up: Array, step: float, s_m: Array) -> Array:
     """
     Return frames (n, 3, 3) of a spline at arc lengths (n,): columns T, P left, B up.
 
-    :param up: (4, pieces, 3) coefficients of the rough ups.
+    :param up: (4, pieces, 3) coefficients of the rough up directions.
     """
     on = np.clip(s_m, 0.0, step * c.shape[1])
     tangent = unit(_curve(c, step)(on, 1))
@@ -119,7 +119,7 @@ def plain_arc_lengths(c: Array, step: float, ends: Array, points_m: Array) -> Ar
     curve = _curve(c, step)
     knots_m = step * np.arange(c.shape[1] + 1)
     knots, length = curve(knots_m), knots_m[-1]
-    # |p - k|^2 without the |p|^2, which is the same for every knot
+    # This is |p - k|^2 without |p|^2, which is the same for all knots.
     nearest = np.argmin(np.sum(knots * knots, axis=-1) - 2 * points_m @ knots.T, axis=-1)
     s: Array = knots_m[nearest]
     for _ in range(_STEPS):

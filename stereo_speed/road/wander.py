@@ -1,14 +1,14 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Lines that wander: picks of one marking are off together, for it is not quite parallel to its road.
+Lines that wander: a marking is not exactly parallel to its road, so its picks are correlated.
 
-A machine that paints a line swerves by millimetres, and lays down the next stretch a step to the
-side; where a marking is worn, what is left of it lies beside its middle. Refined picks tell that
-much, and counted one by one they ask for a road that bends or climbs. So a line may be off its
-place by a Gaussian process along it, of exponential correlation, for it may step. Whether lines
-are, and how far, is decided by evidence, line by line, with road and scatter of the picks
-eliminated in closed form.
+A marking machine swerves by millimetres and starts the next stretch with a lateral step; the
+remains of a worn marking lie beside its middle. Refined picks are precise enough to show this.
+If they counted as independent, they would suggest a road that bends or climbs. A line may
+therefore be displaced by a Gaussian process along it, with an exponential correlation because the
+displacement may step. Evidence decides line by line whether lines wander and how far, with the
+road and the scatter of the picks eliminated in closed form.
 """
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ from numpy.typing import NDArray
 
 from ..core.records import Array
 
-_LEAST_SHARE = 1e-2  # of the variance of picks, below which a way to wander is left out
-_LEAST_VARIANCE = 1e-12  # of picks by what they may scatter: exact ones are no wonder
-_ROUNDS = 3  # in which the lines take turns, and in which the scatter of the picks is found
-_WORTH = 4.0  # in the logarithm; what is less probable by more has neighbours that add little
-_MOST_CHOICES = 300  # that are added up: of up to four lines all that there are
+_LEAST_SHARE = 1e-2  # share of the variance of picks below which a way to wander is left out
+_LEAST_VARIANCE = 1e-12  # lower bound of the variance of picks, which exact ones would undercut
+_ROUNDS = 3  # rounds of the search over the lines, and of the iteration for the scatter of picks
+_WORTH = 4.0  # log odds below the best choice beyond which the neighbours of a choice add little
+_MOST_CHOICES = 300  # limit of choices that are summed; for up to four lines these are all
 
 
 @dataclass(frozen=True, eq=False)
 class Wander:
     """
-    How lines may wander.
+    How lines may wander, by orthogonal ways whose coefficients have unit prior variance.
 
-    :param std_m: (lines,) 1-sigma of each.
-    :param off: (n, k) by how many of its sigmas each pick is off for each way to wander.
+    :param std_m: (lines,) 1-sigma of the displacement of each line, m.
+    :param off: (n, k) displacement of each pick, in its sigmas, per unit of each way to wander.
     """
 
     std_m: tuple[float, ...]
@@ -44,7 +44,7 @@ class Wander:
 
     @cached_property
     def told(self) -> float:
-        """Return how many numbers picks tell of the ways to wander, which are orthogonal."""
+        """Return the effective number of coefficients that the picks determine."""
         square = np.sum(self.off**2, axis=0)
         return float(np.sum(square / (1 + square)))
 
@@ -57,11 +57,12 @@ class Wander:
 @dataclass(frozen=True, eq=False)
 class Ways:
     """
-    The ways in which one line may wander, orthogonal to each other.
+    The orthogonal ways in which one line may wander.
 
-    :param mine: (m,) numbers of its picks.
-    :param vectors: (m, k) of unit length.
-    :param variance: (k,) of the picks along them, in their own, for a line that wanders by 1 m.
+    :param mine: (m,) indices of its picks.
+    :param vectors: (m, k) unit vectors of the displacements of the picks.
+    :param variance: (k,) variances along them, in units of those of the picks, for a line whose
+        displacement has a 1-sigma of 1 m.
     """
 
     mine: NDArray[np.intp]
@@ -71,12 +72,12 @@ class Ways:
     @classmethod
     def of(cls, mine: NDArray[np.intp], per_m: Array, s_m: Array, length_m: float) -> Ways:
         """
-        Return the ways of one line.
+        Return the ways in which one line may wander.
 
-        :param mine: (m,) numbers of its picks.
-        :param per_m: (m,) by how many of its sigmas a pick is off for each m of its line.
-        :param s_m: (m,) arc lengths of the picks.
-        :param length_m: over which the line's places are correlated.
+        :param mine: (m,) indices of its picks.
+        :param per_m: (m,) displacement of each pick, in its sigmas, per m of its line.
+        :param s_m: (m,) arc lengths of the picks, m.
+        :param length_m: correlation length of the displacement, m.
         """
         alike = np.exp(-np.abs(s_m[:, None] - s_m) / length_m)
         variance, vectors = np.linalg.eigh(per_m[:, None] * alike * per_m)
@@ -87,8 +88,9 @@ def wander_of(ways: Sequence[Ways], std_m: Sequence[float], count: int) -> Wande
     """
     Return how lines may wander.
 
-    :param std_m: (lines,) 1-sigma of each.
-    :param count: of all picks.
+    :param ways: ways in which each line may wander.
+    :param std_m: (lines,) 1-sigma of the displacement of each line, m.
+    :param count: number of all picks.
     """
     columns = [np.zeros((count, 0))]
     for line, std in zip(ways, std_m):
@@ -103,18 +105,18 @@ def wander_of(ways: Sequence[Ways], std_m: Sequence[float], count: int) -> Wande
 @dataclass(frozen=True)
 class MayWander:
     """
-    What is known of how far lines wander, before they are looked at.
+    The prior of how far the lines of a road wander, a Polya urn.
 
-    :param std_m: (t,) 1-sigmas that are tried, the first one 0.
-    :param weight: (t,) how often each was seen before, as it were: lines of one road are alike, so
-        the less was seen before, the more does one of them tell of the others.
+    :param std_m: (t,) 1-sigmas to choose from, the first one 0, m.
+    :param weight: (t,) initial weights of the choices, in lines.  The smaller they are, the more
+        does one line tell about the others, as the lines of one road are alike.
     """
 
     std_m: tuple[float, ...]
     weight: tuple[float, ...]
 
     def log_chance(self, choice: Sequence[int]) -> float:
-        """Return the logarithm of the probability of one of them for each line (Polya's urn)."""
+        """Return the log probability of a choice of a 1-sigma, by its index, for each line."""
         seen, out = list(self.weight), 0.0
         for i in choice:
             out += math.log(seen[i] / sum(seen))
@@ -124,13 +126,13 @@ class MayWander:
 
 class WanderEvidence:
     """
-    The probability of the picks for lines that wander by as much, near one road.
+    The evidence of the picks as a function of how far lines wander, near one road.
 
-    :param ways: in which the lines may wander, by picks as they are weighed here.
-    :param residual: (n + m,) of picks and priors, in sigmas.
+    :param ways: ways in which the lines may wander, with the picks weighted as here.
+    :param residual: (n + m,) residuals of picks and priors, in sigmas.
     :param jacobian: (n + m, size) their derivatives.
-    :param beyond: what the squares of the picks' residuals have in addition, whatever the road.
-    :param least_variance: of the picks, in their own.
+    :param beyond: constant to add to the sum of squares of the picks' residuals.
+    :param least_variance: least variance of the picks, in units of their own.
     """
 
     def __init__(self, ways: Sequence[Ways], residual: Array, jacobian: Array, beyond: float,
@@ -140,7 +142,7 @@ class WanderEvidence:
         off, slope = residual[:self.count], jacobian[:self.count]
         before, weak = residual[self.count:], jacobian[self.count:]
         self.variances = [line.variance for line in ways]
-        # Residual and derivatives side by side, so that one product makes all squares of them.
+        # With derivatives and residual side by side, one product gives the normal equations.
         both = np.column_stack([slope, off])
         self._along = [line.vectors.T @ both[line.mine] for line in ways]
         self._square = both.T @ both
@@ -150,15 +152,15 @@ class WanderEvidence:
 
     def at(self, std_m: Sequence[float]) -> float:
         """
-        Return its logarithm, but for a constant, with the scatter of picks that they show.
+        Return the log evidence, up to a constant, with the scatter of the picks estimated.
 
-        :param std_m: (lines,) by which they wander.
+        :param std_m: (lines,) 1-sigma of the displacement of each line, m.
         """
         size, variance = len(self._square) - 1, 1.0
         for _ in range(_ROUNDS):
             square, log_det = self._loosened(std_m, variance)
             fitted = _without(square + variance * self._prior)
-            # What the priors add is little beside that of many picks, and makes it no smaller.
+            # The priors add little compared with many picks, and cannot make it smaller.
             variance = max(fitted / max(self.count - size, 1), self.least, _LEAST_VARIANCE)
         square, log_det = self._loosened(std_m, variance)
         normal = square / variance + self._prior
@@ -166,7 +168,7 @@ class WanderEvidence:
                        + float(np.linalg.slogdet(normal[:-1, :-1])[1]))
 
     def _loosened(self, std_m: Sequence[float], variance: float) -> tuple[Array, float]:
-        """Return the squares of residual and derivatives, and the determinant they come with."""
+        """Return the normal equations with the wandering eliminated, and its log determinant."""
         square, log_det = self._square, 0.0
         for along, own, std in zip(self._along, self.variances, std_m):
             if std:
@@ -177,11 +179,10 @@ class WanderEvidence:
 
     def asked(self, may: MayWander) -> tuple[float, tuple[float, ...]]:
         """
-        Return the greater probability, of lines that wander or do not, and (lines,) by how much.
+        Return the greater log probability, of wandering lines or of none, prior included.
 
-        It is the logarithm, the chances beforehand included.
-
-        :param may: what is known of lines.
+        :param may: prior of how far lines wander.
+        :return: the log probability and (lines,) 1-sigma of the displacement of each line, m.
         """
         still = (0,) * len(self._along)
         alone = self.at(still) + may.log_chance(still)
@@ -190,11 +191,13 @@ class WanderEvidence:
 
     def wandering(self, may: MayWander) -> tuple[float, tuple[float, ...]]:
         """
-        Return the logarithm of the probability that some line wanders, and (lines,) by how much.
+        Return the log probability that some line wanders.
 
-        Where picks leave open how far a line wanders, its 1-sigma is that of all that may be.
+        If the picks do not determine how far a line wanders, its 1-sigma is averaged over all
+        choices by their probabilities.
 
-        :param may: what is known of lines.
+        :param may: prior of how far lines wander.
+        :return: the log probability and (lines,) 1-sigma of the displacement of each line, m.
         """
         known = self._known(may)
         known.pop((0,) * len(self._along), None)
@@ -207,7 +210,7 @@ class WanderEvidence:
                 tuple(float(std) for std in np.sqrt(variance)))
 
     def _known(self, may: MayWander) -> dict[tuple[int, ...], float]:
-        """Return the scores of choices (lines,) up to the best one, and of all about it."""
+        """Return the scores of the choices (lines,) on the way to the best one and around it."""
         known: dict[tuple[int, ...], float] = {}
 
         def score(choice: tuple[int, ...]) -> float:
@@ -236,6 +239,6 @@ class WanderEvidence:
 
 
 def _without(square: Array) -> float:
-    """Return what is left of the residual's square when all unknowns are fitted."""
+    """Return the sum of squared residuals that is left when all unknowns are fitted."""
     pull = square[:-1, -1]
     return float(square[-1, -1] - pull @ np.linalg.solve(square[:-1, :-1], pull))
