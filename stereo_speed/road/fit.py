@@ -114,7 +114,7 @@ class RoadFit:
 
     @cached_property
     def covariance(self) -> Array:
-        """Return the covariance (size, size) of road and rig, scaled by the residuals."""
+        """Return the covariance of road and rig (size, size), scaled by the residuals."""
         jacobian = self._linear[1]
         scale = np.ones(len(jacobian))
         scale[:len(self.feet.residual_px)] = self.scale  # picks only, not priors
@@ -206,7 +206,7 @@ class RoadFit:
 
     def points(self, line: int, s_m: Array, across_m: Array) -> Array:
         """
-        Return points (n, ..., 3) of the road surface beside a line, left optical frame, m.
+        Return (n, ..., 3) points of the road surface beside a line, left optical frame, m.
 
         :param line: number of the line.
         :param s_m: (n,) reference arc lengths, m.

@@ -109,7 +109,7 @@ class RoadModel:
 
     @cached_property
     def steps(self) -> Array:
-        """Return steps (size,) for finite differences; each moves the picks by about 1e-3 px."""
+        """Return (size,) steps for finite differences; each moves the picks by about 1e-3 px."""
         out = np.full(self.size, 1e-6)
         out[3:self._first] = 1e-5
         out[self.places.vertical_curve][:-1] = 1e-5
@@ -208,7 +208,7 @@ class RoadModel:
         return np.array([middle, log_length, change]), up * self.half_length_m, grade
 
     def offsets(self, x: Array) -> Array:
-        """Return the lateral offsets (..., lines) of the lines, m, positive to the left."""
+        """Return the (..., lines) lateral offsets of the lines, m, positive to the left."""
         return x[..., self.places.offsets]
 
     def offsets_at(self, x: Array, line: NDArray[np.intp], s_m: Array) -> Array:
