@@ -1,3 +1,3 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Sites: their files, and the lane paths that follow from them."""
+"""Sites: their files, and the lane paths derived from them."""

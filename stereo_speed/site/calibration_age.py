@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""How old the calibration of a rig is, by the date that its site file gives and the stamps."""
+"""The age of a rig's calibration, from the date in its site file and the stamps of the pairs."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -8,16 +8,16 @@ from datetime import date, datetime, timezone
 from typing import Optional
 
 MONTH_DAYS = 365.2425 / 12
-_WARN_MONTHS = 1.0  # before it expires
+_WARN_MONTHS = 1.0  # time before the expiry from which to warn
 
 
 @dataclass(frozen=True)
 class CalibrationAge:
     """
-    What a calibration's age means.
+    The consequences of a calibration's age.
 
-    :param text: of one that is old, in a few words; empty where nothing is to be said.
-    :param expired: whether nothing may be measured with it any more.
+    :param text: short warning or error; empty if there is none.
+    :param expired: whether measuring with the calibration is no longer allowed.
     """
 
     text: str = ''
@@ -26,11 +26,11 @@ class CalibrationAge:
 
 def calibration_age(calibrated: Optional[date], stamp_ns: int, months: float) -> CalibrationAge:
     """
-    Return what the age of a calibration means for a pair.
+    Return whether a calibration is too old for a pair, or about to be.
 
-    :param calibrated: day of the calibration; None where the site file gives none.
-    :param stamp_ns: of the pair, since 1970 in UTC.
-    :param months: for which a calibration holds; in the last of them it warns.
+    :param calibrated: day of the calibration; None if the site file gives none.
+    :param stamp_ns: stamp of the pair, ns since 1970 in UTC.
+    :param months: time for which a calibration is valid; there is a warning in the last month.
     """
     if calibrated is None:
         return CalibrationAge()

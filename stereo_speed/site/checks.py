@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Faults of picked lines that can be seen in one image: disorder and crossings."""
+"""Checks of picked lines in a single image: order of the points, and crossings."""
 from __future__ import annotations
 
 from typing import Optional
@@ -9,18 +9,18 @@ import numpy as np
 
 from ..core.records import Array
 
-_REVERSES = -0.5  # cosine between two steps that are more than 120 degrees apart
-_REVERSES_AT_END = -0.9  # stricter, for one such step alone may be a curve at a grazing angle
+_REVERSES = -0.5  # cosine between two steps below which the line reverses, at over 120 degrees
+_REVERSES_AT_END = -0.9  # stricter, as one reversal alone may be a curve at a grazing angle
 
 
 def out_of_order(points: Array) -> Optional[int]:
     """
-    Return the index of a point that lies behind the one before it; None if there is none.
+    Return the index of a point that lies behind the previous one; None if there is none.
 
-    A curve may bend back once, seen at a grazing angle; a point out of order makes the line
-    reverse twice in a row, or at its very end.
+    A curve seen at a grazing angle may bend back once. A point out of order makes the line reverse
+    twice in a row, or at its very end.
 
-    :param points: (n, 2) or (n, 3) in order along travel.
+    :param points: (n, 2) or (n, 3) points, supposed to be in order along travel.
     """
     steps = np.diff(points, axis=0)
     length = np.linalg.norm(steps, axis=-1)
@@ -38,10 +38,11 @@ def out_of_order(points: Array) -> Optional[int]:
 
 def crossing(a: Array, b: Array) -> Optional[tuple[int, int]]:
     """
-    Return the segments of two polylines that cross inside both; None if there are none.
+    Return the indices of two segments of two polylines that cross; None if there are none.
 
-    :param a: (n, 2).
-    :param b: (m, 2); may be ``a`` itself, where neighbours do not count.
+    :param a: (n, 2) points of one polyline.
+    :param b: (m, 2) points of the other one; may be ``a`` itself, whose neighbouring segments are
+        then ignored.
     """
     p, r = a[:-1, None], np.diff(a, axis=0)[:, None]
     q, s = b[None, :-1], np.diff(b, axis=0)[None]

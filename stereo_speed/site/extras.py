@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a site file may have beyond lines and lanes: extrinsic drift, and known lengths."""
+"""Optional parts of a site file beside lines and lanes: extrinsic drift and known lengths."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -13,18 +13,18 @@ from ..core.records import Array
 from ..core.strict_yaml import StrictMapping
 from ..road.problem import RoadPrior
 
-MOST_CORRECTION_DEG = 1.0  # a correction of more is a slip of whoever wrote the file
+MOST_CORRECTION_DEG = 1.0  # larger corrections are mistakes in the file
 ANGLES = ('pan_deg', 'tilt_deg', 'roll_deg')
-_ROUNDING_DEG2 = 1e-12  # by which a covariance may miss being one in four printed digits
+_ROUNDING_DEG2 = 1e-12  # largest negative eigenvalue that rounding to four digits may cause
 
 
 @dataclass(frozen=True, eq=False)
 class RigCorrection:
     """
-    The extrinsic drift: how the right camera has rotated since the calibration.
+    The extrinsic drift: the rotation of the right camera since the calibration.
 
-    :param drift_rad: (3,) pan to the right, tilt upwards, roll clockwise.
-    :param covariance_rad2: (3, 3) of what is left uncertain.
+    :param drift_rad: (3,) pan to the right, tilt upwards, roll clockwise, rad.
+    :param covariance_rad2: (3, 3) its covariance, rad^2.
     """
 
     drift_rad: Array
@@ -34,9 +34,9 @@ class RigCorrection:
 @dataclass(frozen=True)
 class LinesApart:
     """
-    The distance of two lines.
+    The distance between two lines.
 
-    :param lines: their names.
+    :param lines: names of the lines.
     """
 
     lines: tuple[str, str]
@@ -45,7 +45,7 @@ class LinesApart:
 @dataclass(frozen=True)
 class DashPeriod:
     """
-    A dash and its gap together.
+    The length of a dash together with its gap.
 
     :param line: name of the dashed line.
     """
@@ -56,11 +56,11 @@ class DashPeriod:
 @dataclass(frozen=True, eq=False)
 class PointsApart:
     """
-    The distance of two points.
+    The distance between two points.
 
-    :param left_px: (2, 2) the two points in the left raw view.
-    :param right_px: (2, 2) the same two points in the right raw view.
-    :param pick_std_px: 1-sigma of each; None for careful clicks.
+    :param left_px: (2, 2) the two points in the raw left view, px.
+    :param right_px: (2, 2) the same two points in the raw right view, px.
+    :param pick_std_px: 1-sigma of each point, px; None for that of careful clicks.
     """
 
     left_px: Array
@@ -71,12 +71,12 @@ class PointsApart:
 @dataclass(frozen=True)
 class KnownLength:
     """
-    A length that somebody knows.
+    A known length, by which the site can be checked.
 
-    :param name: for messages.
-    :param length_m: what is known.
-    :param std_m: its 1-sigma.
-    :param of: what is as long.
+    :param name: name of the length, for messages.
+    :param length_m: known length, m.
+    :param std_m: its 1-sigma, m.
+    :param of: what has this length.
     """
 
     name: str
@@ -87,16 +87,16 @@ class KnownLength:
 
 def as_calibrated(prior: RoadPrior = RoadPrior()) -> RigCorrection:
     """
-    Return what is known of a rig that nobody has looked at since its calibration.
+    Return the correction of a rig that has not been checked since its calibration: none.
 
-    :param prior: how well angles stay as calibrated.
+    :param prior: gives the 1-sigma of the angles since the calibration.
     """
     return RigCorrection(np.zeros(3), prior.calibrated_covariance_rad2)
 
 
 def read_correction(where: object, data: Any) -> RigCorrection:
     """
-    Read ``rig_correction``.
+    Return the ``rig_correction`` of a site file.
 
     :raises SiteError: names the first fault.
     """
@@ -112,10 +112,10 @@ def read_correction(where: object, data: Any) -> RigCorrection:
 
 def read_length(where: object, index: int, data: Any, lines: Collection[str]) -> KnownLength:
     """
-    Read one of ``known_lengths``.
+    Return one of the ``known_lengths`` of a site file.
 
-    :param index: its place in the list.
-    :param lines: names of the lines there are.
+    :param index: index in the list.
+    :param lines: names of all lines of the site.
     :raises SiteError: names the first fault.
     """
     kinds = ('between', 'dashes', 'left_image')
@@ -142,7 +142,7 @@ def read_length(where: object, index: int, data: Any, lines: Collection[str]) ->
 
 
 def _two_lines(fields: StrictMapping, lines: Collection[str]) -> list[str]:
-    """Read the names of two lines."""
+    """Return the names of two different lines."""
     names = fields.choices('between', lines)
     if len(names) != 2 or names[0] == names[1]:
         raise fields.error('between', names, 'two lines')

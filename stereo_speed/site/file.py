@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Reading of site files: lines, lanes and what is known of the rig."""
+"""Reading of site files: lines, lanes and knowledge of the rig."""
 from __future__ import annotations
 
 from dataclasses import dataclass, field
@@ -20,10 +20,10 @@ from ..core.records import Array
 from ..core.strict_yaml import load_yaml, StrictMapping
 from ..geometry.rig import StereoRig
 
-LEAST_ROAD_M = 5.0  # of a line; the direction of a shorter one is too uncertain
-LEAST_STD_PX, MOST_STD_PX = 1e-6, 100.0  # beyond them a 1-sigma is a slip of whoever wrote it
-LEAST_STD_M, MOST_STD_M = 1e-6, 10.0
-_ROUNDING_RAD = 1e-8  # angles of a site file have six digits of a degree
+LEAST_ROAD_M = 5.0  # least length of a line; the direction of a shorter one is too uncertain
+LEAST_STD_PX, MOST_STD_PX = 1e-6, 100.0  # a 1-sigma beyond these is a mistake in the file
+LEAST_STD_M, MOST_STD_M = 1e-6, 10.0  # likewise in metres
+_ROUNDING_RAD = 1e-8  # rounding of the angles of a site file, six digits of a degree
 VIEWS = ('left_image', 'right_image')
 CLASSES = tuple(str(name) for name in VehicleClass if name is not VehicleClass.UNKNOWN)
 
@@ -31,13 +31,13 @@ CLASSES = tuple(str(name) for name in VehicleClass if name is not VehicleClass.U
 @dataclass(frozen=True, eq=False)
 class PickedLine:
     """
-    A line of the road that was picked in both views, independently.
+    A line of the road that was picked independently in both views.
 
-    :param name: of the line.
+    :param name: name of the line.
     :param left_px: (n, 2) raw pixels in order along travel.
     :param right_px: (m, 2) raw pixels in order along travel.
-    :param left_std_px: (n,) 1-sigmas of the left points across the line; None for clicks.
-    :param right_std_px: (m,) the same of the right ones.
+    :param left_std_px: (n,) 1-sigmas of the left points across the line, px; None for clicks.
+    :param right_std_px: (m,) 1-sigmas of the right points across the line, px; None for clicks.
     """
 
     name: str
@@ -59,7 +59,7 @@ class PickedLine:
         return self.left_std_px, self.right_std_px
 
     def in_reverse(self) -> PickedLine:
-        """Return the line in the other order."""
+        """Return the line with its points in reverse order."""
         stds = self.views_std_px or (None, None)
         left, right = (None if std is None else std[::-1] for std in stds)
         return PickedLine(self.name, self.left_px[::-1], self.right_px[::-1], left, right)
@@ -70,9 +70,9 @@ class SurveyedLine:
     """
     A line of the road that was surveyed.
 
-    :param name: of the line.
-    :param points_m: (k, 3) in order along travel, left optical frame.
-    :param std_m: 1-sigma of each point across the line; None where the file gives none.
+    :param name: name of the line.
+    :param points_m: (k, 3) points in order along travel, left optical frame, m.
+    :param std_m: 1-sigma of each point across the line, m; None if the file gives none.
     """
 
     name: str
@@ -86,14 +86,14 @@ SiteLine = Union[PickedLine, SurveyedLine]
 @dataclass(frozen=True)
 class LaneSpec:
     """
-    A lane as the file gives it: its two lines, or the line that is its path.
+    A lane as specified in the file: by its two lines, or by the line that is its path.
 
-    :param name: of the lane.
-    :param right: line on the driver's right, or None.
-    :param left: line on the driver's left, or None.
-    :param path: line that is the path itself, or None.
-    :param speed_limit_mps: m/s.
-    :param class_limits_mps: other limits, of some classes of vehicles, m/s.
+    :param name: name of the lane.
+    :param right: name of the line on the driver's right, or None.
+    :param left: name of the line on the driver's left, or None.
+    :param path: name of the line that is the path itself, or None.
+    :param speed_limit_mps: speed limit, m/s.
+    :param class_limits_mps: speed limits that differ from it for some vehicle classes, m/s.
     """
 
     name: str
@@ -104,31 +104,31 @@ class LaneSpec:
     class_limits_mps: Mapping[VehicleClass, float] = field(default_factory=dict)
 
     def limit_mps(self, name: VehicleClass) -> float:
-        """Return the limit of a class; of an unknown one the greatest that there is."""
+        """Return the speed limit of a class, m/s; for an unknown class, the highest limit."""
         if name is VehicleClass.UNKNOWN:
             return max(self.speed_limit_mps, *self.class_limits_mps.values(), 0.0)
         return self.class_limits_mps.get(name, self.speed_limit_mps)
 
     @property
     def lines(self) -> tuple[str, ...]:
-        """Names of its lines: the path, or right and left."""
+        """Return the names of its lines: the path, or right and left."""
         return tuple(n for n in (self.path, self.right, self.left) if n is not None)
 
 
 @dataclass(frozen=True, eq=False)
 class Site:
     """
-    A site file.
+    A site, as its file describes it.
 
-    :param where: the file, for messages.
-    :param name: of the site; the file's stem where it gives none.
-    :param lines: by name.
-    :param lanes: in the file's order.
-    :param correction: extrinsic drift since the calibration; None where nobody looked.
-    :param known_lengths: to be checked.
-    :param tolerances: parameters of the tracker that are the rig's: 1-sigmas of focal length,
-        baseline and stamps, where the file gives them.
-    :param calibrated: day of the rig's calibration, where the file gives it.
+    :param where: path of the file, for messages.
+    :param name: name of the site; the file's stem if it gives none.
+    :param lines: lines by name.
+    :param lanes: lanes in the order of the file.
+    :param correction: extrinsic drift since the calibration; None if it was never estimated.
+    :param known_lengths: lengths by which the site can be checked.
+    :param tolerances: 1-sigmas of focal length, baseline and stamps of this rig, as far as the
+        file gives them; they replace the tracker's parameters of the same names.
+    :param calibrated: day of the rig's calibration; None if the file does not give it.
     """
 
     where: str
@@ -142,14 +142,14 @@ class Site:
 
     @property
     def picked(self) -> dict[str, PickedLine]:
-        """Return the lines that were picked, by name."""
+        """Return the picked lines, by name."""
         return {n: line for n, line in self.lines.items() if isinstance(line, PickedLine)}
 
     def corrected_rig(self, rig: StereoRig) -> StereoRig:
         """
-        Return the rig as it stands now; what measures at this site takes this one.
+        Return the rig with the correction applied, which is the rig to measure with.
 
-        :param rig: as calibrated, or one that this function has corrected already.
+        :param rig: rig as calibrated, or as returned by this method.
         """
         if self.correction is None or not np.any(self.correction.drift_rad) \
                 or self.fits(rig):
@@ -157,7 +157,7 @@ class Site:
         return rig.drifted(self.correction.drift_rad)
 
     def fits(self, rig: StereoRig) -> bool:
-        """Return whether a rig is one that :meth:`corrected_rig` returns."""
+        """Return whether a rig has the correction applied, as by :meth:`corrected_rig`."""
         drift = np.zeros(3) if self.correction is None else self.correction.drift_rad
         return bool(np.allclose(rig.drift_rad, drift, rtol=0, atol=_ROUNDING_RAD))
 
@@ -173,10 +173,10 @@ def load_site(path: Union[str, FilePath]) -> Site:
 
 def site_of(path: Union[str, FilePath], data: Mapping[str, Any]) -> Site:
     """
-    Read the content of a site file.
+    Return the site that the content of a site file describes.
 
-    :param path: where it comes from, for messages; its stem names a site without a name.
-    :param data: the top level.
+    :param path: path of the file, for messages; its stem names a site without a name.
+    :param data: top level of the file.
     :raises SiteError: names the first fault.
     """
     top = StrictMapping(path, '', data, ('stereo_speed_site', 'name', 'lines', 'lanes',
@@ -199,10 +199,10 @@ def site_of(path: Union[str, FilePath], data: Mapping[str, Any]) -> Site:
 
 
 def _day(fields: StrictMapping, key: str) -> date:
-    """Return a day, which YAML reads as a date where it is not quoted."""
+    """Return a day; YAML has already read it as a date unless it is quoted."""
     value = fields.data[key]
     try:
-        if type(value) is date:  # no datetime, which is one too
+        if type(value) is date:  # excludes datetime, which is a subclass
             return value
         return date.fromisoformat(value)
     except (TypeError, ValueError):
@@ -211,10 +211,10 @@ def _day(fields: StrictMapping, key: str) -> date:
 
 def lines_of(where: object, data: object) -> dict[str, SiteLine]:
     """
-    Read the lines of a site file.
+    Return the lines of a site file, by name.
 
-    :param where: the file, for messages.
-    :param data: what stands under ``lines``.
+    :param where: path of the file, for messages.
+    :param data: value of ``lines`` in the file.
     :raises SiteError: names the first fault.
     """
     if not isinstance(data, Mapping) or not data:
@@ -229,7 +229,7 @@ def lines_of(where: object, data: object) -> dict[str, SiteLine]:
 
 
 def _line(where: object, name: str, data: object) -> SiteLine:
-    """Read one line and refuse points out of order."""
+    """Return one line; points out of order are refused."""
     stds = tuple(f'{view[:-6]}_std_px' for view in VIEWS)
     fields = StrictMapping(where, f'lines.{name}', data, (*VIEWS, 'points_m', 'std_m', *stds))
     if 'points_m' in fields:
@@ -249,7 +249,7 @@ def _line(where: object, name: str, data: object) -> SiteLine:
 
 
 def _ordered(fields: StrictMapping, key: str, width: int) -> Array:
-    """Read points (n, width) in order along travel."""
+    """Return points (n, width), which must be in order along travel."""
     points = fields.points(key, width, 2)
     bad = out_of_order(points)
     if bad is not None:
@@ -259,7 +259,7 @@ def _ordered(fields: StrictMapping, key: str, width: int) -> Array:
 
 
 def _stds(fields: StrictMapping, key: str, count: int) -> Optional[Array]:
-    """Read the 1-sigmas of a line's points, one for each."""
+    """Return the 1-sigmas of a line's points, one for each; None if they are not given."""
     if key not in fields:
         return None
     values = fields.numbers(key, LEAST_STD_PX, MOST_STD_PX, 'px')
@@ -270,11 +270,11 @@ def _stds(fields: StrictMapping, key: str, count: int) -> Optional[Array]:
 
 def _refuse_crossings(where: object, lines: Mapping[str, SiteLine]) -> None:
     """
-    Refuse lines that cross themselves or each other in a view, as slips of the mouse do.
+    Refuse lines that cross themselves or each other in a view, which are slips of the mouse.
 
-    Points with a 1-sigma were found in the images, where they could be: in a bend straight lines
-    between those of two lines, far apart from each other, cross though the lines do not. One of
-    two is enough: of a site that is refined some lines stay as they were clicked.
+    Two lines are not compared if one of them has 1-sigmas. Its points were found in the images and
+    may be far apart, so that in a bend the straight segments of two lines may cross although the
+    lines do not. One such line suffices, because a refined site may contain clicked lines too.
     """
     picked = [line for line in lines.values() if isinstance(line, PickedLine)]
     for right, view in enumerate(VIEWS):
@@ -298,7 +298,7 @@ def _refuse_crossings(where: object, lines: Mapping[str, SiteLine]) -> None:
 
 
 def _lane(where: object, index: int, data: object, lines: Mapping[str, SiteLine]) -> LaneSpec:
-    """Read one lane."""
+    """Return one lane."""
     fields = StrictMapping(where, f'lanes[{index}]', data,
                            ('name', 'right', 'left', 'path', 'speed_limit', 'class_limits'))
     keys = ('path',) if 'path' in fields else ('right', 'left')

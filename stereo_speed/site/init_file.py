@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Reading of init files: the fronts of vehicles as a person annotated them."""
+"""Reading of init files: the annotated fronts of vehicles."""
 from __future__ import annotations
 
 from pathlib import Path as FilePath
@@ -13,7 +13,7 @@ from ..core.strict_yaml import load_yaml, StrictMapping
 
 def load_init(path: Union[str, FilePath]) -> tuple[InitialFront, ...]:
     """
-    Read an init file.
+    Return the annotated fronts of an init file.
 
     :raises SiteError: names the first fault.
     """

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The lane paths that follow from a site."""
+"""The lane paths of a site."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -21,11 +21,11 @@ from ..road.path import SplinePath
 from ..road.problem import DriftPrior, RoadPrior
 from ..road.scale import with_scale
 
-MARGIN_PX = 5.0  # by which a pick may lie outside the image: scatter at the edge
-_CLEARLY = 0.3  # share by which ends lie nearer together one way than the other
-ALIKE_PX = 2.0  # residual beyond which the lines are not taken for one road
-MOST_RESIDUAL_PX = 5.0  # beyond it the two views do not show one line
-_SAME_PX = 3.0  # picks nearer than this to each other may change places by their scatter
+MARGIN_PX = 5.0  # distance by which picks may lie outside the image, because of their scatter
+_CLEARLY = 0.3  # relative difference of distances between line ends that tells the direction
+ALIKE_PX = 2.0  # residual from which the lines are not taken as one road
+MOST_RESIDUAL_PX = 5.0  # residual from which the two views do not show one line
+_SAME_PX = 3.0  # distance up to which scatter may reverse the order of two picks
 
 
 def lane_paths(site: Site, rig: StereoRig, prior: RoadPrior = RoadPrior()
@@ -33,13 +33,13 @@ def lane_paths(site: Site, rig: StereoRig, prior: RoadPrior = RoadPrior()
     """
     Return the path of every lane of a site, by name.
 
-    All picked lines are taken for parallel lines of one road and fitted together; where they
-    prove not to be, each lane's lines are fitted by themselves. Lines of lanes in the other
-    direction are reversed for the fit, and their lanes' paths back again.
+    All picked lines are fitted together as parallel lines of one road; if the residuals show that
+    they are not, the lines of each lane are fitted separately. Lines of lanes in the opposite
+    direction are reversed for the fit, and the paths of these lanes are reversed back.
 
-    :param rig: as the site corrects it.
-    :param prior: what is known of any road and rig.
-    :raises SiteError: when the picks leave no usable road.
+    :param rig: rig with the site's correction applied.
+    :param prior: prior knowledge of any road and rig.
+    :raises SiteError: the picks give no usable road.
     """
     if not site.fits(rig):
         raise SiteError(site.where, 'rig_correction', 'a rig without it',
@@ -63,13 +63,13 @@ def lane_paths(site: Site, rig: StereoRig, prior: RoadPrior = RoadPrior()
 
 def in_one_direction(site: Site, rig: StereoRig) -> tuple[Site, set[str]]:
     """
-    Return a site whose picked lines all run as the first one does, and which were reversed.
+    Return a site whose picked lines all run like the first one, and the names of the reversed.
 
-    Lines of one road begin near one another, if they are clicked over the same stretch.  Of others
-    the way in space tells: in an image they diverge towards the camera, by more than a right angle
-    beside a wide one, and in space they do not.
+    Lines of one road that are clicked over the same stretch begin near one another.  For other
+    lines the direction in space decides, because in the image parallel lines diverge towards the
+    camera, by more than a right angle beside a wide road.
 
-    :raises SiteError: for picks outside the images.
+    :raises SiteError: picks outside the images.
     """
     picked = site.picked
     for line in picked.values():
@@ -91,15 +91,15 @@ def _against(line: PickedLine, other: PickedLine, rig: StereoRig) -> bool:
 
 def with_reversed(site: Site, names: Iterable[str]) -> Site:
     """
-    Return a site with some of its picked lines in the other order.
+    Return a site with some of its picked lines reversed.
 
-    :param names: of the lines.
+    :param names: names of these lines.
     """
     return replace(site, lines={**site.lines, **{n: site.picked[n].in_reverse() for n in names}})
 
 
 def _way(line: PickedLine, rig: StereoRig) -> Array:
-    """Return from where to where a line goes, (3,), as roughly as its picks match."""
+    """Return the rough vector (3,) from the begin to the end of a line, by matching its picks."""
     points = match_curves(rig, line.left_px, line.right_px).points_m
     if len(points) < 2:
         return np.append(line.left_px[-1] - line.left_px[0], 0.0)
@@ -110,14 +110,14 @@ def fit_lines(site: Site, rig: StereoRig, names: Iterable[str],
               drift: Optional[DriftPrior] = None, prior: RoadPrior = RoadPrior(),
               near: Optional[RoadFit] = None) -> RoadFit:
     """
-    Fit a road to the named lines.
+    Return a road fitted to the named lines.
 
-    :param site: whose lines all run the same way; see :func:`in_one_direction`.
-    :param names: of picked lines.
-    :param drift: what is known of the drift of the right camera; None for as calibrated.
-    :param prior: what is known of any road.
-    :param near: a road of the same lines that is not far off.
-    :raises SiteError: when the picks leave no usable road.
+    :param site: site whose lines all run the same way; see :func:`in_one_direction`.
+    :param names: names of picked lines.
+    :param drift: prior of the drift of the right camera; None if it stands as calibrated.
+    :param prior: prior knowledge of any road.
+    :param near: approximate road of the same lines to start from.
+    :raises SiteError: the picks give no usable road.
     """
     lines = [site.picked[n] for n in names]
     try:
@@ -129,7 +129,7 @@ def fit_lines(site: Site, rig: StereoRig, names: Iterable[str],
 
 def fit_roads(site: Site, rig: StereoRig, drift: Optional[DriftPrior], prior: RoadPrior
               ) -> list[RoadFit]:
-    """Return the roads of the picked lines: one if they fit one, else one for each lane."""
+    """Return the roads of the picked lines: one road if they fit it, else one per lane."""
     if not site.picked:
         return []
     fit = fit_lines(site, rig, site.picked, drift, prior)
@@ -147,7 +147,7 @@ def _stds(lines: Iterable[PickedLine]) -> dict[str, tuple[Array, Array]]:
 
 def _lane_on(fit: RoadFit, site: Site, index: int, reversed_lines: set[str],
              prior: RoadPrior) -> LanePath:
-    """Return a lane of which at least one line is on a fitted road."""
+    """Return a lane with at least one line on a fitted road."""
     spec = site.lanes[index]
     picked = tuple(n for n in spec.lines if n in site.picked)
     reverse = bool(reversed_lines.intersection(picked))
@@ -167,9 +167,9 @@ def _lane_on(fit: RoadFit, site: Site, index: int, reversed_lines: set[str],
 def _part_surveyed(site: Site, spec: LaneSpec, on_road: Mapping[str, LanePath],
                    rig: StereoRig, prior: RoadPrior) -> LanePath:
     """
-    Return a lane of which at least one line is surveyed.
+    Return a lane with at least one surveyed line.
 
-    :param on_road: the paths along its picked lines.
+    :param on_road: paths along its picked lines, by name.
     """
     paths = {n: lane.path for n, lane in on_road.items()}
     surveyed = {n: line for n, line in site.lines.items()
@@ -183,7 +183,7 @@ def _part_surveyed(site: Site, spec: LaneSpec, on_road: Mapping[str, LanePath],
 
 
 def _refuse_outside(site: Site, line: PickedLine, rig: StereoRig) -> None:
-    """Refuse picks outside the image, or where the lens has no ray."""
+    """Refuse picks outside the image, or for which the lens has no ray."""
     for view, camera, uv in zip(VIEWS, (rig.left, rig.right), line.views_px):
         size = np.array([camera.width_px, camera.height_px])
         bad = ((uv < -MARGIN_PX) | (uv > size - 1 + MARGIN_PX)).any(axis=-1)
@@ -206,7 +206,7 @@ def _check_fit(site: Site, fit: RoadFit, names: tuple[str, ...]) -> None:
             mine = picks.of_line(number, bool(right))
             apart = np.linalg.norm(np.diff(picks.uv_px[mine], axis=0), axis=-1)
             back = (np.diff(fit.feet.s_m[mine]) <= 0) & (apart > _SAME_PX)
-            # found points are in order by themselves, and need not be at the tip of a crest
+            # Points found in the images are in order, but may not appear so at a crest.
             if back.any() and site.picked[name].views_std_px is None:
                 raise SiteError(site.where, f'{where}.{view}[{int(np.argmax(back)) + 1}]',
                                 'a pick behind the one before it', 'picks in order along travel')

@@ -13,14 +13,14 @@ from .file import LaneSpec, Site, SiteLine, SurveyedLine
 from ..core.records import Array
 from ..core.units import KMH_MPS, MPH_MPS, parse_speed
 
-_LEAST_STD_PX = 1e-4  # that four digits can tell from none
+_LEAST_STD_PX = 1e-4  # smallest 1-sigma that four digits can represent
 
 
 def site_text(site: Site) -> str:
     """
-    Return the text of a site file, YAML.
+    Return the text of a site file, as YAML.
 
-    :param site: what :func:`.file.load_site` would read from it.
+    :param site: the site; :func:`.file.load_site` would read it back from the file.
     """
     data: dict[str, Any] = {'stereo_speed_site': 1, 'name': site.name}
     data['lines'] = {name: _line(line) for name, line in site.lines.items()}
@@ -37,12 +37,12 @@ def site_text(site: Site) -> str:
 
 
 def _rounded(values: Array, digits: int) -> list[Any]:
-    """Return numbers as plain lists."""
+    """Return rounded numbers as plain lists."""
     return list(np.round(values, digits).tolist())
 
 
 def _line(line: SiteLine) -> dict[str, Any]:
-    """Return one line."""
+    """Return one line as a mapping."""
     if isinstance(line, SurveyedLine):
         points = {'points_m': _rounded(line.points_m, 6)}
         return points if line.std_m is None else {**points, 'std_m': line.std_m}
@@ -54,7 +54,7 @@ def _line(line: SiteLine) -> dict[str, Any]:
 
 
 def _lane(lane: LaneSpec) -> dict[str, Any]:
-    """Return one lane."""
+    """Return one lane as a mapping."""
     out: dict[str, Any] = {'name': lane.name}
     out.update({key: getattr(lane, key) for key in ('right', 'left', 'path')
                 if getattr(lane, key) is not None})
@@ -66,7 +66,7 @@ def _lane(lane: LaneSpec) -> dict[str, Any]:
 
 
 def speed_text(speed_mps: float) -> str:
-    """Return a speed as a site file has it, in the unit in which it is rounder."""
+    """Return a speed as text for a site file, in the unit that gives the roundest number."""
     for unit, name in ((MPH_MPS, 'mph'), (KMH_MPS, 'km/h'), (1.0, 'm/s')):
         text = f'{speed_mps / unit:.9g} {name}'
         if len(text) < 10 and abs(parse_speed(text) / speed_mps - 1) < 1e-9:
@@ -75,7 +75,7 @@ def speed_text(speed_mps: float) -> str:
 
 
 def _correction(correction: RigCorrection) -> dict[str, Any]:
-    """Return the correction of the rig."""
+    """Return the correction of the rig as a mapping."""
     out: dict[str, Any] = {key: round(float(value), 6) for key, value in zip(
         ANGLES, np.degrees(correction.drift_rad))}
     covariance = correction.covariance_rad2 * np.degrees(1.0)**2
@@ -84,7 +84,7 @@ def _correction(correction: RigCorrection) -> dict[str, Any]:
 
 
 def _length(known: KnownLength) -> dict[str, Any]:
-    """Return one known length."""
+    """Return one known length as a mapping."""
     out: dict[str, Any] = {'name': known.name, 'length_m': known.length_m, 'std_m': known.std_m}
     if isinstance(known.of, LinesApart):
         out['between'] = list(known.of.lines)

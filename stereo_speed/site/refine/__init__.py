@@ -1,3 +1,3 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""From rough clicks and a bag's own images to a site that is known to a few hundredths of a px."""
+"""Refinement of a clicked site by the images of a bag, to a few hundredths of a pixel."""

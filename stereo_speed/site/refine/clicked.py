@@ -1,11 +1,11 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Which of the markings that were found cannot be those that were clicked.
+Detection of found markings that are not the ones that were clicked.
 
-A person clicks on a marking, be it on its middle or on one of its edges, with some scatter; and a
-camera that was knocked since displaces all lines alike. A band that lies beside the clicks where
-other lines lie on theirs is something else: the light between a rail's shadow and the grass.
+A person clicks on the middle or on an edge of a marking, with some scatter, and a camera that was
+knocked since displaces all lines alike. A band that lies beside its clicks while the other lines
+lie on theirs is something else, such as the light between a rail's shadow and the grass.
 """
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ import numpy as np
 from ...core.records import Array
 from ...road.fit import RoadFit
 
-_KERB_M = 0.15  # a kerb's stone has two edges: either may be found, and either clicked
-_STEP_M = 0.05  # along and across a line, for the way it goes in the image
+_KERB_M = 0.15  # distance between the two edges of a kerb stone, of which either may be clicked
+_STEP_M = 0.05  # step along and across a line for its directions in the image
 
 
 class Beside(NamedTuple):
     """
-    How far the clicks of a line lie from what was found of it.
+    Distance of the clicks of a line from the marking that was found.
 
-    :param off_px: from its middle.
-    :param outside_px: from the nearer edge of it; negative within.
+    :param off_px: distance from the middle of the marking, px.
+    :param outside_px: distance from its nearer edge, px; negative inside the marking.
     """
 
     off_px: float
@@ -36,10 +36,10 @@ class Beside(NamedTuple):
         """
         Return the medians over the clicks of both views.
 
-        :param road: that was fitted to what was found.
-        :param name: of the line.
-        :param width_m: of its band; 0 of an edge.
-        :param clicks_px: (n, 2) raw pixels of each view.
+        :param road: road fitted to the markings that were found.
+        :param name: name of the line.
+        :param width_m: width of its band, m; 0 for an edge.
+        :param clicks_px: (n, 2) clicked raw pixels of each view.
         """
         half_m = width_m / 2 if width_m else _KERB_M
         off_px, px_per_m = np.concatenate([
@@ -50,10 +50,10 @@ class Beside(NamedTuple):
 
 def beside(road: RoadFit, name: str, right: bool, uv_px: Array) -> Array:
     """
-    Return how far pixels lie beside a line of a road (2, n): px, and px for a metre across it.
+    Return signed distances of pixels from a line, px, and the image scale across it, px/m: (2, n).
 
-    :param name: of the line.
-    :param right: the right view.
+    :param name: name of the line.
+    :param right: whether the pixels are of the right view.
     :param uv_px: (n, 2) raw pixels.
     """
     number, none = road.number(name), np.zeros(len(uv_px))
@@ -68,12 +68,14 @@ def beside(road: RoadFit, name: str, right: bool, uv_px: Array) -> Array:
 
 def not_clicked(lines: Mapping[str, Beside], scatter_px: float, most_sigmas: float) -> set[str]:
     """
-    Return the lines whose markings cannot be what was clicked, found one after the other.
+    Return the lines whose markings cannot be what was clicked, found one by one.
 
-    :param lines: how far the clicks of each lie from what was found of it; one of which that is
-        not known is left alone.
-    :param scatter_px: of clicks, and as great as what a person does alike along a whole line.
-    :param most_sigmas: of that, and of what clicks do beside the other lines.
+    :param lines: distances of the clicks of each line from its marking; lines with NaN are
+        ignored.
+    :param scatter_px: 1-sigma of clicks, px; also that of the error that a person makes alike
+        along a whole line.
+    :param most_sigmas: largest distance outside the marking, in sigmas of the scatter combined
+        with the median distance of the other lines' clicks.
     """
     meant = {name: line for name, line in lines.items() if np.isfinite(line).all()}
     wrong: set[str] = set()

@@ -3,8 +3,8 @@
 """
 Cross-sections of a line of the road, in a raw image.
 
-A cross-section runs across the road at one arc length, so that metres along it are true metres:
-the middle of a painted band is the middle in space, however askew the camera sees it.
+A cross-section runs across the road at one arc length and is measured in true metres. The middle
+of a painted band is therefore its middle in space, however obliquely the camera sees it.
 """
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from ...road.occlusion import hidden
 from ...road.path import chord_lengths
 from ...vision.spline_image import SplineImage
 
-SPACING_PX = 1.5  # of cross-sections along the line; nearer ones share their pixels
-BORDER_PX = 3.0  # of the image, where the spline knows only one side
-_DENSE = 4000  # places along a line at which its image is measured
-_SIGHTS = 160  # lines of sight that are tried for being free
-_STEP_M = 0.02  # of differences along and across the line
-_BESIDE_M = np.linspace(-0.3, 0.3, 13)  # of the line, where the light must be steady
-_STEADY = 0.75  # share of these places
-_MIN_SINE = 0.12  # of the angle between the line and its cross-section in the image
+SPACING_PX = 1.5  # spacing of cross-sections along the line; closer ones share their pixels
+BORDER_PX = 3.0  # width of the image border, where the spline knows only one side
+_DENSE = 4000  # places along a line at which its image is sampled
+_SIGHTS = 160  # places along a line at which its occlusion by the road is checked
+_STEP_M = 0.02  # step for finite differences along and across the line
+_BESIDE_M = np.linspace(-0.3, 0.3, 13)  # places across the line where the light must be steady
+_STEADY = 0.75  # least share of these places with steady light
+_MIN_SINE = 0.12  # least sine of the angle between the line and a cross-section in the image
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,9 +36,9 @@ class CrossSections:
     """
     Cross-sections of one line in one view.
 
-    :param s_m: (n,) reference arc lengths.
-    :param arc_px: (n,) length along the line in the image.
-    :param px_per_m: (n,) across the line in the image, for a metre across the road.
+    :param s_m: (n,) reference arc lengths, m.
+    :param arc_px: (n,) lengths along the line in the image, px.
+    :param px_per_m: (n,) image scale across the line, px/m.
     """
 
     s_m: Array
@@ -46,7 +46,7 @@ class CrossSections:
     px_per_m: Array
 
     def take(self, where: NDArray[np.bool_]) -> CrossSections:
-        """Return some of them."""
+        """Return the selected cross-sections."""
         return CrossSections(self.s_m[where], self.arc_px[where], self.px_per_m[where])
 
 
@@ -55,11 +55,11 @@ class LineView:
     """
     One line of a road in one view.
 
-    :param fit: the road as it is known.
+    :param fit: the road as known so far.
     :param line: number of the line.
-    :param right: the right view.
+    :param right: whether the view is the right one.
     :param image: the view without traffic.
-    :param noise_grey: 1-sigma of its grey levels.
+    :param noise_grey: 1-sigma of the noise, grey levels.
     :param change: see :class:`.empty_road.Background`.
     """
 
@@ -79,8 +79,8 @@ class LineView:
         """
         Return the raw pixels (n, ..., 2) of places beside the line.
 
-        :param s_m: (n,) reference arc lengths.
-        :param across_m: (n, ...) m from the line, positive to the left.
+        :param s_m: (n,) reference arc lengths, m.
+        :param across_m: (n, ...) distances from the line, m, positive to the left.
         """
         return self.fit.seen(self.fit.points(self.line, s_m, across_m), self.right)
 
@@ -88,15 +88,15 @@ class LineView:
         """
         Return the grey levels (n, k) along cross-sections, NaN outside the image.
 
-        :param across_m: (n, k) places on them, m from the line.
+        :param across_m: (n, k) distances from the line along each cross-section, m.
         """
         return self.image(self.seen(sections.s_m, across_m))
 
     def sections(self, ends_px: Array) -> CrossSections:
         """
-        Return cross-sections evenly along the line, without those that the road itself hides.
+        Return evenly spaced cross-sections of the line, without those that the road occludes.
 
-        :param ends_px: (2, 2) where the line begins and ends.
+        :param ends_px: (2, 2) raw pixels of the two ends of the line.
         """
         feet = self.fit.foot(self.line, self.right, ends_px)
         s = np.linspace(feet.min(), feet.max(), _DENSE)
@@ -104,7 +104,7 @@ class LineView:
         rig = self.fit.problem.rig
         camera = rig.right if self.right else rig.left
         size = np.array([camera.width_px, camera.height_px])
-        # beside the camera, as a road gone astray leads, a metre may be a million pixels
+        # A bad road may lead close to the camera, where a metre may span a million pixels.
         visible = ((uv > -size) & (uv < 2 * size)).all(axis=-1)
         if not visible.any():
             return CrossSections(*np.zeros((3, 0)))
@@ -124,11 +124,11 @@ class LineView:
 
     def steady(self, sections: CrossSections, most_share: float) -> NDArray[np.bool_]:
         """
-        Return on which cross-sections (n,) the light hardly changes over time.
+        Return for which cross-sections (n,) the light hardly changes over time.
 
-        Lamps that sweep the road, and mirror themselves in a wet one, leave edges of their own.
+        Headlamps that sweep the road, and their reflections on a wet one, leave false edges.
 
-        :param most_share: of the grey level, by which it may change.
+        :param most_share: largest change, as a share of the grey level.
         """
         if self.change is None:
             return np.ones(len(sections.s_m), dtype=bool)

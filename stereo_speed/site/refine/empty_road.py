@@ -1,10 +1,10 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-What stands still: a clean image of each view, from a few pairs or from many.
+The background: an image of each view without traffic, from few or many pairs.
 
-The median over time survives whatever passes in fewer than half of the pairs; the mean of the
-values near it has less noise than the median itself, and no steps of whole grey levels.
+The median over time is not affected by what passes in fewer than half of the pairs. The mean of
+the values near the median has less noise than the median itself, and no quantisation.
 """
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ from ...core.records import StereoPair
 from ...estimation.robust import robust_std, SIGMAS_PER_MEDIAN
 from ...vision.spline_image import SplineImage
 
-MOST_PAIRS = 31  # more improve the mean less than texture and lens limit it
-MOST_BYTES = 128 * 2**20  # of kept images of one view
-_BLOCK_ROWS = 64  # of a stack of images at once, so that it stays in the cache
-_GATE = 2.5  # sigmas of the noise within which values count for the mean
-LEAST_NOISE_GREY = 0.5  # no image of whole grey levels has less
-_GREY_PER_16_BIT = 1 / 257  # so that 65535 is 255
-LIGHT_STEP_PX = 2  # between places whose light is looked at
-_CLIPPED_GREY = 240.0  # what is brighter shows no exposure
-_DARKEST = 0.01  # exposure of an image against the others
-_LIGHT_IMAGES = 5  # fewer do not tell what changes from noise
-_LIGHT_NOISES = 5.0  # sigmas by which it must: those of a few images scatter by a third
+MOST_PAIRS = 31  # enough pairs: beyond them texture and lens limit the precision, not noise
+MOST_BYTES = 128 * 2**20  # limit of the memory for the images of one view
+_BLOCK_ROWS = 64  # rows of the image stack that are processed at once, to stay in the cache
+_GATE = 2.5  # sigmas of the noise within which values enter the mean
+LEAST_NOISE_GREY = 0.5  # lower bound of the noise of an image with integer grey levels
+_GREY_PER_16_BIT = 1 / 257  # scale of 16-bit images, which maps 65535 to 255
+LIGHT_STEP_PX = 2  # spacing of the places where changes of light are measured
+_CLIPPED_GREY = 240.0  # grey levels from which clipping makes a pixel useless for the exposure
+_DARKEST = 0.01  # lower bound of the relative exposure of an image
+_LIGHT_IMAGES = 5  # fewest images that distinguish changes of light from noise
+_LIGHT_NOISES = 5.0  # least change in sigmas, whose estimates from few images scatter by a third
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,10 +40,11 @@ class Background:
     One view without its traffic.
 
     :param image: (H, W) float32 grey levels.
-    :param noise_grey: 1-sigma of one image's noise, grey levels.
-    :param pairs: number of images it was made of.
-    :param change: 1-sigma over time of every second pixel either way, as a share of its grey
-        level, beside exposure; 0 where noise may be all of it, None of few images.
+    :param noise_grey: 1-sigma of the noise of a single image, grey levels.
+    :param pairs: number of images that it was computed from.
+    :param change: 1-sigma over time of every second pixel in both directions, as a share of its
+        grey level and apart from exposure; 0 where noise may explain it, None if there were too
+        few images.
     """
 
     image: NDArray[np.float32]
@@ -53,7 +54,7 @@ class Background:
 
     @cached_property
     def spline(self) -> SplineImage:
-        """Return the image, to be read between its pixels."""
+        """Return the image as a spline, for reading between pixels."""
         return SplineImage(self.image)
 
 
@@ -61,8 +62,8 @@ def spread_pairs(pairs: Iterable[StereoPair], most: int = MOST_PAIRS) -> list[St
     """
     Return at most so many pairs of a stream of any length, evenly spread over it.
 
-    :param pairs: the stream; read to its end.
-    :param most: how many to keep, 2 or more.
+    :param pairs: the stream, which is read to its end.
+    :param most: largest number of pairs, 2 or more.
     """
     kept: list[StereoPair] = []
     step = 1
@@ -83,8 +84,8 @@ def clean_background(images: list[NDArray[np.generic]], where: object) -> Backgr
     Return the background of one view.
 
     :param images: (H, W) uint8 or uint16, all of one size; 16-bit ones are scaled to 0 to 255.
-    :param where: what they come from, for the error.
-    :raises InputError: without images.
+    :param where: source of the images, for the error.
+    :raises InputError: no images.
     """
     if not images:
         raise InputError(where, 'pairs', 'none', 'at least one pair of images')
@@ -98,7 +99,7 @@ def clean_background(images: list[NDArray[np.generic]], where: object) -> Backgr
         off = np.abs(block - middle)
         spread = _spread(off, len(images))
         spreads.append(spread)
-        # between two far values, both count
+        # The nearest values always count, as the median of two may be far from both.
         near = off <= np.maximum(max(_GATE * spread, 1.0), off.min(axis=0))
         out[rows] = (block * near).sum(axis=0) / near.sum(axis=0)
     noise = float(np.median(spreads)) if len(images) > 2 else _noise_of_one(out)
@@ -109,13 +110,13 @@ def clean_background(images: list[NDArray[np.generic]], where: object) -> Backgr
 def _change(images: list[NDArray[np.generic]], scale: float, still: NDArray[np.float32],
             noise: float) -> NDArray[np.float32]:
     """
-    Return how places change over time, as :attr:`Background.change`.
+    Return the change of places over time, see :attr:`Background.change`.
 
-    What passes in fewer than half of the images does not count; lamps that sweep the road do.
+    What passes in fewer than half of the images does not count; headlamps sweeping the road do.
 
-    :param scale: grey levels for one step of the images.
-    :param still: (H, W) the background.
-    :param noise: of one image, grey levels.
+    :param scale: grey levels per unit of the images.
+    :param still: (H, W) the background, grey levels.
+    :param noise: noise of a single image, grey levels.
     """
     every = slice(None, None, LIGHT_STEP_PX)
     middle = still[every, every]
@@ -126,19 +127,19 @@ def _change(images: list[NDArray[np.generic]], scale: float, still: NDArray[np.f
         exposure = float(np.median(seen[lit] / middle[lit])) if lit.any() else 1.0
         np.abs(seen / max(exposure, _DARKEST) - middle, out=one)
     std = SIGMAS_PER_MEDIAN * np.median(off, axis=0)
-    usual = max(float(np.median(std)), LEAST_NOISE_GREY)  # most of a view stands in steady light
+    usual = max(float(np.median(std)), LEAST_NOISE_GREY)  # most of a view has steady light
     return np.where(std > _LIGHT_NOISES * usual, std / np.maximum(middle, usual), 0.0).astype(
         np.float32)
 
 
 def _spread(off: NDArray[np.float32], count: int) -> float:
-    """Return the noise of a block by deviations from its median; infinite for two images."""
-    lost = max(count - 1, 1) / count  # a few values hug their own median
+    """Return the noise of a block from deviations from its median; infinite for two images."""
+    lost = max(count - 1, 1) / count  # correction, as few values lie close to their own median
     return max(robust_std(off) / lost, LEAST_NOISE_GREY) if count > 2 else np.inf
 
 
 def _noise_of_one(image: NDArray[np.float32]) -> float:
-    """Return the noise of one image by second differences along its rows."""
+    """Return the noise of one image from second differences along its rows."""
     second = image[:, 2:] - 2 * image[:, 1:-1] + image[:, :-2]
     return max(robust_std(second) / math.sqrt(6.0), LEAST_NOISE_GREY)
 
@@ -146,10 +147,10 @@ def _noise_of_one(image: NDArray[np.float32]) -> float:
 def backgrounds(pairs: Iterable[StereoPair], where: object = 'pairs'
                 ) -> tuple[Background, Background]:
     """
-    Return the backgrounds of both views, by a stream of pairs.
+    Return the backgrounds of both views from a stream of pairs.
 
-    :param pairs: few or many.
-    :param where: what they come from, for the error.
+    :param pairs: few or many pairs.
+    :param where: source of the pairs, for the error.
     """
     kept = spread_pairs(pairs)
     return (clean_background([pair.left for pair in kept], where),

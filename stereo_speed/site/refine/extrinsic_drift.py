@@ -1,14 +1,14 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Whether the right camera has rotated since its calibration.
+The decision whether the right camera has rotated since its calibration.
 
-Each of its three angles either stands as calibrated, within a small tolerance, or has moved by
-anything up to some hundredths of a degree. The eight combinations are weighed by how well they
-predict the angles that the lines and the background show. What lines show depends on the family of
-roads that they are taken for: a road that is built so may look like a pan. All families that come
-into question are weighed together with the combinations. What remains uncertain, that of the
-decision included, goes into the covariance.
+Each of its three angles either stands as calibrated, within a small tolerance, or has moved by up
+to some hundredths of a degree. The eight combinations are weighed by how well they predict the
+angles that the lines and the background show. What the lines show depends on the assumed family
+of roads, because the shape of a road can look like a pan; all plausible families are therefore
+weighed together with the combinations. The covariance includes all remaining uncertainty, also
+that of the decision.
 """
 from __future__ import annotations
 
@@ -26,13 +26,14 @@ from ...road.problem import RoadPrior
 @dataclass(frozen=True, eq=False)
 class Drift:
     """
-    What is known of the rotation of the right camera.
+    The estimated rotation of the right camera.
 
-    :param shown_rad: (3,) pan, tilt and roll that the images show by themselves.
-    :param shown_std_rad: (3,) 1-sigma of them.
-    :param moved_probability: that any of them is more than the tolerance.
-    :param drift_rad: (3,) to be corrected; zeros unless it is more likely than not.
-    :param covariance_rad2: (3, 3) of the truth about ``drift_rad``.
+    :param shown_rad: (3,) pan, tilt and roll that the images alone show, rad.
+    :param shown_std_rad: (3,) their 1-sigmas, rad.
+    :param moved_probability: probability that any angle has moved beyond the tolerance.
+    :param drift_rad: (3,) rotation to correct, rad; zero for the angles that have not moved in the
+        most probable combination.
+    :param covariance_rad2: (3, 3) covariance of the true angles about ``drift_rad``, rad^2.
     """
 
     shown_rad: Array
@@ -43,23 +44,23 @@ class Drift:
 
     @property
     def moved(self) -> bool:
-        """Return whether something is to be corrected."""
+        """Return whether any angle is to be corrected."""
         return bool(np.any(self.drift_rad))
 
     @property
     def std_rad(self) -> Array:
-        """Return the 1-sigmas (3,) of the truth about ``drift_rad``."""
+        """Return the 1-sigmas (3,) of the true angles about ``drift_rad``, rad."""
         return np.asarray(np.sqrt(np.diag(self.covariance_rad2)))
 
 
 class Shown(NamedTuple):
     """
-    What lines and background show of the angles, if the road is of one family.
+    What lines and background show of the angles, assuming one family of roads.
 
-    :param log_evidence: logarithm of the probability of all that is seen, but for a constant, with
-        every angle alike beforehand.
-    :param drift_rad: (3,) pan, tilt and roll.
-    :param covariance_rad2: (3, 3) of them, without any prior.
+    :param log_evidence: log evidence of all observations, up to a constant, with a flat prior of
+        the angles.
+    :param drift_rad: (3,) pan, tilt and roll, rad.
+    :param covariance_rad2: (3, 3) their covariance without any prior, rad^2.
     """
 
     log_evidence: float
@@ -69,12 +70,12 @@ class Shown(NamedTuple):
 
 class _Branch(NamedTuple):
     """
-    One combination of angles that have moved and angles that have not, on one family of roads.
+    One combination of moved and unmoved angles, for one family of roads.
 
-    :param score: logarithm of its probability, but for a constant.
-    :param moved: which angles have.
-    :param mean_rad: (3,) the angles in that case.
-    :param covariance_rad2: (3, 3) of them.
+    :param score: its log probability, up to a constant.
+    :param moved: which angles have moved.
+    :param mean_rad: (3,) posterior mean of the angles in that case, rad.
+    :param covariance_rad2: (3, 3) their posterior covariance, rad^2.
     """
 
     score: float
@@ -88,9 +89,9 @@ def decide_drift(shown: Sequence[Shown], config: RefineConfig = RefineConfig(),
     """
     Decide whether the camera has rotated, and about which axes.
 
-    :param shown: what is seen, for each family of roads.
-    :param config: how often and how far cameras move.
-    :param prior: how well angles stay as calibrated.
+    :param shown: what the images show, for each family of roads.
+    :param config: gives how often and how far cameras move.
+    :param prior: gives the tolerance of angles that have not moved.
     """
     branches = [_branch(s, moved, config, prior)
                 for moved in product((False, True), repeat=3) for s in shown]
@@ -100,7 +101,7 @@ def decide_drift(shown: Sequence[Shown], config: RefineConfig = RefineConfig(),
     best = max(chances, key=lambda moved: chances[moved])
     mean = sum((w * b.mean_rad for w, b in zip(weight, branches) if b.moved == best),
                np.zeros(3)) / chances[best]
-    # an axis that stands as calibrated is left alone
+    # Angles that have not moved are not corrected.
     drift = np.where(best, mean, 0.0)
     by_itself = _shares([s.log_evidence for s in shown])
     seen = np.asarray(sum(w * s.drift_rad for w, s in zip(by_itself, shown)))
@@ -111,13 +112,13 @@ def decide_drift(shown: Sequence[Shown], config: RefineConfig = RefineConfig(),
 
 
 def _shares(scores: Sequence[float]) -> Array:
-    """Return probabilities that add up to 1, of their logarithms but for a constant."""
+    """Return normalised probabilities from log probabilities."""
     weight = np.exp(np.array(scores) - max(scores))
     return np.asarray(weight / weight.sum())
 
 
 def _spread(about_rad: Array, weight: Array, parts: Sequence[Shown]) -> Array:
-    """Return the covariance (3, 3) of a mixture about a place."""
+    """Return the covariance (3, 3) of a mixture about a given mean."""
     return np.asarray(sum(
         w * (p.covariance_rad2 + np.outer(p.drift_rad - about_rad, p.drift_rad - about_rad))
         for w, p in zip(weight, parts)))
@@ -125,7 +126,7 @@ def _spread(about_rad: Array, weight: Array, parts: Sequence[Shown]) -> Array:
 
 def _branch(shown: Shown, moved: tuple[bool, ...], config: RefineConfig, prior: RoadPrior
             ) -> _Branch:
-    """Weigh one combination on one family of roads."""
+    """Return the posterior of one combination for one family of roads."""
     seen, covariance = shown.drift_rad, shown.covariance_rad2
     still, far = np.radians(prior.calibrated_std_deg)**2, np.radians(config.moved_std_deg)**2
     before = np.diag(np.where(moved, far, still))

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Known lengths against what the refined site makes of them."""
+"""Comparison of known lengths with those measured in the refined site."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -12,26 +12,26 @@ from .refiner import RefinedSite
 from ..extras import DashPeriod, LinesApart, PointsApart
 from ...core.records import Array
 
-_SAMPLES = 9  # across a dash
-_INNER = 1 / 3  # of its width to either side that is read
-_STEP_PX = 0.1  # of the differences by a clicked point
-_GAP, _DASH = 0.1, 0.95  # quantiles of the grey levels along a dashed line
-_MOST_STEP = 0.1  # periods between cross-sections; further apart they place no end of a dash
-_LEAST_ENDS = 3  # of dashes; two have no scatter
-_END_STD_M = 0.01  # no end of a dash is sharper
+_SAMPLES = 9  # samples across a dash
+_INNER = 1 / 3  # half width of the part of a dash that is read, as a share of the dash's width
+_STEP_PX = 0.1  # step for finite differences by a clicked point
+_GAP, _DASH = 0.1, 0.95  # quantiles of the grey levels along a dashed line for gap and dash
+_MOST_STEP = 0.1  # largest spacing, in periods, of two cross-sections that enclose a dash end
+_LEAST_ENDS = 3  # fewest ends of dashes for a spacing, as two have no scatter
+_END_STD_M = 0.01  # lower bound of the 1-sigma of the end of a dash
 
 
 @dataclass(frozen=True)
 class LengthCheck:
     """
-    A known length and what was measured.
+    A known length compared with the measured one.
 
-    :param name: of the length.
-    :param known_m: what is known.
-    :param known_std_m: its 1-sigma.
-    :param measured_m: what the site makes of it; NaN where it cannot be seen.
-    :param measured_std_m: its 1-sigma.
-    :param most_sigmas: by which they may differ.
+    :param name: name of the length.
+    :param known_m: known length, m.
+    :param known_std_m: its 1-sigma, m.
+    :param measured_m: length measured in the site, m; NaN if it cannot be measured.
+    :param measured_std_m: its 1-sigma, m.
+    :param most_sigmas: largest difference that is acceptable, in combined sigmas.
     """
 
     name: str
@@ -43,13 +43,13 @@ class LengthCheck:
 
     @property
     def off_sigmas(self) -> float:
-        """How far both are apart, in sigmas of both together."""
+        """Return the difference of measured and known length, in combined sigmas."""
         return (self.measured_m - self.known_m) / math.hypot(
             self.known_std_m, self.measured_std_m)
 
     @property
     def wrong(self) -> bool:
-        """Return whether they are further apart than chance allows."""
+        """Return whether the difference is larger than acceptable."""
         return math.isfinite(self.measured_m) and not abs(self.off_sigmas) <= self.most_sigmas
 
 
@@ -73,12 +73,12 @@ def check_lengths(refined: RefinedSite) -> list[LengthCheck]:
 
 
 def _scale_std(refined: RefinedSite) -> float:
-    """Return what the drift of the right camera leaves uncertain of all lengths, as a share."""
+    """Return the relative 1-sigma of all lengths by the drift of the right camera."""
     return max((lane.scale_std for lane in refined.lanes.values()), default=0.0)
 
 
 def _between(refined: RefinedSite, names: tuple[str, str]) -> tuple[float, float]:
-    """Return the distance of two lines across the road, and its 1-sigma."""
+    """Return the distance of two lines across the road and its 1-sigma, m."""
     road = refined.road_with(names)
     if road is None:
         return math.nan, math.nan
@@ -87,7 +87,7 @@ def _between(refined: RefinedSite, names: tuple[str, str]) -> tuple[float, float
 
 
 def _two_points(refined: RefinedSite, points: PointsApart) -> tuple[float, float]:
-    """Return the distance of two points picked in both views, and its 1-sigma."""
+    """Return the distance of two points picked in both views and its 1-sigma, m."""
     rig, picks = refined.rig, np.stack([points.left_px, points.right_px])
     std = refined.prior.pick_std_px if points.pick_std_px is None else points.pick_std_px
 
@@ -105,7 +105,7 @@ def _two_points(refined: RefinedSite, points: PointsApart) -> tuple[float, float
 
 
 def _period(refined: RefinedSite, name: str, expected_m: float) -> tuple[float, float]:
-    """Return the length of a dash and its gap, from both views, and its 1-sigma."""
+    """Return the length of a dash with its gap, from both views, and its 1-sigma, m."""
     road = refined.road_with([name])
     if road is None or name not in refined.found:
         return math.nan, math.nan
@@ -124,7 +124,7 @@ def _period(refined: RefinedSite, name: str, expected_m: float) -> tuple[float, 
     weight = values[:, 1]**-2
     mean = float(np.average(values[:, 0], weights=weight))
     spread = float(np.sqrt(1 / weight.sum()))
-    # a line on the outside of a curve is longer than the reference
+    # A line on the outside of a curve is longer than the reference line.
     ends = road.points(road.number(name), np.array([-0.5, 0.5]), np.zeros(2))
     mean *= float(np.linalg.norm(ends[1] - ends[0]))
     return mean, math.hypot(spread, mean * _scale_std(refined))
@@ -132,12 +132,12 @@ def _period(refined: RefinedSite, name: str, expected_m: float) -> tuple[float, 
 
 def dash_ends(s: Array, grey: Array, rising: bool, expected_m: float) -> Array:
     """
-    Return where the dashes of a line begin, or end: reference arc lengths (m,).
+    Return the reference arc lengths (m,) where the dashes of a line begin, or end.
 
-    :param s: (n,) reference arc lengths; none where the line is not seen.
-    :param grey: (n,) grey levels there; NaN does not count.
-    :param rising: where they begin, in the order of arc lengths.
-    :param expected_m: about the length of a dash and its gap.
+    :param s: (n,) reference arc lengths, m; empty if the line is not seen.
+    :param grey: (n,) grey levels there; NaN is ignored.
+    :param rising: whether to return begins, in the order of arc lengths, instead of ends.
+    :param expected_m: approximate length of a dash with its gap, m.
     """
     good = np.isfinite(grey)
     if not good.any():
@@ -156,12 +156,12 @@ def dash_ends(s: Array, grey: Array, rising: bool, expected_m: float) -> Array:
 
 def spacing_of(places: Array, expected_m: float) -> tuple[float, float]:
     """
-    Return the spacing of places that repeat, about as expected, and its 1-sigma.
+    Return the spacing of periodic places, some of which may be missing, and its 1-sigma, m.
 
-    Some may be missing. NaN where they do not repeat.
+    Both are NaN if the places are not periodic.
 
-    :param places: (n,) ascending.
-    :param expected_m: about the spacing.
+    :param places: (n,) places in ascending order, m.
+    :param expected_m: approximate spacing, m.
     """
     if len(places) < _LEAST_ENDS:
         return math.nan, math.nan

@@ -1,12 +1,12 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-A lane marking, or a kerb, along one line in one raw view, to a few hundredths of a pixel.
+Location of a lane marking or kerb along one line in one raw view, to a few hundredths of a pixel.
 
-First the whole line is looked for near the rough clicks, as a band or an edge that keeps its
-distance from them over its whole length; what stands or passes in front of it does not. Then
-every cross-section is measured by itself, those without a marking are left out by their contrast,
-and segments of the line are taken together, each with the 1-sigma that its own scatter shows.
+The line is first searched as a whole near the rough clicks, as a band or an edge that keeps its
+distance from them over its whole length; objects in front of it do not. Then each cross-section
+is measured separately, those without a marking are left out by their contrast, and the
+cross-sections of each segment of the line are combined, with a 1-sigma from their own scatter.
 """
 from __future__ import annotations
 
@@ -23,41 +23,42 @@ from .section_model import BAND, detect, EDGE, fit_sections, Places, Shape, tune
 from ...core.records import Array
 from ...estimation.robust import robust_std
 
-WIDTHS_M = (0.08, 0.1, 0.12, 0.15, 0.2, 0.25, 0.3)  # of the markings that are common
-MOST_SEGMENTS, LEAST_SEGMENT_PX = 40, 9.0  # more and shorter ones would share their errors
-LEAST_SECTIONS = 4  # of a segment: place, slope and their scatter
-TUNED_SECTIONS = 60  # from which width and blur are found; more take time and add little
+WIDTHS_M = (0.08, 0.1, 0.12, 0.15, 0.2, 0.25, 0.3)  # widths of common markings
+MOST_SEGMENTS, LEAST_SEGMENT_PX = 40, 9.0  # more or shorter segments would share their errors
+LEAST_SECTIONS = 4  # fewest cross-sections of a segment, for place, slope and scatter
+TUNED_SECTIONS = 60  # cross-sections used to find width and blur; more add little
 
 # The search for the line as a whole.
-_SEARCH_SAMPLES = 81  # on a cross-section: half a pixel apart
-_SIDE_M = 0.4  # of road beyond the search range that is read for the sides of wide bands
+_SEARCH_SAMPLES = 81  # samples of a cross-section, half a pixel apart
+_SIDE_M = 0.4  # width of road read beyond the search range, for the sides of wide bands
 _ROOM = 0.45  # share of the distance to the next line that may be read
-_LEAST_ROOM_M = 0.3  # read even where lines are closer
-_START_BLUR_PX = 0.6  # of a pixel and a good lens
-_USUAL = 0.85  # quantile of contrasts that is the usual one: dashes cover a quarter of a line
-_BAND_SHARE = 0.35  # of an edge's contrast that a band must show to be one
+_LEAST_ROOM_M = 0.3  # width that is read even if lines are closer
+_START_BLUR_PX = 0.6  # initial blur, that of a pixel and a good lens
+_USUAL = 0.85  # quantile of contrasts that is the usual one, as dashes cover a quarter of a line
+_BAND_SHARE = 0.35  # least contrast of a band, as a share of the contrast of the best edge
 _LEAST_NOISES, _LEAST_GREY = 3.0, 4.0  # least contrast, in 1-sigmas of the noise and grey levels
-_NEAR_PX = 1.5  # from the smooth curve through a line, of what belongs to it
-_IN_A_ROW = 0.5  # share of places along one curve below which they count less: chance has no row
+_NEAR_PX = 1.5  # largest distance of a place of the line from the smooth curve through it
+_IN_A_ROW = 0.5  # share of places near one curve below which contrast counts less, as for noise
 
 # The smooth curve through the places of a line.
-_VOTE_PX = 1.0  # between places that vote for each other
-_VOTE_EVERY = 3  # only these are voted for: neighbours have the same votes
+_VOTE_PX = 1.0  # distance within which places vote for each other
+_VOTE_EVERY = 3  # step between candidates of the vote; neighbours get the same votes
 _GATES = ((0, 3.0), (1, 3.0), (1, 2.0), (2, 2.0), (3, 1.5), (3, 1.0), (3, 1.0))  # degree, px
-_POINTS_PER_TERM = 3  # fewer places do not determine a curve of that degree
-_FLAT_PX = 0.2  # deviations below which all places count alike
-_RIDGE = 0.02, 0.1  # of the higher terms: ends without support stay where the middle is
+_POINTS_PER_TERM = 3  # fewest places per coefficient of the curve
+_FLAT_PX = 0.2  # deviation below which all places have the same weight
+_RIDGE = 0.02, 0.1  # regularises the higher terms, so that ends without support stay flat
 
 # Width and blur.
 _GOOD = 0.7  # quantile of the contrasts, and share of it, from which a cross-section is chosen
 
 # Segments.
-_SAMPLES = 37  # on a cross-section, to measure: a quarter of a pixel apart
-_MOST_RMS = 4.0  # times the usual residual, beyond which a cross-section shows something else
-_ROUNDS = 6  # of reweighting
-_HUBER, _STRAY = 2.0, 4.0  # sigmas from which cross-sections count less, and not at all
-_LEAST_SPREAD_PX = 0.02  # exact images have no scatter
-_SLOPE_PX, _SLOPE_LEVER_PX = 0.3, 20.0  # by which the model of the road may be wrong, over this
+_SAMPLES = 37  # samples of a cross-section for measuring, a quarter of a pixel apart
+_MOST_RMS = 4.0  # residual, in usual ones, from which a cross-section shows something else
+_ROUNDS = 6  # rounds of reweighting
+_HUBER, _STRAY = 2.0, 4.0  # sigmas from which cross-sections get less weight, and none
+_LEAST_SPREAD_PX = 0.02  # lower bound of the scatter, which exact images would undercut
+# 1-sigma of the slope of a line in its segment: the road may be wrong by so much over so far.
+_SLOPE_PX, _SLOPE_LEVER_PX = 0.3, 20.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,12 +67,12 @@ class LocatedLine:
     One line as found in one view.
 
     :param uv_px: (n, 2) raw pixels in the middle of the band or on the edge, in order.
-    :param std_px: (n,) 1-sigma across the line.
-    :param s_m: (n,) their reference arc lengths.
-    :param shape: of the cross-sections.
-    :param scatter_px: robust scatter of single cross-sections.
-    :param sections: how many there were.
-    :param used: how many of them are in the points.
+    :param std_px: (n,) 1-sigmas across the line, px.
+    :param s_m: (n,) reference arc lengths of the points, m.
+    :param shape: shape of the cross-sections.
+    :param scatter_px: robust scatter of single cross-sections, px.
+    :param sections: number of cross-sections.
+    :param used: number of cross-sections that the points are made of.
     """
 
     uv_px: Array
@@ -83,7 +84,7 @@ class LocatedLine:
     used: int
 
     def take(self, where: NDArray[np.bool_]) -> LocatedLine:
-        """Return it with some of its points."""
+        """Return the line with the selected points."""
         return replace(self, uv_px=self.uv_px[where], std_px=self.std_px[where],
                        s_m=self.s_m[where])
 
@@ -92,11 +93,11 @@ class _Candidate(NamedTuple):
     """
     One kind of line, followed over all cross-sections.
 
-    :param score: the sum of its contrasts.
+    :param score: sum of its contrasts.
     :param shape: its rough shape.
-    :param start_m: (n,) where it runs.
-    :param contrast: (n,) there; 0 where it is not.
-    :param usual: the usual contrast of what is painted.
+    :param start_m: (n,) its place on each cross-section, m.
+    :param contrast: (n,) contrast there, grey levels; 0 where it is not seen.
+    :param usual: usual contrast where it is painted, grey levels.
     """
 
     score: float
@@ -108,12 +109,12 @@ class _Candidate(NamedTuple):
 
 class _Segment(NamedTuple):
     """
-    Cross-sections taken together.
+    The combined cross-sections of a segment of a line.
 
-    :param arc_px: place along the line in the image.
-    :param off_px: place across it.
-    :param std_px: 1-sigma of that.
-    :param used: how many cross-sections count.
+    :param arc_px: place along the line in the image, px.
+    :param off_px: place across the line, px.
+    :param std_px: 1-sigma of ``off_px``, px.
+    :param used: effective number of cross-sections.
     """
 
     arc_px: float
@@ -127,12 +128,12 @@ def locate(view: LineView, ends_px: Array, shape: Optional[Shape] = None,
     """
     Find a line in a view.
 
-    :param view: the line, in a road that is right to some px.
-    :param ends_px: (2, 2) where the line begins and ends, roughly.
-    :param shape: of its cross-sections, where an earlier search found it: then the line is known
-        to about a pixel.
-    :param config: how far to search, and what to believe.
-    :return: None where nothing runs along the rough line.
+    :param view: the line, in a road that is correct to some pixels.
+    :param ends_px: (2, 2) approximate ends of the line, raw pixels.
+    :param shape: shape of its cross-sections from an earlier search, after which the line is known
+        to about a pixel; None to search for it.
+    :param config: parameters of search and measurement.
+    :return: None if no marking runs along the rough line.
     """
     sections = view.sections(ends_px)
     sections = sections.take(view.steady(sections, config.steady_share))
@@ -159,20 +160,20 @@ def locate(view: LineView, ends_px: Array, shape: Optional[Shape] = None,
 
 def _read(view: LineView, sections: CrossSections, start_m: Array, shape: Shape
           ) -> tuple[Array, Array]:
-    """Return places and grey levels (n, k) about where the line is expected."""
+    """Return places and grey levels (n, k) around the expected line."""
     half = shape.half_window_m(sections.px_per_m)
     x = start_m[:, None] + half[:, None] * np.linspace(-1, 1, _SAMPLES)
     return x, view.read(sections, x)
 
 
 def _least_grey(view: LineView) -> float:
-    """Return the least contrast of a marking."""
+    """Return the least contrast of a marking, grey levels."""
     return max(_LEAST_NOISES * view.noise_grey, _LEAST_GREY)
 
 
 def _search(view: LineView, sections: CrossSections, config: RefineConfig
             ) -> Optional[_Candidate]:
-    """Look for the line: a band if there is one, else an edge."""
+    """Return the line found: a band if there is one, else an edge."""
     offsets = view.fit.problem.model.offsets(view.fit.x)
     apart = np.abs(np.delete(offsets, view.line) - offsets[view.line])
     room = _ROOM * float(apart.min()) if apart.size else np.inf
@@ -197,8 +198,8 @@ def _followed(x: Array, contrast: Array, sections: CrossSections, shape: Shape,
     """
     Follow one kind of line over all cross-sections.
 
-    :param x: (n, k) places on them.
-    :param contrast: (n, k) there; -inf where it is not looked for.
+    :param x: (n, k) places on the cross-sections, m.
+    :param contrast: (n, k) contrasts there; -inf outside the search range.
     """
     best = np.argmax(contrast, axis=1)
     rows = np.arange(len(x))
@@ -219,7 +220,7 @@ def _followed(x: Array, contrast: Array, sections: CrossSections, shape: Shape,
 
 
 def _consensus(arc_px: Array, off_px: Array, good: NDArray[np.bool_]) -> Array:
-    """Return a smooth curve (n,) through most of the places (n,) that are good."""
+    """Return a smooth curve (n,) through the majority of the good places (n,)."""
     u = 2 * (arc_px - arc_px[0]) / max(arc_px[-1] - arc_px[0], 1.0) - 1
     values = off_px[good]
     asked = values[::_VOTE_EVERY]
@@ -240,7 +241,7 @@ def _consensus(arc_px: Array, off_px: Array, good: NDArray[np.bool_]) -> Array:
 
 
 def _spread_best(contrast: Array, count: int) -> NDArray[np.bool_]:
-    """Return up to so many cross-sections (n,) of good contrast, evenly along the line."""
+    """Return a mask (n,) of up to so many cross-sections of good contrast, evenly spread."""
     usual = np.quantile(contrast[contrast > 0], _GOOD)
     good = np.flatnonzero(contrast > _GOOD * usual)
     chosen = good[np.unique(np.linspace(0, len(good) - 1, count).astype(int))]
@@ -251,7 +252,7 @@ def _spread_best(contrast: Array, count: int) -> NDArray[np.bool_]:
 
 def _gathered(view: LineView, sections: CrossSections, places: Places, shape: Shape,
               config: RefineConfig) -> Optional[LocatedLine]:
-    """Take the cross-sections of each segment together; None where too few show the line."""
+    """Return the line from its combined segments; None if too few cross-sections show it."""
     arc, off_px = sections.arc_px, places.across_m * sections.px_per_m
     usual = np.quantile(places.contrast, _USUAL)
     good = np.isfinite(off_px) & (places.contrast > config.painted_share * usual) & (
@@ -280,10 +281,10 @@ def _gathered(view: LineView, sections: CrossSections, places: Places, shape: Sh
 
 def _segment(arc: Array, off: Array, config: RefineConfig) -> Optional[_Segment]:
     """
-    Take cross-sections together; None where too few agree.
+    Return a segment of combined cross-sections; None if too few agree.
 
-    :param arc: (n,) px along the line.
-    :param off: (n,) px across it.
+    :param arc: (n,) places along the line, px.
+    :param off: (n,) places across the line, px.
     """
     if len(arc) < LEAST_SECTIONS:
         return None

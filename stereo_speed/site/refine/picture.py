@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A picture of each view with what was found in it."""
+"""A picture of each view with the lines found in it."""
 from __future__ import annotations
 
 import cv2
@@ -13,23 +13,23 @@ from ...core.records import Array
 from ...road.fit import RoadFit
 
 Colour = tuple[int, int, int]
-_SCALE = 2  # of the picture against the view
+_SCALE = 2  # size of the picture relative to the view
 _COLOURS: tuple[Colour, ...] = (
     (60, 220, 60), (255, 160, 40), (60, 120, 255), (220, 60, 220), (40, 220, 220))
 _CLICKED: Colour = (90, 90, 255)
 _RESIDUAL: Colour = (0, 255, 255)
-_TIMES = 50  # residuals are drawn this many times too long
-_NAME_PX = (-60, -8)  # of a line's name from its end
+_TIMES = 50  # magnification of the residuals
+_NAME_PX = (-60, -8)  # offset of a line's name from its end
 
 
 def picture(refined: RefinedSite, right: bool) -> NDArray[np.uint8]:
     """
     Draw a view at twice its size: the fitted lines, the points found, and their residuals.
 
-    Residuals are drawn fifty times too long, across their line. What was clicked is red.
+    Residuals are magnified fifty times, across their line. Clicked points are red.
 
     :param refined: the site.
-    :param right: the right view.
+    :param right: whether to draw the right view.
     :return: (2 H, 2 W, 3) uint8, BGR.
     """
     grey = as_picture(refined.views[int(right)])
@@ -62,7 +62,7 @@ def _draw_line(canvas: NDArray[np.uint8], road: RoadFit, number: int, right: boo
 
 
 def _at(uv: Array) -> tuple[int, int]:
-    """Return the place of a raw pixel in the picture."""
+    """Return the pixel of the picture that shows a raw pixel."""
     u, v = np.round((np.asarray(uv) + 0.5) * _SCALE - 0.5).astype(int)
     return int(u), int(v)
 

@@ -1,11 +1,12 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-From a rough site and some pairs of images to a site known to a few hundredths of a pixel.
+Refinement of a rough site by some pairs of images, to a few hundredths of a pixel.
 
-The rough clicks give a road; along it the lane markings are found in both raw views; all points
-of all lines give a better road, and so once more. Together with the details of the background the
-points then show whether the right camera has rotated since its calibration.
+The rough clicks give a road, along which the lane markings are found in both raw views.  The
+points found on all lines give a better road, along which the markings are found once more.
+Together with the details of the background, the points then show whether the right camera has
+rotated since its calibration.
 """
 from __future__ import annotations
 
@@ -35,15 +36,15 @@ from ...road.fit import in_family, log_evidences, RoadFit, same_family
 from ...road.lanes import LanePath
 from ...road.problem import DriftPrior, RoadPrior, RoadProblem
 
-ROUNDS = 2  # of finding the markings; a third moves nothing
-_LOOSE = DriftPrior.loose(np.radians(0.2))  # of the camera while the markings are looked for
-_UNKNOWN_RAD2 = np.eye(3) * np.radians(1.0)**2  # covariance of a drift that nothing shows
-_END_STD_PX = 1.0  # of the ends of lines, which carry on what lies before them
-_END_PX = 4.0  # by which the clicked end must be further on than the last point found
-_LEAST_STILL_DEG = 1e-5  # stands for a calibration without a doubt
-_MOST_DROPPED = 0.5  # share of a line's points; a line that loses more is another line
-_STRAY_ROUNDS = 4  # of dropping them; each road shows others
-_LEAST_POINTS = 3  # of a line in a view
+ROUNDS = 2  # rounds of finding the markings; a third changes nothing
+_LOOSE = DriftPrior.loose(np.radians(0.2))  # prior of the drift while markings are searched
+_UNKNOWN_RAD2 = np.eye(3) * np.radians(1.0)**2  # covariance of a drift without any observations
+_END_STD_PX = 1.0  # 1-sigma of the ends of lines, which are extrapolated
+_END_PX = 4.0  # least distance of a clicked end beyond the last found point for extrapolation
+_LEAST_STILL_DEG = 1e-5  # 1-sigma that stands for an exact calibration
+_MOST_DROPPED = 0.5  # share of dropped points from which a line does not belong to the road
+_STRAY_ROUNDS = 4  # most rounds of dropping strays, as each new road reveals others
+_LEAST_POINTS = 3  # fewest points of a line in a view
 
 Found = Mapping[str, tuple[LocatedLine, LocatedLine]]
 
@@ -53,18 +54,18 @@ class RefinedSite:
     """
     A refined site, and how it came about.
 
-    :param site: with the refined points, their 1-sigmas and the correction of the rig.
-    :param rig: the rig as it stands now; what measures takes this one.
-    :param lanes: paths of all lanes, with that rig.
-    :param rough: the site it came from.
-    :param found: what was found of each line in the left and in the right view.
-    :param road: the road that the lines of the largest group make, with the corrected rig.
-    :param drift: what is known of the rotation of the right camera.
-    :param epipolar: what the background shows of it; None without details.
-    :param views: clean images of both views, equally sharp.
-    :param config: what it was refined with.
-    :param prior: what was known of road and rig.
-    :param kept_clicks: why the lines stay as they were clicked; empty where they are refined.
+    :param site: site with the refined points, their 1-sigmas and the correction of the rig.
+    :param rig: rig with that correction applied, which is the rig to measure with.
+    :param lanes: paths of all lanes, for that rig.
+    :param rough: the site before refinement.
+    :param found: each line as found in the left and in the right view, by name.
+    :param road: road fitted to the largest group of lines, with the corrected rig.
+    :param drift: estimated rotation of the right camera.
+    :param epipolar: rotation that the background shows; None if it has too few details.
+    :param views: backgrounds of both views, equally sharp.
+    :param config: parameters of the refinement.
+    :param prior: prior knowledge of road and rig.
+    :param kept_clicks: reason why the lines were left as clicked; empty if they are refined.
     """
 
     site: Site
@@ -82,11 +83,11 @@ class RefinedSite:
 
     @property
     def lost(self) -> tuple[str, ...]:
-        """Return the lines of which nothing was found; they stay as they were clicked."""
+        """Return the names of the lines that were not found and so stay as clicked."""
         return tuple(n for n in self.rough.picked if n not in self.found)
 
     def road_with(self, names: Iterable[str]) -> Optional[RoadFit]:
-        """Return the road if all the named lines are lines of it."""
+        """Return the road if all the named lines belong to it, else None."""
         if self.road is None or not set(names) <= set(self.road.names):
             return None
         return self.road
@@ -102,9 +103,9 @@ class _Checked:
     What lines and background together show of the right camera.
 
     :param drift: its rotation.
-    :param epipolar: what the background shows.
-    :param road: the road that the lines make; None without lines.
-    :param found: the lines, without what is far off the road.
+    :param epipolar: rotation that the background shows; None if it has too few details.
+    :param road: road fitted to the lines; None without lines.
+    :param found: lines as found, without outliers.
     """
 
     drift: Drift
@@ -117,15 +118,15 @@ def refine_site(site: Site, rig: StereoRig, pairs: Iterable[StereoPair],
                 config: RefineConfig = RefineConfig(), prior: RoadPrior = RoadPrior()
                 ) -> RefinedSite:
     """
-    Refine a site from the images themselves.
+    Refine a site by images.
 
-    :param site: rough or refined before; lines that are surveyed stay as they are.
-    :param rig: as calibrated, or as the site corrects it.
-    :param pairs: a few or many, spread over the time that the site is used in.
-    :param config: what to find and to believe.
-    :param prior: what is known of any road and rig.
-    :raises SiteError: when the rough lines leave no usable road, or the drift is too great.
-    :raises InputError: without pairs.
+    :param site: rough or already refined site; surveyed lines stay as they are.
+    :param rig: rig as calibrated, or with the site's correction applied.
+    :param pairs: few or many pairs, spread over the time in which the site is used.
+    :param config: parameters of the refinement.
+    :param prior: prior knowledge of any road and rig.
+    :raises SiteError: the rough lines give no usable road, or the drift is too large.
+    :raises InputError: there are no pairs.
     """
     views = backgrounds(pairs, site.where)
     if any(rig.drift_rad):
@@ -167,7 +168,7 @@ def refine_site(site: Site, rig: StereoRig, pairs: Iterable[StereoPair],
 
 def _found_along(site: Site, rig: StereoRig, views: tuple[Background, Background],
                  config: RefineConfig, prior: RoadPrior) -> tuple[list[RoadFit], Found]:
-    """Return the roads of a site, and what was found of their lines."""
+    """Return the roads of a site, and their lines as found."""
     roads: list[RoadFit] = []
     found: Found = {}
     for fit in fit_roads(site, rig, _LOOSE, prior):
@@ -177,7 +178,7 @@ def _found_along(site: Site, rig: StereoRig, views: tuple[Background, Background
 
 
 def _off_road_px(road: RoadFit, rough: Site) -> Array:
-    """Return how far all clicks (n,) lie from their lines on a refined road, px."""
+    """Return the signed distances (n,) of all clicks from their lines on a refined road, px."""
     return np.concatenate([np.zeros(0), *(
         beside(road, name, bool(right), uv)[0] for name in rough.picked if name in road.names
         for right, uv in enumerate(rough.picked[name].views_px))])
@@ -186,14 +187,14 @@ def _off_road_px(road: RoadFit, rough: Site) -> Array:
 def _disagreement(lanes: Mapping[str, LanePath], clicked: Site, rig: StereoRig, off_px: Array,
                   config: RefineConfig, prior: RoadPrior) -> str:
     """
-    Return by how much refined lanes contradict the clicks; empty where they do not.
+    Return a text that says how refined lanes contradict the clicks; empty if they do not.
 
-    Clicks that lie as near the refined lines as clicks do contradict nothing, however far a road
-    through them alone has gone astray.
+    Clicks whose distances from the refined lines are normal for clicks do not contradict them,
+    even if a road fitted to the clicks alone is far off.
 
-    :param clicked: the lines as clicked, with the correction of the rig.
-    :param rig: as corrected.
-    :param off_px: (n,) how far the clicks lie from the refined lines.
+    :param clicked: site with the lines as clicked, and with the correction of the rig.
+    :param rig: rig with the correction applied.
+    :param off_px: (n,) distances of the clicks from the refined lines, px.
     """
     try:
         rough = lane_paths(clicked, rig, prior)
@@ -216,11 +217,11 @@ def _disagreement(lanes: Mapping[str, LanePath], clicked: Site, rig: StereoRig, 
 
 def _as_clicked(refined: RefinedSite, rig: StereoRig, why: str) -> RefinedSite:
     """
-    Return the site as it was clicked, with what the drift of the right camera may be.
+    Return the site as clicked, with the possible drift of the right camera as its covariance.
 
-    :param refined: what came of the refinement.
-    :param rig: as calibrated.
-    :param why: it is not used.
+    :param refined: result of the refinement.
+    :param rig: rig as calibrated.
+    :param why: reason why the refinement is not used.
     """
     drift = refined.drift
     spread = drift.covariance_rad2 + np.outer(drift.drift_rad, drift.drift_rad)
@@ -233,10 +234,10 @@ def _as_clicked(refined: RefinedSite, rig: StereoRig, why: str) -> RefinedSite:
 def _find(site: Site, fit: RoadFit, views: tuple[Background, Background], known: Found,
           config: RefineConfig) -> tuple[RoadFit, Found]:
     """
-    Find the lines of one road in both views, and by them a better road.
+    Find the lines of one road in both views, and fit a better road to them.
 
-    :param known: lines that were found already, along another road.
-    :return: that road, and all lines that are found now.
+    :param known: lines that were already found along another road.
+    :return: the better road, and all lines found so far.
     """
     found = dict(known)
     for number in range(ROUNDS):
@@ -257,7 +258,7 @@ def _find(site: Site, fit: RoadFit, views: tuple[Background, Background], known:
 
 
 def _with_found(site: Site, found: Found) -> Site:
-    """Return a site with what was found in place of what was clicked."""
+    """Return a site with the found lines in place of the clicked ones."""
     return replace(site, lines={**site.lines, **{
         name: PickedLine(name, left.uv_px, right.uv_px, left.std_px, right.std_px)
         for name, (left, right) in found.items()}})
@@ -266,9 +267,9 @@ def _with_found(site: Site, found: Found) -> Site:
 def _checked(site: Site, first: Optional[RoadFit], views: tuple[Background, Background],
              found: Found, config: RefineConfig, prior: RoadPrior) -> _Checked:
     """
-    Ask the lines and the background whether the right camera has rotated.
+    Decide by the lines and the background whether the right camera has rotated.
 
-    Points that lie off the road that the others make are dropped.
+    Points far off the road that the other points make are dropped.
     """
     if first is None:
         return _Checked(decide_drift(
@@ -303,11 +304,11 @@ def _checked(site: Site, first: Optional[RoadFit], views: tuple[Background, Back
 
 def _shown(free: RoadFit, fixed: RoadFit, before: DriftPrior) -> list[Shown]:
     """
-    Return what each family of roads says of the right camera.
+    Return the rotation of the right camera for each plausible family of roads.
 
-    :param free: the road that is likeliest if the camera may have rotated, with its rivals.
-    :param fixed: the same if it stands as calibrated.
-    :param before: what the background says.
+    :param free: best road if the camera may have rotated, with its rivals.
+    :param fixed: best road if the camera stands as calibrated, with its rivals.
+    :param before: prior of the rotation from the background.
     """
     starts = {(family.problem.model.shape, family.problem.wander is None): (fit, family)
               for fit in (fixed, free) for family in fit.families}
@@ -318,9 +319,9 @@ def _shown(free: RoadFit, fixed: RoadFit, before: DriftPrior) -> list[Shown]:
 
 def _without_strays(fit: RoadFit, found: Found, config: RefineConfig) -> Found:
     """
-    Drop what is far off the road: a rail's edge, a shadow's, what is behind a crest.
+    Return the lines without points far off the road, as of a rail, a shadow or behind a crest.
 
-    A line that would lose much of itself is no line of this road, and is dropped as a whole.
+    A line that would lose too many of its points is not a line of this road and is dropped.
     """
     picks, out = fit.problem.picks, dict(found)
     off = np.abs(fit.off) / max(robust_std(fit.off), 1.0)
@@ -340,12 +341,12 @@ def _without_strays(fit: RoadFit, found: Found, config: RefineConfig) -> Found:
 
 def _meant(clicked: Site, road: RoadFit, found: Found, config: RefineConfig) -> Found:
     """
-    Return what was found without lines that cannot be those that were clicked.
+    Return the found lines without those that cannot be the clicked ones.
 
-    Where something else shows beside the clicks, what was clicked is hard to see.
+    If something else was found beside the clicks, the clicked marking is hard to see.
 
-    :param clicked: the lines as clicked.
-    :param road: that was fitted to what was found.
+    :param clicked: site with the lines as clicked.
+    :param road: road fitted to the found lines.
     """
     beside_px = {name: Beside.of(road, name, found[name][0].shape.width_m,
                                  clicked.picked[name].views_px)
@@ -355,7 +356,7 @@ def _meant(clicked: Site, road: RoadFit, found: Found, config: RefineConfig) -> 
 
 
 def _with_ends(line: PickedLine, rough: PickedLine, road: RoadFit) -> PickedLine:
-    """Carry a line on to where it was clicked to end: its lane's path ends there."""
+    """Return a line extrapolated to its clicked ends, where its lane's path has to end."""
     stds = line.views_std_px
     if stds is None:
         return line

@@ -17,22 +17,22 @@ from ...core.errors import SiteError
 from ...core.units import MPH_MPS
 
 ANGLES = ('pan', 'tilt', 'roll')
-_MOVED_SIGMAS = 3.0  # by which the drift must have changed since the site was refined, to warn
+_MOVED_SIGMAS = 3.0  # change of the drift since the site was refined from which to warn
 
 
 @dataclass(frozen=True)
 class LineFigures:
     """
-    One line.
+    The figures of one line.
 
-    :param name: of the line.
+    :param name: name of the line.
     :param kind: ``band``, ``edge``, ``as clicked`` or ``surveyed``.
-    :param width_m: of the marking.
-    :param residual_px: r.m.s. distance of the points from the fitted road, each counting as its
-        1-sigma says, left and right.
-    :param scatter_px: of single cross-sections about the line, left and right.
+    :param width_m: width of the marking, m.
+    :param residual_px: r.m.s. distance of the points from the fitted road, weighted by their
+        1-sigmas, left and right, px.
+    :param scatter_px: scatter of single cross-sections about the line, left and right, px.
     :param points: number of points, left and right.
-    :param painted: share of the line with its marking in sight, left and right.
+    :param painted: share of the line with a visible marking, left and right.
     """
 
     name: str
@@ -47,15 +47,15 @@ class LineFigures:
 @dataclass(frozen=True)
 class LaneFigures:
     """
-    One lane.
+    The figures of one lane.
 
-    :param name: of the lane.
-    :param width_m: between its lines; NaN without two.
-    :param width_std_m: its 1-sigma.
-    :param limit_mps: its speed limit.
-    :param change: of measured speeds by the refinement, as a share; NaN where the clicks alone
-        make no lane.
-    :param std: 1-sigma of measured speeds by path and rig together, as a share.
+    :param name: name of the lane.
+    :param width_m: distance between its lines, m; NaN if it has not two lines on the road.
+    :param width_std_m: its 1-sigma, m.
+    :param limit_mps: speed limit, m/s.
+    :param change: relative change of measured speeds by the refinement; NaN if the clicks alone
+        give no lane.
+    :param std: relative 1-sigma of measured speeds by path and rig together.
     """
 
     name: str
@@ -69,12 +69,12 @@ class LaneFigures:
 @dataclass(frozen=True)
 class Report:
     """
-    Everything that is reported.
+    The report of a refinement.
 
     :param lines: figures of the lines.
     :param lanes: figures of the lanes.
-    :param lengths: known lengths checked.
-    :param warnings: one sentence each.
+    :param lengths: checks of the known lengths.
+    :param warnings: warnings, one sentence each.
     """
 
     lines: tuple[LineFigures, ...]
@@ -85,7 +85,7 @@ class Report:
 
 def report(refined: RefinedSite) -> Report:
     """
-    Gather the figures of a refined site.
+    Return the report of a refined site.
 
     :param refined: the site.
     """
@@ -96,7 +96,7 @@ def report(refined: RefinedSite) -> Report:
 
 
 def _line(refined: RefinedSite, name: str) -> LineFigures:
-    """Gather the figures of one line."""
+    """Return the figures of one line."""
     nothing = (math.nan, math.nan)
     if name not in refined.found:
         kind = 'as clicked' if name in refined.site.picked else 'surveyed'
@@ -117,7 +117,7 @@ def _line(refined: RefinedSite, name: str) -> LineFigures:
 
 
 def _lanes(refined: RefinedSite) -> list[LaneFigures]:
-    """Gather the figures of the lanes."""
+    """Return the figures of the lanes."""
     calibrated = refined.rig.drifted(-np.array(refined.rig.drift_rad))
     before = refined.rough.corrected_rig(calibrated)
     try:
@@ -142,7 +142,7 @@ def _lanes(refined: RefinedSite) -> list[LaneFigures]:
 
 def _warnings(refined: RefinedSite, lines: tuple[LineFigures, ...],
               lanes: tuple[LaneFigures, ...], lengths: tuple[LengthCheck, ...]) -> list[str]:
-    """Return what a person must know."""
+    """Return the warnings."""
     config, out = refined.config, _rig_warnings(refined)
     if refined.views[0].pairs < config.few_pairs:
         out.insert(0, f'only {refined.views[0].pairs} pairs: what passed may still be in the '
@@ -171,7 +171,7 @@ def _warnings(refined: RefinedSite, lines: tuple[LineFigures, ...],
 
 
 def _rig_warnings(refined: RefinedSite) -> list[str]:
-    """Return what a person must know of the rig."""
+    """Return the warnings about the rig."""
     drift, out = refined.drift, []
     for angle, value, left in zip(ANGLES, drift.drift_rad, drift.std_rad):
         if value:
@@ -195,10 +195,10 @@ def _rig_warnings(refined: RefinedSite) -> list[str]:
 
 def summary_lines(refined: RefinedSite, figures: Report) -> list[str]:
     """
-    Return a report in words, a line each.
+    Return a report as lines of text.
 
     :param refined: the site.
-    :param figures: from :func:`report`.
+    :param figures: its report, from :func:`report`.
     """
     views = refined.views
     out = [f'background of {views[0].pairs} pairs, noise {views[0].noise_grey:.1f} and '
@@ -240,10 +240,10 @@ def summary_lines(refined: RefinedSite, figures: Report) -> list[str]:
 
 def summary(refined: RefinedSite, figures: Report) -> dict[str, Any]:
     """
-    Return the figures that belong beside the results: plain values.
+    Return the figures that are stored with the results, as plain values.
 
     :param refined: the site.
-    :param figures: from :func:`report`.
+    :param figures: its report, from :func:`report`.
     """
     drift = refined.drift
     return {
@@ -258,7 +258,7 @@ def summary(refined: RefinedSite, figures: Report) -> dict[str, Any]:
 
 
 def _rig_lines(refined: RefinedSite) -> list[str]:
-    """Return the lines about the rig."""
+    """Return the lines of text about the rig."""
     drift, epipolar = refined.drift, refined.epipolar
     shown = ', '.join(f'{angle} {np.degrees(value):+.4f}° ± {np.degrees(std):.4f}°'
                       for angle, value, std in zip(ANGLES, drift.shown_rad, drift.shown_std_rad))

@@ -1,12 +1,12 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-What the still background says of the rig: epipolar residuals of many small details.
+Check of the rig by the background: epipolar residuals of many small details.
 
-The right view is first carried into the left one over the surface of the road, and over infinity
-above it, so that what is compared looks alike. A detail must then lie on its epipolar line. Tilt
-and roll of one camera against the other show at once; a pan hardly moves anything off its line,
-and is left to the lines of the road.
+The right view is first warped into the left one over the road surface, and over infinity above
+it, so that the compared patches look alike. Each detail must then lie on its epipolar line.
+Relative tilt and roll of the cameras show clearly; a pan hardly moves anything off its epipolar
+line and is left to the lines of the road.
 """
 from __future__ import annotations
 
@@ -24,31 +24,33 @@ from ...estimation.robust import robust_std
 from ...geometry.ray_plane import Plane
 from ...geometry.rig import StereoRig
 
-MOST_DETAILS, LEAST_DETAILS = 1500, 60  # more take time; fewer are chance
-_FAR_M = 1e5  # stands for infinity
-_FURTHEST_M = 250.0  # of the road; what is above it counts as infinitely far
-_NEAREST_M = 0.1  # what is nearer to the right camera's plane is not seen
-_WINDOW_PX = 15  # of a detail
-_LEVELS = 3  # of the pyramid of the matching
-_ACCURACY_PX, _MOST_STEPS = 0.002, 40  # at which the matching stops
-_CORNER_SHARE, _CORNERS_APART_PX, _CORNER_PX = 0.02, 8.0, 7  # of goodFeaturesToTrack
-_BLUR_PX, _GAIN = 12.0, 6.0  # of the slow changes that are taken out, and of what remains
-_MOST_PX = 3.0  # off its epipolar line; what is further was matched wrong
-_SAME_PX = 0.3  # by which a detail may miss itself when matched there and back again
-_STEP_RAD = 1e-5  # of the differences by the rotation: 1e-2 px
+MOST_DETAILS, LEAST_DETAILS = 1500, 60  # more take too long; fewer are not significant
+_FAR_M = 1e5  # depth that stands for infinity
+_FURTHEST_M = 250.0  # greatest depth of the road; everything above counts as infinitely far
+_NEAREST_M = 0.1  # least depth of a point that the right camera sees
+_WINDOW_PX = 15  # window of a detail
+_LEVELS = 3  # pyramid levels of the matching
+_ACCURACY_PX, _MOST_STEPS = 0.002, 40  # termination criteria of the matching
+# Parameters of goodFeaturesToTrack: quality level, least distance and block size.
+_CORNER_SHARE, _CORNERS_APART_PX, _CORNER_PX = 0.02, 8.0, 7
+_BLUR_PX, _GAIN = 12.0, 6.0  # scale of the slow changes to remove, and gain of the rest
+_MOST_PX = 3.0  # distance from the epipolar line beyond which a match is wrong
+_SAME_PX = 0.3  # largest round-trip error of a detail that is matched forth and back
+_STEP_RAD = 1e-5  # step for finite differences by the rotation, about 1e-2 px
 _UNKNOWN_RAD = np.radians(1.0)  # 1-sigma of angles that details do not show, such as a pan
-_ROUNDS, _CAUCHY = 20, 2.0  # of reweighting; sigmas at which a detail counts half
+_ROUNDS, _CAUCHY = 20, 2.0  # rounds of reweighting; sigmas at which a detail has half its weight
 
 
 @dataclass(frozen=True, eq=False)
 class Epipolar:
     """
-    What details show of the rotation of the right camera.
+    The rotation of the right camera by details of the background.
 
-    :param residual_px: robust r.m.s. of details off their epipolar lines, as calibrated.
-    :param details: how many.
-    :param drift_rad: (3,) pan, tilt and roll that fit best.
-    :param information: (3, 3) inverse covariance of them, per rad^2.
+    :param residual_px: robust r.m.s. distance of details from their epipolar lines, for the rig as
+        calibrated, px.
+    :param details: number of details.
+    :param drift_rad: (3,) best fitting pan, tilt and roll, rad.
+    :param information: (3, 3) their inverse covariance, per rad^2.
     """
 
     residual_px: float
@@ -60,13 +62,13 @@ class Epipolar:
 def epipolar_check(rig: StereoRig, views: tuple[Background, Background], plane: Plane,
                    config: RefineConfig = RefineConfig()) -> Optional[Epipolar]:
     """
-    Match details of two clean views and measure how far they are off their epipolar lines.
+    Match details of two backgrounds and fit a rotation to their distances from epipolar lines.
 
-    :param rig: as calibrated.
-    :param views: left and right.
-    :param plane: of the road, left optical frame.
-    :param config: how well details can be believed.
-    :return: None where the background has too few details.
+    :param rig: rig as calibrated.
+    :param views: backgrounds of the left and the right view.
+    :param plane: plane of the road, left optical frame.
+    :param config: gives the 1-sigma and the independent number of details.
+    :return: None if the background has too few details.
     """
     left, right = _matches(rig, views, plane)
     if len(left) < LEAST_DETAILS:
@@ -86,9 +88,10 @@ def epipolar_check(rig: StereoRig, views: tuple[Background, Background], plane: 
 
 def off_lines(rig: StereoRig, left_px: Array, right_px: Array) -> tuple[Array, Array]:
     """
-    Return distances (n,) in raw px of right pixels from the epipolar lines of left ones.
+    Return the distances of right pixels from the epipolar lines of left ones, and their slopes.
 
-    :return: the distances, and (n, 3) by how much a rotation of 1 rad would have made them.
+    :return: the distances (n,) in raw px, and the distances (n, 3) that a rotation of the right
+        camera causes, px per rad of pan, tilt and roll.
     """
     def distance(rotated: StereoRig) -> Array:
         line = rotated.epipolar_lines_right(left_px)
@@ -105,7 +108,7 @@ def off_lines(rig: StereoRig, left_px: Array, right_px: Array) -> tuple[Array, A
 
 def _matches(rig: StereoRig, views: tuple[Background, Background], plane: Plane
              ) -> tuple[Array, Array]:
-    """Return the raw pixels (n, 2) of details in both views."""
+    """Return the raw pixels (n, 2) of matched details in both views."""
     height, width = views[0].image.shape
     u, v = np.meshgrid(np.arange(width, dtype=np.float64), np.arange(height, dtype=np.float64))
     carried = _carry(rig, np.stack([u, v], axis=-1), plane)
@@ -131,7 +134,7 @@ def _matches(rig: StereoRig, views: tuple[Background, Background], plane: Plane
 
 def _tracked(here: NDArray[np.uint8], there: NDArray[np.uint8], corners: NDArray[np.float32]
              ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Return where corners (n, 1, 2) of one picture are in another, and which (n,) were found."""
+    """Return corners (n, 1, 2) of one image tracked to another, and which (n,) were found."""
     criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, _MOST_STEPS, _ACCURACY_PX)
     found, good, _ = cv2.calcOpticalFlowPyrLK(
         here, there, corners, np.zeros_like(corners), winSize=(_WINDOW_PX, _WINDOW_PX),
@@ -140,7 +143,7 @@ def _tracked(here: NDArray[np.uint8], there: NDArray[np.uint8], corners: NDArray
 
 
 def _carry(rig: StereoRig, uv_px: Array, plane: Plane) -> Array:
-    """Return left pixels (..., 2) in the right view over the road, or infinity above it."""
+    """Return left pixels (..., 2) mapped to the right view over the road, or over infinity."""
     rays, distance = rig.left.rays(uv_px), plane.distance_m
     toward = rays @ plane.normal
     depth = np.where(toward / distance > 1 / _FURTHEST_M, distance / np.where(
@@ -151,6 +154,6 @@ def _carry(rig: StereoRig, uv_px: Array, plane: Plane) -> Array:
 
 
 def _flattened(image: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """Return an image without its slow changes, the rest spread over 8 bits."""
+    """Return an image without its slow changes, with the rest amplified into 8 bits."""
     slow = cv2.GaussianBlur(image, (0, 0), _BLUR_PX)
     return np.asarray(np.clip(128 + _GAIN * (image - slow), 0, 255).astype(np.uint8))

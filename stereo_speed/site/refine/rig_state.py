@@ -1,11 +1,11 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Whether a rig still stands as its site was drawn: what it shows now, against what is measured with.
+Check whether a rig still stands as it is assumed to stand in measurements.
 
-The lines of the road and the background are looked at anew, as refining a site does. What has
-moved counts by what it would do to speeds. One look may err: what two of them find alike can be
-measured with.
+The lines of the road and the background are searched again, as in the refinement of a site. A
+movement is assessed by its effect on speeds. One look may be wrong; a state that two looks agree
+on may be used for measuring.
 """
 from __future__ import annotations
 
@@ -25,20 +25,20 @@ from ...geometry.rig import StereoRig
 from ...road.lanes import LanePath
 from ...road.problem import RoadPrior
 
-MOST_SHARE = 0.01  # of the speed, by which a rig may be off: what a self-test allows
-_AS_FAR_AS_FOUND = 100.0  # sigmas: lines beside their clicks are what is asked about here
-_SURELY = 4.0  # sigmas of speeds beyond which a camera that was found turned has moved
-_BEYOND_DOUBT = 3.0  # sigmas by which an error is greater than it may be
+MOST_SHARE = 0.01  # largest relative error of speeds that a self-test allows
+_AS_FAR_AS_FOUND = 100.0  # sigmas that disable the comparison of found lines with their clicks
+_SURELY = 4.0  # sigmas of the speed error from which a rotated camera makes the rig off
+_BEYOND_DOUBT = 3.0  # sigmas by which an error must exceed the limit
 
 
 @dataclass(frozen=True, eq=False)
 class Stance:
     """
-    How a rig stands to its road.
+    The pose of a rig relative to its road.
 
-    :param site: the lines, and how the right camera has turned since its calibration.
-    :param rig: the cameras as they stand.
-    :param lanes: paths of the lanes, by their names.
+    :param site: the lines, and the rotation of the right camera since its calibration.
+    :param rig: the rig with that rotation applied.
+    :param lanes: paths of the lanes, by name.
     """
 
     site: Site
@@ -49,16 +49,16 @@ class Stance:
 @dataclass(frozen=True)
 class RigState:
     """
-    How a rig stands, against what is measured with.
+    The state of a rig, compared with the stance that is measured with.
 
-    :param share: greatest error of speeds that has come of what has moved, as a share of the
-        speed, on the lanes that are in view; None where the images do not show it.
-    :param lane: that it is the greatest on; empty where it is not known.
-    :param text: what there is to say, in a few words.
-    :param std_share: 1-sigma of that error, by what is uncertain of both.
-    :param turned: whether the right camera is found turned.
-    :param stance: as the images show it; None where they do not show all of it well.
-    :param confirmed: whether that is how an earlier look found it.
+    :param share: largest relative error of speeds by the movement, over the visible lanes; None if
+        the images do not show it.
+    :param lane: name of the lane with that error; empty if unknown.
+    :param text: short description of the result.
+    :param std_share: relative 1-sigma of that error, by the uncertainty of both stances.
+    :param turned: whether the right camera was found to have rotated.
+    :param stance: stance that the images show; None if they do not show all of it well.
+    :param confirmed: whether this agrees with the stance of an earlier look.
     """
 
     share: Optional[float]
@@ -72,9 +72,10 @@ class RigState:
     @property
     def is_off(self) -> bool:
         """
-        Return whether speeds are off beyond doubt; not where it is unknown.
+        Return whether speeds are significantly off; False if this is unknown.
 
-        A camera that has turned is off however little it does; lines may be by ``MOST_SHARE``.
+        A rotated right camera counts whatever the size of the error, if that is significant; other
+        movements must significantly exceed ``MOST_SHARE``.
         """
         if self.share is None:
             return False
@@ -87,16 +88,16 @@ def rig_state(used: Stance, pairs: Iterable[StereoPair], config: RefineConfig = 
               prior: RoadPrior = RoadPrior(), followed: Optional[RigMotion] = None,
               suspected: Optional[Stance] = None) -> RigState:
     """
-    Return how a rig stands against what is measured with.
+    Return the state of a rig, compared with the stance that is measured with.
 
-    :param used: what is measured with.
-    :param pairs: some, spread over a while, in which the rig does not sway.
-    :param config: how markings are found and believed.
-    :param prior: what is known of any road and rig.
-    :param followed: how the rig has turned meanwhile, as what measures knows and allows for.
-    :param suspected: how an earlier look found it.
+    :param used: stance that is measured with.
+    :param pairs: pairs spread over some time, in which the rig does not sway.
+    :param config: parameters of the refinement.
+    :param prior: prior knowledge of any road and rig.
+    :param followed: rotation of the rig since, which the measurement already accounts for.
+    :param suspected: stance found by an earlier look; None if there was none.
     """
-    # What lies beside the clicks, or contradicts them, is what is asked about here.
+    # Lines beside their clicks must not be dropped here, as they may show that the rig has moved.
     beside = replace(config, clicked_sigmas=_AS_FAR_AS_FOUND, disagreement_sigmas=_AS_FAR_AS_FOUND,
                      disagreement_factor=_AS_FAR_AS_FOUND)
     try:
@@ -116,11 +117,11 @@ def rig_state(used: Stance, pairs: Iterable[StereoPair], config: RefineConfig = 
 
 def _compared(now: Stance, used: Stance, turned: bool) -> RigState:
     """
-    Return what has moved by what it does to speeds.
+    Return the state by the difference of speeds between two stances.
 
-    :param now: as the rig stands.
-    :param used: as it was taken to stand.
-    :param turned: whether the right camera has turned since its calibration.
+    :param now: stance as found now.
+    :param used: stance as assumed.
+    :param turned: whether the right camera has rotated since its calibration.
     """
     changes = {name: speed_error(Setup(now.lanes[name].path, now.rig), Setup(lane.path, used.rig))
                for name, lane in used.lanes.items() if name in now.lanes}

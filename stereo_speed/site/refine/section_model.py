@@ -3,9 +3,9 @@
 """
 Models of the grey levels across a line: a painted band, or the edge of a kerb.
 
-A band has a level on each side and its own, between two edges a known width apart; an edge has
-two levels. Both are blurred by the pixel and the lens. The place is found by Gauss-Newton
-together with the levels, all cross-sections at once.
+A band has its own level between two edges a known width apart, and a level on each side; an edge
+has two levels. Both are blurred by the pixel and the lens. The place is found by Gauss-Newton
+together with the levels, for all cross-sections at once.
 """
 from __future__ import annotations
 
@@ -18,32 +18,32 @@ from scipy.special import ndtr
 from ...core.records import Array
 
 BAND, EDGE = 'band', 'edge'
-MARGIN_PX = 4.0  # of road that is read on either side of a band
-_MARGIN_WIDTHS = 0.8  # half widths of road on either side of a band that is wide in the image
-_STEPS = 6  # of Gauss-Newton; from half a band away it converges in four
-_START_GREY = 10.0  # contrast to start with; the first step finds the levels before the place
+MARGIN_PX = 4.0  # least width of road that is read on either side of a band
+_MARGIN_WIDTHS = 0.8  # the same in half widths of the band, for bands that are wide in the image
+_STEPS = 6  # Gauss-Newton steps; it converges in four from half a band away
+_START_GREY = 10.0  # initial contrast; the first step finds the levels before the place
 _SIDES_ALIKE = 0.1  # 1-sigma of the difference between both sides, as a share of the contrast
-_REACH_PX = 2.0  # how far from its start the place of an edge may move
-_LEAST_SAMPLES = 8  # on a cross-section: twice the unknowns
+_REACH_PX = 2.0  # largest distance of the place of an edge from its start
+_LEAST_SAMPLES = 8  # fewest samples of a cross-section, twice the number of unknowns
 _LEVELS = 4  # unknowns of a band: three levels and the place
-_LEAST_RMS = 1e-3  # grey levels; exact images leave nothing
-_FLOOR_VARIANCE = 0.25  # of grey levels, so that cross-sections without noise do not decide alone
-_BLUR_RANGE_PX = 0.2, 4.0  # from a pixel's own to a lens out of focus
-_WIDTH_RANGE_M = 0.03, 0.8  # of bands: from worn edge lines to stop lines
-_GAP_PX = 0.7  # of blur between a band and what counts for its sides, in the search
+_LEAST_RMS = 1e-3  # lower bound of the residual in grey levels, which exact images would undercut
+_FLOOR_VARIANCE = 0.25  # added to the variance, so that sections without noise do not dominate
+_BLUR_RANGE_PX = 0.2, 4.0  # blur from that of a pixel to that of a lens out of focus
+_WIDTH_RANGE_M = 0.03, 0.8  # width of bands from worn edge lines to stop lines
+_GAP_PX = 0.7  # blurred gap between a band and its sides in the search
 _FLANK_PX = 2.5  # least width of a side in the search
-_BAND_INSIDE = 0.3  # of half a band that its blurred edges may take up in the search
-_SEEN = 0.9  # share of a side or band that must lie in the image
+_BAND_INSIDE = 0.3  # largest share of half a band that its blurred edge takes up in the search
+_SEEN = 0.9  # least share of a side or band that must lie in the image
 
 
 @dataclass(frozen=True)
 class Shape:
     """
-    What the cross-sections of one line have in common.
+    The common properties of the cross-sections of one line.
 
     :param kind: ``band`` or ``edge``.
-    :param width_m: of the band; 0 for an edge.
-    :param blur_px: 1-sigma of the blur, across the line in the image.
+    :param width_m: width of the band, m; 0 for an edge.
+    :param blur_px: 1-sigma of the blur across the line in the image, px.
     :param sign: 1 for a band lighter than the road, or an edge lighter on the left; else -1.
     """
 
@@ -53,16 +53,16 @@ class Shape:
     sign: int
 
     def half_window_m(self, px_per_m: Array) -> Array:
-        """Return how far (n,) from the middle of the line a cross-section is read."""
+        """Return half the width (n,) over which cross-sections are read, m."""
         half = self.width_m / 2
         return half + np.maximum(MARGIN_PX / px_per_m, _MARGIN_WIDTHS * half)
 
     def displaced_px(self, px_per_m: Array) -> Array:
         """
-        Return how far (n,) px a band may seem displaced whose sides differ by its own contrast.
+        Return the possible bias (n,), px, of a band whose sides differ by its own contrast.
 
-        Where the one side becomes the other, at a kerb or at the grass, is not known.  What of it
-        runs into a band narrower than the blur cannot be told from the band.
+        Where one side changes to the other, such as at a kerb or at grass, is not known.  The
+        part of that change that blurs into a narrow band cannot be separated from the band.
         """
         if self.kind == EDGE:
             return np.zeros(len(px_per_m))
@@ -72,13 +72,14 @@ class Shape:
 @dataclass(frozen=True, eq=False)
 class Places:
     """
-    Where cross-sections have their line.
+    The places of the line on cross-sections.
 
-    :param across_m: (n,) m from where it was expected, positive to the left.
-    :param contrast: (n,) grey levels, positive where the sign is the shape's.
-    :param rms: (n,) of what the model leaves, grey levels.
-    :param std_m: (n,) 1-sigma of ``across_m`` from what the model leaves.
-    :param uneven: (n,) by how much the sides of a band differ, in contrasts of the band; 0 of an
+    :param across_m: (n,) places of the line, m, from the origin of the cross-section, positive to
+        the left.
+    :param contrast: (n,) contrasts, grey levels; positive if they have the sign of the shape.
+    :param rms: (n,) r.m.s. residuals of the model, grey levels.
+    :param std_m: (n,) 1-sigmas of ``across_m`` from the residuals, m.
+    :param uneven: (n,) differences between the sides of a band, in contrasts of the band; 0 for an
         edge.
     """
 
@@ -92,13 +93,15 @@ class Places:
 def fit_sections(shape: Shape, across_m: Array, grey: Array, px_per_m: Array, start_m: Array,
                  noise_grey: float) -> Places:
     """
-    Return where the line is on each cross-section.
+    Return the place of the line on each cross-section.
 
-    :param across_m: (n, k) places.
-    :param grey: (n, k) levels; NaN does not count.
-    :param px_per_m: (n,) image scale across the line.
-    :param start_m: (n,) expected places, right to about half the band or the blur.
-    :param noise_grey: 1-sigma of a level, texture included; weighs the levels' prior.
+    :param across_m: (n, k) places of the samples across the road, m.
+    :param grey: (n, k) grey levels; NaN is ignored.
+    :param px_per_m: (n,) image scale across the line, px/m.
+    :param start_m: (n,) expected places of the line, m, correct to about half the band or the
+        blur.
+    :param noise_grey: 1-sigma of a grey level, including texture, against which the prior of the
+        levels is weighed.
     """
     valid = np.isfinite(grey)
     values = np.where(valid, grey, 0.0)
@@ -133,10 +136,12 @@ def fit_sections(shape: Shape, across_m: Array, grey: Array, px_per_m: Array, st
 
 def _basis(shape: Shape, x: Array, blur: Array) -> tuple[Array, Array]:
     """
-    Return the levels' shapes (n, k, m), the contrast's last, and its derivative by the place.
+    Return the basis functions (n, k, m) of the levels and the derivative of the last by the place.
 
-    :param x: (n, k) m from the place.
-    :param blur: (n, 1) m.
+    The last basis function is that of the contrast.
+
+    :param x: (n, k) distances from the place, m.
+    :param blur: (n, 1) 1-sigma of the blur, m.
     """
     def edge(z: Array) -> tuple[Array, Array]:
         return ndtr(z / blur), np.exp(-0.5 * (z / blur)**2) / (blur * np.sqrt(2 * np.pi))
@@ -145,12 +150,12 @@ def _basis(shape: Shape, x: Array, blur: Array) -> tuple[Array, Array]:
         rise, slope = edge(x)
         return np.stack([one, rise - 0.5], axis=-1), -slope
     (rise, up), (fall, down) = edge(x + half), edge(x - half)
-    # both sides may differ; half the step lies at either edge
+    # The sides may differ, with half of the step at either edge.
     return np.stack([one, (rise + fall) / 2 - 0.5, rise - fall], axis=-1), down - up
 
 
 def _ridge(shape: Shape, size: int, level: Array, noise_grey: float) -> Array:
-    """Return the weights (n, size, size) of the priors: sides alike, and nothing singular."""
+    """Return the prior information (n, size, size): sides are alike, and a small ridge."""
     out = np.tile(1e-9 * np.eye(size), (len(level), 1, 1))
     if shape.kind == BAND:
         alike = np.maximum(_SIDES_ALIKE * np.abs(level), 1.0)
@@ -160,7 +165,7 @@ def _ridge(shape: Shape, size: int, level: Array, noise_grey: float) -> Array:
 
 def tuned(shape: Shape, across_m: Array, grey: Array, px_per_m: Array, start_m: Array,
           noise_grey: float) -> Shape:
-    """Return the shape, with width and blur, that the cross-sections of a line agree on."""
+    """Return the shape with the width and blur that fit the cross-sections of a line best."""
     def of(x: Array) -> Shape:
         width = float(np.exp(x[1])) if len(x) > 1 else 0.0
         return replace(shape, blur_px=float(np.exp(x[0])), width_m=width)
@@ -184,21 +189,23 @@ def tuned(shape: Shape, across_m: Array, grey: Array, px_per_m: Array, start_m: 
 
 
 def _simplex(start: list[float]) -> Array:
-    """Return a first simplex, spread by about a fifth."""
+    """Return an initial simplex whose vertices differ by about a fifth of width and blur."""
     return np.array(start) + np.vstack([np.zeros(len(start)), 0.2 * np.eye(len(start))])
 
 
 def detect(across_m: Array, grey: Array, px_per_m: Array, width_m: float
            ) -> tuple[Array, Array]:
     """
-    Look for a band, or for an edge with ``width_m = 0``, anywhere on each cross-section.
+    Return the contrasts of a band, or of an edge, at all places of each cross-section.
 
-    A band must differ from both its sides, so that edges are no bands.
+    A band must differ from both of its sides, so that an edge is not taken as a band.
 
-    :param across_m: (n, k) evenly spaced places on each cross-section.
-    :param grey: (n, k) levels.
-    :return: contrasts (n, k) of a light and (n, k) of a dark band, or a left-light and a
-        right-light edge, at each place; -inf where it does not fit on the cross-section.
+    :param across_m: (n, k) evenly spaced places on each cross-section, m.
+    :param grey: (n, k) grey levels.
+    :param px_per_m: (n,) image scale across the line, px/m.
+    :param width_m: width of the band, m; 0 for an edge.
+    :return: contrasts (n, k) of a light and (n, k) of a dark band, or of an edge lighter on the
+        left and on the right; -inf where it does not fit on the cross-section.
     """
     step = (across_m[:, 1] - across_m[:, 0])[:, None]
     known = np.isfinite(grey)
@@ -231,7 +238,7 @@ def _running(values: Array) -> Array:
 
 
 def _at(summed: Array, index: Array) -> Array:
-    """Return running sums between samples."""
+    """Return running sums, interpolated between samples."""
     index = np.clip(index, 0, summed.shape[1] - 1.000001)
     low = index.astype(int)
     rows = np.arange(len(summed))[:, None]

@@ -1,10 +1,10 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-A clicked point moved onto the marking it is near, in one view and before there is a road.
+Moving a clicked point onto a nearby marking, in one view and before a road is known.
 
-The same models of grey levels serve that measure whole lines; here their cross-sections are
-short, square to the line in the image, and their unit is the pixel.
+It uses the models of grey levels that measure whole lines, with short cross-sections that are
+perpendicular to the line in the image and have the pixel as their unit.
 """
 from __future__ import annotations
 
@@ -20,26 +20,26 @@ from .section_model import BAND, detect, EDGE, fit_sections, Places, Shape
 from ...core.records import Array
 from ...estimation.robust import robust_std
 
-REACH_PX = 8.0  # how far a marking may lie from the click
-_WIDTHS_PX = (0.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0)  # 0: an edge
-_BLURS_PX = (0.5, 0.8, 1.2, 1.8)
-_HALF_LENGTH_PX, _SECTIONS = 10.0, 15  # of the piece of line that is looked at
-_STEP_PX = 0.5  # between the samples of a cross-section
-_ROUNDS = 3  # of measuring along the way found last
-_LEAST_SECTIONS = 7
-_MOST_SLOPE = 0.2  # of a marking against the way it is expected to run
-_WIDE = 0.01  # share of a band's width that its middle may be off: perspective, worn sides
+REACH_PX = 8.0  # largest distance of a marking from the click
+_WIDTHS_PX = (0.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0)  # widths tried, 0 for an edge
+_BLURS_PX = (0.5, 0.8, 1.2, 1.8)  # blurs tried
+_HALF_LENGTH_PX, _SECTIONS = 10.0, 15  # half length of the measured piece, and its cross-sections
+_STEP_PX = 0.5  # spacing of the samples of a cross-section
+_ROUNDS = 3  # rounds of measuring, each along the direction found before
+_LEAST_SECTIONS = 7  # fewest cross-sections that must show the marking
+_MOST_SLOPE = 0.2  # largest slope of a marking relative to its expected direction
+_WIDE = 0.01  # 1-sigma of a band's middle by perspective and wear, as a share of its width
 _LEAST_NOISES, _LEAST_GREY = 3.0, 4.0  # least contrast, in 1-sigmas of the noise and grey levels
-_BAND_SHARE = 0.5  # of an edge's contrast that a band must show to be one
+_BAND_SHARE = 0.5  # least contrast of a band, as a share of the contrast of the best edge
 _PAINTED = 0.5  # share of the usual contrast below which a cross-section shows no marking
-_NEAR_PX = 1.5  # from the median place, of what belongs to one marking
-_STRAY = 3.0  # sigmas
-_MOST_STD_PX = 0.3  # of a point worth moving to: that of a careful click
-_FLOOR_PX = 0.02  # 1-sigma that more cross-sections do not improve
-_STANDS_OUT = 2.5  # times what the road's texture shows beside the marking
-_BESIDE_PX, _TEXTURE = 4.0, 0.9  # from the marking, and quantile of the contrasts there
-_FAR = 0.03  # share of contrast lost for each pixel from the click: the nearer marking is meant
-_RADIUS_PX, _COHERENT = 8, 0.35  # of the patch that shows a direction, and how clearly it must
+_NEAR_PX = 1.5  # largest distance from the median place for cross-sections of one marking
+_STRAY = 3.0  # sigmas beyond which a cross-section is an outlier
+_MOST_STD_PX = 0.3  # largest useful 1-sigma of a point, that of a careful click
+_FLOOR_PX = 0.02  # 1-sigma that more cross-sections do not reduce
+_STANDS_OUT = 2.5  # least contrast in multiples of that of the texture beside the marking
+_BESIDE_PX, _TEXTURE = 4.0, 0.9  # distance of that texture, and quantile of its contrasts
+_FAR = 0.03  # reduction of the score per pixel from the click, so that nearer markings win
+_RADIUS_PX, _COHERENT = 8, 0.35  # radius of a patch with a direction, and its least coherence
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +48,7 @@ class Snapped:
     A point on a marking.
 
     :param uv_px: (2,) raw pixel in the middle of the band, or on the edge.
-    :param std_px: 1-sigma across the marking.
+    :param std_px: 1-sigma across the marking, px.
     :param kind: ``band`` or ``edge``.
     """
 
@@ -59,12 +59,11 @@ class Snapped:
 
 def snap(view: Background, uv_px: Array, way: Optional[Array] = None) -> Optional[Snapped]:
     """
-    Return the point of the nearest marking to a click; None where there is none.
+    Return the point of a marking that is nearest to a click; None if there is no marking.
 
     :param view: the view without traffic.
-    :param uv_px: (2,) raw pixel.
-    :param way: (2,) direction of the line there, as far as it is known; the image shows it
-        otherwise.
+    :param uv_px: (2,) clicked raw pixel.
+    :param way: (2,) direction of the line there; None to estimate it from the image.
     """
     at = np.asarray(uv_px, dtype=np.float64)
     length = 0.0 if way is None else float(np.linalg.norm(way))
@@ -86,7 +85,7 @@ def snap(view: Background, uv_px: Array, way: Optional[Array] = None) -> Optiona
         centre = centre + offset * normal
         along = (along + slope * normal) / math.hypot(1.0, slope)
         shape = replace(shape, at_px=0.0)
-    # the click's own place along the line
+    # Move across the line only: keep the click's place along it.
     centre = centre + float((at - centre) @ along) * along
     if float(np.linalg.norm(centre - at)) > REACH_PX or std > _MOST_STD_PX:
         return None
@@ -94,12 +93,12 @@ def snap(view: Background, uv_px: Array, way: Optional[Array] = None) -> Optiona
 
 
 def _normal(along: Array) -> Array:
-    """Return the direction square to another, (2,)."""
+    """Return the perpendicular (2,) of a direction."""
     return np.array([-along[1], along[0]])
 
 
 def _way_shown(view: Background, at: Array) -> Optional[Array]:
-    """Return the direction (2,) of what runs through a place; None where nothing clearly does."""
+    """Return the direction (2,) of the structure at a place; None if it has no clear one."""
     u, v = (int(round(float(x))) for x in at)
     r = _RADIUS_PX
     patch = view.image[max(v - r, 0):v + r + 1, max(u - r, 0):u + r + 1].astype(np.float64)
@@ -122,9 +121,9 @@ class _Sections:
     """
     Short cross-sections of one piece of a line.
 
-    :param along_px: (n,) their places along the line.
-    :param across_px: (n, k) places on them.
-    :param grey: (n, k) levels there, NaN outside the image.
+    :param along_px: (n,) places of the cross-sections along the line, px.
+    :param across_px: (n, k) places of the samples across the line, px.
+    :param grey: (n, k) grey levels there, NaN outside the image.
     """
 
     along_px: Array
@@ -133,7 +132,7 @@ class _Sections:
 
     @classmethod
     def across(cls, view: Background, centre: Array, along: Array) -> _Sections:
-        """Read them about a place."""
+        """Return the cross-sections around a place."""
         t = np.linspace(-_HALF_LENGTH_PX, _HALF_LENGTH_PX, _SECTIONS)
         half = REACH_PX + 1.1 * _WIDTHS_PX[-1]
         x = np.tile(np.arange(-half, half + _STEP_PX / 2, _STEP_PX), (len(t), 1))
@@ -142,7 +141,7 @@ class _Sections:
 
 
 def _found(view: Background, sections: _Sections) -> Optional[_Start]:
-    """Look for a band near the click, or an edge if there is none."""
+    """Return the band near the click, or the edge if there is no band."""
     ones, x = np.ones(_SECTIONS), sections.across_px
     reachable = np.abs(x[0]) <= REACH_PX
     worth = 1 - _FAR * np.abs(x[0])
@@ -161,7 +160,7 @@ def _found(view: Background, sections: _Sections) -> Optional[_Start]:
             if usual[peak] < _STANDS_OUT * texture:
                 continue
             start = _Start(kind, width, 0.8, sign, float(x[0, peak]), float(usual[peak]))
-            # of bands with equal contrast the wider one is the whole band
+            # Of bands with equal contrast, the widest one is the complete band.
             value = float(score[peak]) * (1 + 0.01 * width)
             if value > best.get(kind, (-np.inf, start))[0]:
                 best[kind] = value, start
@@ -176,10 +175,10 @@ def _found(view: Background, sections: _Sections) -> Optional[_Start]:
 @dataclass(frozen=True)
 class _Start(Shape):
     """
-    A rough shape, and where it is.
+    A rough shape and its place.
 
-    :param at_px: across the line.
-    :param contrast: grey levels.
+    :param at_px: place across the line, px.
+    :param contrast: contrast, grey levels.
     """
 
     at_px: float = 0.0
@@ -187,14 +186,14 @@ class _Start(Shape):
 
 
 def _fitted(view: Background, sections: _Sections, shape: Shape, at_px: float) -> Places:
-    """Measure every cross-section near one place."""
+    """Return the places of the marking on all cross-sections, near one place."""
     ones = np.ones(len(sections.along_px))
     return fit_sections(shape, sections.across_px, sections.grey, ones, at_px * ones,
                         view.noise_grey)
 
 
 def _tuned(view: Background, sections: _Sections, start: _Start) -> _Start:
-    """Return the shape with the width and blur that leave least."""
+    """Return the shape with the width and blur that leave the smallest residuals."""
     widths = [start.width_m] if start.kind == EDGE else [
         start.width_m * share for share in (0.6, 0.8, 1.0, 1.25, 1.6)]
     tried = [_Start(start.kind, width, blur, start.sign, start.at_px, start.contrast)
@@ -209,7 +208,7 @@ def _tuned(view: Background, sections: _Sections, start: _Start) -> _Start:
 
 def _line(view: Background, sections: _Sections, shape: _Start
           ) -> Optional[tuple[float, float, float]]:
-    """Return offset, slope and 1-sigma of the marking at the centre; None where too few agree."""
+    """Return offset, slope and 1-sigma of the marking at the centre; None if too few agree."""
     places = _fitted(view, sections, shape, shape.at_px)
     x, t = places.across_m, sections.along_px
     least = max(_PAINTED * float(np.quantile(places.contrast, 0.8)), _LEAST_GREY / 2)

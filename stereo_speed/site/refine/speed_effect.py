@@ -1,12 +1,12 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-What an error of the path or of the rig does to a measured speed.
+The effect of an error of the path or of the rig on a measured speed.
 
-A point travels at constant speed, at a fixed place beside and above the true path. It is seen by
-the rig that takes the images and measured with the path and the rig at hand: arc lengths at all
-times and one place beside and above the path, by least squares of its pixels. The slope of the
-arc lengths, each weighted by how well it can be known, is the speed.
+A point travels at constant speed, at a fixed offset across and above the true path. It is seen by
+the true rig and measured with the assumed path and rig: least squares over its pixels gives the
+arc lengths at all times and its offsets across and above the path. The measured speed is the
+slope of the arc lengths, each weighted by how well it can be determined.
 """
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from ...geometry.rig import StereoRig
 from ...road.lanes import LanePath
 from ...road.path import Path, SplinePath
 
-_PLACES, _FEWEST = 13, 4  # at which the point is seen; fewer make no speed
-_LOOKED_AT = 101  # places of a path that are tried for being in both views
-_SPACING_M, _LEAST_POINTS = 1.0, 8  # of the points that a rotated path is laid through
-_ABOVE_M = 0.6  # the middle of a front
-_WANDER_STD_M = 0.05  # how constant the place beside and above the path is
-_PIXEL_STD = 0.1  # px, of the place of a front in an image
+_PLACES, _FEWEST = 13, 4  # places at which the point is seen, and the fewest for a speed
+_LOOKED_AT = 101  # places of a path whose visibility in both views is checked
+_SPACING_M, _LEAST_POINTS = 1.0, 8  # spacing and fewest points of a rotated path
+_ABOVE_M = 0.6  # height of the middle of a front above the path
+_WANDER_STD_M = 0.05  # 1-sigma of changes of the offsets across and above the path
+_PIXEL_STD = 0.1  # 1-sigma of the position of a front in an image, px
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,8 +35,8 @@ class Setup:
     """
     A path and a rig that sees it.
 
-    :param path: of the lane.
-    :param rig: the cameras.
+    :param path: path of the lane.
+    :param rig: the rig.
     """
 
     path: Path
@@ -45,11 +45,11 @@ class Setup:
 
 def speed_error(true: Setup, used: Setup) -> float:
     """
-    Return the error of the mean speed of a pass, as a share.
+    Return the relative error of the mean speed of a pass.
 
-    :param true: path and rig as they are.
+    :param true: true path and rig.
     :param used: path and rig that are measured with.
-    :return: NaN where too little of the path is seen.
+    :return: NaN if too little of the path is visible.
     """
     s = _seen(true)
     if len(s) < _FEWEST:
@@ -81,9 +81,9 @@ def speed_error(true: Setup, used: Setup) -> float:
 
 def heading_effect(path: Path, rig: StereoRig, heading_std_rad: Array) -> float:
     """
-    Return the 1-sigma of the mean speed of a pass, as a share, for an uncertain direction.
+    Return the relative 1-sigma of the mean speed of a pass by an uncertain direction of the path.
 
-    :param heading_std_rad: (2,) of the path in its middle, across and up.
+    :param heading_std_rad: (2,) 1-sigma of the path's direction in its middle, across and up, rad.
     """
     s = np.linspace(0, path.length_m, max(int(path.length_m / _SPACING_M), _LEAST_POINTS))
     points, frames = path.position(s), path.frame(s)
@@ -98,13 +98,13 @@ def heading_effect(path: Path, rig: StereoRig, heading_std_rad: Array) -> float:
 
 
 def lane_speed_std(lane: LanePath, rig: StereoRig) -> float:
-    """Return the 1-sigma of speeds on a lane by all that is uncertain of it, as a share."""
+    """Return the relative 1-sigma of speeds on a lane by all uncertainty of its path."""
     heading = float(np.nan_to_num(heading_effect(lane.path, rig, lane.heading_std_rad)))
     return math.hypot(lane.scale_std, lane.shape_std, heading)
 
 
 def _seen(setup: Setup) -> Array:
-    """Return places (n,), even in time, of the part of a path that both views see."""
+    """Return evenly spaced arc lengths (n,) of the part of a path that both views see, m."""
     path = setup.path
     s = np.linspace(0, path.length_m, _LOOKED_AT)
     _, _, left, right = setup.rig.project(path.position(s) + _ABOVE_M * path.frame(s)[..., 2])
