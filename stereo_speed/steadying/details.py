@@ -1,11 +1,11 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Small patches of the background of one view, and where they are in another image of it.
+Small patches of the background of one view, and their places in another image of it.
 
-The patches are compared by inverse compositional Lucas-Kanade steps (Baker and Matthews 2004,
-"Lucas-Kanade 20 years on", section 3): the gradients are those of the patches as they were learnt,
-so that each image costs a sampling and a product.  Gain and offset of each patch drop out.
+The patches are matched by inverse compositional Lucas-Kanade steps (Baker and Matthews 2004,
+"Lucas-Kanade 20 years on", section 3).  The gradients are those of the learnt patches, so that
+each image costs only a sampling and a product.  Gain and offset of each patch are eliminated.
 """
 from __future__ import annotations
 
@@ -23,24 +23,24 @@ from ..core.records import Array
 Patches = NDArray[np.float32]
 Grey = NDArray[Any]  # (H, W) uint8 or uint16
 
-HALF_PX = 4  # of the samples of a patch, which are a pixel apart
-BORDER_PX = HALF_PX + 2  # from a patch's middle to the edge of the image
-_CELLS = (9, 12)  # rows and columns of an image that each give their best corners
-_MASK_PX = HALF_PX  # about a patch, within which there is no other
-_CORNER_PX = 5  # of the window that corners are sought in
-_LEAST_CORNER = 1e-3  # of the strongest one; below it a patch is flat
-_LEAST_INFORMATION, _LEAST_SQUARE, _LEAST_GAIN = 1e-3, 1e-3, 1e-3  # flat patches divide by none
-_REACH = np.arange(-HALF_PX - 1, HALF_PX + 2)  # with a border for gradients
+HALF_PX = 4  # half size of a patch, whose samples are a pixel apart
+BORDER_PX = HALF_PX + 2  # least distance of a patch's centre from the edge of the image
+_CELLS = (9, 12)  # rows and columns of cells that each contribute their best corners
+_MASK_PX = HALF_PX  # half size of the area around a patch without other patches
+_CORNER_PX = 5  # window of the corner detector
+_LEAST_CORNER = 1e-3  # least strength of a corner, as a share of that of the strongest one
+_LEAST_INFORMATION, _LEAST_SQUARE, _LEAST_GAIN = 1e-3, 1e-3, 1e-3  # avoid division by 0
+_REACH = np.arange(-HALF_PX - 1, HALF_PX + 2)  # pixels of a patch, with a border for gradients
 
 
 class Displaced(NamedTuple):
     """
-    Where patches are.
+    The places of patches in an image.
 
-    :param offset_px: (n, 2) from where they were looked for, along the axes of each.
-    :param ncc: (n,) correlation with what they looked like.
-    :param noise: (n,) mean square by which their samples differ from what they looked like.
-    :param grey: (n, k, k) what they look like now, as bright and contrasty as they were.
+    :param offset_px: (n, 2) offsets from the expected places, along the axes of each patch.
+    :param ncc: (n,) correlation with the learnt patches.
+    :param noise: (n,) mean squared difference of the samples from the learnt ones.
+    :param grey: (n, k, k) current grey values, with the gain and offset of the learnt patches.
     """
 
     offset_px: Array
@@ -54,8 +54,8 @@ class Details:
     """
     Patches of one image.
 
-    :param centres_px: (n, 2) their middles.
-    :param grey: (n, k, k) grey values, with a border of one pixel about the m samples.
+    :param centres_px: (n, 2) their centres.
+    :param grey: (n, k, k) grey values, with a border of one pixel around the m samples.
     """
 
     centres_px: Array
@@ -64,10 +64,10 @@ class Details:
     @classmethod
     def of(cls, image: Grey, count: int, taken_px: Optional[Array] = None) -> Details:
         """
-        Return the corners of an image, spread over it.
+        Return patches at the corners of an image, spread over it.
 
-        :param count: how many, at most.
-        :param taken_px: (k, 2) places that have been taken; those count too.
+        :param count: largest number of patches, including those at ``taken_px``.
+        :param taken_px: (k, 2) places of patches that exist already.
         """
         return cls.at(image, corners(image, count, taken_px))
 
@@ -88,7 +88,7 @@ class Details:
 
     @cached_property
     def _values(self) -> Patches:
-        """Return the samples (n, m), of zero mean."""
+        """Return the samples (n, m), with zero mean."""
         inner = self.grey[:, 1:-1, 1:-1].reshape(len(self), -1)
         return np.asarray(inner - inner.mean(axis=1, keepdims=True))
 
@@ -99,7 +99,7 @@ class Details:
 
     @cached_property
     def _slopes(self) -> Patches:
-        """Return the gradients (n, 2, m), without any part along a constant or the patch."""
+        """Return the gradients (n, 2, m), orthogonal to a constant and to the patch itself."""
         by_u = (self.grey[:, 1:-1, 2:] - self.grey[:, 1:-1, :-2]) / 2
         by_v = (self.grey[:, 2:, 1:-1] - self.grey[:, :-2, 1:-1]) / 2
         slopes = np.stack([by_u, by_v], axis=1).reshape(len(self), 2, -1)
@@ -109,32 +109,32 @@ class Details:
 
     @cached_property
     def _axes(self) -> tuple[Array, Array]:
-        """Return what each patch tells of its place along its axes (n, 2), and these (n, 2, 2)."""
+        """Return the information of each patch on its place along its axes, and the axes."""
         slopes = self._slopes.astype(np.float64)
         told, axes = np.linalg.eigh(slopes @ np.swapaxes(slopes, 1, 2))
         return np.maximum(told, _LEAST_INFORMATION), np.swapaxes(axes, 1, 2)
 
     @property
     def information(self) -> Array:
-        """Return what each patch tells of its place along its two axes, per px^2: (n, 2)."""
+        """Return how well each patch determines its place along its axes, (n, 2), per px^2."""
         return self._axes[0]
 
     @property
     def axes(self) -> Array:
-        """Return the two axes of each patch, along which its errors are independent (n, 2, 2)."""
+        """Return the two axes of each patch, (n, 2, 2), along which errors are independent."""
         return self._axes[1]
 
     @cached_property
     def _steps(self) -> Patches:
-        """Return the offsets (n, 2, m) along the axes per grey level of each sample."""
+        """Return the offsets (n, 2, m), along the axes, per grey level of each sample."""
         told, axes = self._axes
         return np.asarray(axes @ self._slopes / told[..., None], np.float32)
 
     def find(self, image: Grey, places_px: Array) -> Displaced:
         """
-        Return where the patches are in an image, by one step from where they may be.
+        Return the places of the patches in an image, by one step from expected places.
 
-        :param places_px: (n, 2).
+        :param places_px: (n, 2) expected places.
         """
         grey = _between_pixels(image, places_px)
         now = grey[:, 1:-1, 1:-1].reshape(len(self), -1)
@@ -153,9 +153,9 @@ class Details:
 
 def _between_pixels(image: Grey, places_px: Array) -> Patches:
     """
-    Return the grey values (n, k, k) about places (n, 2), and a border of one pixel, bilinearly.
+    Return the bilinear grey values (n, k, k) around places (n, 2), with a border of one pixel.
 
-    ``cv2.remap`` would round them to whole grey levels, and there are few of these by night.
+    ``cv2.remap`` would round them to integers, which is too coarse at night.
     """
     floor = np.floor(places_px)
     u, v = floor.astype(int).T[:, :, None, None]
@@ -170,10 +170,10 @@ def _between_pixels(image: Grey, places_px: Array) -> Patches:
 
 def corners(image: Grey, count: int, taken_px: Optional[Array] = None) -> Array:
     """
-    Return where an image has its best corners, as many in each of its cells: (n, 2) whole pixels.
+    Return the best corners of an image, equally many in each of its cells: (n, 2) whole pixels.
 
-    :param count: how many, at most.
-    :param taken_px: (k, 2) places that have been taken; those count too.
+    :param count: largest number of corners, including ``taken_px``.
+    :param taken_px: (k, 2) places that are taken already.
     """
     height, width = image.shape
     if min(height, width) <= 2 * BORDER_PX:
@@ -201,6 +201,6 @@ def corners(image: Grey, count: int, taken_px: Optional[Array] = None) -> Array:
 
 
 def _clear(strength: NDArray[np.float32], u: int, v: int) -> None:
-    """Take a place, so that no other patch is about the same."""
+    """Clear the corner strength around a place, so that patches do not overlap much."""
     strength[max(v - _MASK_PX, 0):max(v + _MASK_PX + 1, 0),
              max(u - _MASK_PX, 0):max(u + _MASK_PX + 1, 0)] = 0

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What is left uncertain of the rig goes into every speed, or keeps it from being told."""
+"""Adds the remaining uncertainty of the rig to speeds, or withholds them."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -23,11 +23,11 @@ _NONE = np.zeros(3)
 
 class SpeedDoubt:
     """
-    Adds to speeds what a right camera that has turned leaves uncertain, or withholds them.
+    Adds the uncertainty of a turned right camera to speeds, or withholds them.
 
-    :param rig: the cameras.
-    :param lanes: lane name to lane path.
-    :param config: gives the share of speed that may be uncertain.
+    :param rig: the rig.
+    :param lanes: maps lane names to lane paths.
+    :param config: gives the largest relative 1-sigma of the scale.
     """
 
     def __init__(self, rig: StereoRig, lanes: Mapping[str, LanePath], config: TrackerConfig
@@ -37,18 +37,18 @@ class SpeedDoubt:
 
     @cached_property
     def _slopes(self) -> Mapping[str, Array]:
-        """Return how speeds change with the angles, by lane; nobody asks unless one has turned."""
+        """Return the change of speeds with the angles, by lane; computed only when needed."""
         return {name: _slopes(lane, self.rig) for name, lane in self.lanes.items()}
 
     def share(self, lane: str, steadier: Steadier, changed_rad: Array = _NONE) -> float:
         """
-        Return the 1-sigma of a vehicle's speed on a lane by the turned camera, as a share.
+        Return the relative 1-sigma of a vehicle's speed on a lane by the turned camera.
 
-        It is 0 where the camera stands as it stood, whose tolerance the lane holds already, and
-        infinite where it has turned too far.  What a turn is found by takes some pairs: those
-        before it was found may be of either side of it, so that it counts wholly.
+        It is 0 if the camera has not turned, as the lane includes the tolerance of that state, and
+        infinite if it has turned too far.  A turn is found only after some pairs, and it is not
+        known which earlier pairs came before it.  The whole change therefore counts as uncertain.
 
-        :param changed_rad: (3,) how far the correction has changed while the vehicle was seen.
+        :param changed_rad: (3,) change of the correction while the vehicle was in view, rad.
         """
         drift = steadier.drift
         if drift.too_far:
@@ -61,21 +61,21 @@ class SpeedDoubt:
 
     def update(self, update: TrackUpdate, steadier: Steadier, changed_rad: Array = _NONE
                ) -> TrackUpdate:
-        """Return what a track says, with this doubt; tentative where it is too great."""
+        """Return an update with this uncertainty added; tentative if it is too large."""
         share = self.share(update.lane, steadier, changed_rad)
         if steadier.lost or share >= self.most_share:
             return update.unconfirmed()
         return update.doubted(share) if share else update
 
     def shares(self, steadier: Steadier, changed_rad: Array = _NONE) -> dict[str, float]:
-        """Return :meth:`share` of every lane, as it is now."""
+        """Return :meth:`share` of every lane, for the current state."""
         return {lane: self.share(lane, steadier, changed_rad) for lane in self.lanes}
 
     def result(self, result: PassResult, share: float) -> PassResult:
         """
-        Return the result of a pass, with this doubt; rejected where it is too great.
+        Return the result of a pass with this uncertainty added; rejected if it is too large.
 
-        :param share: of its lane, when it was over.
+        :param share: :meth:`share` of its lane when the pass ended.
         """
         speed, budget = result.speed_mps, result.budget
         if speed is None or not share:
@@ -87,6 +87,6 @@ class SpeedDoubt:
 
 
 def _slopes(lane: LanePath, rig: StereoRig) -> Array:
-    """Return the sizes (3,) of the change of a lane's speeds, as a share, per rad of an angle."""
+    """Return the absolute relative changes (3,) of a lane's speeds per rad of each angle."""
     unknown = replace(lane, scale_std=math.inf)  # where no camera sees the path
     return np.array([with_scale(unknown, rig, np.diag(axis)).scale_std for axis in np.eye(3)])

@@ -1,12 +1,12 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-The rotation of the right camera against the left one, from pair to pair.
+A filter for the rotation of the right camera relative to the left one, from pair to pair.
 
-A filter with two ways to go on: it stays, but for a slow creeping, or it has turned to anywhere.
-Both are weighed by how well they foretell the next pair, and their mixture is taken for Gaussian.
-All pairs are compared with one reference, whose own noise they share: by what they show wrongly
-for that, no number of pairs averages it away, and it is estimated beside the rotation.
+It has two motion models: the camera stays, apart from slow creeping, or it has turned to any
+angle. Both are weighed by how well they predict the next pair, and their mixture is approximated
+by a Gaussian. All pairs are compared with one reference and share its noise, which averaging over
+pairs does not reduce; the error of the reference is therefore estimated along with the rotation.
 """
 from __future__ import annotations
 
@@ -17,63 +17,64 @@ import numpy as np
 from .config import SteadyingConfig
 from ..core.records import Array
 
-_REFERENCE_SHARE = 0.5  # of the variance of a comparison of two images, by either as much
+_REFERENCE_SHARE = 0.5  # share of the reference in the variance of a comparison of two images
 
 
 class DriftFilter:
     """
-    Follows pan, tilt and roll of the right camera since the first pair.
+    Estimates pan, tilt and roll of the right camera since the first pair.
 
-    ``turns`` is how often they have changed at once.
+    ``turns`` counts sudden changes of the angles.
 
     :param config: parameters.
     """
 
     def __init__(self, config: SteadyingConfig) -> None:
         self.config, self.turns = config, 0
-        # Of the angles, and of what the reference adds to them in every pair.
+        # State: the angles (3), then the error that the reference adds to them in every pair (3).
         self._mean: Array = np.zeros(6)
         self._covariance: Array = np.zeros((6, 6))
         self.renew()
 
     def renew(self) -> None:
-        """Take pairs to be compared with another reference from now on."""
+        """Expect that the following pairs are compared with another reference."""
         self._is_new = True
 
     @property
     def mean_rad(self) -> Array:
-        """Return the angles (3,)."""
+        """Return the estimated angles (3,), rad."""
         return self._mean[:3]
 
     @property
     def covariance_rad2(self) -> Array:
-        """Return the covariance (3, 3) of the angles, systematic errors among it."""
+        """Return the covariance (3, 3) of the angles, including systematic errors, rad^2."""
         return np.asarray(
             self._covariance[:3, :3] + np.radians(self.config.drift_floor_deg) ** 2 * np.eye(3))
 
     @property
     def turned(self) -> bool:
-        """Return whether the camera has turned beyond doubt."""
+        """Return whether the camera has significantly turned."""
         off = float(self.mean_rad @ np.linalg.solve(self.covariance_rad2, self.mean_rad))
         return off > self.config.drift_sigmas ** 2
 
     @property
     def corrected_rad(self) -> Array:
-        """Return the angles (3,) to be corrected: zeros unless the camera has turned."""
+        """Return the angles (3,) to correct, rad; zeros unless the camera has turned."""
         return self.mean_rad if self.turned else np.zeros(3)
 
     @property
     def too_far(self) -> bool:
-        """Return whether it has turned by more than can be corrected."""
+        """Return whether the camera has turned by more than may be corrected."""
         return bool(np.degrees(np.abs(self.mean_rad)).max() > self.config.most_drift_deg)
 
     def update(self, seen_rad: Array, covariance_rad2: Array, pairs: int = 1) -> None:
         """
-        Take in what one pair shows.
+        Update the filter with the measurement of one pair.
 
-        :param seen_rad: (3,) pan, tilt and roll against the reference.
-        :param covariance_rad2: (3, 3) of them, by the noise of the pair and of the reference.
-        :param pairs: number of pairs since the one taken in before.
+        :param seen_rad: (3,) measured pan, tilt and roll relative to the reference, rad.
+        :param covariance_rad2: (3, 3) their covariance by the noise of the pair and of the
+            reference, rad^2.
+        :param pairs: number of pairs since the previous measurement.
         """
         c = self.config
         if self._is_new:
@@ -84,7 +85,7 @@ class DriftFilter:
         scores, answers = [], []
         for share, before in ((unturned, stays), (
                 1 - unturned, stays + _of_angles(np.radians(c.drift_std_deg) ** 2))):
-            seen = before[:, :3] + before[:, 3:]  # covariance of all with what a pair shows
+            seen = before[:, :3] + before[:, 3:]  # covariance of the state with a measurement
             total, off = seen[:3] + seen[3:] + own, seen_rad - self._mean[:3] - self._mean[3:]
             gain = np.linalg.solve(total, seen.T).T
             scores.append((math.log(share) if share else -math.inf) - 0.5 * float(
@@ -99,7 +100,7 @@ class DriftFilter:
         self._mean = np.asarray(mean)
 
     def _forget_reference(self, covariance_rad2: Array) -> None:
-        """Know nothing of what the reference adds but its covariance."""
+        """Reset the error of the reference to its prior."""
         self._mean = np.concatenate([self._mean[:3], np.zeros(3)])
         covariance = np.zeros((6, 6))
         covariance[:3, :3], covariance[3:, 3:] = self._covariance[:3, :3], covariance_rad2
@@ -107,5 +108,5 @@ class DriftFilter:
 
 
 def _of_angles(variance_rad2: float) -> Array:
-    """Return a covariance (6, 6) by which the angles alone have changed."""
+    """Return the process noise (6, 6) of the angles, with none for the reference."""
     return variance_rad2 * np.diag([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What is told of a rig that does not stand still."""
+"""The report on a rig that does not stand still."""
 from __future__ import annotations
 
 from dataclasses import asdict
@@ -8,17 +8,17 @@ from typing import Any
 
 from .steadier import Steadier, Steadiness
 
-_DIGITS = 5  # of degrees: finer than anything measured here
+_DIGITS = 5  # decimals of degrees, finer than anything measured here
 
 
 def steadiness_summary(state: Steadiness) -> dict[str, Any]:
-    """Return what has been found, as JSON values."""
+    """Return the state as JSON values."""
     return {key: [round(v, _DIGITS) + 0.0 for v in value] if isinstance(value, tuple) else value
             for key, value in asdict(state).items()}
 
 
 def steadiness_lines(state: Steadiness) -> list[str]:
-    """Return what a person should know; nothing of a rig that stood still."""
+    """Return lines for the user; none for a rig that stood still."""
     out = []
     if state.swayed:
         out.append(f'the rig swayed in {state.swayed} of {state.looks} pairs looked at, r.m.s. '
@@ -34,7 +34,7 @@ def steadiness_lines(state: Steadiness) -> list[str]:
 
 
 def warning(steadier: Steadier) -> str:
-    """Return what is wrong with the rig now; empty where nothing is."""
+    """Return a warning about the current state of the rig; empty if there is none."""
     if steadier.drift.too_far:
         return 'the right camera has turned too far: calibrate again'
     if steadier.drift.turned:

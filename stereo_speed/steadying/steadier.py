@@ -1,12 +1,12 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-How the rig stands in each pair: sway of the whole of it, drift of the right camera.
+The pose of the rig in each pair: sway of the whole rig, and drift of the right camera.
 
-Each camera's rotation is measured by itself (``view_rotation``).  What both have in common is
-sway: it comes and goes from pair to pair.  What they have not is drift of the right camera: it
-stays as it is, but for a slow creeping, or jumps when somebody knocks at the camera.
-While nothing moves, only some pairs are looked at.
+The rotation of each camera is measured separately (``view_rotation``).  The common part is sway,
+which comes and goes from pair to pair.  The difference is drift of the right camera, which creeps
+slowly, or jumps when somebody knocks the camera.  While nothing moves, only some pairs are looked
+at.
 """
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ from .view_rotation import Rotated, ViewRotation
 from ..core.records import Array, RigMotion, StereoPair
 from ..geometry.rig import StereoRig
 
-_ORDER = [1, 0, 2]  # of pan, tilt and roll among the components x, y, z of a rotation vector
-_REST_PAIRS = 100  # that the rest of the rig is averaged over
-_NEVER = 0.5  # a less likely sway is none: a rig that stands still is left alone
-_MOST_ODDS = 500.0  # logarithm of odds that are certain
+_ORDER = [1, 0, 2]  # indices of pan, tilt and roll in the components of a rotation vector
+_REST_PAIRS = 100  # number of pairs that the rest of the rig is averaged over
+_NEVER = 0.5  # probability up to which a sway is ignored, so that a static rig is left unchanged
+_MOST_ODDS = 500.0  # bound of the log odds, against overflow
 
 
 @dataclass(frozen=True)
@@ -34,15 +34,16 @@ class Steadiness:
     """
     What has been found so far; angles are pan, tilt and roll in degrees.
 
-    :param pairs: taken in.
-    :param looks: of them, those whose rotation was sought.
-    :param unknown: of these, those in which nothing showed it.
-    :param swayed: of these, those in which the rig had swayed.
-    :param sway_rms_deg: r.m.s. of the sway about where the rig rests.
-    :param rest_deg: where it rests now, against how it stood when the site was learnt.
-    :param drift_deg: of the right camera against the left one; zeros where it has not turned.
-    :param drift_std_deg: its 1-sigma.
-    :param turns: how often the right camera was found to have turned at once.
+    :param pairs: number of pairs.
+    :param looks: number of these pairs whose rotation was measured.
+    :param unknown: number of looks in which the rotation could not be determined.
+    :param swayed: number of looks in which the rig had swayed.
+    :param sway_rms_deg: r.m.s. of the sway about the rest of the rig.
+    :param rest_deg: current rest of the rig, relative to how it stood when the site was learnt.
+    :param drift_deg: drift of the right camera relative to the left one; zeros if it has not
+        turned.
+    :param drift_std_deg: 1-sigma of the drift.
+    :param turns: number of sudden turns of the right camera.
     """
 
     pairs: int = 0
@@ -59,11 +60,11 @@ class Steadiness:
 @dataclass(frozen=True, eq=False)
 class Reference:
     """
-    What pairs are compared with.
+    The pair that others are compared with.
 
-    :param pair: a pair.
-    :param rest_rad: (3,) pan, tilt and roll from how the rig stood in it to how it rests, which
-        is how it stands in the site.
+    :param pair: the pair.
+    :param rest_rad: (3,) pan, tilt and roll from the rig in that pair to the rig at rest, which is
+        how it stands in the site, rad.
     """
 
     pair: StereoPair
@@ -72,12 +73,12 @@ class Reference:
 
 class Steadier:
     """
-    Finds how the rig stands, pair after pair; see the module's docstring.
+    Estimates the pose of the rig pair by pair; see the module's docstring.
 
-    :param rig: the cameras as they stand in the reference.
+    :param rig: the rig as it stands in the reference.
     :param config: parameters.
-    :param reference: what pairs are compared with; None for the first of them, in which the rig
-        is taken to stand as in the site.
+    :param reference: reference that pairs are compared with; None for the first pair, in which the
+        rig is assumed to stand as in the site.
     """
 
     def __init__(self, rig: StereoRig, config: SteadyingConfig,
@@ -87,20 +88,20 @@ class Steadier:
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything but the reference, as after a jump back of time."""
+        """Forget everything except the reference, as after time has jumped back."""
         self._views: Optional[tuple[ViewRotation, ViewRotation]] = None
         self.drift = DriftFilter(self.config)
         self._square: Array = np.zeros(3)
         self._pairs = self._looks = self._unknown = self._swayed = self._missed = 0
         self._still = self._looked_ns = 0
-        self._drift_at = 0  # number of the pair whose drift was taken in last
+        self._drift_at = 0  # number of the pair with the last measurement of the drift
         self._rest_rad: Array = np.zeros(3)
         self._rest: Array = np.zeros(3)
         if self.reference is not None:
             self._learn(self.reference)
 
     def steady(self, pair: StereoPair) -> StereoPair:
-        """Return a pair with how the rig stood."""
+        """Return a pair with the motion of the rig filled in."""
         self._pairs += 1
         sway = self._look(pair) if self._is_due(pair) else np.zeros(3)
         sway, drift = self._from_rest(sway), self.drift.corrected_rad
@@ -109,21 +110,21 @@ class Steadier:
         return replace(pair, motion=RigMotion(_angles(sway), _angles(drift)))
 
     def _is_due(self, pair: StereoPair) -> bool:
-        """Return whether a pair is to be looked at: each, unless none has shown motion lately."""
+        """Return whether to look at a pair; after a while without motion, only some are due."""
         return (self._still < self.config.still_looks
                 or pair.stamp_ns - self._looked_ns >= self.config.look_interval_s * 1e9)
 
     def _look(self, pair: StereoPair) -> Array:
-        """Return the sway (3,) that a pair shows, rad, and take in what else it shows."""
+        """Return the sway (3,) in a pair, rad, and update drift and appearance by it."""
         before = self._swayed, self.drift.turns
         self._looks += 1
         if self._views is None or self._missed >= self.config.renew_pairs:
-            # What was there is gone for good, by night or by works: where the rig stands now is
-            # the best guess of where it rests.
+            # The known details are gone for good, as by night or by road works: the current pose
+            # is the best guess of the rest.
             self._learn(Reference(pair, np.zeros(3)))
         left, right = self._measured(pair)
         if left is not None and right is not None:
-            # What is compared with itself shows nothing, not even its own noise.
+            # The reference compared with itself carries no information, not even its own noise.
             if pair is not self._reference_pair:
                 self._take_drift(left, right, self._pairs - self._drift_at)
             self._drift_at = self._pairs
@@ -136,17 +137,17 @@ class Steadier:
 
     @property
     def lost(self) -> bool:
-        """Return whether the rig sways and nothing showed how it stood in the newest pair."""
+        """Return whether the rig sways and its pose in the newest pair is unknown."""
         return self._missed > 0 and self._swayed > 0
 
     def _learn(self, reference: Reference) -> None:
-        """Compare images with those of another reference from now on."""
+        """Use another reference from now on."""
         self._views = (ViewRotation(self.rig.left, reference.pair.left, self.config),
                        ViewRotation(self.rig.right, reference.pair.right, self.config))
         self._reference_pair = reference.pair
         self._rest_rad, self._missed = reference.rest_rad, 0
         self.drift.renew()
-        # A right camera that had turned before stands turned in this reference.
+        # A right camera that has turned before is already turned in this reference.
         self._drift_base = self.drift.mean_rad
         self._last_rad: Array = np.zeros(3)
         self._rest = np.zeros(3)
@@ -157,7 +158,7 @@ class Steadier:
         return self.drift.mean_rad - self._drift_base
 
     def _from_rest(self, sway_rad: Array) -> Array:
-        """Return by how much the rig is off its rest, for how much it is off the reference."""
+        """Return the sway relative to the rest, given the sway relative to the reference, rad."""
         if not np.any(self._rest_rad):
             return sway_rad
         whole, rest = (Rotation.from_rotvec(_vector(a)) for a in (sway_rad, self._rest_rad))
@@ -165,7 +166,7 @@ class Steadier:
 
     @property
     def rest(self) -> RigMotion:
-        """Return how the rig rests now, against how it stood when the site was learnt."""
+        """Return the current rest of the rig, relative to its pose when the site was learnt."""
         return RigMotion(_angles(self._from_rest(self._rest)), _angles(self.drift.corrected_rad))
 
     def state(self) -> Steadiness:
@@ -181,19 +182,19 @@ class Steadier:
             turns=self.drift.turns)
 
     def _measured(self, pair: StereoPair) -> tuple[Optional[Rotated], Optional[Rotated]]:
-        """Return how each camera has rotated."""
+        """Return the rotation of each camera; None for one whose rotation is unknown."""
         if self._views is None:
             raise RuntimeError('no pair to measure against')
         left = self._views[0].measure(pair.left, self._last_rad)
         if left is not None:
             self._last_rad = left.angles_rad
-        # The right camera most likely moved with the left one.
+        # The right camera has most likely moved with the left one.
         right = self._views[1].measure(
             pair.right, self._right_of_left @ self._last_rad + self._drift_seen_rad)
         return left, right
 
     def _learn_looks(self, pair: StereoPair, found: Sequence[Optional[Rotated]]) -> None:
-        """Take in what a pair looks like in each view whose rotation was found."""
+        """Learn the appearance of a pair in each view whose rotation is known."""
         renewed = [view.learn(image, rotated) for view, image, rotated
                    in zip(self._views or (), (pair.left, pair.right), found)
                    if rotated is not None]
@@ -201,10 +202,10 @@ class Steadier:
             self.drift.renew()
 
     def _take_drift(self, left: Rotated, right: Rotated, pairs: int) -> None:
-        """Take in how the right camera has turned against the left one in so many pairs."""
+        """Update the drift by the rotations of both cameras, after so many pairs."""
         turned = _vector(left.angles_rad)
         rig = self._right_of_left
-        # Exactly: of large rotations the order counts.
+        # Composed exactly, because large rotations do not commute.
         whole = Rotation.from_rotvec(self.rig.R @ turned)
         base, since = (Rotation.from_rotvec(_vector(a))
                        for a in (self._drift_base, right.angles_rad))
@@ -213,7 +214,7 @@ class Steadier:
                           + rig @ left.covariance_rad2 @ rig.T, pairs)
 
     def _sway(self, left: Optional[Rotated], right: Optional[Rotated]) -> Array:
-        """Return the sway of the rig: zeros where it stood still, as far as anything shows."""
+        """Return the sway (3,) of the rig, rad; zeros if it has probably stood still."""
         information: Array = np.zeros((3, 3))
         total: Array = np.zeros(3)
         if left is not None:
@@ -238,7 +239,7 @@ class Steadier:
         return share * angles if swayed else np.zeros(3)
 
     def _swayed_share(self, angles: Array, covariance: Array) -> float:
-        """Return the probability that the rig has swayed at all."""
+        """Return the probability that the rig has swayed."""
         prior = self.config.sway_probability
         if prior in (0.0, 1.0):
             return prior
@@ -249,7 +250,7 @@ class Steadier:
         return 1 / (1 + math.exp(-min(max(odds, -_MOST_ODDS), _MOST_ODDS)))
 
     def _average(self, angles: Array) -> None:
-        """Take in where the rig stood."""
+        """Update the rest and the sway about it by the pose in a pair."""
         known = self._looks - self._unknown
         self._rest = self._rest + (angles - self._rest) / min(known, _REST_PAIRS)
         self._square = self._square + (angles - self._rest) ** 2
@@ -261,7 +262,7 @@ def _vector(angles_rad: Array) -> Array:
 
 
 def _angles(values: Array) -> tuple[float, float, float]:
-    """Return three angles as a record holds them."""
+    """Return three angles as a tuple."""
     pan, tilt, roll = (float(v) for v in values)
     return pan, tilt, roll
 
@@ -272,10 +273,10 @@ def _degrees(values: Array) -> tuple[float, float, float]:
 
 def rest_of(steadier: Steadier, pairs: Sequence[StereoPair]) -> Reference:
     """
-    Return the first of some pairs, and how far it is from how the rig rests in all of them.
+    Return a reference from the first of some pairs, with the rest averaged over all of them.
 
-    :param steadier: a fresh one.
-    :param pairs: spread over the time that the rig sways in, the first of them the reference.
+    :param steadier: a new steadier.
+    :param pairs: pairs spread over the time in which the rig sways; the first is the reference.
     """
     sways = [np.array((steadier.steady(pair).motion or RigMotion()).sway_rad) for pair in pairs]
     return Reference(pairs[0], np.mean(sways, axis=0))

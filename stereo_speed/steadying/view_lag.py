@@ -1,24 +1,25 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-The time between the exposures of the two views, seen in what moves.
+The time between the exposures of the two views, estimated from moving vehicles.
 
-Where the stamps of a pair differ, they may be those of the exposures, or of some driver that
-stamps when an image arrives. What stands still looks the same either way; what moves does not:
-after the time tau a point is off its epipolar line in the right view by
+If the stamps of a pair differ, they may be those of the exposures, or those of a driver that
+stamps images on arrival. Static objects look the same either way; moving ones do not: after the
+time tau a point is off its epipolar line in the right view by
 
     e = f(tau) + e0,
 
-with f the way of its image across that line, known from its track, and e0 what the calibration
-leaves. What comes nearer grows, and its way with it: f bends, and each front is matched with the
-right view as it would show it at the time that is taken for right, but without regard to the line.
-The e of all of them make a regression for tau and e0. A front is not flat, so its way is as wrong
-as its depth, in all looks alike: its vehicle has an error of its own, and one vehicle, seen
-however often, tells tau to some percent.
+where f is the motion of its image across that line, known from its track, and e0 is the residual
+of the calibration. An approaching vehicle grows, and its image motion with it, so f is curved.
+Each front is matched with the right view as it would appear at the assumed time, without being
+constrained to the epipolar line. The e of all fronts give a regression for tau and e0. A front is
+not flat, so the relative error of its image motion is that of its depth, the same in all looks.
+Each vehicle therefore has errors of its own, and a single vehicle, however often seen, determines
+tau only to some percent.
 
-Either tau is what the stamps say plus a constant, or it is a constant whatever the stamps say;
-where the stamps' differences vary, the images tell which of both.  Depth along the baseline b is
-lost by x = V tau, so speeds are wrong by the share (V b) / b^2 for each second that tau is wrong.
+Either tau is the difference of the stamps plus a constant, or it is a constant whatever the
+stamps say.  If the differences vary, the images decide which.  An error of tau shifts a point by
+x = V tau along the baseline b, so the relative error of a speed is (V b) / b^2 per second of tau.
 """
 from __future__ import annotations
 
@@ -34,22 +35,23 @@ from ..core.records import Array, StereoPair, TrackState, TrackUpdate
 from ..geometry.rig import StereoRig
 from ..vision.subpixel import parabola_peak
 
-_PRIOR_S = 0.02  # 1-sigma of what the stamps are wrong by, before anything is seen
+_PRIOR_S = 0.02  # prior 1-sigma of the error of the stamps
 _OFFSET_PX = 0.1  # 1-sigma of e0
 _LOOK_PX = 0.15  # 1-sigma of one match
-# 1-sigmas of what all looks at a vehicle have in common: a metre of its depth at 35 m
+# 1-sigmas of the offset and of the relative error of the motion that all looks at a vehicle share;
+# the latter is that of a metre of depth at 35 m.
 _FRONT_PX, _FRONT_SHARE = 0.1, 0.03
-_LOOKS = 400  # that the estimate rests on, the newest
-_LEAST_NCC = 0.7
-_LEAST_PX, _MOST_PX = 12, 96  # size of what is matched
-_REACH_PX, _REACH_S = 4.0, 0.06  # of the search: always, and for what moves
-_SIGNIFICANT = 1.0  # sigmas
-_LEAST_CHANGE_S = 1e-4
+_LOOKS = 400  # number of newest looks in the estimate
+_LEAST_NCC = 0.7  # least correlation of a match
+_LEAST_PX, _MOST_PX = 12, 96  # least and largest size of the matched patch
+_REACH_PX, _REACH_S = 4.0, 0.06  # reach of the search: a constant, and a time of image motion
+_SIGNIFICANT = 1.0  # sigmas from which a change of the correction is applied
+_LEAST_CHANGE_S = 1e-4  # smallest change of the correction that is applied
 _VARIED_S = 5e-4  # standard deviation of the stamps' differences from which they can be judged
-_CLEARLY = 9.0  # difference of chi^2
-_EPSILON_S = 1e-3
-_LEAST_MPS = 1e-3  # of which an error may be a share
-_LEAST_LONG_S = 0.01  # over which the bend of a way is told
+_CLEARLY = 9.0  # difference of chi^2 from which the stamps are found not to tell the lag
+_EPSILON_S = 1e-3  # step in time for finite differences
+_LEAST_MPS = 1e-3  # lower bound of the speed for relative errors
+_LEAST_LONG_S = 0.01  # least time over which the curvature of the motion is determined
 
 
 @dataclass(frozen=True)
@@ -59,12 +61,12 @@ class _Look:
 
     After the time tau it is off its epipolar line by ``rate_px_s tau + bend_px_s2 tau^2``.
 
-    :param track: its number.
-    :param gap_s: difference of the stamps, as they came.
-    :param across_px: e, how far it is off its epipolar line.
-    :param rate_px_s: u, at which it crosses the line at first.
-    :param bend_px_s2: by which that grows.
-    :param speed_share: 1-sigma of its speed, as a share.
+    :param track: track number.
+    :param gap_s: difference of the original stamps, s.
+    :param across_px: e, the distance from its epipolar line, px.
+    :param rate_px_s: initial rate across the line, px/s.
+    :param bend_px_s2: curvature of the motion across the line, px/s^2.
+    :param speed_share: relative 1-sigma of its speed.
     """
 
     track: int
@@ -78,13 +80,14 @@ class _Look:
 @dataclass(frozen=True)
 class LagState:
     """
-    What is known of the time between the views.
+    The estimate of the time between the views.
 
-    :param correction_s: what is added to the difference of the stamps, or the difference itself.
-    :param constant: whether it is the difference itself, whatever the stamps say.
-    :param std_s: 1-sigma of what is still wrong with it.
-    :param gap_s: the usual difference of the stamps.
-    :param looks: fronts in pairs that this rests on.
+    :param correction_s: correction to the difference of the stamps, s, or, if ``constant``, the
+        time itself.
+    :param constant: whether the time is a constant whatever the stamps say.
+    :param std_s: 1-sigma of the time between the views, s.
+    :param gap_s: difference of the stamps of the newest pair, s.
+    :param looks: number of looks in the estimate.
     """
 
     correction_s: float
@@ -96,18 +99,18 @@ class LagState:
 
 class ViewLag:
     """
-    See the module's docstring.
+    Estimates the time between the views and corrects it; see the module's docstring.
 
-    :param rig: the cameras.
+    :param rig: the rig.
     """
 
     def __init__(self, rig: StereoRig) -> None:
         self.rig = rig
         self._looks: deque[_Look] = deque(maxlen=_LOOKS)
         self._applied, self._constant, self._std_s = 0.0, False, _PRIOR_S
-        self._off_s = 0.0  # what the newest estimate says otherwise than what is applied
+        self._off_s = 0.0  # difference of the newest estimate and the applied correction
         self._gap_s = 0.0
-        self.changes_s = 0.0  # sum of the sizes of all changes of what is applied
+        self.changes_s = 0.0  # sum of the absolute changes of the applied correction
 
     @property
     def concerned(self) -> bool:
@@ -116,17 +119,17 @@ class ViewLag:
 
     @property
     def std_s(self) -> float:
-        """Return the 1-sigma of the time between the views, s; 0 where one trigger made both."""
+        """Return the 1-sigma of the time between the views, s; 0 if they have one stamp."""
         return float(np.hypot(self._std_s, self._off_s)) if self.concerned else 0.0
 
     @property
     def state(self) -> Optional[LagState]:
-        """Return what is known; None where one trigger makes both images."""
+        """Return the estimate; None if the views have one stamp."""
         return LagState(self._applied, self._constant, self.std_s, self._gap_s,
                         len(self._looks)) if self.concerned else None
 
     def corrected(self, pair: StereoPair) -> StereoPair:
-        """Return a pair with the right stamp that the images speak for."""
+        """Return a pair with its right stamp corrected by the estimate."""
         self._gap_s = pair.right_lag_s
         if not self._gap_s or not self._applied and not self._constant:
             return pair
@@ -136,10 +139,10 @@ class ViewLag:
 
     def observe(self, pair: StereoPair, updates: Iterable[TrackUpdate]) -> None:
         """
-        Take in where the fronts of a pair are seen.
+        Update the estimate by the fronts in a pair.
 
-        :param pair: as taken, its motion included.
-        :param updates: of its tracks.
+        :param pair: the pair, including its motion.
+        :param updates: updates of its tracks.
         """
         if not self.concerned:
             return
@@ -152,9 +155,9 @@ class ViewLag:
 
     def share(self, update: TrackUpdate, doubt_s: float = 0.0) -> float:
         """
-        Return the 1-sigma of the speed of a track by this, as a share.
+        Return the relative 1-sigma of the speed of a track by the time between the views.
 
-        :param doubt_s: by which the time has changed since the track began.
+        :param doubt_s: change of the correction since the track began, s.
         """
         centre = -self.rig.R.T @ self.rig.t
         velocity_mps = update.speed_mps * update.axes[:, 0]
@@ -162,7 +165,7 @@ class ViewLag:
         return per_s * float(np.hypot(self.std_s, doubt_s))
 
     def _decide(self) -> None:
-        """Solve both regressions, and apply what is significant."""
+        """Solve both regressions and apply a significant change."""
         gap = np.array([look.gap_s for look in self._looks])
         added = _solve(self._looks, gap)
         best, constant = added, False
@@ -183,7 +186,7 @@ class ViewLag:
 
 @dataclass(frozen=True)
 class _Regression:
-    """tau, its 1-sigma, and how badly the regression fits."""
+    """The estimate of tau, its 1-sigma, and the misfit of the regression."""
 
     tau_s: float
     std_s: float
@@ -192,13 +195,13 @@ class _Regression:
 
 def _solve(looks: Sequence[_Look], known_s: Array) -> _Regression:
     """
-    Return tau of e = f(known + tau) + e0, with priors about 0; far outliers count little.
+    Return tau of e = f(known + tau) + e0, with priors about 0, robust against outliers.
 
-    What is wrong with a vehicle is so in all its looks: an unknown place, and an unknown share of
-    its way, are those of its track.
+    All looks at one vehicle share errors, so each track has an unknown offset and an unknown
+    relative error of its motion.
 
-    :param looks: n of them.
-    :param known_s: (n,) the part of the time that tau is added to.
+    :param looks: n looks.
+    :param known_s: (n,) known part of the time, to which tau is added, s.
     """
     across, rate, bend, share = np.array([
         (k.across_px, k.rate_px_s, k.bend_px_s2, k.speed_share) for k in looks]).T
@@ -218,8 +221,8 @@ def _solve(looks: Sequence[_Look], known_s: Array) -> _Regression:
         x = np.linalg.solve(information, (columns * w[:, None]).T @ wanted)
         residual = (wanted - columns @ x) / np.sqrt(variance)
         weight, tau = 1.0 / (1.0 + residual**2 / 9.0), float(x[0])
-    # What fits worse than foreseen is known less well; a look that tells of its own vehicle
-    # alone fits in any case.
+    # A misfit enlarges the 1-sigma. The degrees of freedom exclude what the unknowns absorb, such
+    # as the only look at a vehicle, which always fits.
     covariance = np.linalg.inv(information)
     freedom = max(len(residual) - float(np.trace(covariance @ told)), 1.0)
     excess = max(1.0, float(np.sum(weight * residual**2)) / freedom)
@@ -230,7 +233,7 @@ def _solve(looks: Sequence[_Look], known_s: Array) -> _Regression:
 
 def _look(pair: StereoPair, update: TrackUpdate, rig: StereoRig, gap_s: float
           ) -> Optional[_Look]:
-    """Return how far a front is off its epipolar line; None where it cannot be matched."""
+    """Return the offset of a front from its epipolar line; None if it cannot be matched."""
     left_px, right_px = update.quad_left_px, update.quad_right_px
     low, high = np.ceil(left_px.min(axis=0)), np.floor(left_px.max(axis=0))
     middle = (low + high) / 2
@@ -239,11 +242,11 @@ def _look(pair: StereoPair, update: TrackUpdate, rig: StereoRig, gap_s: float
         return None
     low, high = (middle - half).round().astype(int), (middle + half).round().astype(int)
     at = (low + high - 1) / 2
-    way_m = update.speed_mps * update.axes[:, 0]  # in a second
+    way_m = update.speed_mps * update.axes[:, 0]  # displacement in one second
     lag_s = pair.right_lag_s
     content_m = rig.triangulate(at, _moved(left_px, right_px, at))
     corners_m = rig.triangulate(left_px, right_px)
-    # As the right view should show what the left one shows, if the time is as it is taken to be.
+    # The front as the right view should show it at the assumed time.
     now_px, then_px = (_right_px(rig, corners_m + seconds * way_m) for seconds in (
         lag_s, lag_s + _EPSILON_S))
     if not np.isfinite(now_px + then_px + content_m.sum()).all():
@@ -262,7 +265,7 @@ def _look(pair: StereoPair, update: TrackUpdate, rig: StereoRig, gap_s: float
     du, dv = float(parabola_peak(scores[row, :, None])[0][0]), float(
         parabola_peak(scores[:, column, None])[0][0])
     found = _moved(left_px, now_px, at + np.array([du, dv]) - reach)
-    # Its way is no even one in the images: what comes nearer moves faster and faster.
+    # The image motion is not uniform: an approaching point accelerates in the image.
     long_s = lag_s if abs(lag_s) > _LEAST_LONG_S else _LEAST_LONG_S
     short, long = (float(_across(rig, at, _right_px(rig, content_m + seconds * way_m)))
                    for seconds in (_EPSILON_S, long_s))
@@ -273,12 +276,12 @@ def _look(pair: StereoPair, update: TrackUpdate, rig: StereoRig, gap_s: float
 
 
 def _right_px(rig: StereoRig, points_m: Array) -> Array:
-    """Return the pixels (..., 2) of points (..., 3) in the right view, wherever they are."""
+    """Return the pixels (..., 2) of points (..., 3) in the right view, even outside the image."""
     return np.asarray(rig.right.project(rig.to_right(points_m))[0])
 
 
 def _moved(quad_px: Array, to_px: Array, points_px: Array) -> Array:
-    """Return where pixels (2,) of the plane of a quad are when this is another quad (4, 2)."""
+    """Return a pixel (2,) mapped by the homography from one quad (4, 2) to another."""
     matrix = cv2.getPerspectiveTransform(quad_px.astype(np.float32), to_px.astype(np.float32))
     x, y, w = matrix @ np.append(points_px, 1.0)
     return np.array([x / w, y / w])
@@ -287,12 +290,12 @@ def _moved(quad_px: Array, to_px: Array, points_px: Array) -> Array:
 def _warped(image: NDArray[Any], quad_px: Array, to_px: Array, low: NDArray[Any],
             high: NDArray[Any]) -> Optional[NDArray[np.float32]]:
     """
-    Return an image as it would be if a quad in it were another one; None beyond its edges.
+    Return an image warped so that one quad becomes another; None if that needs pixels outside it.
 
-    :param quad_px: (4, 2) that it would be.
-    :param to_px: (4, 2) that it is.
-    :param low: (2,) corner of what is returned.
-    :param high: (2,) the other corner.
+    :param quad_px: (4, 2) quad in the warped image.
+    :param to_px: (4, 2) the same quad in the given image.
+    :param low: (2,) top-left corner of the returned part of the warped image.
+    :param high: (2,) its bottom-right corner.
     """
     matrix = cv2.getPerspectiveTransform(
         (quad_px - low).astype(np.float32), to_px.astype(np.float32))
@@ -308,7 +311,7 @@ def _warped(image: NDArray[Any], quad_px: Array, to_px: Array, low: NDArray[Any]
 
 
 def _across(rig: StereoRig, left_px: Array, right_px: Array) -> float:
-    """Return how far below its epipolar line a right pixel is, px."""
+    """Return how far a right pixel lies below the epipolar line of a left one, px."""
     line = rig.epipolar_lines_right(np.asarray(left_px, dtype=np.float64))
     ray = rig.right.rays(np.asarray(right_px, dtype=np.float64))
     off = float(line @ ray) / float(np.hypot(line[0], line[1]))
@@ -317,7 +320,7 @@ def _across(rig: StereoRig, left_px: Array, right_px: Array) -> float:
 
 def _cut(image: NDArray[Any], low: NDArray[Any], high: NDArray[Any]
          ) -> Optional[NDArray[np.float32]]:
-    """Return the pixels of an image from a corner to another; None where it has not all."""
+    """Return the part of an image between two corners; None if it is not all inside."""
     (x0, y0), (x1, y1) = low, high
     if x0 < 0 or y0 < 0 or y1 > image.shape[0] or x1 > image.shape[1]:
         return None

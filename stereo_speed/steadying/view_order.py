@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Whether the left view is the left one: before the cameras all disparities are positive."""
+"""Check whether the views are swapped: in front of the cameras, disparities are positive."""
 from __future__ import annotations
 
 from typing import Any, Optional
@@ -13,18 +13,18 @@ from ..core.records import StereoPair
 from ..geometry.rig import StereoRig
 from ..vision.grey import to_eight_bits
 
-_FEATURES = 1500
-_OFF_PX = 2.5  # from the epipolar line: a match that is further off is none
-_LEAST_PX = 2.0  # of disparity: of what is far away the sign tells nothing
-_FEWEST, _CLEAR_SHARE = 20, 0.75
+_FEATURES = 1500  # largest number of features per view
+_OFF_PX = 2.5  # largest distance of a match from the epipolar line
+_LEAST_PX = 2.0  # least disparity whose sign is significant
+_FEWEST, _CLEAR_SHARE = 20, 0.75  # fewest matches, and share of them with one sign, for a decision
 
 
 def views_crossed(rig: StereoRig, pair: StereoPair) -> Optional[bool]:
     """
-    Return whether the views are in each other's place; None where the images do not tell.
+    Return whether the views are swapped; None if the images do not tell.
 
-    :param rig: the cameras.
-    :param pair: raw images.
+    :param rig: the rig.
+    :param pair: pair of raw images.
     """
     left_px, right_px = _matches(pair.left, pair.right)
     if len(left_px) < _FEWEST:
@@ -33,7 +33,7 @@ def views_crossed(rig: StereoRig, pair: StereoPair) -> Optional[bool]:
     lines = left @ rig.essential.T
     off = np.abs(np.sum(lines * right, axis=1)) / np.hypot(lines[:, 0], lines[:, 1])
     focal_px = float(rig.right.K[0, 0])
-    # Rays to one place differ by the way from camera to camera, divided by the depth.
+    # The rays to one point differ by the baseline divided by the depth.
     turned, way = right @ rig.R, -rig.R.T @ rig.t
     apart = left / left[:, 2:] - turned / turned[:, 2:]
     disparity_px = focal_px * (apart @ way) / float(np.linalg.norm(way))
@@ -46,7 +46,7 @@ def views_crossed(rig: StereoRig, pair: StereoPair) -> Optional[bool]:
 
 def _matches(left: NDArray[Any], right: NDArray[Any]
              ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the pixels (n, 2) of details that are each other's best match, left and right."""
+    """Return the left and right pixels (n, 2) of features that are mutual best matches."""
     orb: Any = cv2.ORB.create(_FEATURES)
     found = [orb.detectAndCompute(to_eight_bits(image), None) for image in (left, right)]
     if any(descriptors is None for _, descriptors in found):

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""How one camera has rotated since an earlier image, by details that stand still."""
+"""The rotation of one camera since an earlier image, estimated from static details."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -18,29 +18,29 @@ from ..estimation.robust import robust_std
 from ..geometry.camera import Camera
 from ..geometry.rig import of_camera
 
-_BLUR_PX = 5  # of the kernel over the images, so that they can be read between their pixels
-_COARSE = 8  # times fewer pixels in the image that the rotation is first sought in
-_ITERATIONS = {_COARSE: 10, 1: 10}  # of Gauss-Newton, at most
-_SETTLED_PX = 0.03  # a step that moves the image by less is the last
-_ROUNDS = 4  # of reweighting in each step
-_STEP_RAD = 1e-5  # of the differences by the rotation: 1e-2 px
-_KEPT_SHARE = 0.5  # of the images, in which a detail that is kept agreed
-_SURE_SHARE = 0.4  # of the details, that agree where the camera is as expected
-_LEAST_NOISE = 0.01  # squared grey levels, of patches that are the same
-_NORMAL = 1.386  # median of the square of two normal variables of unit variance, summed
+_BLUR_PX = 5  # size of the smoothing kernel, so that images can be interpolated
+_COARSE = 8  # reduction of the image in which the rotation is first searched
+_ITERATIONS = {_COARSE: 10, 1: 10}  # most Gauss-Newton steps, by scale
+_SETTLED_PX = 0.03  # displacement of the image below which a step is the last one
+_ROUNDS = 4  # rounds of reweighting in each step
+_STEP_RAD = 1e-5  # step for finite differences by the rotation, about 1e-2 px
+_KEPT_SHARE = 0.5  # least share of images in which a detail must agree to be kept
+_SURE_SHARE = 0.4  # least share of agreeing details for which the expected rotation is accepted
+_LEAST_NOISE = 0.01  # lower bound of the noise variance in squared grey levels
+_NORMAL = 1.386  # median of chi-square with two degrees of freedom
 
 
 @dataclass(frozen=True, eq=False)
 class Rotated:
     """
-    The rotation of a camera.
+    The measured rotation of a camera.
 
-    :param angles_rad: (3,) pan, tilt and roll.
-    :param covariance_rad2: (3, 3).
-    :param details: how many show it.
-    :param spread_px: robust r.m.s. of their places about it.
+    :param angles_rad: (3,) pan, tilt and roll, rad.
+    :param covariance_rad2: (3, 3) their covariance, rad^2.
+    :param details: number of details that agree with it.
+    :param spread_px: robust r.m.s. residual of the details, px.
     :param fits: (n,) which details agree with it.
-    :param grey: (n, k, k) what the details look like.
+    :param grey: (n, k, k) current grey values of the details.
     """
 
     angles_rad: Array
@@ -53,11 +53,11 @@ class Rotated:
 
 class _Level:
     """
-    Details of one view in an image of some size, and how the camera's rotation moves them.
+    Details of one view at one scale, and their motion with the camera's rotation.
 
     :param camera: the camera.
-    :param details: in pixels of that image; those without a ray are left out.
-    :param scale: of a pixel of it in those of the camera.
+    :param details: details in pixels of this scale; those without a ray are left out.
+    :param scale: size of a pixel of this scale in pixels of the camera.
     """
 
     def __init__(self, camera: Camera, details: Details, scale: int) -> None:
@@ -68,14 +68,14 @@ class _Level:
         self.rays = np.concatenate([xy[rayed], np.ones_like(xy[rayed, :1])], axis=-1)
 
     def places(self, angles_rad: Array) -> Array:
-        """Return where the details (n, 2) are after a rotation of the camera."""
+        """Return where the details are after a rotation of the camera, (n, 2), px."""
         rays = self.rays @ of_camera(angles_rad).T
         uv = self.camera.distort(rays[:, :2] / rays[:, 2:])
         return np.asarray((uv + 0.5) / self.scale - 0.5)
 
     @cached_property
     def jacobian(self) -> Array:
-        """Return how the details move along their axes with pan, tilt and roll, (n, 2, 3)."""
+        """Return the motion (n, 2, 3) of the details along their axes per rad of each angle."""
         steps = _STEP_RAD * np.eye(3)
         moved = np.stack([(self.places(s) - self.places(-s)) / (2 * _STEP_RAD) for s in steps],
                          axis=-1)
@@ -84,7 +84,7 @@ class _Level:
 
 class ViewRotation:
     """
-    Follows the rotation of one camera; the first image is what all are compared with.
+    Measures the rotation of one camera in images, relative to its first image.
 
     :param camera: the camera.
     :param image: (H, W) its first image.
@@ -100,19 +100,19 @@ class ViewRotation:
 
     def measure(self, image: Grey, about_rad: Array) -> Optional[Rotated]:
         """
-        Return the rotation of the camera in another image; None where too little shows it.
+        Return the rotation of the camera in another image; None if it is unknown.
 
-        It is unknown, too, where no rotation explains how the details have moved, as in the
-        images of a camera that drives.
+        It is unknown if too few details are visible, or if no rotation explains their motion, as
+        in the images of a driving camera.
 
-        :param image: (H, W).
-        :param about_rad: (3,) the rotation that it may have.
+        :param image: (H, W) the image.
+        :param about_rad: (3,) expected rotation, rad.
         """
         found = self._sought(image, about_rad)
         return found if found and found.spread_px <= self.config.most_spread_px else None
 
     def _sought(self, image: Grey, about_rad: Array) -> Optional[Rotated]:
-        """Return the rotation that most details agree on, where there are enough."""
+        """Return the rotation that most details agree on; None if there are too few."""
         fine = smooth(image)
         found = self._settled(self._fine, fine, about_rad)
         if found is not None and found.details >= _SURE_SHARE * len(self._fine.details):
@@ -126,11 +126,11 @@ class ViewRotation:
 
     def learn(self, image: Grey, found: Rotated) -> bool:
         """
-        Take in what the details look like in an image; at times, put others in place of the lost.
+        Learn the appearance of the details in an image; from time to time, replace lost details.
 
-        :param image: (H, W).
-        :param found: the rotation of the camera in it.
-        :return: whether later images are compared with other details.
+        :param image: (H, W) the image.
+        :param found: rotation of the camera in it.
+        :return: whether later images will be compared with other details.
         """
         self._sum[found.fits] += found.grey[found.fits]
         self._seen += found.fits
@@ -140,7 +140,7 @@ class ViewRotation:
         kept, old = self._seen >= _KEPT_SHARE * self._images, self._fine.details
         mean = self._sum / np.maximum(self._seen, 1)[:, None, None]
         grey = old.grey + np.float32(self.config.learning_share) * (mean - old.grey)
-        # Where the details that are kept are now, no others are sought.
+        # New details must not overlap the places where the kept ones are now.
         there = self._fine.places(found.angles_rad)[kept]
         others = self._back(Details.of(smooth(image), self.config.details, there), found, 1)
         self._fine = _Level(self.camera, Details(
@@ -152,21 +152,21 @@ class ViewRotation:
         return True
 
     def _back(self, details: Details, found: Rotated, scale: int) -> Details:
-        """Return details of an image where they would be, had the camera not rotated."""
+        """Return details of an image moved to where they were before the camera rotated."""
         uv = (details.centres_px + 0.5) * scale - 0.5
         rays = self.camera.rays(uv) @ of_camera(found.angles_rad)
         uv = self.camera.distort(rays[:, :2] / rays[:, 2:])
         return Details((uv + 0.5) / scale - 0.5, details.grey)
 
     def _forget(self) -> None:
-        """Begin to count anew."""
+        """Reset the statistics of the details."""
         details = self._fine.details
         self._sum = np.zeros_like(details.grey)
         self._seen = np.zeros(len(details), dtype=int)
         self._images = 0
 
     def _settled(self, level: _Level, image: Grey, start_rad: Array) -> Optional[Rotated]:
-        """Return the rotation at which the details of a level agree; None for too few."""
+        """Return the converged rotation by the details of a level; None if there are too few."""
         if len(level.details) < self.config.least_details:
             return None
         angles: Array = start_rad
@@ -184,7 +184,7 @@ class ViewRotation:
 
     def _step(self, level: _Level, image: Grey, places: Array, angles: Array
               ) -> Optional[Rotated]:
-        """Return the rotation that the offsets of the details from some places ask for."""
+        """Return the rotation after one step, from the offsets of the details; None as above."""
         seen = level.details.find(image, places)
         good = (seen.ncc >= self.config.least_ncc) & _inside(places, image)
         if good.sum() < self.config.least_details:
@@ -202,7 +202,7 @@ class ViewRotation:
             chi2 = (weight * off ** 2).sum(axis=1)
             scale2 = max(float(np.median(chi2)) / _NORMAL, 1.0)
             limit = self.config.outlier_sigmas ** 2 * scale2
-            # What moves by itself, as a lamp that a wet road mirrors, has no weight in the last.
+            # In the last rounds, moving details such as reflected headlamps have no weight at all.
             share = 1 / (1 + chi2 / limit) if left > 1 else (chi2 < limit).astype(np.float64)
         fits = np.zeros(len(good), dtype=bool)
         fits[good] = chi2 < limit
@@ -213,12 +213,12 @@ class ViewRotation:
 
 
 def smooth(image: Grey) -> Grey:
-    """Return an image that can be read between its pixels."""
+    """Return a smoothed image that can be interpolated."""
     return np.asarray(cv2.GaussianBlur(image, (_BLUR_PX, _BLUR_PX), 0))
 
 
 def shrunk(image: Grey) -> Grey:
-    """Return an image of ``_COARSE`` times fewer rows and columns."""
+    """Return a smoothed image with ``_COARSE`` times fewer rows and columns."""
     height, width = image.shape
     size = width // _COARSE, height // _COARSE
     part = image[:size[1] * _COARSE, :size[0] * _COARSE]
