@@ -1,10 +1,10 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-A second estimate of a pass, and whether the first one agrees with it.
+The second estimate of a pass, and its comparison with the first one.
 
-Both estimates share the rig, the stamps and the direction of the lane's path: an error of these is
-the same in both, and is not found by comparing them.
+Both estimates share the rig, the stamps and the direction of the lane's path. Errors of these
+affect both alike, and the comparison cannot reveal them.
 """
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ from ..core.units import seconds
 from ..geometry.rig import StereoRig
 from ..road.lanes import LanePath
 
-_SLOPE_M = 0.05  # of the numerical slope of a path
+_SLOPE_M = 0.05  # step for finite differences along a path
 
 
 class SecondOpinion:
     """
-    Gathers what one vehicle shows in its pairs, and estimates its speed from it.
+    Follows corners on one vehicle through its pairs and estimates its speed from them.
 
-    :param rig: the cameras.
-    :param lane: the lane whose path it follows.
-    :param config: parameters; those of the section ``second`` and the tolerances count.
+    :param rig: the rig.
+    :param lane: lane whose path the vehicle follows.
+    :param config: parameters; the section ``second`` and the tolerances are used.
     """
 
     def __init__(self, rig: StereoRig, lane: LanePath, config: TrackerConfig) -> None:
@@ -46,10 +46,10 @@ class SecondOpinion:
 
     def take(self, pair: StereoPair, left_region: Array, right_region: Array) -> None:
         """
-        Take in the next pair, unless it follows the last one too soon to tell anything new.
+        Process the next pair, unless it follows the last one too soon to add information.
 
         :param left_region: (4, 2) outline of the vehicle in the raw left view, px.
-        :param right_region: (4, 2) the same in the right one.
+        :param right_region: (4, 2) outline of the vehicle in the raw right view, px.
         """
         if self._taken_ns is not None and \
                 seconds(pair.stamp_ns, self._taken_ns) < self.config.second.interval_s:
@@ -68,9 +68,10 @@ class SecondOpinion:
 
     def estimate(self, stamps_ns: Sequence[int] = ()) -> SecondEstimate:
         """
-        Return the mean ground speed over time.
+        Return the estimate of the mean ground speed over time.
 
-        :param stamps_ns: those of the pairs of the pass; none for all that it rests on.
+        :param stamps_ns: stamps of the pairs of the pass, ns; if empty, those of the pairs that
+            the estimate is based on.
         """
         config = self.config.second
         sightings = self._sightings()
@@ -86,7 +87,7 @@ class SecondOpinion:
         return SecondEstimate(speed, std, len(sightings))
 
     def _sightings(self) -> list[Rays]:
-        """Return evenly spaced pairs with the corners that more than one of them shows."""
+        """Return evenly spaced pairs, with the corners that are seen in more than one of them."""
         config, taken = self.config.second, self._taken
         if len(taken) > config.most_pairs:
             chosen = np.unique(np.linspace(0, len(taken) - 1, config.most_pairs).round())
@@ -102,10 +103,10 @@ class SecondOpinion:
 
     def _mean_speed(self, places: Places, wanted_s: Array, shares: Array) -> tuple[float, float]:
         """
-        Return the mean ground speed, and its 1-sigma, m/s.
+        Return the weighted mean of the ground speed and its 1-sigma, m/s.
 
-        :param wanted_s: (n,) times that it is the mean over, by
-        :param shares: (n,) of each.
+        :param wanted_s: (n,) times at which the speed enters the mean, s.
+        :param shares: (n,) weights of these times.
         """
         along, across = places.place[:, 0], places.place[:, 1]
         rough = float(np.polyfit(places.stamps_s, along, 1)[0])
@@ -121,13 +122,13 @@ class SecondOpinion:
                                 self._calibration() * mean)
 
     def _calibration(self) -> float:
-        """Return the 1-sigma of all speeds by the rig, as a share: Z = f b / d."""
+        """Return the relative 1-sigma of all speeds by the rig, as Z = f b / d."""
         return math.hypot(self.config.focal_std, self.config.baseline_std_m / self.rig.baseline_m,
                           self.lane.scale_std)
 
 
 def _seen_twice(ids: Sequence[NDArray[np.int64]]) -> NDArray[np.int64]:
-    """Return the numbers that come in more than one list."""
+    """Return the ids that are in more than one list."""
     if not ids:
         return np.zeros(0, np.int64)
     found, counts = np.unique(np.concatenate(ids), return_counts=True)
@@ -135,7 +136,7 @@ def _seen_twice(ids: Sequence[NDArray[np.int64]]) -> NDArray[np.int64]:
 
 
 def _stretch(lane: LanePath, s_m: Array, left_m: Array) -> Array:
-    """Return (n,) the way beside a path, at an offset to its left, by that along the path."""
+    """Return the ratios (n,) of lengths at an offset to the left of a path to lengths along it."""
     ends = [lane.path.position(s) + left_m[:, None] * lane.path.frame(s)[..., 1]
             for s in (s_m - _SLOPE_M, s_m + _SLOPE_M)]
     return np.asarray(np.linalg.norm(ends[1] - ends[0], axis=1) / (2 * _SLOPE_M))
@@ -143,10 +144,10 @@ def _stretch(lane: LanePath, s_m: Array, left_m: Array) -> Array:
 
 def compared(result: PassResult, config: SecondConfig) -> PassResult:
     """
-    Return a pass with its second estimate, rejected where the two disagree.
+    Return a pass that has a second estimate, rejected if the two estimates disagree.
 
-    Where the second came to none there is nothing to compare: the pass stays as it is.  Where it
-    is so uncertain that what differs too much may be its own error, it is none.
+    Without a second estimate the pass is returned as it is.  A second estimate so uncertain that
+    its own error may explain the difference is discarded.
     """
     second = result.second
     if result.speed_mps is None or second is None or second.speed_mps is None:
@@ -161,5 +162,5 @@ def compared(result: PassResult, config: SecondConfig) -> PassResult:
 
 
 def with_second(result: PassResult, opinion: SecondOpinion, config: SecondConfig) -> PassResult:
-    """Return a pass with the second estimate beside the first, compared with it."""
+    """Return a pass with its second estimate added, rejected if the two disagree."""
     return compared(replace(result, second=opinion.estimate(sorted(result.smoothed))), config)

@@ -1,13 +1,13 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Corners on a vehicle, followed from pair to pair and matched between the views.
+Corners on a vehicle, tracked from pair to pair and matched between the views.
 
-Where the vehicle is in each view is told as a region of each: a mask for the corners and a place
-to begin the search at.  What is found there are the corners' own places, by optical flow that
-must find its way back (Z. Kalal, K. Mikolajczyk, J. Matas, "Forward-backward error", ICPR 2010).
-A region that is told with a wrong speed runs away from its vehicle: from the first pair on, what
-the corners agree on carries it back.
+The caller gives the region of the vehicle in each view.  It serves as a mask for the corners and
+as the start of the search.  The corners are then measured by optical flow with a forward-backward
+check (Z. Kalal, K. Mikolajczyk, J. Matas, "Forward-backward error", ICPR 2010).  A region that
+moves at a wrong speed would leave its vehicle; from the first pair on, the common motion of the
+corners corrects it.
 """
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ from ..vision.grey import to_eight_bits
 Grey = NDArray[np.uint8]
 Flags = NDArray[np.bool_]
 
-_STOP = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 20, 0.01)  # steps; px
-_LEVELS = 2  # of the pyramid: regions are known to some pixels
-_MARGIN_PX = 16  # around a region, for the windows of corners at its edges
-_LEAST_REGION_PX = 8  # a smaller one shows no corners
-_WINDOWS_ACROSS = 12.0  # half a window is this part of the region's width
-_LEAST_AGREEING = 3  # corners that carry a region; fewer may be of what is behind
+_STOP = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 20, 0.01)  # most steps; accuracy, px
+_LEVELS = 2  # pyramid levels, as regions are known to some pixels
+_MARGIN_PX = 16  # margin around a region, for the windows of corners at its edges
+_LEAST_REGION_PX = 8  # least size of a region that shows corners
+_WINDOWS_ACROSS = 12.0  # width of a region in half windows
+_LEAST_AGREEING = 3  # fewest corners that correct a region; fewer may be on the background
 _APART = 0.8  # least distance of two corners, as a share of the window
 
 
@@ -40,11 +40,11 @@ class Sighting:
     """
     The corners of one pair.
 
-    :param ids: (n,) the same number for the same corner, from pair to pair.
-    :param left_px: (n, 2) in the raw left view.
-    :param right_px: (n, 2) in the raw right view.
-    :param crowding: how many windows cover each place of what the corners see, 1 or more: their
-        errors are alike to that degree.
+    :param ids: (n,) ids of the corners; a corner keeps its id from pair to pair.
+    :param left_px: (n, 2) places in the raw left view.
+    :param right_px: (n, 2) places in the raw right view.
+    :param crowding: mean number of windows that cover a place, 1 or more; it measures how far the
+        errors of corners are correlated.
     """
 
     ids: NDArray[np.int64]
@@ -56,15 +56,15 @@ class Sighting:
 @dataclass(frozen=True, eq=False)
 class _Seen:
     """
-    What is kept of the last pair.
+    The state kept from the last pair.
 
-    :param part: of the left image around the region.
-    :param origin: (2,) of that part in the image, px.
+    :param part: part of the left image around the region.
+    :param origin: (2,) origin of that part in the image, px.
     :param box: (2, 2) least and greatest u, v of the region, px.
-    :param ids: (n,) of the corners.
-    :param left_px: (n, 2) where they were.
-    :param off_px: (2,) by which the corners carry regions away from where they are told.
-    :param disparity_off_px: by which disparities differ from those that are told.
+    :param ids: (n,) ids of the corners.
+    :param left_px: (n, 2) their places.
+    :param off_px: (2,) correction of the given regions by the corners, px.
+    :param disparity_off_px: correction of the given disparities by the corners, px.
     """
 
     part: Grey
@@ -78,9 +78,9 @@ class _Seen:
 
 class CornerFollower:
     """
-    Follows the corners of one vehicle; see the module's docstring.
+    Tracks the corners of one vehicle; see the module's docstring.
 
-    :param config: number and strength of corners, limits of matches.
+    :param config: number and strength of corners, and limits of matches.
     """
 
     def __init__(self, config: SecondConfig) -> None:
@@ -91,10 +91,10 @@ class CornerFollower:
     def take(self, pair: StereoPair, left_region: Array, right_region: Array
              ) -> Optional[Sighting]:
         """
-        Return the corners of the next pair; None where the region shows none.
+        Return the corners of the next pair; None if the region is too small or not finite.
 
         :param left_region: (4, 2) outline of the vehicle in the raw left view, px.
-        :param right_region: (4, 2) the same in the right one.
+        :param right_region: (4, 2) outline of the vehicle in the raw right view, px.
         """
         told = np.stack([left_region.min(axis=0), left_region.max(axis=0)])
         if not (np.isfinite(left_region).all() and np.isfinite(right_region).all()
@@ -123,7 +123,7 @@ class CornerFollower:
                         max(1.0, len(good) * window ** 2 / area))
 
     def _carried(self, told: Array) -> tuple[Array, float]:
-        """Return by how much region and disparity are off where told, as far as is known, px."""
+        """Return the corrections of region and disparity, scaled from the last pair to this."""
         if self._last is None:
             return np.zeros(2), 0.0
         grown = (told[1] - told[0]) / (self._last.box[1] - self._last.box[0])
@@ -132,9 +132,9 @@ class CornerFollower:
     def _follow(self, part: Grey, origin: Array, box: Array, window: int
                 ) -> tuple[NDArray[np.int64], Array, Array]:
         """
-        Return the known corners that are found in the next left view, where, and their move, px.
+        Return the ids and places of known corners in the next left view, and their common move.
 
-        The move is that against where the region's own change would have taken them.
+        The move is relative to the change of the region, px.
         """
         last = self._last
         if last is None or not len(last.ids):
@@ -152,7 +152,7 @@ class CornerFollower:
 
     def _corners(self, part: Grey, origin: Array, region: Array, known: Array, window: int
                  ) -> Array:
-        """Return corners in the region that are not yet followed: (n, 2) px."""
+        """Return new corners in the region, (n, 2) px."""
         wanted = self.config.most_points - len(known)
         if wanted <= 0:
             return np.zeros((0, 2))
@@ -169,7 +169,7 @@ class CornerFollower:
 
 
 def _agreed(moves_px: Array, window: int) -> Array:
-    """Return the median (2,) of moves (n, 2); zeros where fewer than half of them agree on it."""
+    """Return the median (2,) of moves (n, 2); zeros unless more than half of them agree on it."""
     if len(moves_px) < _LEAST_AGREEING:
         return np.zeros(2)
     middle = np.asarray(np.median(moves_px, axis=0))
@@ -178,12 +178,12 @@ def _agreed(moves_px: Array, window: int) -> Array:
 
 
 def _window_px(width_px: float) -> int:
-    """Return the side of the flow's window, odd, for a region of some width."""
+    """Return the size of the window of the optical flow, odd, for the width of a region."""
     return 2 * int(np.clip(width_px / _WINDOWS_ACROSS, 4, 9)) + 1
 
 
 def _part(image: Grey, box: Array) -> tuple[Grey, Array]:
-    """Return the part of an image around a box (2, 2), and (2,) its origin, px."""
+    """Return the part of an image around a box (2, 2), and its origin (2,), px."""
     size = np.array(image.shape[::-1])
     low = np.clip(np.floor(box[0]) - _MARGIN_PX, 0, size - _LEAST_REGION_PX).astype(int)
     high = np.clip(np.ceil(box[1]) + _MARGIN_PX + 1, low + _LEAST_REGION_PX, size).astype(int)
@@ -191,14 +191,14 @@ def _part(image: Grey, box: Array) -> tuple[Grey, Array]:
 
 
 def _beside(image: Grey, origin: Array, shape: tuple[int, ...]) -> Grey:
-    """Return the part of an image of some shape from an origin on; edges are repeated."""
+    """Return the part of an image with a given origin and shape; edges are repeated."""
     u = np.clip(np.arange(shape[1]) + int(origin[0]), 0, image.shape[1] - 1)
     v = np.clip(np.arange(shape[0]) + int(origin[1]), 0, image.shape[0] - 1)
     return np.ascontiguousarray(image[np.ix_(v, u)])
 
 
 def _inside(uv: Array, region: Array) -> Flags:
-    """Return (n,) which points (n, 2) lie in a region (4, 2)."""
+    """Return which points (n, 2) lie in a region (4, 2)."""
     outline = np.ascontiguousarray(region, dtype=np.float32)[:, None]
     return np.array([cv2.pointPolygonTest(outline, (float(u), float(v)), False) >= 0
                      for u, v in uv], dtype=bool)
@@ -206,10 +206,11 @@ def _inside(uv: Array, region: Array) -> Flags:
 
 def _match(first: Grey, second: Grey, uv: Array, window: int, most_px: float) -> Array:
     """
-    Return points (n, 2) of one image in another, px; NaN for those that are not found back.
+    Return the places (n, 2) of points of one image in another, px; NaN if the match fails.
 
-    :param uv: (n, 2) px in the first, and where to begin in the second.
-    :param most_px: how far from where they began they may come back.
+    :param uv: (n, 2) places in the first image, px, which are also the start in the second.
+    :param window: size of the window, px.
+    :param most_px: largest round-trip error of the forward-backward check, px.
     """
     if not len(uv):
         return np.zeros((0, 2))
@@ -226,7 +227,7 @@ def _match(first: Grey, second: Grey, uv: Array, window: int, most_px: float) ->
 
 
 def _alike(image: Grey, model: Grey) -> Grey:
-    """Return an image with the mean and the contrast of another: exposures may differ."""
+    """Return an image with the mean and contrast of another one, as exposures may differ."""
     mean, std = (float(v[0, 0]) for v in cv2.meanStdDev(image))
     wanted, wanted_std = (float(v[0, 0]) for v in cv2.meanStdDev(model))
     gain = wanted_std / max(std, 1.0)

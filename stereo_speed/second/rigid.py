@@ -3,19 +3,19 @@
 """
 The places of a rigid body in each pair, from its corners in both views of several pairs.
 
-Unknown are the place of the body in each pair (along the path, to its left, above it) and the
-place of each corner on the body; the body turns with the path.  Known are the corners' rays.  All
-are solved at once by Gauss and Newton, the corners eliminated first (B. Triggs et al., "Bundle
-adjustment - a modern synthesis", 2000, section 6.1), residuals with Student's t distribution,
-so that what does not move along, such as background, counts for little.
+The unknowns are the place of the body in each pair (along the path, to its left, above it) and
+the place of each corner on the body; the body turns with the path.  The measurements are the
+corners' rays.  All unknowns are solved together by Gauss-Newton with the corners eliminated first
+(B. Triggs et al., "Bundle adjustment - a modern synthesis", 2000, section 6.1).  Residuals have
+Student's t distribution, so that corners on the background get little weight.
 
-A corner is not always a point of the body: on the outline of something round, as a rider's
-helmet, it slides over the surface, and what flow errs by stays from pair to pair.  Beside the
-noise of its sightings each corner has a random walk, the same in both views, which are matched
-anew in each pair.  So a corner that slides tells the range by its disparity, and little by how
-the body grows.
+A corner is not always a fixed point of the body: on the outline of a round object, such as a
+rider's helmet, it slides over the surface, and errors of the optical flow accumulate from pair to
+pair.  In addition to the noise of its sightings, each corner therefore has a random walk, which is
+the same in both views because they are matched anew in each pair.  A sliding corner then
+determines the range by its disparity, but hardly by the growth of the body.
 
-The path tells the direction only: ranges come from the distance of the two views alone.
+The path gives only the direction: ranges come from the baseline alone.
 """
 from __future__ import annotations
 
@@ -31,19 +31,19 @@ from ..core.records import Array
 from ..geometry.rig import StereoRig
 from ..road.path import Path
 
-_ROUNDS = 10  # of Gauss and Newton, at most; corners that are far off lose their weight
-_STILL_M = 1e-4  # steps below this change nothing
-_STEP_M = 0.05  # of the numerical slope along the path
-# Corners lie on the front of a body: in depth, and to the side and above, of its centre.
+_ROUNDS = 10  # most Gauss-Newton steps, in which outliers lose their weight
+_STILL_M = 1e-4  # step at which the solution has converged
+_STEP_M = 0.05  # step for finite differences along the path
+# Prior 1-sigmas of a corner on the front of a body: in depth, to the side and above its centre.
 _BODY_STD_M = np.array([0.3, 2.0, 2.0])
-# A corner stays behind when it is spread by this many times what is usual, and by so much.
+# A corner stays behind if it spreads along the path by so many median spreads plus so much.
 _STAYS_FACTOR, _STAYS_M = 3.0, 0.5
-_NOTHING = 1e-9  # weight of such a one, which leaves all equations solvable
-_MIXING = 5  # rounds of expectation and maximisation
-# Variance that a corner slides by from pair to pair, by that of a sighting; the evidence decides.
+_NOTHING = 1e-9  # weight of such a corner, which keeps all equations solvable
+_MIXING = 5  # rounds of expectation maximisation
+# Variances of a corner's slide from pair to pair, in those of a sighting; the evidence decides.
 SLIDES = (0.0, 0.03, 0.3, 3.0)
-_EXACT_M = 1e-4  # no place is known better
-_MOST_SQUARED = 100_000  # sightings, squared, by corner, of a group: some 10 MB a matrix
+_EXACT_M = 1e-4  # lower bound of the 1-sigma of a place
+_MOST_SQUARED = 100_000  # limit of corners times squared sightings in a group, 10 MB per matrix
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,12 +51,12 @@ class Rays:
     """
     The corners of a pair as rays.
 
-    :param rig: the cameras as they stood.
-    :param stamp_s: time of the left exposure.
-    :param lag_s: from the left to the right exposure.
-    :param ids: (n,) numbers of the corners.
-    :param left: (n, 2) at depth 1, in the left camera's frame of the site.
-    :param right: (n, 2) at depth 1, in the right camera's frame.
+    :param rig: the rig as it stood.
+    :param stamp_s: time of the left exposure, s.
+    :param lag_s: time from the left to the right exposure, s.
+    :param ids: (n,) ids of the corners.
+    :param left: (n, 2) rays at depth 1, in the left camera's frame of the site.
+    :param right: (n, 2) rays at depth 1, in the right camera's frame.
     :param crowding: see :class:`.points.Sighting`.
     """
 
@@ -69,11 +69,11 @@ class Rays:
     crowding: float
 
     def only(self, keep: NDArray[np.bool_]) -> Rays:
-        """Return some of the corners."""
+        """Return the selected corners."""
         return replace(self, ids=self.ids[keep], left=self.left[keep], right=self.right[keep])
 
     def finite(self) -> Rays:
-        """Return it without the corners that have no ray, where a lens model ends."""
+        """Return the corners that have a ray in both views; lens models end at some radius."""
         return self.only(np.asarray(
             np.isfinite(np.column_stack([self.left, self.right])).all(axis=1)))
 
@@ -81,11 +81,11 @@ class Rays:
 @dataclass(frozen=True, eq=False)
 class Places:
     """
-    Where a body was in each pair.
+    The places of a body in all pairs.
 
-    :param stamps_s: (n,) of the pairs.
-    :param place: (n, 3) along the path, to its left and above it, m.
-    :param covariance: (n, 3, n, 3) of it, m^2.
+    :param stamps_s: (n,) times of the pairs, s.
+    :param place: (n, 3) places along the path, to its left and above it, m.
+    :param covariance: (n, 3, n, 3) their joint covariance, m^2.
     """
 
     stamps_s: Array
@@ -98,11 +98,11 @@ class _Corners:
     """
     Every sighting of every corner.
 
-    :param pair: (N,) number of its pair.
+    :param pair: (N,) number of the pair.
     :param corner: (N,) number of the corner, from 0.
-    :param rays: (N, 4) left and right, at depth 1.
-    :param share: (N,) how independent it is of others in its pair.
-    :param along: (N,) 1 where the corner moves along, next to nothing where it does not.
+    :param rays: (N, 4) left and right ray, at depth 1.
+    :param share: (N,) independent share of the sighting among those in its pair.
+    :param along: (N,) 1 if the corner moves with the body, else almost 0.
     """
 
     pair: NDArray[np.int64]
@@ -113,7 +113,7 @@ class _Corners:
 
     @cached_property
     def groups(self) -> Sequence[_Group]:
-        """Return all corners, in groups seen about equally often that fit into memory."""
+        """Return all corners in groups of similar numbers of sightings, limited in memory."""
         counts = np.bincount(self.corner)
         order, first = np.argsort(-counts, kind='stable'), np.cumsum(counts) - counts
         by_corner = np.argsort(self.corner, kind='stable')
@@ -131,12 +131,12 @@ class _Corners:
 @dataclass(frozen=True, eq=False)
 class _Group:
     """
-    Corners that are worked on at once.
+    Corners that are processed together, padded to the same number of sightings.
 
-    :param corner: (m,) their numbers.
-    :param rows: (m, n) the sightings of each, by pair; N where it was seen less often.
-    :param pair: (m, n) the pairs of these; where it was seen less often one more than the last.
-    :param seen: (m, n) where it was seen.
+    :param corner: (m,) numbers of the corners.
+    :param rows: (m, n) indices of the sightings of each corner, by pair; N for padding.
+    :param pair: (m, n) pairs of these sightings; one more than the last pair for padding.
+    :param seen: (m, n) False for padding.
     """
 
     corner: NDArray[np.int64]
@@ -146,25 +146,24 @@ class _Group:
 
     @cached_property
     def walk(self) -> Array:
-        """Return the covariance (m, n, n) of a walk of unit variance from pair to pair."""
+        """Return the covariance (m, n, n) of a random walk of unit variance per pair."""
         gone = np.where(self.seen, self.pair - self.pair[:, :1], 0).astype(float)
         return np.asarray(np.minimum(gone[:, :, None], gone[:, None]))
 
     def of_each(self, values: Array, empty: float = 0.0) -> Array:
-        """Return (m, n, ...) for values (N, ...) of the sightings."""
+        """Return values (N, ...) of sightings by corner: (m, n, ...)."""
         filled = np.concatenate([values, np.full_like(values[:1], empty)])
         return np.asarray(filled[self.rows])
 
     def covariances(self, slide: Array, weight: Array) -> Array:
         """
-        Return (m, n, n) covariances of the sums of both views, by the variance of a sighting.
+        Return (m, n, n) covariances of the sums of both views, in variances of a sighting.
 
-        A slide goes on from where it was: its covariance is that of a random walk, the same in
-        both views.  It is in the sum of both views, over the root of two; their difference has
-        none.
+        A slide accumulates as a random walk that is the same in both views.  It is therefore
+        contained in the sum of both views over the root of two, but not in their difference.
 
         :param slide: (m,) see :class:`_Noise`.
-        :param weight: (N,) of the sightings.
+        :param weight: (N,) weights of the sightings.
         """
         own = self.of_each(1 / weight, 1.0)
         return np.asarray(2 * slide[:, None, None] * self.walk
@@ -174,11 +173,11 @@ class _Group:
 @dataclass(frozen=True, eq=False)
 class _Noise:
     """
-    How corners are off.
+    The noise of the corners.
 
-    :param variance: of a corner in a view, at depth 1.
-    :param slide: (m,) variance that each corner slides by from pair to pair, by that.
-    :param weight: (N,) of the sightings.
+    :param variance: variance of a sighting in one view, at depth 1.
+    :param slide: (m,) variance of each corner's slide from pair to pair, in units of ``variance``.
+    :param weight: (N,) weights of the sightings.
     """
 
     variance: float
@@ -188,10 +187,11 @@ class _Noise:
 
 def places_of(sightings: Sequence[Rays], path: Path, config: SecondConfig) -> Places:
     """
-    Return where a body was in each pair.
+    Return the places of a body in all pairs.
 
-    :param sightings: of two or more pairs, each with a corner of another pair.
-    :param path: of its lane.
+    :param sightings: two or more pairs, each of which shares a corner with another one.
+    :param path: path of its lane.
+    :param config: limits of the precision of matches, and the tails of the residuals.
     """
     corners = _gathered(sightings)
     stamps = np.array([one.stamp_s for one in sightings])
@@ -225,10 +225,10 @@ def _gathered(sightings: Sequence[Rays]) -> _Corners:
 def _first_guess(sightings: Sequence[Rays], corners: _Corners, path: Path
                  ) -> tuple[Array, Array, _Corners]:
     """
-    Return places (n, 3), corners on the body (m, 3), and which move along.
+    Return initial places (n, 3), corners on the body (m, 3), and the corners with ``along`` set.
 
-    They are medians of where rays meet.  A corner that stays behind, as on the background, is
-    spread along the path much more than the others.
+    The initial values are medians of triangulated points.  A corner that stays behind, as on the
+    background, spreads much more along the path than the others.
     """
     points = np.concatenate([_met(one) for one in sightings])
     s_m = path.arc_length(points)
@@ -259,9 +259,9 @@ def _met(one: Rays) -> Array:
 def _residuals(sightings: Sequence[Rays], corners: _Corners, path: Path, place: Array,
                body: Array) -> tuple[Array, Array, Array]:
     """
-    Return residuals (N, 4), and slopes by place (N, 4, 3) and by corner (N, 4, 3).
+    Return residuals (N, 4), and their derivatives by place (N, 4, 3) and by corner (N, 4, 3).
 
-    Of the place, the body goes to where it was in the right exposure at its own speed.
+    For the right view, the body is moved by its own speed to its place at the right exposure.
     """
     stamps = np.array([one.stamp_s for one in sightings])
     lags = np.array([one.lag_s for one in sightings])
@@ -296,13 +296,13 @@ def _residuals(sightings: Sequence[Rays], corners: _Corners, path: Path, place: 
 def _noise_of(corners: _Corners, residual: Array, weight: Array, free: float, floor: float
               ) -> _Noise:
     """
-    Return the noise that the residuals (N, 4) speak for.
+    Return the noise estimated from the residuals (N, 4).
 
-    How much corners slide is a mixture: each corner has the slide that is most probable for it,
-    by its own residuals and by how many others slide as much.
+    The slides of corners are a mixture: each corner gets the most probable slide, given its own
+    residuals and the share of corners with that slide.
 
-    :param weight: (N,) of the sightings, by their tails.
-    :param free: as many residuals are free.
+    :param weight: (N,) weights of the sightings by Student's tails.
+    :param free: degrees of freedom of the residuals.
     :param floor: least variance, at depth 1.
     """
     count = int(corners.corner.max()) + 1
@@ -333,9 +333,9 @@ def _weights(corners: _Corners, noise: _Noise, residual: Array, dof: float) -> A
     """
     Return the weights (N,) of the sightings by Student's tails.
 
-    They follow from how far each is off beside its corner's slide, as expected from all of the
-    corner's sightings with the weights that these have by now (a step of expectation and
-    maximisation).  How far it is off itself is not weighted.
+    This is one step of expectation maximisation.  The weight of a sighting follows from its
+    unweighted residual after its corner's slide is subtracted, as estimated from all sightings of
+    the corner with their current weights.
     """
     sums, differences = _sum_and_difference(residual)
     square = np.sum(differences ** 2, axis=1) / noise.variance
@@ -352,7 +352,7 @@ def _weights(corners: _Corners, noise: _Noise, residual: Array, dof: float) -> A
 
 
 def _sum_and_difference(views: Array) -> tuple[Array, Array]:
-    """Return both (N, 2, ...) of left and right (N, 4, ...), as noisy as one of these."""
+    """Return sum and difference (N, 2, ...) of both views (N, 4, ...), with their variance."""
     left, right = views[:, :2] / np.sqrt(2), views[:, 2:] / np.sqrt(2)
     return left + right, left - right
 
@@ -360,12 +360,12 @@ def _sum_and_difference(views: Array) -> tuple[Array, Array]:
 def _solved(corners: _Corners, noise: _Noise, residual: Array, by_place: Array, by_body: Array,
             body: Array) -> tuple[Array, Array, Array]:
     """
-    Return steps of places (n, 3) and corners (m, 3), and the places' covariance.
+    Return the steps of places (n, 3) and corners (m, 3), and the places' covariance.
 
-    The corners are eliminated from the normal equations, one group after the other.
+    The corners are eliminated from the normal equations, group by group.
     """
     count = int(corners.pair.max()) + 1
-    # One more for what was not seen, which adds nothing.
+    # The last block takes the padding, which adds nothing.
     reduced, right = np.zeros((3 * count + 3, 3 * count + 3)), np.zeros(3 * count + 3)
     slopes = _sum_and_difference(
         np.concatenate([by_place, by_body, residual[..., None]], axis=2))
@@ -393,11 +393,12 @@ def _normals(group: _Group, noise: _Noise, slopes: tuple[Array, Array], body: Ar
     """
     Return the normal equations of corners that were seen in n pairs.
 
-    These are, for the places in these pairs, matrices (m, 3 n, 3 n); matrices (m, 3 n, 3) across
-    to the corners, and right sides (m, 3 n); for the corners, inverses (m, 3, 3) and right sides
-    (m, 3).
+    They are the blocks of the places in these pairs (m, 3 n, 3 n), the blocks between places and
+    corners (m, 3 n, 3) and the right sides of the places (m, 3 n); then the inverse blocks of the
+    corners (m, 3, 3) and their right sides (m, 3).
 
-    :param slopes: sum and difference of both views, by place, by corner, and residuals (N, 2, 7).
+    :param slopes: sums and differences of both views (N, 2, 7): derivatives by place and by
+        corner, and residuals.
     """
     sums, differences = (group.of_each(one) for one in slopes)
     inverse = np.linalg.inv(noise.variance * group.covariances(
@@ -407,7 +408,7 @@ def _normals(group: _Group, noise: _Noise, slopes: tuple[Array, Array], body: Ar
     by_place = sums[..., :3].transpose(0, 1, 3, 2).reshape(many, 3 * most, 2)
     places = (by_place @ by_place.transpose(0, 2, 1)).reshape(many, most, 3, most, 3)
     places *= inverse[:, :, None, :, None]
-    # What is known of a corner by each of its sightings, and all of it with all others.
+    # Information of each sighting by the difference, then that of all by the correlated sums.
     each = certain[:, :, None, None] * (differences.transpose(0, 1, 3, 2) @ differences)
     at = np.arange(most)
     places[:, at, :, at] += each[:, :, :3, :3].transpose(1, 0, 2, 3)
@@ -421,7 +422,7 @@ def _normals(group: _Group, noise: _Noise, slopes: tuple[Array, Array], body: Ar
 
 
 def _common(sightings: Sequence[Rays], path: Path, place: Array, config: SecondConfig) -> Array:
-    """Return the covariance (n, 3, n, 3) by the error of matching that a pair's corners share."""
+    """Return the covariance (n, 3, n, 3) by the matching error that a pair's corners share."""
     out = np.zeros((len(place), 3, len(place), 3))
     for i, (one, at) in enumerate(zip(sightings, place)):
         s_m = np.array(at[0])

@@ -1,12 +1,11 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Speed from places at uneven times: a Gaussian process, no filter.
+Speed from places at uneven times, by a Gaussian process.
 
-Where a body is follows a straight line in time and, beside it, the twice integrated white noise
-of an acceleration (C. E. Rasmussen, C. K. I. Williams, "Gaussian Processes for Machine Learning",
-2006, sections 2.7 and 6.3.1).  How much it accelerates is a grid of rates, weighed by the
-evidence.
+The place of a body is a straight line in time plus twice integrated white noise of its
+acceleration (C. E. Rasmussen, C. K. I. Williams, "Gaussian Processes for Machine Learning", 2006,
+sections 2.7 and 6.3.1).  The rate of that noise is marginalised over a grid, by the evidence.
 """
 from __future__ import annotations
 
@@ -15,18 +14,18 @@ from scipy.linalg import cho_factor, cho_solve
 
 from ..core.records import Array
 
-RATES = (0.02, 0.1, 0.3, 1.0, 3.0)  # random walk of the speed, m/s/sqrt(s)
+RATES = (0.02, 0.1, 0.3, 1.0, 3.0)  # rates of the random walk of the speed, m/s/sqrt(s)
 
 
 def speeds_at(times_s: Array, places_m: Array, covariance: Array, wanted_s: Array
               ) -> tuple[Array, Array]:
     """
-    Return speeds (m,) at some times, m/s, and their covariance (m, m).
+    Return speeds (m,) at given times, m/s, and their covariance (m, m).
 
-    :param times_s: (n,) rising, n >= 2.
-    :param places_m: (n,) along the way.
-    :param covariance: (n, n) of them, m^2.
-    :param wanted_s: (m,).
+    :param times_s: (n,) times of the places, rising, n >= 2, s.
+    :param places_m: (n,) places along the path, m.
+    :param covariance: (n, n) their covariance, m^2.
+    :param wanted_s: (m,) times of the speeds, s.
     """
     first = min(float(times_s[0]), float(wanted_s.min()))
     solved = [_solved(times_s - first, places_m, covariance, wanted_s - first, rate ** 2)
@@ -47,9 +46,11 @@ def _solved(t: Array, places: Array, noise: Array, at: Array, variance: float
     """
     Return log evidence, speeds and their covariance for one rate.
 
-    :param t: (n,) times from the start of the process.
-    :param at: (m,) times wanted.
-    :param variance: of the white acceleration, m^2/s^3.
+    :param t: (n,) times of the places since the start of the process, s.
+    :param places: (n,) places, m.
+    :param noise: (n, n) their covariance, m^2.
+    :param at: (m,) times of the speeds since the start of the process, s.
+    :param variance: spectral density of the white acceleration, m^2/s^3.
     """
     near, far = np.minimum.outer(t, t), np.maximum.outer(t, t)
     joint = cho_factor(noise + variance * near ** 2 * (3 * far - near) / 6)
