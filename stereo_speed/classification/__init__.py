@@ -1,3 +1,3 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Size and class of each vehicle, by what both views and two pairs show of it."""
+"""Size and class of each vehicle, measured in both views of some pairs."""

@@ -1,10 +1,10 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-What a vehicle is, by its width and height: Bayes' rule over the sizes of the classes.
+The class of a vehicle by its width and height, from Bayes' rule over the sizes of the classes.
 
-Beforehand all classes are equally probable: which vehicles drive on a road is not the
-instrument's to assume.
+All classes have the same prior probability, because the instrument makes no assumption about the
+traffic of a road.
 """
 from __future__ import annotations
 
@@ -29,11 +29,12 @@ class _Sizes(NamedTuple):
 def classified(width_m: float, width_std_m: float, height_m: Optional[float],
                config: ClassConfig) -> VehicleKind:
     """
-    Return a vehicle with its class.
+    Return size and class of a vehicle.
 
-    :param width_m: of its front, m.
+    :param width_m: width of its front, m.
     :param width_std_m: its 1-sigma, m.
-    :param height_m: height above the road up to which it is seen, m; None where that is not known.
+    :param height_m: height above the road up to which the vehicle is seen, m; None if unknown.
+    :param config: sizes of the classes.
     """
     likelihood = {name: _of_width(width_m, width_std_m, sizes, config)
                   * (1.0 if height_m is None else _of_height(height_m, sizes, config))
@@ -48,9 +49,10 @@ def classified(width_m: float, width_std_m: float, height_m: Optional[float],
 
 def is_edge(vehicle: VehicleKind, config: ClassConfig) -> bool:
     """
-    Return whether what was measured is no vehicle, but an edge of one.
+    Return whether the measured object is only an edge of a vehicle.
 
-    A lorry that has passed, or stood behind another one where it began, shows that of its rear.
+    An example is the edge of the rear of a lorry that has passed, or that another vehicle hid
+    where the track began.
     """
     return (vehicle.width_m < config.edge_width_m and vehicle.height_m is not None
             and vehicle.height_m > config.edge_height_m)
@@ -69,7 +71,7 @@ def _classes(c: ClassConfig) -> dict[VehicleClass, _Sizes]:
 
 
 def _of_width(width_m: float, std_m: float, sizes: _Sizes, config: ClassConfig) -> float:
-    """Return the likelihood of a width, which now and then tells nothing, 1/m."""
+    """Return the likelihood of a width, allowing for outliers, 1/m."""
     odd = config.odd_width_share / config.odd_width_m
     return odd + (1 - config.odd_width_share) * _normal(
         width_m - sizes.width_m, math.hypot(std_m, sizes.width_std_m))
@@ -77,9 +79,9 @@ def _of_width(width_m: float, std_m: float, sizes: _Sizes, config: ClassConfig) 
 
 def _of_height(height_m: float, sizes: _Sizes, config: ClassConfig) -> float:
     """
-    Return the likelihood of a height up to which a vehicle is seen, perhaps not whole, 1/m.
+    Return the likelihood of the height up to which a vehicle is seen, 1/m.
 
-    Now and then it is that of something else, and tells nothing.
+    It allows for vehicles whose top is not visible, and for outliers.
     """
     std_m = math.hypot(config.height_std_m, sizes.height_std_m)
     above = 0.5 * math.erfc((height_m - sizes.height_m) / (_SQRT_2 * std_m))

@@ -1,13 +1,13 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-How wide and how high a vehicle is.
+The width and height of a vehicle.
 
-Its width is that of its front in the nearest pairs, or, where that is not seen or was marked by a
-person, of the front that is tracked.  Its height is that of the highest strip above the middle
-of the front that moves along: of all depths behind the front there is one at which the strip
-correlates with the other view and, carried along with the vehicle, with an earlier pair, better
-than with what was in the same place of that pair.
+The width is that of the front measured in the nearest pairs, or that of the tracked front if this
+fails or a person marked the front.  The height is that of the highest strip above the middle of
+the front that moves with the vehicle.  Such a strip has a depth behind the front at which it
+correlates with the other view and with an earlier pair, where it is moved with the vehicle, and
+does so better than with the same place of the earlier pair.
 """
 from __future__ import annotations
 
@@ -31,28 +31,28 @@ class MeasuresWidth(Protocol):
     """Measures the width of a tracked front in a pair."""
 
     def widths_m(self, pair: StereoPair, update: TrackUpdate) -> list[float]:
-        """Return the widths that are seen of it, m; none where it does not show whole."""
+        """Return the measured widths of the front, m; empty if it is not fully visible."""
 
 
 @dataclass(frozen=True)
 class HeightSearch:
     """
-    Where the top of a vehicle is looked for, and in which pairs.
+    Where the top of a vehicle is searched, and in which pairs.
 
-    :param least_m: height of the lowest strip above the road, as if on the front: below bumpers
-        there is nothing of a vehicle.
-    :param most_m: height of the highest, above what may drive on most roads: 4.0 to 4.3 m.
-    :param step_m: from strip to strip, a third of a strip, so that they overlap.
-    :param behind_m: depths behind the front at which a strip may be: a roof begins as far behind
-        it as bonnet and windscreen are long, the box of a lorry behind its cab; where it is near,
-        a wrong depth is seen sooner, so the steps grow.
-    :param own_m: what agrees best at a greater one of these depths is another vehicle's, behind.
-    :param half_height_m: half of the height of a strip, which shows some texture then.
-    :param width_share: of a strip, of that of the front: roofs are narrower than bumpers.
-    :param across: samples of a strip across.
-    :param down: and down.
-    :param farther: a view shows enough of a change beside another that is so many times as near.
-    :param most_views: that are kept of a pass, the nearest ones; two are used, the others replace
+    :param least_m: height of the lowest strip above the road, projected onto the front, m; a
+        vehicle has nothing below its bumper.
+    :param most_m: height of the highest strip, m, above the 4.0 to 4.3 m allowed on most roads.
+    :param step_m: step between strips, m, a third of a strip so that they overlap.
+    :param behind_m: depths of a strip behind the front that are tried, m.  A roof begins behind
+        bonnet and windscreen, the box of a lorry behind its cab.  The steps grow because a wrong
+        depth close to the front matters more.
+    :param own_m: a strip that agrees best at a greater depth belongs to another vehicle behind, m.
+    :param half_height_m: half of the height of a strip, m, which is enough for some texture.
+    :param width_share: width of a strip relative to that of the front, as roofs are narrower.
+    :param across: samples across a strip.
+    :param down: samples down a strip.
+    :param farther: least ratio of the ranges of two views that are compared.
+    :param most_views: number of nearest views kept for a pass; two are used, the others replace
         those that do not show the top.
     """
 
@@ -70,13 +70,13 @@ class HeightSearch:
 
     @property
     def heights_m(self) -> Array:
-        """Return the heights of the middles of the strips above the road."""
+        """Return the heights of the middles of the strips above the road, m."""
         count = round((self.most_m - self.least_m) / self.step_m) + 1
         return np.asarray(self.least_m + self.step_m * np.arange(count), np.float64)
 
     @property
     def strip(self) -> Array:
-        """Return the samples of a strip: across in shares of the front's width, and up in m."""
+        """Return the samples of a strip: across in widths of the front, and up in m."""
         x, up = np.meshgrid(np.linspace(-0.5, 0.5, self.across) * self.width_share,
                             np.linspace(-self.half_height_m, self.half_height_m, self.down))
         return np.stack([x.ravel(), up.ravel()], axis=1)
@@ -88,8 +88,8 @@ class _View:
     A pair that shows the vehicle.
 
     :param pair: the pair.
-    :param update: where the vehicle is in it.
-    :param road_m: height of the road above the middle of its front, m: negative.
+    :param update: update of the vehicle's track for the pair.
+    :param road_m: height of the road relative to the middle of the front, m; negative.
     """
 
     pair: StereoPair
@@ -104,15 +104,15 @@ class _View:
 
 class VehicleSize:
     """
-    Keeps some pairs that show one vehicle, and measures it in them.
+    Keeps some pairs that show one vehicle, and measures its size in them.
 
-    :param rig: the cameras.
-    :param lane: the lane whose path its places are told by.
-    :param config: sizes of the classes, and what counts.
-    :param marked_std_px: 1-sigma of the corners of the front that a person marked, px; None for
-        one that was detected.
-    :param fronts: measures the width of a front that was detected; None leaves the tracked one.
-    :param search: where its top is looked for.
+    :param rig: the rig.
+    :param lane: lane whose path the vehicle's positions refer to.
+    :param config: sizes of the classes, and limits of the measurement.
+    :param marked_std_px: 1-sigma of the corners of a front marked by a person, px; None for a
+        detected front.
+    :param fronts: measures the width of a detected front; None uses the tracked width.
+    :param search: where the top is searched.
     """
 
     def __init__(self, rig: StereoRig, lane: LanePath, config: ClassConfig,
@@ -121,10 +121,10 @@ class VehicleSize:
         self.rig, self.lane, self.config = rig, lane, config
         self._marked_std_px, self._fronts, self._search = marked_std_px, fronts, search
         self._views: list[_View] = []
-        self._first_px = 0.0  # width of the front where the track began
+        self._first_px = 0.0  # width of the front in the first pair of the track
 
     def take(self, pair: StereoPair, update: TrackUpdate) -> None:
-        """Take in a pair that shows the vehicle, and where it is in it."""
+        """Add a pair that shows the vehicle, with its update."""
         self._first_px = self._first_px or float(np.ptp(update.quad_left_px[:, 0]))
         road = self.lane.path.position(np.array(update.s_m)) - update.position_m
         view = _View(pair, update, float(road @ update.axes[:, 2]))
@@ -136,7 +136,7 @@ class VehicleSize:
             self._views.remove(max(self._views, key=lambda v: v.range_m))
 
     def measured(self) -> Optional[VehicleKind]:
-        """Return the size and class of the vehicle; None where no pair showed it."""
+        """Return the size and class of the vehicle; None if no pair was added."""
         if not self._views:
             return None
         width_m, std_m = self._width_m()
@@ -152,7 +152,7 @@ class VehicleSize:
         return self._tracked_width_m()
 
     def _tracked_width_m(self) -> tuple[float, float]:
-        """Return the width of what is tracked of the front and its 1-sigma, m."""
+        """Return the width of the tracked front and its 1-sigma, m."""
         view = min(self._views, key=lambda v: v.range_m)
         update, rays = view.update, self.rig.as_taken(view.pair.motion).left.rays(
             view.update.quad_left_px)
@@ -161,11 +161,11 @@ class VehicleSize:
         width_m = float(np.ptp((corners - update.position_m) @ update.axes[:, 1]))
         if self._marked_std_px is None:
             return width_m, self.config.width_std_m
-        # Two corners at either end, marked in the first pair.
+        # Each end is the mean of two corners, marked in the first pair.
         return width_m, self._marked_std_px * width_m / self._first_px
 
     def _height_m(self, width_m: float) -> Optional[float]:
-        """Return the height above the road up to which something moves along, m."""
+        """Return the height above the road up to which strips move with the vehicle, m."""
         views = sorted(self._views, key=lambda v: v.range_m)
         found: Optional[float] = None
         for k, view in enumerate(views[:-1]):
@@ -173,7 +173,7 @@ class VehicleSize:
             if not others:
                 continue
             seen, height_m = self._strips(view, others[0], width_m)
-            # The highest strip that shows its upper edge reaches above it by half itself.
+            # The highest matching strip has the upper edge of the vehicle near its lower end.
             below_m = self._search.half_height_m - self._search.step_m / 2
             found = float(height_m.max()) - below_m if len(height_m) else None
             if seen[-1].any():
@@ -183,10 +183,10 @@ class VehicleSize:
     def _strips(self, view: _View, other: _View, width_m: float
                 ) -> tuple[NDArray[np.bool_], Array]:
         """
-        Look for the strips that move along from one view to another.
+        Find the strips that move with the vehicle from one view to another.
 
-        :return: (strips, depths) which of them are in all images; (n,) heights above the road of
-            those that move along.
+        :return: mask (strips, depths) of those inside all images, and heights (n,) above the road
+            of those that move with the vehicle, m.
         """
         here, there = view.update, other.update
         rig, before = (self.rig.as_taken(v.pair.motion) for v in (view, other))
@@ -210,18 +210,18 @@ class VehicleSize:
         height_m = np.take_along_axis(on_vehicle[..., 2].mean(axis=-1), best, axis=1)[:, 0]
         moves = (goes > self.config.least_ncc) & (goes > stays + self.config.still_margin)
         moves &= np.array(self._search.behind_m)[best[:, 0]] <= self._search.own_m
-        # Strips overlap by two thirds: what one alone shows, at the best of depths, is chance.
+        # Strips overlap by two thirds, so a single moving strip is a chance match.
         moves &= np.convolve(moves, np.ones(3), 'same') > 1
         return seen, height_m[moves] - view.road_m
 
     def _apart(self, one: _View, other: _View) -> bool:
-        """Return whether two views are of ranges that differ enough."""
+        """Return whether the ranges of two views differ enough."""
         near, far = sorted((one.range_m, other.range_m))
         return far >= self._search.farther * near
 
 
 def _samples(image: NDArray[Any], *uv_px: Array) -> list[Array]:
-    """Return the grey values (..., G) at each of some pixels (..., G, 2); what is nowhere is 0."""
+    """Return the grey values (..., G) at pixels (..., G, 2); 0 outside the image or for NaN."""
     grey, out = image.astype(np.float32), []
     for uv in uv_px:
         flat = np.nan_to_num(uv.reshape(-1, uv.shape[-2], 2), nan=-1e4).astype(np.float32)
