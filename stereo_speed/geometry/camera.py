@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""One camera: rays in, raw pixels out, and back."""
+"""A camera: projection of rays to raw pixels, and the inverse."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -17,8 +17,8 @@ from ..core.errors import CalibrationError
 from ..core.records import Array
 
 
-_LARGEST = 1e6  # no focal length in px and no coefficient of a lens is as large
-_LEAST_FOCAL_PX = 1.0  # a focal length of a pixel sees half a sphere in two of them
+_LARGEST = 1e6  # larger than any focal length in px and any coefficient of a lens
+_LEAST_FOCAL_PX = 1.0  # with such a focal length, half a sphere would be two pixels wide
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,14 +26,14 @@ class Camera:
     """
     A calibrated camera of one of the models of ``sensor_msgs/CameraInfo``.
 
-    :param name: for messages, such as ``left``.
-    :param width_px: image width.
-    :param height_px: image height.
+    :param name: name for messages, such as ``left``.
+    :param width_px: image width, px.
+    :param height_px: image height, px.
     :param K: (3, 3) intrinsic matrix of the raw image.
     :param D: (n,) distortion coefficients in OpenCV's order.
-    :param model: name of its lens model, one of ``LENSES``.
-    :param rotation: (3, 3) from the frame that points and rays are given in to its own optical
-        frame, for a camera that sways; None where they are one.
+    :param model: name of the lens model, one of ``LENSES``.
+    :param rotation: (3, 3) rotation from the frame of points and rays to the camera's optical
+        frame, for a camera that sways; None if the two frames are the same.
     """
 
     name: str
@@ -55,7 +55,7 @@ class Camera:
         self._check()
 
     def _check(self) -> None:
-        """Refuse what cannot be a camera."""
+        """Refuse values that cannot be those of a camera."""
         if self.model not in LENSES:
             raise CalibrationError(
                 self.name, 'distortion_model', repr(self.model), 'one of ' + ', '.join(LENSES))
@@ -79,12 +79,12 @@ class Camera:
 
     @cached_property
     def lens(self) -> Lens:
-        """Return the distortion in normalised coordinates."""
+        """Return the lens, which distorts normalised coordinates."""
         return LENSES[self.model](self.D)
 
     @cached_property
     def projection(self) -> Projection:
-        """Return the camera as the kernels of projection take it."""
+        """Return the camera in the form that the projection kernel takes."""
         return Projection.of(self.lens, self.K, (self.width_px, self.height_px), self.rotation)
 
     def distort(self, xy: Array) -> Array:
@@ -101,7 +101,7 @@ class Camera:
         """
         Return the undistorted normalised coordinates of raw pixels; NaN where there is no ray.
 
-        :param uv_px: (..., 2).
+        :param uv_px: (..., 2) raw pixels.
         """
         uv_px, k = np.asarray(uv_px, dtype=np.float64), self.K
         y = (uv_px[..., 1] - k[1, 2]) / k[1, 1]
@@ -110,9 +110,9 @@ class Camera:
 
     def rays(self, uv_px: Array) -> Array:
         """
-        Return the rays of raw pixels, scaled to depth 1.
+        Return the rays of raw pixels, (..., 3), scaled to depth 1.
 
-        :param uv_px: (..., 2).
+        :param uv_px: (..., 2) raw pixels.
         """
         xy = self.undistort(uv_px)
         rays = np.concatenate([xy, np.ones_like(xy[..., :1])], axis=-1)
@@ -123,12 +123,13 @@ class Camera:
 
     def project(self, points_m: Array) -> tuple[Array, NDArray[np.bool_]]:
         """
-        Return the pixels of points, and which are in front of the camera and in the image.
+        Return the pixels of points, and which of them are in front of the camera and in the image.
 
-        Points behind the camera get NaN. Rays wider than the lens model holds for are never
-        valid: its polynomial may fold them back into the image.
+        Points behind the camera get NaN. Points beyond the radius where the lens model is valid
+        are never valid, because its polynomial may fold them back into the image.
 
-        :param points_m: (..., 3) in this camera's frame, or in that which ``rotation`` is from.
+        :param points_m: (..., 3) points in this camera's frame or, if ``rotation`` is given, in
+            the frame that it starts from, m.
         """
         points_m = np.asarray(points_m, dtype=np.float64)
         if self.projection.known:
@@ -145,14 +146,14 @@ class Camera:
         return uv_px, valid
 
     def holds(self, uv_px: Array) -> bool:
-        """Return whether all of some pixels (..., 2) lie in the image."""
+        """Return whether all pixels (..., 2) lie in the image."""
         return bool(self.inside(uv_px).all())
 
     def inside(self, uv_px: Array) -> NDArray[np.bool_]:
         """
-        Return which pixels lie in the image, whose edge is half a pixel beyond the centres.
+        Return which pixels lie in the image, whose edge is half a pixel beyond the pixel centres.
 
-        :param uv_px: (..., 2).
+        :param uv_px: (..., 2) raw pixels.
         """
         u, v = uv_px[..., 0], uv_px[..., 1]
         with np.errstate(invalid='ignore'):

@@ -3,8 +3,8 @@
 """
 Lens models: distortion in normalised image coordinates, and its inverse.
 
-A new camera model is one class here and its entry in ``LENSES``. Coefficients are in OpenCV's
-order. Every method takes and returns (..., 2) arrays.
+A new camera model is one class here and an entry in ``LENSES``. Coefficients are in OpenCV's
+order. All methods take and return (..., 2) arrays.
 """
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ import numpy as np
 
 from ..core.records import Array
 
-_TOLERANCE = 1e-12  # of Newton's residual, in normalised coordinates; smaller steps do nothing
-_CONVERGED = 1e-10  # residual that a solution may have, in normalised coordinates
-_ITERATIONS = 20  # Newton needs five or so; what has not converged by then has no solution
-_STEP = 1e-6  # of the central differences of the Jacobian
-_FAR = 100.0  # tangent of the widest ray that is considered
-_NEAR_AXIS = 1e-12  # radius below which a ray is not scaled, because its scale would be 0 / 0
+_TOLERANCE = 1e-12  # residual in normalised coordinates at which Newton's method stops
+_CONVERGED = 1e-10  # largest residual of a solution in normalised coordinates
+_ITERATIONS = 20  # most Newton steps; it needs about five where there is a solution
+_STEP = 1e-6  # step of the central differences for the Jacobian
+_FAR = 100.0  # tangent of the angle of the widest ray that is considered
+_NEAR_AXIS = 1e-12  # radius below which rays are not scaled, as the ratio would be 0 / 0
 
 
 class Lens(ABC):
     """
     A lens model.
 
-    :param coefficients: (n,) with n one of ``sizes``; the missing ones are zeros.
+    :param coefficients: (n,) coefficients, with n one of ``sizes``; missing ones are zeros.
     """
 
     sizes: ClassVar[tuple[int, ...]]  # numbers of coefficients that a calibration may have
@@ -45,29 +45,29 @@ class Lens(ABC):
         """Return the distorted coordinates of undistorted ones."""
 
     def distort(self, xy: Array) -> Array:
-        """Return the distorted coordinates of undistorted ones; an ideal lens changes nothing."""
+        """Return the distorted coordinates of undistorted ones, unchanged for an ideal lens."""
         return xy if self.ideal else self.formula(xy)
 
     @cached_property
     def limit(self) -> float:
         """
-        Radius (tangent of the angle) up to which distorted radii still grow.
+        Return the radius (tangent of the angle) up to which distorted radii increase.
 
         Beyond it a lens polynomial folds back: rays from far outside the view would land inside
-        the image, and the inverse is no longer one to one.
+        the image, and the inverse would not be unique.
         """
         if self.ideal:
             return math.inf
         radii = np.tan(np.linspace(0.0, math.atan(_FAR), 4000))
         points = np.stack([radii, np.zeros_like(radii)], axis=-1)
         grows = np.ones(radii.size - 1, dtype=bool)
-        for axis in (1, -1):  # both ways: tangential terms make the two sides differ
+        for axis in (1, -1):  # both directions, as tangential terms make the two sides differ
             grows &= np.diff(self.formula(axis * points)[:, 0] * axis) > 0
         folded = np.nonzero(~grows)[0]
         return float(radii[folded[0]]) if folded.size else math.inf
 
     def undistort(self, xy: Array) -> Array:
-        """Invert by Newton's method; NaN where it does not converge, or beyond the limit."""
+        """Return the inverse by Newton's method; NaN if it diverges or lies beyond the limit."""
         if self.ideal:
             return xy
         x = self._first_guess(xy)
@@ -89,7 +89,7 @@ class Lens(ABC):
         return np.where(bad[..., None], np.nan, x)
 
     def _first_guess(self, xy: Array) -> Array:
-        """Invert the radial part by a table; tangential parts are too small to matter here."""
+        """Return the inverse of the radial part by a table, which suffices as a start."""
         top = math.atan(min(self.limit, _FAR))
         radii = np.tan(np.linspace(0.0, top, 512))
         table = self.formula(np.stack([radii, np.zeros_like(radii)], axis=-1))[:, 0]
@@ -153,12 +153,12 @@ LENSES: Mapping[str, type[Lens]] = {
 
 
 def _ratio(scaled: Array, r: Array) -> Array:
-    """Return the ratio of radii (...,), 1 on the axis."""
+    """Return the ratio of two radii (...,), 1 on the axis."""
     return np.where(r > _NEAR_AXIS, scaled / np.where(r > _NEAR_AXIS, r, 1.0), 1.0)
 
 
 def _tilted(xy: Array, tau_x: float, tau_y: float) -> Array:
-    """Project onto a sensor tilted by two angles in rad, as OpenCV's thin-prism model does."""
+    """Return coordinates on a sensor tilted by two angles, rad, as in OpenCV's tilted model."""
     rotation = np.array([
         [math.cos(tau_y), 0.0, -math.sin(tau_y)], [0.0, 1.0, 0.0],
         [math.sin(tau_y), 0.0, math.cos(tau_y)]]) @ np.array([

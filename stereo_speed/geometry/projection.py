@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Points to raw pixels through a lens: the kernel of ``Camera.project``."""
+"""Projection of points to raw pixels through a lens: the kernel of ``Camera.project``."""
 from __future__ import annotations
 
 from typing import Any, NamedTuple
@@ -12,23 +12,23 @@ from .distortion import Equidistant, Lens, RationalPolynomial
 from ..core.compiled import kernel
 from ..core.records import Array
 
-NEAREST_M = 1e-6  # nearer than this to the camera's plane counts as behind it
+NEAREST_M = 1e-6  # depth up to which a point counts as behind the camera
 _IDEAL, _RATIONAL, _EQUIDISTANT, _OTHER = range(4)
-_NEAR_AXIS = 1e-12  # as in ``distortion``
+_NEAR_AXIS = 1e-12  # same as in ``distortion``
 
 
 class Projection(NamedTuple):
     """
-    A camera as the kernel takes it.
+    A camera in the form that the kernel takes.
 
-    :param kind: of its lens.
-    :param coefficients: (14,) of it.
-    :param limit: radius up to which the lens model holds.
+    :param kind: kind of the lens.
+    :param coefficients: (14,) coefficients of the lens.
+    :param limit: radius up to which the lens model is valid.
     :param focal: (3,) fx, fy and skew, px.
     :param centre: (2,) principal point, px.
     :param size: (2,) width and height of the image, px.
-    :param rotation: (3, 3) from the points' frame to the camera's.
-    :param offset_m: (3,) origin of the points' frame in the camera's.
+    :param rotation: (3, 3) rotation from the points' frame to the camera's.
+    :param offset_m: (3,) origin of the points' frame in the camera's frame, m.
     """
 
     kind: int
@@ -43,7 +43,7 @@ class Projection(NamedTuple):
     @classmethod
     def of(cls, lens: Lens, K: Array, size: tuple[int, int], rotation: Array | None
            ) -> Projection:
-        """Return what the kernel takes."""
+        """Return the projection of a camera with a given lens and intrinsic matrix."""
         kind = _OTHER
         if lens.ideal:
             kind = _IDEAL
@@ -59,22 +59,22 @@ class Projection(NamedTuple):
 
     def seen_from(self, R: Array, t: Array) -> Projection:
         """
-        Return the same camera for points of another frame.
+        Return the same camera for points in another frame.
 
-        :param R: (3, 3) from that frame to that of the points so far.
-        :param t: (3,) its origin in that of the points so far.
+        :param R: (3, 3) rotation from the new frame to the current one.
+        :param t: (3,) origin of the new frame in the current one, m.
         """
         return self._replace(rotation=self.rotation @ R,
                              offset_m=self.rotation @ t + self.offset_m)
 
     @property
     def known(self) -> bool:
-        """Return whether the kernel knows the lens: it does not know tilted sensors."""
+        """Return whether the kernel supports the lens; it does not support tilted sensors."""
         return self.kind != _OTHER
 
 
 def _plain(points_m: Array, *camera: Any) -> tuple[Array, NDArray[np.bool_]]:
-    """Return the pixels (n, 2) of points (n, 3), NaN behind the camera, and which are valid."""
+    """Return pixels (n, 2) of points (n, 3), NaN behind the camera, and a mask of valid ones."""
     kind, k, limit, focal, centre, size, rotation, offset_m = camera
     points_m = points_m @ rotation.T + offset_m
     front = points_m[:, 2] > NEAREST_M
@@ -92,7 +92,7 @@ def _plain(points_m: Array, *camera: Any) -> tuple[Array, NDArray[np.bool_]]:
 @kernel(_plain, '(f8[:,::1], i8, f8[::1], f8, f8[::1], f8[::1], f8[::1], f8[:,::1], f8[::1])')
 def project(points_m: Any, kind: int, k: Any, limit: float, focal: Any, centre: Any, size: Any,
             rotation: Any, offset_m: Any) -> Any:
-    """Return pixels (n, 2) of points (n, 3), NaN behind the camera, and which (n,) are valid."""
+    """Return what :func:`_plain` returns."""
     n = len(points_m)
     uv, valid = np.empty((n, 2)), np.zeros(n, np.bool_)
     for i in range(n):
@@ -128,7 +128,7 @@ def project(points_m: Any, kind: int, k: Any, limit: float, focal: Any, centre: 
 
 
 def projected(points_m: Array, camera: Projection) -> tuple[Array, NDArray[np.bool_]]:
-    """Return the pixels (..., 2) of points (..., 3) in a known camera, and which are valid."""
+    """Return pixels (..., 2) of points (..., 3) in a known camera, and a mask of valid ones."""
     shape = points_m.shape[:-1]
     uv_px, valid = project(np.ascontiguousarray(points_m.reshape(-1, 3)), *camera)
     return uv_px.reshape(*shape, 2), valid.reshape(shape)

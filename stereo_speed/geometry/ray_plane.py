@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Planes ``n^T P = d``, and where rays meet them."""
+"""Planes ``n^T P = d`` and their intersections with rays."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -14,10 +14,10 @@ from ..core.records import Array
 @dataclass(frozen=True, eq=False)
 class Plane:
     """
-    One plane, ``normal^T P = distance_m``.
+    A plane ``normal^T P = distance_m``.
 
-    :param normal: (3,) unit.
-    :param distance_m: of the origin from it.
+    :param normal: (3,) unit normal.
+    :param distance_m: distance of the origin from the plane, m.
     """
 
     normal: Array
@@ -26,13 +26,13 @@ class Plane:
 
 def back_project(rays: Array, n: Array, d: Union[Array, float]) -> Array:
     """
-    Return where rays meet planes (..., 3); NaN where that is not in front of the camera.
+    Return the points (..., 3) where rays meet planes; NaN if they are not in front of the camera.
 
     Leading axes broadcast.
 
-    :param rays: (..., 3) at depth 1.
-    :param n: (..., 3) unit normals.
-    :param d: (...,) m.
+    :param rays: (..., 3) rays at depth 1.
+    :param n: (..., 3) unit normals of the planes.
+    :param d: (...,) distances of the planes from the origin, m.
     """
     with np.errstate(divide='ignore', invalid='ignore'):
         depth = d / np.sum(rays * np.asarray(n), axis=-1)

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Two cameras fixed to each other; need not be parallel."""
+"""A stereo rig: two cameras fixed to each other, not necessarily parallel."""
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
@@ -21,7 +21,7 @@ Angles = Union[Sequence[float], Array]  # (3,) pan, tilt and roll
 
 def of_camera(angles_rad: Angles) -> Array:
     """
-    Return the rotation (3, 3) of points into the frame of a camera that has rotated.
+    Return the rotation (3, 3) that takes points to the frame of a camera that has rotated.
 
     :param angles_rad: (3,) pan to the right, tilt upwards and roll clockwise: components of one
         rotation vector about the camera's y, x and z axis.
@@ -35,13 +35,13 @@ class StereoRig:
     """
     A calibrated stereo rig: ``x_right = R x_left + t``.
 
-    :param left: left camera; its frame is the frame of everything.
+    :param left: left camera, whose frame is that of all geometry.
     :param right: right camera.
     :param R: (3, 3) rotation from the left to the right camera's frame.
     :param t: (3,) the left camera's centre in the right camera's frame, m.
     :param frame_id: name of the left optical frame.
-    :param drift_rad: pan, tilt and roll of the right camera since its calibration; ``R`` and
-        ``t`` contain them already.
+    :param drift_rad: pan, tilt and roll of the right camera since its calibration, rad; ``R`` and
+        ``t`` already contain them.
     """
 
     left: Camera
@@ -77,11 +77,12 @@ class StereoRig:
 
     def swayed(self, sway_rad: Angles) -> StereoRig:
         """
-        Return the rig after a rotation of the whole of it about its left camera's centre.
+        Return the rig after a rotation of the whole rig about its left camera's centre.
 
-        Points and rays of the left camera stay in the frame from before: that of the site.
+        Points and rays of the left camera stay in the frame before the rotation, which is that of
+        the site.
 
-        :param sway_rad: (3,) pan to the right, tilt upwards and roll clockwise, as of
+        :param sway_rad: (3,) pan to the right, tilt upwards and roll clockwise, as in
             :meth:`drifted`, about the left camera's axes.
         """
         rotation = of_camera(sway_rad)
@@ -91,9 +92,9 @@ class StereoRig:
 
     def as_taken(self, motion: Optional[RigMotion]) -> StereoRig:
         """
-        Return the rig as it stood when a pair was taken; itself where it stood still.
+        Return the rig as it stood when a pair was taken, unchanged if it had not moved.
 
-        :param motion: of the pair, see :class:`..core.records.StereoPair`.
+        :param motion: motion of the pair, see :class:`..core.records.StereoPair`.
         """
         if motion is None:
             return self
@@ -102,20 +103,20 @@ class StereoRig:
 
     @property
     def baseline_m(self) -> float:
-        """Distance between the two cameras."""
+        """Return the distance between the two cameras, m."""
         return float(np.linalg.norm(self.t))
 
     @cached_property
     def essential(self) -> Array:
-        """(3, 3) with ``x_right^T E x_left = 0`` in normalised coordinates."""
+        """Return E (3, 3) with ``x_right^T E x_left = 0`` in normalised coordinates."""
         x, y, z = self.t
         return np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]) @ self.R
 
     def to_right(self, points_m: Array) -> Array:
         """
-        Return points of the left camera's frame in the right one's.
+        Return points transformed from the left camera's frame to the right camera's.
 
-        :param points_m: (..., 3).
+        :param points_m: (..., 3) points, m.
         """
         return np.asarray(points_m, dtype=np.float64) @ self.R.T + self.t
 
@@ -124,8 +125,9 @@ class StereoRig:
         """
         Return the raw pixels of points, left and right, and their validity, left and right.
 
-        :param points_m: (..., 3) in the left camera's frame.
-        :param later_m: (..., 3) where they are when the right view is exposed; None for there.
+        :param points_m: (..., 3) points in the left camera's frame, m.
+        :param later_m: (..., 3) the same points at the time of the right exposure, m; None if they
+            do not move.
         """
         left, in_left = self.left.project(points_m)
         later_m = points_m if later_m is None else later_m
@@ -137,14 +139,15 @@ class StereoRig:
 
     @cached_property
     def _right(self) -> Projection:
-        """Return the right camera, for points of the left one's frame."""
+        """Return the right camera for points in the left camera's frame."""
         return self.right.projection.seen_from(self.R, self.t)
 
     def epipolar_lines_right(self, uv_left: Array) -> Array:
         """
-        Return the epipolar lines, in normalised coordinates of the right camera, of left pixels.
+        Return the epipolar lines of left pixels, in normalised coordinates of the right camera.
 
-        :param uv_left: (..., 2) raw pixels; the result is (..., 3) with ``l . (x, y, 1) = 0``.
+        :param uv_left: (..., 2) raw pixels.
+        :return: (..., 3) lines ``l`` with ``l . (x, y, 1) = 0``.
         """
         return self.left.rays(uv_left) @ self.essential.T
 
@@ -153,15 +156,15 @@ class StereoRig:
         Return the points of pixel pairs; NaN for parallel rays or points behind a camera.
 
         Both pixels are first moved onto a common epipolar plane by the least squared change
-        in normalised coordinates (Lindstrom 2010, two steps), then their rays are met.
+        in normalised coordinates (Lindstrom 2010, two steps), then their rays are intersected.
 
         :param uv_left: (..., 2) raw pixels.
-        :param uv_right: (..., 2) raw pixels, pair by pair.
+        :param uv_right: (..., 2) corresponding raw pixels.
         """
         left, right = self._corrected(self.left.rays(uv_left), self.right.rays(uv_right))
         right_in_left = right @ self.R
         centre = -self.R.T @ self.t
-        # Depths a, b of the rays' closest points: a left = centre + b right_in_left.
+        # The depths a, b of the rays' closest points solve a left = centre + b right_in_left.
         ll = np.sum(left * left, axis=-1)
         rr = np.sum(right_in_left * right_in_left, axis=-1)
         lr = np.sum(left * right_in_left, axis=-1)
@@ -174,7 +177,7 @@ class StereoRig:
         return 0.5 * (a * left + centre + b * right_in_left)
 
     def _corrected(self, left: Array, right: Array) -> tuple[Array, Array]:
-        """Move rays (..., 3) at depth 1 the least, so that ``right^T E left = 0``."""
+        """Return rays (..., 3) at depth 1 with least change so that ``right^T E left = 0``."""
         e = self.essential
         e2 = e[:2, :2]
         n_r, n_l = (left @ e.T)[..., :2], (right @ e)[..., :2]

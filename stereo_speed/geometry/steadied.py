@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Where a rig that has rotated sees what it saw before, and images as it would have taken them."""
+"""Pixels and images of a rotated rig, transformed to those of the rig before the rotation."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -13,21 +13,21 @@ from numpy.typing import NDArray
 from .rig import StereoRig
 from ..core.records import Array, StereoPair
 
-_KNOT_PX = 16  # between exact points of a map; linear in between is good to 1e-3 px
+_KNOT_PX = 16  # spacing of the exact points of a map, between which linear is good to 1e-3 px
 
 
 def moved_px(rig: StereoRig, now: StereoRig, right: bool, uv_px: Array) -> Array:
     """
-    Return where a view shows after a rotation what it showed at some pixels, far away.
+    Return the pixels (..., 2) of distant objects after a rotation of the rig.
 
-    A rig turns about its left camera, which takes the right one along by less than a millimetre
-    in a tenth of a degree: images that are moved this way are right at any distance to 0.1 px at
-    20 m. Points in space, which :meth:`StereoRig.project` takes, are exact.
+    A rig rotates about its left camera, and a tenth of a degree moves the right one by less than a
+    millimetre. Neglecting this, the result is correct to 0.1 px for objects at 20 m.
+    :meth:`StereoRig.project` of points in space is exact.
 
-    :param rig: as it was.
-    :param now: as it is.
-    :param right: of the right view.
-    :param uv_px: (..., 2) raw pixels; the result is too.
+    :param rig: the rig before the rotation.
+    :param now: the rig after it.
+    :param right: whether the pixels are of the right view.
+    :param uv_px: (..., 2) raw pixels before the rotation.
     """
     if right:
         rays = rig.right.rays(uv_px) @ rig.R @ now.R.T
@@ -37,10 +37,10 @@ def moved_px(rig: StereoRig, now: StereoRig, right: bool, uv_px: Array) -> Array
 
 def steadied(pair: StereoPair, rig: StereoRig) -> StereoPair:
     """
-    Return a pair as the rig would have taken it, had it not moved; the same where it has not.
+    Return a pair as the rig would have taken it without its motion.
 
-    :param pair: with its motion.
-    :param rig: as it was when it had not moved.
+    :param pair: pair with its motion; it is returned as it is if this is None.
+    :param rig: the rig without motion.
     """
     if pair.motion is None:
         return pair
@@ -53,12 +53,12 @@ def steadied(pair: StereoPair, rig: StereoRig) -> StereoPair:
 def remapped(image: NDArray[Any], wanted: StereoRig, taken: StereoRig, right: bool
              ) -> NDArray[Any]:
     """
-    Return an image as one rig would have taken it from that of another; edges are repeated.
+    Return an image as another, rotated rig would have taken it; edges are repeated.
 
-    :param image: (H, W) raw.
-    :param wanted: the rig that would have.
-    :param taken: the rig that took it, rotated against the other.
-    :param right: it is of the right view.
+    :param image: (H, W) raw image.
+    :param wanted: the rig that should have taken it.
+    :param taken: the rig that took it.
+    :param right: whether the image is of the right view.
     """
     height, width = image.shape
     # cv2.resize puts the first knot of each axis half a step into the image.
