@@ -11,9 +11,9 @@ def window_sums(values: NDArray[np.floating], width: int) -> NDArray[np.float64]
     """
     Return the sums over all windows of the last axis.
 
-    :param values: (..., w + k).
-    :param width: w, of the windows.
-    :return: (..., k + 1).
+    :param values: (..., w + k) values.
+    :param width: width w of the windows.
+    :return: (..., k + 1) sums.
     """
     total = np.cumsum(values, axis=-1, dtype=np.float64)
     total = np.concatenate([np.zeros_like(total[..., :1]), total], axis=-1)

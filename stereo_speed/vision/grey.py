@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Grey levels of 8 bits, which most functions of OpenCV want."""
+"""Conversion of images to 8 bits, which most functions of OpenCV require."""
 from __future__ import annotations
 
 from typing import Any
@@ -14,9 +14,9 @@ def to_eight_bits(image: NDArray[Any]) -> NDArray[np.uint8]:
     """
     Return a grey image as 8 bits.
 
-    White is the greatest number of as many bits as the brightest pixel has, at least eight.
-    Cameras write 10 or 12 bits into 16, and by whole bits the images of one camera scale alike,
-    which their own maxima would not do.
+    White is the largest number with as many bits as the brightest pixel has, and at least eight.
+    Cameras write 10 or 12 bits into 16. Rounded up to whole bits, the scale is the same for all
+    images of a camera, which it would not be by the maximum of each.
 
     :param image: (H, W) uint8, which is returned as it is, or uint16; the whole image, not a
         part of it.

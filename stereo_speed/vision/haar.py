@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 from ..core.errors import InputError
 
 FEATURES_PER_PART = 16
-CELLS = 4  # across and down a part: with as many samples, each is a cell
-# Parts across and down the front: fronts are wider than high, so the grids are too.
+CELLS = 4  # cells across and down a part
+# Parts across and down the front; fronts are wider than high, and so are the grids.
 PART_LAYOUT = {4: (2, 2), 6: (3, 2), 8: (4, 2), 10: (5, 2), 12: (4, 3), 16: (4, 4)}
 
-_FLOOR = 1e-6  # a patch without contrast has no direction; keep the division finite
+_FLOOR = 1e-6  # avoids division by 0 for a patch without contrast
 
 
 def haar_basis() -> NDArray[np.float64]:
@@ -87,16 +87,16 @@ class PartGrid:
 
     @cached_property
     def _patterns(self) -> NDArray[np.float32]:
-        """Return the (samples, 16) matrix that takes the samples of a part to its features."""
+        """Return the matrix (samples, 16) that maps the samples of a part to its features."""
         cell = self.samples_per_part // 4
-        # Each orthonormal cell pattern becomes an orthonormal sample pattern when its cells
-        # are repeated cell x cell times and scaled by 1 / cell.
+        # An orthonormal pattern of cells becomes one of samples if each of its cells is repeated
+        # cell x cell times and scaled by 1 / cell.
         patterns = np.kron(haar_basis(), np.ones((1, cell, cell))) / cell
         return np.ascontiguousarray(patterns.reshape(FEATURES_PER_PART, -1).T, np.float32)
 
     def features(self, patches: NDArray[np.float32]) -> NDArray[np.float32]:
         """
-        Return features of patches, of unit length so that light and contrast do not matter.
+        Return features of patches, with unit length so that light and contrast drop out.
 
         :param patches: (N, G) grey values on the grid.
         :return: (N, 16 N_p), rows of unit Euclidean length, orthogonal to a constant patch.
@@ -107,7 +107,7 @@ class PartGrid:
 
     def transform(self, patches: NDArray[np.float32]) -> NDArray[np.float32]:
         """
-        Return the Haar coefficients of patches, part after part.
+        Return the Haar coefficients of patches, part by part.
 
         :param patches: (N, G) grey values on the grid.
         :return: (N, 16 N_p).

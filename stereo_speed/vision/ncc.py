@@ -15,7 +15,7 @@ _Float = TypeVar('_Float', np.float32, np.float64)
 
 def ncc(first: NDArray[_Float], second: NDArray[_Float]) -> NDArray[_Float]:
     """
-    Return the correlation of matching rows, in [-1, 1]; 0 where either has no contrast.
+    Return the correlation of corresponding rows, in [-1, 1]; 0 if either has no contrast.
 
     :param first: (N, G) grey values.
     :param second: (N, G), or (G,) to compare every row with one patch.

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Parts of an image, and grey values on grids that are mapped onto quadrilaterals in it."""
+"""Parts of an image, and grey values on grids mapped onto quadrilaterals in it."""
 from __future__ import annotations
 
 import math
@@ -17,18 +17,18 @@ Patches = NDArray[np.float32]
 
 _Float = TypeVar('_Float', np.float32, np.float64)
 _MARGIN_PX = 4
-_BLOCK = 128  # quads sampled at once, so that their maps stay in the cache
+_BLOCK = 128  # quads that are sampled at once, so that their maps stay in the cache
 
 
 def crop(image: NDArray[Any], low: Array, high: Array, margin_px: int
          ) -> tuple[NDArray[Any], NDArray[np.int64]]:
     """
-    Return the part of an image around some points, at least 2 x 2 pixels, without copying it.
+    Return the part of an image around some points, at least 2 x 2 pixels, as a view.
 
     :param low: (2,) least u, v of the points, px.
-    :param high: (2,) their greatest u, v, px.
-    :param margin_px: width of the border around them.
-    :return: the part and (2,) its origin in the image, px.
+    :param high: (2,) greatest u, v of the points, px.
+    :param margin_px: width of the margin around the points, px.
+    :return: the part, and its origin (2,) in the image, px.
     """
     (left, right), (top, bottom) = (
         _reach(float(low[k]), float(high[k]), margin_px, image.shape[1 - k]) for k in (0, 1))
@@ -36,7 +36,7 @@ def crop(image: NDArray[Any], low: Array, high: Array, margin_px: int
 
 
 def _reach(low: float, high: float, margin_px: int, size: int) -> tuple[int, int]:
-    """Return the first pixel around some places along one axis of an image, and that after."""
+    """Return the first pixel of a part along one axis of an image, and the one after its end."""
     first = min(max(math.floor(low) - margin_px, 0), size - 2)
     return first, max(min(math.ceil(high) + margin_px + 1, size), first + 2)
 
@@ -44,12 +44,12 @@ def _reach(low: float, high: float, margin_px: int, size: int) -> tuple[int, int
 def low_pass_crop(image: NDArray[Any], low: Array, high: Array, step_px: float
                   ) -> tuple[Patches, NDArray[np.float32]]:
     """
-    Return the part of an image that samples need, low-passed to their spacing.
+    Return the part of an image that samples need, low-pass filtered to their spacing.
 
     :param low: (2,) least u, v of the samples, px.
-    :param high: (2,) greatest u, v, px.
-    :param step_px: spacing of the samples; detail finer than this would alias.
-    :return: the part as float32 and (2,) its origin in the image, px.
+    :param high: (2,) greatest u, v of the samples, px.
+    :param step_px: spacing of the samples, px; finer detail would alias.
+    :return: the part as float32, and its origin (2,) in the image, px.
     """
     sigma = 0.5 * max(step_px - 1.0, 0.0)
     part, first = crop(image, low, high, _MARGIN_PX + int(np.ceil(3 * sigma)))
@@ -61,13 +61,14 @@ def low_pass_crop(image: NDArray[Any], low: Array, high: Array, step_px: float
 
 def quad_grid(corners: NDArray[_Float], unit_xy: Array) -> NDArray[_Float]:
     """
-    Map the unit square onto quadrilaterals by the homography of their four corners.
+    Return points of the unit square mapped onto quadrilaterals by homographies.
 
-    Closed form (Heckbert 1989, "Fundamentals of texture mapping", section 2.2.3).
+    The homographies have a closed form (Heckbert 1989, "Fundamentals of texture mapping",
+    section 2.2.3).
 
     :param corners: (N, 4, 2) images of (0, 0), (1, 0), (1, 1), (0, 1).
     :param unit_xy: (G, 2) points of the unit square.
-    :return: (2, N, G) u and v, the type of ``corners``.
+    :return: (2, N, G) u and v, with the type of ``corners``.
     """
     p0, p1, p2, p3 = (corners[:, k] for k in range(4))
     d1, d2, d3 = p1 - p2, p3 - p2, p0 - p1 + p2 - p3
@@ -88,8 +89,8 @@ def sample_quads(image: NDArray[Any], quads: Array, grid: PartGrid) -> Patches:
     """
     Return the grey values on the grid mapped onto each quadrilateral.
 
-    :param quads: (N, 4, 2) finite corners in px.
-    :return: (N, G) grey values; outside the image the border value repeats.
+    :param quads: (N, 4, 2) finite corners, px.
+    :return: (N, G) grey values; outside the image the border values are repeated.
     """
     corners = quads.astype(np.float32)
     flat = corners.reshape(-1, 2)

@@ -7,16 +7,17 @@ import numpy as np
 
 from ..core.records import Array
 
-_LEAST_BEND = 1e-9  # a flat top has no curvature to divide by
+_LEAST_BEND = 1e-9  # avoids division by 0 at a flat top
 
 
 def parabola_peak(scores: Array) -> tuple[Array, Array]:
     """
     Return the place of the greatest score along the first axis, and that score.
 
-    The place is the vertex of the parabola through it and its neighbours; at an end, the end.
+    The place is the vertex of the parabola through the greatest score and its neighbours, or the
+    end if the greatest score is there.
 
-    :param scores: (k, ...) with k of at least 3.
+    :param scores: (k, ...) scores, with k >= 3.
     :return: (...) places from 0 to k - 1, and (...) scores.
     """
     top = np.argmax(scores, axis=0)
