@@ -17,9 +17,9 @@ class NormalEquations:
     """
     Normal equations of a least-squares problem, filled row by row.
 
-    ``log_rows`` is the logarithm of the determinant of the information of all rows.  It is that of
-    ``H`` where the rows are a chain: as many as there are unknowns, and in some order each row
-    adds one unknown to those before, with the factor 1.
+    ``log_rows`` is the log determinant of the information of all rows.  It equals that of ``H`` if
+    the rows form a chain: there are as many rows as unknowns, and in some order each row adds one
+    unknown to the previous ones, with the factor 1.
     """
 
     def __init__(self, size: int) -> None:
@@ -27,21 +27,21 @@ class NormalEquations:
         self.log_rows = 0.0
 
     def __add__(self, other: NormalEquations) -> NormalEquations:
-        """Return what both say together."""
+        """Return the sum of the information of both."""
         both = NormalEquations(len(self.g))
         both.H, both.g = self.H + other.H, self.g + other.g
         both.log_rows = self.log_rows + other.log_rows
         return both
 
     def leading(self, count: int) -> NormalEquations:
-        """Return what is known of the first unknowns alone, where it does not need the others."""
+        """Return the equations of the first unknowns, if no row links them to the others."""
         first = NormalEquations(0)
         first.H, first.g = self.H[:count, :count], self.g[:count]
         first.log_rows = self.log_rows
         return first
 
     def row(self, columns: list[int], values: list[float], rest: float, std: float) -> None:
-        """Add ``values . x[columns] = rest`` with a 1-sigma."""
+        """Add a row ``values . x[columns] = rest`` with a 1-sigma."""
         self.rows([columns], [values], np.array([std]), rest)
 
     def rows(self, columns: ArrayLike, values: ArrayLike, std: Array, rest: float = 0.0) -> None:
@@ -51,6 +51,7 @@ class NormalEquations:
         :param columns: (r, c) indices of the unknowns of each row.
         :param values: (r, c) or (c,) their factors.
         :param std: (r,) 1-sigma of each row.
+        :param rest: right side of all rows.
         """
         at = np.asarray(columns)
         scaled = np.broadcast_to(np.asarray(values, float), at.shape) / std[:, None]
@@ -62,11 +63,11 @@ class NormalEquations:
 
     def correlated(self, columns: ArrayLike, values: Array, covariance: Array) -> None:
         """
-        Add several rows whose errors belong together; they rest at 0.
+        Add several rows with correlated errors and right sides of 0.
 
         :param columns: (r, c) indices of the unknowns of each row.
         :param values: (r, c) their factors.
-        :param covariance: (r, r) of the rows.
+        :param covariance: (r, r) covariance of the rows.
         """
         of, at = np.unique(np.asarray(columns), return_inverse=True)
         j = np.zeros((len(values), len(of)))
@@ -80,10 +81,10 @@ class NormalEquations:
 @dataclass(frozen=True, eq=False)
 class Conditioned:
     """
-    A Gaussian after measurements.
+    A Gaussian posterior.
 
-    :param mean: of the unknowns.
-    :param log_evidence: of the measurements, up to what does not depend on the prior.
+    :param mean: mean of the unknowns.
+    :param log_evidence: log evidence of the measurements, up to terms independent of the prior.
     :param factor: lower Cholesky factor of the information.
     """
 
@@ -94,7 +95,7 @@ class Conditioned:
     @cached_property
     def covariance(self) -> Array:
         """Return the covariance of the unknowns."""
-        half = lapack.dpotri(self.factor, lower=1)[0]  # its lower triangle
+        half = lapack.dpotri(self.factor, lower=1)[0]  # the lower triangle of the covariance
         whole = half + half.T
         np.fill_diagonal(whole, np.diag(half))
         return np.asarray(whole)
@@ -104,10 +105,10 @@ def condition(prior: NormalEquations, H: Array, g: Array, *, chain: bool = False
     """
     Return a Gaussian conditioned on linear measurements of its first unknowns.
 
-    :param prior: the Gaussian before them.
+    :param prior: the Gaussian prior.
     :param H: (m, m) information of the measurements about the first m unknowns.
     :param g: (m,) information times measurement.
-    :param chain: whether the prior's rows are a chain, so that its determinant is known.
+    :param chain: whether the prior's rows form a chain, so that its determinant is known.
     """
     m = len(g)
     total, right = prior.H.copy(), prior.g.copy()
@@ -121,11 +122,11 @@ def condition(prior: NormalEquations, H: Array, g: Array, *, chain: bool = False
 
 
 def _log_det(information: Array) -> float:
-    """Return the logarithm of the determinant of a symmetric positive definite matrix."""
+    """Return the log determinant of a symmetric positive definite matrix."""
     factor, failed = lapack.dpotrf(information, lower=1)
     if not failed:
         return 2 * float(np.log(np.diag(factor)).sum())
-    # rounding hides what a chain almost without noise leaves open; measurements may tell it
+    # A chain almost without noise may be singular by rounding; measurements can still resolve it.
     known = np.linalg.eigvalsh(information)
     return float(np.log(np.maximum(known, np.finfo(float).eps * known[-1])).sum())
 

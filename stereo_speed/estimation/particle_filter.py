@@ -1,9 +1,9 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-The weighing step that every bootstrap particle filter has (2012, eq. 1-3).
+The weighting step of a bootstrap particle filter (2012, eq. 1-3).
 
-The loop knows nothing of the model: whoever calls it moves the particles and scores them.
+It is independent of the model: the caller moves the particles and computes their likelihood.
 """
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ class Weighed:
     """
     Particles after a measurement.
 
-    :param weights: (N,) normalised, of the particles before resampling.
-    :param ancestors: (N,) which particles go on.
-    :param log_weights: (N,) of those that go on.
+    :param weights: (N,) normalised weights before resampling.
+    :param ancestors: (N,) indices of the particles that survive.
+    :param log_weights: (N,) log weights of the survivors.
     """
 
     weights: Array
@@ -33,19 +33,20 @@ class Weighed:
 
     @property
     def resampled(self) -> bool:
-        """Return whether the ancestors are anything but the particles themselves."""
+        """Return whether the ancestors differ from the particles themselves."""
         return bool(np.any(self.ancestors != np.arange(len(self.ancestors))))
 
 
 def weigh(log_weights: Array, log_likelihood: Array, resample_ess: float,
           rng: np.random.Generator) -> Weighed:
     """
-    Weigh particles by a measurement (eq. 2), and resample when few of them carry the weight.
+    Weight particles by a measurement (eq. 2), and resample if few of them carry the weight.
 
-    :param log_weights: (N,) so far.
-    :param log_likelihood: (N,) of the measurement; -inf where impossible.
-    :param resample_ess: resample when the effective sample size is below this share of N.
-    :raises DegenerateWeightsError: all are impossible, or a number is none.
+    :param log_weights: (N,) log weights before the measurement.
+    :param log_likelihood: (N,) log likelihoods of the measurement; -inf if impossible.
+    :param resample_ess: effective sample size, as a share of N, below which to resample.
+    :param rng: source of randomness.
+    :raises DegenerateWeightsError: all particles are impossible, or a number is NaN or +inf.
     """
     weights = normalise_log_weights(log_weights + log_likelihood)
     n = len(weights)

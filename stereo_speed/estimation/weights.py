@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Weights of particles, kept as logarithms until they are summed (2012, eq. 1-3)."""
+"""Weights of particles, kept as logarithms until they are normalised (2012, eq. 1-3)."""
 from __future__ import annotations
 
 import numpy as np
@@ -9,15 +9,15 @@ from ..core.records import Array
 
 
 class DegenerateWeightsError(ValueError):
-    """All particles are impossible, or a weight is not a number."""
+    """Raised when all particles are impossible, or a weight is not a number."""
 
 
 def normalise_log_weights(log_weights: Array) -> Array:
     """
     Return weights that sum to one.
 
-    :param log_weights: (N,) unnormalised; -inf is an impossible particle.
-    :return: (N,).
+    :param log_weights: (N,) unnormalised log weights; -inf for an impossible particle.
+    :return: (N,) weights.
     :raises DegenerateWeightsError: any NaN or +inf, or all -inf.
     """
     top = np.max(log_weights)
@@ -36,9 +36,9 @@ def mean_and_covariance(weights: Array, states: Array) -> tuple[Array, Array]:
     """
     Return the posterior mean (eq. 3) and covariance of weighted particles.
 
-    :param weights: (N,) normalised.
-    :param states: (N, D).
-    :return: (D,) and (D, D).
+    :param weights: (N,) normalised weights.
+    :param states: (N, D) states of the particles.
+    :return: (D,) mean and (D, D) covariance.
     """
     mean = weights @ states
     centred = states - mean
