@@ -474,7 +474,7 @@ class TrackerConfig(CheckedRecord):
         0.0025, 0.0, 1.0, '', 'a pass is rejected if the 1-sigma of its scale, from focal length, '
         'baseline, path and extrinsic drift, is a larger share of the scale')
     particle_budget: int = parameter(
-        800, 100, 100000, '', 'number of particles that all tracks together share')
+        800, 100, 100000, '', 'total number of particles that several tracks share')
 
     noise: NoiseConfig = section(NoiseConfig, 'precision of the images')
     visibility: VisibilityConfig = section(

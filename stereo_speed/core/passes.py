@@ -145,8 +145,8 @@ class PassResult:
     :param first_ns: stamp of its first pair, ns.
     :param last_ns: stamp of its last pair, ns.
     :param pairs: number of pairs it was measured in.
-    :param speed_mps: mean ground speed over the pass, m/s; None if the pass is rejected.
-    :param speed_std_mps: its 1-sigma, m/s; None if the pass is rejected.
+    :param speed_mps: mean ground speed over the pass, m/s; None if rejected without a measurement.
+    :param speed_std_mps: its 1-sigma, m/s; None if the speed is.
     :param verdict: see :class:`Verdict`.
     :param reason: why it was rejected, a :class:`Reason` or, from trackers of other packages,
         another word in snake_case; empty if measured.

@@ -131,7 +131,8 @@ def _on_road(rig: StereoRig, line: Line, surface: Plane, most_m: float) -> tuple
 
     :param most_m: greatest depth of a point, m.
     """
-    n, d, eye_m = surface.normal, surface.distance_m, rig.R.T @ rig.t  # less the right camera
+    # The centre of the right camera is -eye_m.
+    n, d, eye_m = surface.normal, surface.distance_m, rig.R.T @ rig.t
     left = back_project(rig.left.rays(line[0]), n, d)
     right = back_project(rig.right.rays(line[1]) @ rig.R, n, d + float(n @ eye_m))
     return _within(left, most_m), _within(right, most_m) - eye_m

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ..core.errors import InputError
 
 FEATURES_PER_PART = 16
-CELLS = 4  # cells across and down a part
+CELLS = 4  # cells across and down a part; with as many samples, each sample is a cell
 # Parts across and down the front; fronts are wider than high, and so are the grids.
 PART_LAYOUT = {4: (2, 2), 6: (3, 2), 8: (4, 2), 10: (5, 2), 12: (4, 3), 16: (4, 4)}
 
