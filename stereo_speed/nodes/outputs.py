@@ -33,7 +33,7 @@ from ..pipeline.pipeline import SpeedPipeline, Step
 from ..report.overlay import draw
 
 _ACK_WAIT = Duration(seconds=1)  # time for delivery of the last passes when the node stops
-_LEAST_LIFETIME_S, _LIFETIME_INTERVALS = 0.5, 2.5  # of markers
+_LEAST_LIFETIME_S, _LIFETIME_INTERVALS = 0.5, 2.5  # lifetime of markers: least, and in intervals
 _JPEG_QUALITY = 80
 
 

@@ -134,7 +134,7 @@ class Beside:
         return ready
 
     def close(self) -> None:
-        """Give up what has not begun, and wait for what has."""
+        """Cancel passes that have not begun, and wait for the one that has."""
         self._thread.shutdown(cancel_futures=True)
         self._waiting.clear()
         self._ready = []
@@ -175,6 +175,6 @@ class Later:
         return [future.result() for future in self.pop()] if everything else []
 
     def close(self) -> None:
-        """Give up what has not begun, and wait for what has."""
+        """Cancel passes that have not begun, and wait for the one that has."""
         self._thread.shutdown(cancel_futures=True)
         self._new, self._waiting = [], []

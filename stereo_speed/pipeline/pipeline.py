@@ -58,7 +58,7 @@ def _nobody(readings: Sequence[TrackUpdate]) -> None:
 @dataclass(frozen=True)
 class Step:
     """
-    What came of one pair.
+    The results of one pair.
 
     :param updates: those of the tracks that were fed it.
     :param passes: those measured since the last pair.
@@ -417,7 +417,7 @@ class SpeedPipeline:
         for number, front in enumerate(self._annotations):
             if front.frame == pair.index and number not in self._state.started:
                 self._state.started.add(number)
-                self._take_open()  # numbers are given in order
+                self._take_open()  # so that tracks are numbered in order
                 self._roster.tracks.append(self._starter.at_mark(front, pair))
 
     def _is_dense(self, stamp_ns: int) -> bool:

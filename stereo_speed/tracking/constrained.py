@@ -90,7 +90,7 @@ class _Cloud:
 
 class ConstrainedTracker:
     """
-    Follow one vehicle along the path of its lane; see the module's docstring.
+    Follows one vehicle along the path of its lane; see the module's docstring.
 
     :param start: what the track starts from.
     :param placed: its first front, placed on the path.
@@ -185,7 +185,7 @@ class ConstrainedTracker:
         self._hurried = hurried
 
     def doubt_stamps(self, stamp_std_s: float) -> None:
-        """Take all stamps of the pass to have another 1-sigma, s."""
+        """Assume another 1-sigma of all stamps of the pass, s."""
         self.window.doubt_stamps(stamp_std_s)
 
     def unsolved_s(self, stamp_ns: int) -> float:

@@ -412,7 +412,7 @@ def plain_slopes(times_s: Array, offset_m: Array) -> Array:
 
 @kernel(plain_slopes, '(f8[::1], f8[::1])')
 def slopes(times: Any, offsets: Any) -> Any:
-    """Return slopes; arguments as :func:`plain_slopes`."""
+    """Return the slopes; arguments are those of :func:`plain_slopes`."""
     n = len(times)
     out = np.empty(n)
     for k in range(n):
