@@ -1,16 +1,17 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-The detector in a process of its own, beside the tracks, with the same results as in turn.
+The detector in a process of its own, beside the tracks, with the same results as one in turn.
 
-Most of a search does not depend on what the tracks hold in the pair: where they do count, all
-that matters is whether some places are too near to them.  So the other process searches each pair
-with what the tracks are expected to hold, while they are updated, and tells what it asked of them
-and how they answered.  Where the tracks as they are now answer alike, what it has found is what a
-search after them would have found, to the last bit; where they do not, it searches again.
+Most of a search does not depend on the tracks; where it does, it only asks whether a place is too
+near to a region that a track holds.  So the other process searches each pair with the regions that
+the tracks are expected to hold, while the tracks are updated.  It returns its questions with their
+answers.  If the updated tracks give the same answers, the result equals that of a search after the
+update, bit for bit; if they do not, the process searches again.
 
-Each answer tells what the detector remembers, too.  So the search can go on in a process that is
-ready by now, and goes on here where one dies or does not answer, as if it had always been there.
+Each result also contains the state of the detector.  So the search can move to a process that has
+become ready, and continues in this process if the other one ends or does not answer, with the same
+results.
 """
 from __future__ import annotations
 
@@ -28,20 +29,20 @@ from ..core.shared_pair import SharedPair
 from ..geometry.rig import StereoRig
 from ..road.lanes import LanePath
 
-_PIXEL_BYTES = 2  # of the greatest type of images
-_PATIENCE = 3  # of the processor: readings come first, and the answer with the next pair
+_PIXEL_BYTES = 2  # size of a pixel of the largest image type
+_PATIENCE = 3  # niceness: readings come first, and the answer is due with the next pair
 
 
 @dataclass(frozen=True, eq=False)
 class Begin:
     """
-    Begin to search for the vehicles of a rig and its lanes; it is not answered.
+    Request to begin with a detector; it has no answer.
 
     :param rig: the cameras.
     :param lanes: lane name to lane path.
     :param config: parameters.
-    :param memory: what is remembered of the pairs so far.
-    :param pairs: those that it names, by stamp.
+    :param memory: initial state of the detector.
+    :param pairs: stamp to pair, for the pairs that the state refers to.
     """
 
     rig: StereoRig
@@ -53,18 +54,19 @@ class Begin:
 
 @dataclass(frozen=True)
 class Forget:
-    """Forget the earlier pairs, as after a jump back of time; it is not answered."""
+    """Request to discard all earlier pairs, as after a jump back in time; it has no answer."""
 
 
 @dataclass(frozen=True, eq=False)
 class Search:
     """
-    Search a pair.
+    Request to search a pair.
 
-    :param pair: whose images lie in the shared memory.
-    :param tracked: what the tracks are expected to hold.
-    :param last_ns: stamp of the pair before, of which it may not have been told, and
-    :param last_index: its number; None where there was none.
+    :param pair: the pair, with its images in the shared memory.
+    :param tracked: regions that tracks are expected to hold.
+    :param last_ns: stamp of the previous pair, which may not have been sent, ns; None if there is
+        none.
+    :param last_index: number of the previous pair; None if there is none.
     """
 
     pair: SharedPair
@@ -76,9 +78,9 @@ class Search:
 @dataclass(frozen=True, eq=False)
 class Again:
     """
-    Search the same pair again.
+    Request to search the same pair again.
 
-    :param tracked: what the tracks hold.
+    :param tracked: regions that tracks hold.
     """
 
     tracked: Sequence[TrackedRegion]
@@ -87,12 +89,12 @@ class Again:
 @dataclass(frozen=True, eq=False)
 class Found:
     """
-    What came of a search.
+    The answer to a search.
 
-    :param detections: without the pairs of their earlier fronts.
-    :param since_ns: stamps of those pairs, for each.
-    :param asked: of the tracks, with their answers.
-    :param memory: what is remembered; its pairs may come up in later answers.
+    :param detections: detections without the pairs of their earlier fronts.
+    :param since_ns: stamps of these pairs, for each detection.
+    :param asked: questions about the tracks, with their answers.
+    :param memory: state of the detector; later answers may refer to its pairs.
     """
 
     detections: Sequence[Detection]
@@ -110,9 +112,9 @@ def _none() -> None:
 
 class SearchProcess(HelperProcess):
     """
-    The process; it serves one detector after the other.
+    The search process; it serves one detector after the other.
 
-    :param answer_s: that a search may take; it takes some hundredths of a second.
+    :param answer_s: time-out of a search, s; one takes some hundredths of a second.
     :param fork: as in :class:`HelperProcess`.
     """
 
@@ -123,7 +125,7 @@ class SearchProcess(HelperProcess):
 
     def ask(self, request: Union[Search, Again]) -> None:
         """
-        Send what will be answered.
+        Send a request that has an answer.
 
         :raises OSError: as of ``send``.
         """
@@ -132,9 +134,10 @@ class SearchProcess(HelperProcess):
 
     def share(self, pair: StereoPair, most_bytes: int) -> SharedPair:
         """
-        Lay the images of a pair into the shared memory; return what is told of it.
+        Copy the images of a pair into the shared memory; return the pair to send.
 
-        :param most_bytes: that there may ever be in it.
+        :param pair: the pair.
+        :param most_bytes: greatest size that the memory will ever need.
         """
         shared = SharedPair.of(pair)
         shared.lay(pair, self.memory(most_bytes))
@@ -152,7 +155,7 @@ class SearchProcess(HelperProcess):
 
     def serve_another(self) -> None:
         """
-        Let go of the answers that the detector it served so far has not asked for.
+        Discard the answers that the previous detector has not collected.
 
         :raises OSError: as of ``answer``.
         """
@@ -164,12 +167,13 @@ class DetectorBeside:
     """
     A :class:`PlaneSweepDetector` in another process; see the module's docstring.
 
-    :param process: where it searches; None searches here until there is one.
+    :param process: the process to search in; None to search here until there is one.
     :param rig: the cameras.
     :param lanes: lane name to lane path.
     :param config: parameters.
-    :param failed: takes the reason when the process is of no more use.
-    :param coming: asked before each pair that is searched here for a process to move to.
+    :param failed: called with the reason when the process is no longer usable.
+    :param coming: called before each pair that is searched here; returns a process to move to, or
+        None.
     """
 
     def __init__(self, process: Optional[SearchProcess], rig: StereoRig,
@@ -181,9 +185,9 @@ class DetectorBeside:
         self._process: Optional[SearchProcess] = None
         self._memory = self._here.memory
         self._failed, self._coming = failed, coming
-        self._pair: Optional[StereoPair] = None  # that is being searched
-        self._passing: Optional[Memory] = None  # what is remembered after it, if it is not
-        self._pairs: dict[int, StereoPair] = {}  # those that may come up in answers, by stamp
+        self._pair: Optional[StereoPair] = None  # the pair that is being searched
+        self._passing: Optional[Memory] = None  # state after that pair, if it is not searched
+        self._pairs: dict[int, StereoPair] = {}  # pairs that answers may refer to, by stamp
         self._most_bytes = 2 * _PIXEL_BYTES * max(
             camera.width_px * camera.height_px for camera in (rig.left, rig.right))
         if process is not None:
@@ -191,14 +195,15 @@ class DetectorBeside:
 
     @property
     def is_here(self) -> bool:
-        """Return whether it searches in this process, for want of another one."""
+        """Return whether it searches in this process, because there is no other one."""
         return self._process is None
 
     def move(self, process: SearchProcess, failed: Callable[[str], object]) -> None:
         """
-        Search in a process from now on, which remembers what was searched here.
+        Search in another process from now on, which takes over the state of the search here.
 
-        :param failed: takes the reason when it is of no more use.
+        :param process: that process.
+        :param failed: called with the reason when the process is no longer usable.
         """
         self._memory, self._pairs = self._here.memory, self._here.pairs
         self._pair, self._passing = None, None
@@ -208,7 +213,7 @@ class DetectorBeside:
         self._send(replace(self._begin, memory=self._memory, pairs=self._pairs))
 
     def reset(self) -> None:
-        """Forget the earlier pairs, as after a jump back of time."""
+        """Discard all earlier pairs, as after a jump back in time."""
         self._here.reset()
         self._abandon()
         self._memory, self._pairs = self._memory.forgotten(), {}
@@ -216,10 +221,10 @@ class DetectorBeside:
 
     def expect(self, pair: StereoPair, tracked: Sequence[TrackedRegion]) -> None:
         """
-        Begin with a pair.
+        Begin to search a pair.
 
-        :param pair: in order of stamps.
-        :param tracked: what the tracks are expected to hold in it.
+        :param pair: pairs in order of stamps.
+        :param tracked: regions that tracks are expected to hold in it.
         """
         self._abandon()
         if self._process is None and (ready := self._coming()) is not None:
@@ -234,7 +239,7 @@ class DetectorBeside:
                          self._memory.last_ns, self._memory.last_index))
 
     def is_ready(self) -> bool:
-        """Return whether the answer of the pair that is searched has come, or none is."""
+        """Return whether no pair is being searched, or its answer has arrived."""
         return self._pair is None or self._passing is not None or self._process is None \
             or self._process.has_answer()
 
@@ -242,8 +247,8 @@ class DetectorBeside:
         """
         Return the vehicles in a pair that no track holds.
 
-        :param pair: that was expected, or the next one.
-        :param tracked: what the tracks hold in it.
+        :param pair: the pair that ``expect`` was called with, or the next one.
+        :param tracked: regions that tracks hold in it.
         """
         if self._pair is not pair:
             self.expect(pair, tracked)
@@ -263,26 +268,26 @@ class DetectorBeside:
         return out
 
     def _pass(self) -> bool:
-        """Take in the pair where nothing is searched in it; return whether that is so."""
+        """Register the pair if it is not to be searched; return whether that is so."""
         if self._passing is None:
             return False
         self._memory, self._passing, self._pair = self._passing, None, None
         return True
 
     def _whole(self, detection: Detection, since_ns: Sequence[int]) -> Detection:
-        """Return a detection with the pairs of these stamps, as they were measured here."""
+        """Return a detection with the pairs of these stamps, as kept in this process."""
         if detection.earlier is None:
             return detection
         pairs = tuple(self._pairs[ns] for ns in since_ns)
         return replace(detection, earlier=replace(detection.earlier, pairs=pairs))
 
     def _remember(self, pair: StereoPair, found: Found) -> None:
-        """Keep the pairs that may come up in later answers."""
+        """Keep the state, and the pairs that later answers may refer to."""
         pairs = {**self._pairs, pair.stamp_ns: pair}
         self._memory, self._pairs = found.memory, {ns: pairs[ns] for ns in found.memory.past_ns}
 
     def _abandon(self) -> None:
-        """Let go of a pair whose search nobody asks for: a fault has come between."""
+        """Drop a pair whose result was never collected because of a fault."""
         if self._pass():
             return
         pair, self._pair = self._pair, None
@@ -305,7 +310,7 @@ class DetectorBeside:
             self._give_up(error)
 
     def _answer(self) -> Optional[Found]:
-        """Return what the process has found; None where it is to be searched here."""
+        """Return the answer of the process; None where the pair is to be searched here."""
         if self._process is not None:
             try:
                 return self._process.answer()
@@ -314,7 +319,7 @@ class DetectorBeside:
         return None
 
     def _give_up(self, error: Exception) -> None:
-        """Search here from now on, with what was remembered there."""
+        """Search here from now on, from the last known state."""
         self._process = None
         self._here.recall(self._memory, self._pairs)
         self._pairs = {}

@@ -1,12 +1,12 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Turns boxes found elsewhere, by a neural network say, into fronts of vehicles.
+Turns boxes of another program, such as a neural network, into fronts of vehicles.
 
-A box says that there is a vehicle and about where; how far away its front is and how fast it moves
-both views and an earlier pair say (``front_search``), as for every detector of this package.
-Boxes may come some pairs late: they are applied to the pair they were found in, and the front is
-followed from there to the newest pair.
+A box gives the approximate place of a vehicle in the left image.  The range of its front and its
+speed follow from both views and an earlier pair (``front_search``), as for every detector of this
+package.  Boxes may come some pairs late: they are applied to the pair that they were found in, and
+the front is followed from there to the newest pair.
 """
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ from ..geometry.rig import StereoRig
 from ..geometry.steadied import moved_px
 from ..road.lanes import LanePath
 
-_MOST_WAITING = 10_000  # offers for pairs still to come: more are of another clock
-_MOST_PYRAMIDS = 6  # that are kept: those of a pair are asked for again as an earlier one
+_MOST_WAITING = 10_000  # offers kept for pairs still to come; more must be of another clock
+_MOST_PYRAMIDS = 6  # pyramids kept, because a pair is used again later as the earlier one
 
 
 @dataclass(frozen=True)
@@ -40,14 +40,15 @@ class BoxConfig(CheckedRecord):
     least_score: float = parameter(
         0.5, 0.0, 1.0, '', 'boxes with a lower score are ignored')
     history_pairs: int = parameter(
-        10, 0, 1000, '', 'boxes that come more pairs late are ignored')
+        10, 0, 1000, '', 'boxes that come more than this many pairs late are ignored')
     forget_after_s: float = parameter(
-        3.0, 0.1, 60.0, 's', 'after so long a gap whatever was in view has left')
+        3.0, 0.1, 60.0, 's', 'gap between pairs after which earlier pairs are discarded, because '
+        'all vehicles have left the view')
 
     fit: BoxFitConfig = section(BoxFitConfig, 'where a front lies in its box')
-    front: FrontConfig = section(FrontConfig, 'what both views must show')
-    motion: MotionConfig = section(MotionConfig, 'since an earlier pair')
-    spacing: SpacingConfig = section(SpacingConfig, 'one vehicle or two')
+    front: FrontConfig = section(FrontConfig, 'what both views must show of a front')
+    motion: MotionConfig = section(MotionConfig, 'how a front must have moved')
+    spacing: SpacingConfig = section(SpacingConfig, 'least distances between vehicles')
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -66,13 +67,13 @@ class _Kept:
 
 class BoxDetector:
     """
-    Finds the fronts of vehicles whose boxes it is offered; see the module's docstring.
+    Finds the fronts of vehicles in boxes that it is offered; see the module's docstring.
 
     :param rig: the cameras.
     :param lanes: lane name to lane path.
     :param config: parameters.
 
-    ``unmatched`` counts the offers of boxes whose pair never came, or had been forgotten.
+    ``unmatched`` counts the offers whose pair never came, or was no longer kept.
     """
 
     Settings = BoxConfig
@@ -88,7 +89,7 @@ class BoxDetector:
         self._noise = NoiseEstimate()
 
     def reset(self) -> None:
-        """Forget the pairs and boxes so far, as after a jump back of time."""
+        """Discard all earlier pairs and boxes, as after a jump back in time."""
         self._forget_pairs()
         self._waiting.clear()
 
@@ -96,8 +97,8 @@ class BoxDetector:
         """
         Take the boxes of one pair; they are used when the next pair comes.
 
-        :param stamp_ns: header stamp of the left image they were found in, ns.
-        :param boxes: all of them.
+        :param stamp_ns: header stamp of the left image that they were found in, ns.
+        :param boxes: all boxes of that image.
         """
         self._waiting[stamp_ns] = tuple(boxes)
         if len(self._waiting) > _MOST_WAITING:
@@ -106,10 +107,10 @@ class BoxDetector:
 
     def update(self, pair: StereoPair, tracked: Sequence[TrackedRegion] = ()) -> list[Detection]:
         """
-        Take in a pair and return the vehicles in boxes that no track holds.
+        Process a pair and return the vehicles in boxes that no track holds.
 
-        :param pair: in order of stamps.
-        :param tracked: what the tracks hold, predicted for this pair.
+        :param pair: pairs in order of stamps.
+        :param tracked: regions that tracks hold, predicted for this pair.
         """
         if self._history and (pair.stamp_ns - self._history[-1].pair.stamp_ns) * 1e-9 \
                 > self.config.forget_after_s:
@@ -129,7 +130,7 @@ class BoxDetector:
         return [d for d in detections if d is not None]
 
     def _matched(self) -> list[tuple[_Kept, Sequence[ImageBox]]]:
-        """Return the pairs whose boxes have come, the earliest first, with those boxes."""
+        """Return the pairs whose boxes have arrived, the earliest first, with the boxes."""
         newest_ns = self._history[-1].pair.stamp_ns
         come = {stamp_ns: self._waiting.pop(stamp_ns)
                 for stamp_ns in sorted(self._waiting) if stamp_ns <= newest_ns}
@@ -140,7 +141,7 @@ class BoxDetector:
         return out
 
     def _found_in(self, kept: _Kept, boxes: Sequence[ImageBox]) -> list[FoundFront]:
-        """Return the fronts of vehicles in the boxes of a pair, one of each."""
+        """Return the fronts of vehicles in the boxes of a pair, at most one per box."""
         past = self._references(kept.pair.stamp_ns)
         good = [box for box in boxes if box.score >= self.config.least_score]
         if not past or not good:
@@ -157,7 +158,7 @@ class BoxDetector:
         return out
 
     def _front_of(self, box: ImageBox, moment: Moment, taken: Held) -> Optional[FoundFront]:
-        """Return the front in a box, by its symmetry or, where that leads nowhere, without."""
+        """Return the front in a box, found by symmetry or, if that fails, without it."""
         fit, reach_m = self.config.fit, self.config.front.reach_m
         pair = moment.now.pair
         there = self._unmoved(box, pair)
@@ -172,7 +173,7 @@ class BoxDetector:
         return None
 
     def _unmoved(self, box: ImageBox, pair: StereoPair) -> ImageBox:
-        """Return where a box would be, had the rig not moved."""
+        """Return a box with the motion of the rig removed."""
         if pair.motion is None:
             return box
         rig = self._search.rig
@@ -190,7 +191,7 @@ class BoxDetector:
                                      self._pyramids_of(newest.pair))
 
     def _references(self, stamp_ns: int) -> list[PairPyramids]:
-        """Return the youngest pair that is old enough; then, for the slow, an older one."""
+        """Return the newest pair that is old enough, then an older one for slow vehicles."""
         motion = self.config.motion
         past = [k.pair for k in self._history if k.pair.stamp_ns < stamp_ns]
         out: list[StereoPair] = []
@@ -219,7 +220,7 @@ class BoxDetector:
         self._pyramids.clear()
 
     def _trim(self) -> None:
-        """Forget the pairs that neither late boxes nor the pairs of those can need."""
+        """Drop the pairs that neither late boxes nor comparisons with their pairs can need."""
         history, keep_ns = self._history, self.config.motion.long_reference_s * 1e9
         while len(history) > self.config.history_pairs + 2 and (
                 history[-1 - self.config.history_pairs].pair.stamp_ns

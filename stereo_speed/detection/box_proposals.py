@@ -1,11 +1,11 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-From a box in the left image to places on a lane where the vehicle's front may stand.
+Turns a box in the left image into proposals on a lane.
 
-A vehicle stands on the road, so the lower edge of its box shows about where.  The box may be a few
-pixels off, and beside the front it shows the vehicle's side; so a few planes about that place are
-proposed, each with the middle of the box.
+A vehicle stands on the road, so the lower edge of its box gives its approximate place.  The box
+may be a few pixels off, and may include the side of the vehicle.  So a few planes around that
+place are proposed, each with the middle of the box.
 """
 from __future__ import annotations
 
@@ -19,36 +19,37 @@ from .protocol import ImageBox
 from ..core.config import CheckedRecord, parameter
 from ..core.records import Array
 
-_PLANE_SHIFT_M = 0.08  # a step between planes shifts the right view by this: refining bridges it
-_MOST_PLANES = 4  # either way: far away a pixel of the box is many metres of the road
-_MOST_HALF_M = 0.9  # half of a car; more of the box may be the side of the vehicle
+_PLANE_SHIFT_M = 0.08  # shift of the right view between planes, which refining can bridge
+_MOST_PLANES = 4  # greatest number of planes either way; at range a pixel covers many metres
+_MOST_HALF_M = 0.9  # half the width of a car; more of the box may be the side of the vehicle
 
 
 @dataclass(frozen=True)
 class BoxFitConfig(CheckedRecord):
-    """How a front must lie in the box that it was found by."""
+    """Where a front must lie in the box that it was found by."""
 
     lower_edge_px: float = parameter(
-        4.0, 0.0, 200.0, 'px', 'error of the lower edge of a box: so far above and below it the '
-        'place on the road is sought')
+        4.0, 0.0, 200.0, 'px', 'error of the lower edge of a box; the place on the road is '
+        'searched for so far above and below that edge')
     margin_share: float = parameter(
-        0.15, 0.0, 1.0, '', 'a front may lie beside its box by this share of its width and height')
+        0.15, 0.0, 1.0, '', 'greatest distance by which a front may extend beyond its box, as a '
+        'share of the width and height of the box')
     lower_share: float = parameter(
-        0.7, 0.05, 1.0, '', 'the middle of a front lies in this lower share of its box')
+        0.7, 0.05, 1.0, '', 'lower share of a box in which the middle of its front must lie')
     side_share: float = parameter(
-        0.7, 0.0, 1.0, '', 'share of the width of a box, at most, that shows the side of the '
-        'vehicle: fronts narrower than the rest are none')
+        0.7, 0.0, 1.0, '', 'greatest share of the width of a box that shows the side of the '
+        'vehicle; the front must be at least as wide as the rest')
 
 
 def box_proposals(geometry: LaneGeometry, box: ImageBox, reach_m: float, fit: BoxFitConfig
                   ) -> list[Proposal]:
     """
-    Return where on a lane the front of the vehicle in a box may stand, the likeliest first.
+    Return proposals for the front of the vehicle in a box, the likeliest first.
 
     :param geometry: the lane.
-    :param box: in the left image.
-    :param reach_m: how far beside the path the middle of a vehicle may be.
-    :param fit: how well boxes fit.
+    :param box: the box in the left image.
+    :param reach_m: greatest distance of the middle of a vehicle from the path, m.
+    :param fit: how a front must lie in its box.
     """
     across = box.left_px + box.width_px * np.array([0.0, 0.5, 1.0])
     low = box.top_px + box.height_px
@@ -66,14 +67,15 @@ def box_proposals(geometry: LaneGeometry, box: ImageBox, reach_m: float, fit: Bo
     for s in places[(places >= min(ends) - step_m) & (places <= max(ends) + step_m)]:
         x = geometry.across(float(s), np.stack([across, np.full(3, low)], axis=-1))
         half_m = min(0.5 * abs(float(x[2] - x[0])), _MOST_HALF_M)
-        if np.isfinite(x).all() and abs(float(x[1])) < reach_m + half_m:  # with its side
+        # The middle of the box may be that of front and side together.
+        if np.isfinite(x).all() and abs(float(x[1])) < reach_m + half_m:
             out.append(Proposal(float(s), float(x[1]), half_m=half_m))
     return out
 
 
 def fits_box(quad_px: Array, box: ImageBox, fit: BoxFitConfig) -> bool:
     """
-    Return whether a front lies in a box as that of the vehicle in it does.
+    Return whether a front lies in a box as the front of the vehicle in it would.
 
     :param quad_px: (4, 2) corners of the front in the left image.
     """

@@ -1,13 +1,12 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Finds vehicles by itself: upright, symmetric fronts that come along a lane.
+The plane-sweep detector: finds upright, symmetric fronts that move along a lane.
 
-Proposals come from a plane sweep along each lane (``plane_sweep``); what both views and an earlier
-pair must show of them is in ``front_search``.  A front
-is symmetric besides: the lower part of a vehicle is; that of a two-wheeler need not be, for it is
-outlined by what moves.  So vehicles are found from the second pair on, whatever the light, without
-anything to be learned first.
+Proposals come from a plane sweep along each lane (``plane_sweep``).  ``front_search`` defines what
+both views and an earlier pair must show of them.  A front must also be symmetric, as the lower
+part of a vehicle is; that of a two-wheeler need not be, as it is outlined by motion.  Vehicles are
+thus found from the second pair on, in any light, and without training.
 """
 from __future__ import annotations
 
@@ -26,18 +25,18 @@ from ..core.records import StereoPair
 from ..geometry.rig import StereoRig
 from ..road.lanes import LanePath
 
-_SAME_RATE = 0.01  # of a pair, by which stamps may scatter
-_MANY_PAIRS = 3  # in a round: more than 22 a second, faster than most cameras
+_SAME_RATE = 0.01  # tolerance for uneven stamps, as a share of a pair
+_MANY_PAIRS = 3  # pairs per round that count as many: above 22 a second, faster than most cameras
 
 
 @dataclass(frozen=True, eq=False)
 class Look:
     """
-    What is seen of a pair whatever the tracks hold.
+    The part of a search that does not depend on the tracks.
 
     :param moment: the pair and those that it is compared with.
-    :param past: earlier pairs that are remembered.
-    :param proposals: by the lanes whose turn it is, the best first.
+    :param past: earlier pairs that are kept.
+    :param proposals: lane to its proposals, the best first, for the lanes that are searched.
     """
 
     moment: Moment
@@ -45,21 +44,21 @@ class Look:
     proposals: Mapping[str, Sequence[Proposal]]
 
     def since(self, before: PairPyramids) -> tuple[StereoPair, ...]:
-        """Return an earlier pair and those since that are remembered."""
+        """Return an earlier pair and the kept pairs since."""
         return tuple(v.pair for v in self.past if v.age_s(before.pair.stamp_ns) <= 0)
 
 
 @dataclass(frozen=True)
 class Memory:
     """
-    What a detector remembers of the pairs so far, but for their images.
+    The state of a detector, without the images of the pairs that it keeps.
 
     :param past_ns: stamps of the earlier pairs that vehicles may be found in.
     :param due: lanes that are still to be searched in this round.
-    :param last_ns: stamp of the last pair, and
-    :param last_index: its number; None before there was one.
+    :param last_ns: stamp of the last pair, ns; None before the first.
+    :param last_index: number of the last pair; None before the first.
     :param noise: 1-sigma of a grey value.
-    :param searched: rounds so far.
+    :param searched: number of rounds so far.
     """
 
     past_ns: tuple[int, ...] = ()
@@ -70,18 +69,18 @@ class Memory:
     searched: int = 0
 
     def forgotten(self) -> Memory:
-        """Return what is left after a jump back of time."""
+        """Return the state after a jump back in time."""
         return Memory(noise=self.noise, searched=self.searched)
 
     def begins(self, stamp_ns: int, config: DetectorConfig) -> bool:
         """
         Return whether a round, in which each lane is searched, begins with the next pair.
 
-        Rounds begin ``interval_s`` after each other.  They compare with pairs of ``reference_s``
-        ago: where there are many pairs, a round that begins before that sees little that the last
-        one did not, and what it finds the sooner is followed back to that time anyway.
+        Rounds begin ``interval_s`` apart, and compare with pairs of ``reference_s`` ago.  At high
+        rates they begin ``reference_s`` apart: an earlier round would show little that the last
+        one did not, and detections are followed back to that time anyway.
 
-        :param stamp_ns: of the pair.
+        :param stamp_ns: stamp of the next pair.
         """
         if not self.past_ns:
             return True
@@ -92,14 +91,14 @@ class Memory:
         return age_s >= round_s or age_s > config.forget_after_s
 
     def passing(self, pair: StereoPair, config: DetectorConfig) -> Optional[Memory]:
-        """Return what is remembered if nothing is searched in the next pair; None if it is."""
+        """Return the state after the next pair if that is not searched; None if it is."""
         if self.due or self.begins(pair.stamp_ns, config):
             return None
         return replace(self, last_ns=pair.stamp_ns, last_index=pair.index)
 
 
 def pairs_a_round(passed_s: float, config: DetectorConfig) -> int:
-    """Return how many pairs, so far apart, share a round of ``interval_s``."""
+    """Return how many pairs at this interval share a round of ``interval_s``."""
     return max(math.ceil(config.interval_s / passed_s - _SAME_RATE), 1)
 
 
@@ -130,7 +129,7 @@ class PlaneSweepDetector:
         self._noise, self._searched = NoiseEstimate(), 0
 
     def _looked_at(self, lanes: Sequence[str]) -> PairRegions:
-        """Return what of the images the sweeps of lanes look at."""
+        """Return the regions of the images that the sweeps of lanes use."""
         rig, pixels = self._search.rig, [self._sweeps[lane].pixels for lane in lanes]
         return PairRegions(*(
             region_of([p[k] for p in pixels], (camera.width_px, camera.height_px))
@@ -143,15 +142,16 @@ class PlaneSweepDetector:
 
     @property
     def memory(self) -> Memory:
-        """Return what it remembers, but for the images of these pairs."""
+        """Return the state without the images of kept pairs."""
         return Memory(tuple(self.pairs), tuple(self._due), self._last_ns, self._last_index,
                       self._noise.std, self._searched)
 
     def recall(self, memory: Memory, pairs: Mapping[int, StereoPair]) -> None:
         """
-        Go on from what another one remembers, as that would.
+        Continue from the state of another detector.
 
-        :param pairs: those that it names, by stamp.
+        :param memory: that state.
+        :param pairs: stamp to pair, for the pairs that the state refers to.
         """
         self._past = deque(PairPyramids.of(pairs[ns], self._regions, self._search.rig)
                            for ns in memory.past_ns)
@@ -161,25 +161,25 @@ class PlaneSweepDetector:
 
     def pass_over(self, last_ns: Optional[int], last_index: Optional[int]) -> None:
         """
-        Be told of pairs in which nothing was to be searched.
+        Register pairs that were not to be searched.
 
-        :param last_ns: stamp of the last of them, or of what was searched last.
-        :param last_index: its number.
+        :param last_ns: stamp of the last pair before the next search.
+        :param last_index: number of that pair.
         """
         self._last_ns, self._last_index = last_ns, last_index
 
     def reset(self) -> None:
-        """Forget the earlier pairs, as after a jump back of time."""
+        """Discard all earlier pairs, as after a jump back in time."""
         self._past.clear()
         self._due.clear()
         self._last_ns = self._last_index = None
 
     def update(self, pair: StereoPair, tracked: Sequence[TrackedRegion] = ()) -> list[Detection]:
         """
-        Take in a pair and return the vehicles that no track holds.
+        Process a pair and return the vehicles that no track holds.
 
-        :param pair: in order of stamps; a gap in its numbers tells of those that were skipped.
-        :param tracked: what the tracks hold, predicted for this pair.
+        :param pair: pairs in order of stamps; a gap in their numbers means that some were skipped.
+        :param tracked: regions that tracks hold, predicted for this pair.
         """
         return self.detections(self.look(pair), self.held(tracked))
 
@@ -189,13 +189,12 @@ class PlaneSweepDetector:
 
     def look(self, pair: StereoPair) -> Optional[Look]:
         """
-        Take in a pair and return what of the search does not depend on the tracks.
+        Process a pair and return the part of the search that does not depend on the tracks.
 
-        Each lane is searched once in ``interval_s``.  Where that takes several pairs, the lanes
-        take turns, so that no pair takes much longer than the others; where it takes many, once
-        in ``motion.reference_s`` will do.
-        Where pairs were skipped because they came too fast, one lane a pair is searched: a pair
-        that took longer would have the more of the next ones skipped.
+        Each lane is searched once in ``interval_s``.  If several pairs come in it, the lanes
+        take turns, so that no pair takes much longer than the others; if many come, once in
+        ``motion.reference_s`` is enough.  If pairs were skipped because they came too fast, only
+        one lane is searched per pair, as a longer search would cause more pairs to be skipped.
 
         :param pair: as for :meth:`update`.
         :return: None where nothing is searched in this pair.
@@ -225,10 +224,10 @@ class PlaneSweepDetector:
 
     def detections(self, look: Optional[Look], held: Held) -> list[Detection]:
         """
-        Return the vehicles that no track holds; nothing of the detector changes.
+        Return the vehicles that no track holds, without changing the state of the detector.
 
-        :param look: at a pair; None where there was none.
-        :param held: places of the tracks, which keeps what it was asked.
+        :param look: result of :meth:`look` for a pair.
+        :param held: places that tracks hold; it records the questions that it is asked.
         """
         if look is None:
             return []
@@ -243,18 +242,18 @@ class PlaneSweepDetector:
         """
         Return the lanes whose turn it is.
 
-        :param begins: whether a round does, in which each lane is searched.
-        :param passed_s: since the last pair; it tells how many pairs share a round.
-        :param skipped: whether pairs were, since the last one.
+        :param begins: whether a round begins, in which each lane is searched.
+        :param passed_s: time since the last pair, which decides how many pairs share a round, s.
+        :param skipped: whether pairs were skipped since the last one.
         """
-        if begins:  # what a slower stream than expected has left over comes first
+        if begins:  # lanes left over from a stream slower than expected come first
             self._due.extend(lane for lane in self._sweeps if lane not in self._due)
         pairs = pairs_a_round(passed_s, self.config)
         count = 1 if skipped else math.ceil(len(self._sweeps) / pairs)
         return [self._due.popleft() for _ in range(min(count, len(self._due)))]
 
     def _references(self, stamp_ns: int) -> list[PairPyramids]:
-        """Return the youngest pair that is old enough; at times, for the slow, an older too."""
+        """Return the newest pair that is old enough; in some rounds also an older one."""
         motion = self.config.motion
         ages_s = [motion.reference_s]
         if self._searched % self.config.long_every == 0:

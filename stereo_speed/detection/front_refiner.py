@@ -1,15 +1,15 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-From a proposal to a front: its depth by both views, its middle and its width by its symmetry.
+Refines a proposal to a front: its depth by both views, its middle and width by its symmetry.
 
-Through a window at the height of bumpers one sees a front only from the plane it stands on, so
-moving to the depth at which both views agree, and looking through that plane again, ends there.
-Fronts and rears are symmetric: the axis gives their middle to a few centimetres, and the outermost
-edges that are mirrored and stand at the same depth give their width.
+The window is at the height of bumpers.  Each round moves the plane to the depth at which both
+views agree and samples again, which converges to the plane on which the front stands.  Fronts and
+rears are symmetric: the axis gives their middle to a few centimetres, and the outermost edges that
+are mirrored and stand at the same depth give their width.
 
-Where the right view is exposed later, each round first asks the left views of two pairs how fast
-such a front moves, and looks for it in the right view as far ahead as that says.
+Where the right view is exposed later, each round first estimates the speed of the front from the
+left views of two pairs, and samples the right view as far ahead as follows from it.
 """
 from __future__ import annotations
 
@@ -29,38 +29,38 @@ from .pyramid import PairPyramids, Patches
 from .temporal_match import find_travel, Interval
 from ..vision.subpixel import parabola_peak
 
-HALF = 42  # samples from the axis to the edge of the window: lorries are as wide
-_SHIFTS = 4  # samples either way by which the views are compared
-_ASIDE_M = 1.4  # the axis is sought this far to either side at first
-_CLOSE_M = 0.3  # and this far later
-_MIDDLE = 25  # samples from the axis to the edge of what then gives the axis
-_STRIDE = 2  # every other sample is enough to find the axis at first
-_DARK = 16.0  # grey levels added before logarithms, which would make much of the darkest pixels
-_ROUNDS = 5  # by then a proposal has settled or never will
-_SETTLED_M = 0.006  # a smaller shift of the right view leaves the depth as it is
-_MOST_M = 8.0  # a step of depth is no longer
-_SAME_S_M = 1.5  # fronts nearer to each other along the lane,
-_SAME_X_M = 0.3  # and nearer across it, are one
-_ALIKE = 0.5  # edges of a front are alike by more than this, mirrored and in the other view
-_WEAK_SHARE = 0.5  # weaker edges, as a share of the strongest, do not count
-_LEAST_HALF_M = 0.45  # edges nearer to the axis are not those of a front
-_NARROW_SHARE = 0.4  # of the least width of a narrow front, as far from its axis
-_BEYOND_M = 0.06  # a front ends a little beyond its outermost strong edges, often those of lamps
-_OFF_SHIFTS = 1  # road or front may be a little higher or nearer than path or refinement say
-AS_SHARP = 0, 0  # levels of the pyramids below the usual one, left and right
-_LEAST_RATE = 0.2  # of depth, as a share of that at rest: below it the motion hides the depth
+HALF = 42  # samples from the axis to the edge of the window, half the width of a lorry
+_SHIFTS = 4  # greatest shift between the views either way, in samples
+_ASIDE_M = 1.4  # reach of the first search for the axis, to either side
+_CLOSE_M = 0.3  # reach of later searches for the axis, to either side
+_MIDDLE = 25  # samples from the axis to the edge of the part that determines the axis later
+_STRIDE = 2  # step of samples in the first search for the axis
+_DARK = 16.0  # grey levels added before the logarithm, which would overweight dark pixels
+_ROUNDS = 5  # rounds after which a proposal has converged or never will
+_SETTLED_M = 0.006  # shift of the right view below which the depth has converged
+_MOST_M = 8.0  # greatest step of depth
+_SAME_S_M = 1.5  # fronts nearer along the lane, and _SAME_X_M across, are one
+_SAME_X_M = 0.3  # fronts nearer across the lane, and _SAME_S_M along, are one
+_ALIKE = 0.5  # least correlation of a front's edges, mirrored and with the other view
+_WEAK_SHARE = 0.5  # least strength of an edge, as a share of the strongest
+_LEAST_HALF_M = 0.45  # least distance of a front's edges from the axis
+_NARROW_SHARE = 0.4  # the same for narrow fronts, as a share of their least width
+_BEYOND_M = 0.06  # a front extends beyond its outermost strong edges, often those of lamps
+_OFF_SHIFTS = 1  # tolerance of heights and depths in comparing the views, in samples
+AS_SHARP = 0, 0  # pyramid levels relative to the usual one, left and right
+_LEAST_RATE = 0.2  # least rate of depth, relative to rest; below it motion hides the depth
 
 
 @dataclass(frozen=True)
 class FrontKind:
     """
-    A kind of front, and where its middle and its edges are looked for.
+    A kind of front, and where its middle and its edges are searched for.
 
-    :param low_m: height above the road of the lower edge of what is looked at.
-    :param high_m: height of its upper edge.
-    :param least_width_m: what is narrower is none.
-    :param narrow_m: what is wider is none either, nor part of a wider one; None where it may be as
-        wide as a lorry.
+    :param low_m: height above the road of the lower edge of the window, m.
+    :param high_m: height above the road of the upper edge of the window, m.
+    :param least_width_m: least width of such a front, m.
+    :param narrow_m: greatest width of such a front, which must not be part of a wider one, m; None
+        where it may be as wide as a lorry.
     """
 
     low_m: float
@@ -70,17 +70,17 @@ class FrontKind:
 
     @property
     def half(self) -> int:
-        """Return the samples from the axis to the edge of the widest front."""
+        """Return the number of samples from the axis to the edge of the widest front."""
         return HALF if self.narrow_m is None else round(self.narrow_m / 2 / GRID_M)
 
     @property
     def middle(self) -> int:
-        """Return the samples from the axis to the edge of what gives the axis in the end."""
+        """Return the number of samples from the axis that determine the axis in the end."""
         return _MIDDLE if self.narrow_m is None else self.half
 
     @property
     def least_half(self) -> int:
-        """Return the samples within which there is more on a front than its edges."""
+        """Return the number of samples from the axis in which no outer edge is searched for."""
         least_m = _LEAST_HALF_M if self.narrow_m is None else _NARROW_SHARE * self.least_width_m
         return round(least_m / GRID_M)
 
@@ -93,8 +93,8 @@ class FrontBatch:
     :param s_m: (n,) arc lengths, m.
     :param x_m: (n,) offsets of their axes to the left of the path, m.
     :param half_m: (n,) halves of their widths, m.
-    :param ahead_m: (n,) how far they go on until the right view is exposed, m.
-    :param shift_m: (n,) of the right view where it agrees with the left one, m.
+    :param ahead_m: (n,) distances travelled until the right view is exposed, m.
+    :param shift_m: (n,) shifts of the right view at which it agrees with the left one, m.
     :param cross_ncc: (n,) left-right correlations there.
     :param symmetry: (n,) correlations with their mirror images.
     """
@@ -112,7 +112,7 @@ class FrontBatch:
 
     @classmethod
     def of(cls, proposals: Sequence[Proposal]) -> FrontBatch:
-        """Return proposals as they are before they are looked at."""
+        """Return a batch of proposals before their first round."""
         none = np.zeros(len(proposals))
         return cls(s_m=np.array([p.s_m for p in proposals]),
                    x_m=np.array([p.x_m for p in proposals]),
@@ -121,7 +121,7 @@ class FrontBatch:
                    shift_m=none, cross_ncc=none, symmetry=none)
 
     def take(self, which: NDArray[np.bool_] | NDArray[np.int64]) -> FrontBatch:
-        """Return some of them, by a mask or by their numbers."""
+        """Return some of them, by a mask or by their indices."""
         return FrontBatch(*(getattr(self, f.name)[which] for f in fields(self)))
 
     def hypotheses(self) -> list[FrontHypothesis]:
@@ -139,11 +139,11 @@ class FrontRefiner:
     Refines proposals of one lane.
 
     :param geometry: the lane.
-    :param kind: of the fronts sought.
-    :param front: what a front is.
-    :param motion: how it may move, for views that are exposed apart.
-    :param least_symmetry: correlation with its mirror image, below which nothing is a front; None
-        where any may be one.
+    :param kind: kind of the fronts that are searched for.
+    :param front: parameters of fronts.
+    :param motion: parameters of their motion, for views that have two stamps.
+    :param least_symmetry: least correlation of a front with its mirror image; None where fronts
+        need not be symmetric.
     """
 
     def __init__(self, geometry: LaneGeometry, kind: FrontKind, front: FrontConfig,
@@ -156,10 +156,12 @@ class FrontRefiner:
         """
         Refine proposals in one batch.
 
+        :param proposals: the proposals.
         :param interval: the pair, and an earlier one.
         :param noise: 1-sigma of a grey value.
-        :param symmetric: find middle and width by symmetry; else those of the proposals stay.
-        :param speed_known: proposals tell how far they go on until the right view is exposed.
+        :param symmetric: whether middle and width are found by symmetry; otherwise those of the
+            proposals are kept.
+        :param speed_known: whether ``ahead_m`` of the proposals is known and kept.
         """
         batch, now = FrontBatch.of(proposals), interval.now
         out: list[FrontHypothesis] = []
@@ -188,15 +190,15 @@ class FrontRefiner:
     def standing_ncc(self, front: FrontHypothesis, now: PairPyramids,
                      coarser: tuple[int, int] = AS_SHARP) -> float:
         """
-        Return the correlation of the views of what stands at a place, a little off or not.
+        Return the best correlation of the views of a standing front, within a small tolerance.
 
-        :param coarser: levels of the pyramids below the usual one, of the left and the right view.
+        :param coarser: pyramid levels, coarser than the usual one, of the left and the right view.
         """
         return self._views_ncc(front, now, False, coarser)
 
     def lying_ncc(self, front: FrontHypothesis, now: PairPyramids,
                   coarser: tuple[int, int] = AS_SHARP) -> float:
-        """Return the correlation of the views as if what is seen of a front lay on the road."""
+        """Return the correlation of the views if what looks like a front lay on the road."""
         return self._views_ncc(front, now, True, coarser)
 
     def _views_ncc(self, front: FrontHypothesis, now: PairPyramids, lying: bool,
@@ -211,7 +213,7 @@ class FrontRefiner:
                    for k in range(2 * _OFF_SHIFTS + 1))
 
     def _ahead(self, batch: FrontBatch, interval: Interval, first: bool) -> Floats:
-        """Return how far fronts (n,) go on in the lag of the right view, by the left views."""
+        """Return the distances (n,) travelled during the lag, from the left views of two pairs."""
         lag_s = interval.now.pair.right_lag_s
         return np.array([
             find_travel(self.sampler, front, interval, self.motion,
@@ -220,9 +222,9 @@ class FrontRefiner:
 
     def _rate(self, batch: FrontBatch) -> Floats:
         """
-        Return the shift of the right view (n,) per metre that a front is in truth further along.
+        Return the shift of the right view (n,) per metre that a front truly is further along.
 
-        What is nearer to the camera than it seems has gone less far than it seems to have.
+        A front that is nearer than assumed has also travelled less than assumed.
         """
         rates = self.sampler.geometry.rates(batch.s_m)
         if not batch.ahead_m.any():
@@ -233,10 +235,10 @@ class FrontRefiner:
 
     def _axis(self, batch: FrontBatch, now: PairPyramids) -> Floats:
         """
-        Return the axes (n,) about which most of what is seen, as wide as a lorry, is mirrored.
+        Return the axes (n,) with the most mirrored contrast, in a window as wide as a lorry.
 
-        Not the share of it: each lamp is symmetric by itself.  Logarithms keep lamps from being
-        all that counts.
+        The amount counts and not its share, because each lamp is symmetric by itself.  Logarithms
+        keep lamps from dominating.
         """
         aside, half = round(_ASIDE_M / GRID_M / _STRIDE), self.kind.half // _STRIDE
         both = self.sampler.both(batch.s_m, batch.x_m, (half + aside) * _STRIDE, now,
@@ -248,10 +250,10 @@ class FrontRefiner:
     def _is_middle(self, batch: FrontBatch, now: PairPyramids, noise: float
                    ) -> NDArray[np.bool_]:
         """
-        Return whether fronts (n,) are about the axis of most that is seen, or the only ones.
+        Return whether fronts (n,) lie at the axis with most mirrored contrast, or none is there.
 
-        A dark vehicle and its shadow are mirrored about what lies between them, and that is no
-        front; the lamp of a front is no front because its front is one.
+        A dark vehicle and its shadow are symmetric about an axis between them, where there is no
+        front.  A lamp of a front does not count as a front, because the front at the axis does.
         """
         axis_m = self._axis(batch, now)
         middle = np.asarray(np.abs(axis_m - batch.x_m) < _CLOSE_M)
@@ -263,7 +265,7 @@ class FrontRefiner:
 
     def _observe(self, batch: FrontBatch, now: PairPyramids, noise: float, symmetric: bool
                  ) -> FrontBatch:
-        """Return the batch with what both views show of it."""
+        """Return the batch updated by both views."""
         aside = round(_CLOSE_M / GRID_M)
         both = self.sampler.both(batch.s_m, batch.x_m, HALF + aside + _SHIFTS, now, batch.ahead_m)
         moved = np.full(len(batch), aside)
@@ -300,27 +302,27 @@ def _mask(half_m: Floats) -> NDArray[np.bool_]:
 
 def _half_width(left: Patches, right: Patches, noise: float, kind: FrontKind) -> Floats:
     """
-    Return how far out the outermost edges are that are mirrored and seen at this depth by both.
+    Return the distances of the outermost edges that are mirrored and at this depth in both views.
 
-    :param left: (n, rows, 2 HALF + 1).
-    :param right: the same, already shifted to agree.
+    :param left: (n, rows, 2 HALF + 1) windows of the left view.
+    :param right: the same of the right view, already shifted to agree.
     :param noise: 1-sigma of a grey value; edges that may be noise do not count.
-    :param kind: of the fronts.
-    :return: (n,) m; 0 where there are none, or a narrow one is part of a wider.
+    :param kind: kind of the fronts.
+    :return: (n,) m from the axis; 0 where there are none.
     """
     alike, same, weaker = edges(left, right)
-    weaker[:, :kind.least_half] = 0  # there is more on a front than its edges
+    weaker[:, :kind.least_half] = 0  # edges inside a front are not its outline
     weaker[:, kind.half - 1:] = 0
     alike = np.where((alike > _ALIKE) & (same > _ALIKE) & (weaker > noise), weaker, 0.0)
     good = alike > _WEAK_SHARE * alike.max(axis=1, keepdims=True)
     last = HALF - np.argmax(good[:, ::-1], axis=1)
-    near = last[:, None] - np.arange(BAND + 1)  # the band begins to see an edge before it
+    near = last[:, None] - np.arange(BAND + 1)  # a band responds before it reaches the edge
     edge = last - np.argmax(np.take_along_axis(weaker, np.maximum(near, 0), axis=1), axis=1)
     return np.asarray(np.where(good.any(axis=1), edge, 0) * GRID_M)
 
 
 def _distinct(batch: FrontBatch, symmetric: bool) -> list[int]:
-    """Return the numbers of places that are not near a better one."""
+    """Return the indices of places that are not near a better one."""
     s, x = batch.s_m, batch.x_m
     out: list[int] = []
     for k in np.argsort(-(batch.symmetry if symmetric else batch.cross_ncc), kind='stable'):

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Fronts on upright planes across a lane, as both views show them."""
+"""Samples both views on upright planes across a lane."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -13,20 +13,20 @@ from .patch_kernels import Floats
 from .pyramid import level_of, LEVELS, PairPyramids, Patches, Pyramid
 from ..core.records import Array
 
-GRID_M = 0.03  # between samples across
-ROWS = 9  # samples up a front
+GRID_M = 0.03  # spacing of samples across the lane
+ROWS = 9  # samples over the height of a front
 
 
 @dataclass(frozen=True)
 class FrontHypothesis:
     """
-    An upright thing on a plane across the lane.
+    A possible front on a plane across the lane.
 
     :param s_m: arc length, m.
     :param x_m: offset of its middle to the left of the path, m.
     :param half_m: half of its width, m.
-    :param ahead_m: how far it has gone on along the lane when the right view is exposed, m.
-    :param cross_ncc: left-right correlation of what varies across it.
+    :param ahead_m: distance travelled along the lane until the right view is exposed, m.
+    :param cross_ncc: left-right correlation, with the mean of each row removed.
     :param symmetry: correlation with its mirror image, mean of both views.
     """
 
@@ -43,8 +43,8 @@ class FrontSampler:
     Samples windows at the height of fronts.
 
     :param geometry: the lane.
-    :param low_m: height above the road of the lower edge of what is sampled.
-    :param high_m: height of its upper edge.
+    :param low_m: height above the road of the lower edge of the windows, m.
+    :param high_m: height above the road of the upper edge of the windows, m.
     """
 
     def __init__(self, geometry: LaneGeometry, low_m: float, high_m: float) -> None:
@@ -56,12 +56,13 @@ class FrontSampler:
         """
         Return windows of planes in the left view.
 
-        :param s_m: (n,).
-        :param x_m: (n,) middles.
+        :param s_m: (n,) arc lengths of the planes, m.
+        :param x_m: (n,) offsets of the middles of the windows, m.
         :param half: samples from the middle to the edge, a multiple of the stride.
-        :param stride: 2 takes every other sample of both axes.
-        :param coarser: how many levels of the pyramid below the one that suits the samples.
-        :return: (n, rows, 2 half + 1), or as many as the stride leaves.
+        :param pair: the pair.
+        :param stride: step of the samples along both axes.
+        :param coarser: number of pyramid levels coarser than the one that suits the samples.
+        :return: (n, rows, 2 half + 1), or fewer samples by the stride.
         """
         uv = self.geometry.left_pixels(s_m, x_m, _reach(half, stride), self.heights_m[::stride])
         return _sampled(self._levels(s_m, coarser), uv, pair.left)
@@ -71,10 +72,11 @@ class FrontSampler:
         """
         Return windows of planes in the right view.
 
-        The arguments are those of :meth:`left`, and
+        Further arguments are those of :meth:`left`.
 
-        :param ahead_m: (n,) how far a front goes on until the right view is exposed.
-        :param lying: sample where the road is that is seen through the planes from the left.
+        :param ahead_m: (n,) distances travelled until the right view is exposed, m.
+        :param lying: whether to sample the points of the road that the left camera sees through
+            the planes, instead of the planes.
         """
         uv = self.geometry.right_pixels(s_m, x_m, _reach(half, stride), self.heights_m[::stride],
                                         ahead_m, lying)
@@ -82,7 +84,7 @@ class FrontSampler:
 
     def both(self, s_m: Floats, x_m: Floats, half: int, pair: PairPyramids, ahead_m: Floats,
              stride: int = 1) -> Patches:
-        """Return the windows of :meth:`left` and below each, as more rows, those of the right."""
+        """Return the windows of the left view, with those of the right view as further rows."""
         levels = self._levels(s_m, 0)
         views = [_sampled(levels, uv, view) for uv, view in zip(
             self.geometry.both_pixels(s_m, x_m, _reach(half, stride), self.heights_m[::stride],
@@ -90,7 +92,7 @@ class FrontSampler:
         return np.concatenate(views, axis=1)
 
     def _levels(self, s_m: Floats, coarser: int) -> NDArray[np.int64]:
-        """Return the levels of the pyramids (n,) that suit planes."""
+        """Return the pyramid levels (n,) for planes, coarser by a number of levels."""
         return np.minimum(level_of(self.geometry.px_per_m(s_m) * GRID_M) + coarser, LEVELS - 1)
 
 

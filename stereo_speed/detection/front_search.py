@@ -1,11 +1,11 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-From proposals to fronts of vehicles: what every detector of this package shares.
+Turns proposals into fronts of vehicles; shared by all detectors of this package.
 
-Two things must agree.  Both views: what stands upright on the road at one depth is a front; what
-lies on the road, such as shadows, pools of light and lane markings, is none.  And time: it was
-further back along the lane in an earlier pair; what stands still is no vehicle in traffic.
+A front must pass two tests.  By both views it stands upright on the road at one depth, unlike
+shadows, pools of light and lane markings, which lie on the road.  By time it was further back
+along the lane in an earlier pair, unlike anything that stands still.
 """
 from __future__ import annotations
 
@@ -30,24 +30,25 @@ from ..geometry.camera import Camera
 from ..geometry.rig import StereoRig
 from ..road.lanes import LanePath
 
-_MARGIN_PX = 2.0  # a quad nearer to the edge of an image cannot be sampled about its corners
-_LEAST_DOUBT = 0.005  # no two views agree better than this, whatever their correlation
-# Coarser levels of one view look as the other does out of focus; those of both show less noise.
+_MARGIN_PX = 2.0  # least distance of a quad from the edge of an image, for sampling at corners
+_LEAST_DOUBT = 0.005  # least value of 1 - NCC; no two views agree better than this
+# Levels of (left, right) to try: a coarser level of one view matches the other if that is out of
+# focus; coarser levels of both have less noise.
 _SHARPNESSES = (AS_SHARP, (1, 0), (0, 1), (2, 0), (0, 2)), ((1, 1),)
-_WHOLE_SHARE = 0.85  # what shows less of the width of a front shows part of it
-_BLUR_M = 0.15  # what goes with a front seems wider by this
-_NOISE_SHARE = 0.2  # of each pair in the running estimate of the noise
-_NOISE_STEP = 8  # pixels between those that the noise is estimated from
-FIRST_NOISE = 2.0  # grey levels, before two pairs have been seen
+_WHOLE_SHARE = 0.85  # share of a front's width below which only part of it is visible
+_BLUR_M = 0.15  # by which the width of everything that moves with a front is overestimated
+_NOISE_SHARE = 0.2  # weight of a pair in the running estimate of the noise
+_NOISE_STEP = 8  # spacing of the pixels that the noise is estimated from
+FIRST_NOISE = 2.0  # grey levels, assumed before two pairs have been seen
 _NORMAL = 0.6745  # median of the absolute value of a normal variable of unit variance
 
 
 class SearchConfig(Protocol):
-    """What the parameters of every detector of this package contain."""
+    """The parameters that all detectors of this package have."""
 
     @property
     def front(self) -> FrontConfig:
-        """Return what both views must show."""
+        """Return what both views must show of a front."""
 
     @property
     def motion(self) -> MotionConfig:
@@ -55,19 +56,19 @@ class SearchConfig(Protocol):
 
     @property
     def spacing(self) -> SpacingConfig:
-        """Return how near two vehicles can be."""
+        """Return how close two vehicles can be."""
 
 
 @dataclass(frozen=True, eq=False)
 class FoundFront:
     """
-    A front that stands upright and came along its lane.
+    A front that stands upright and has moved along its lane.
 
     :param lane: name of its lane.
-    :param front: where it is and how wide.
-    :param motion: how it came there.
-    :param place: where it is, for its distance from others.
-    :param sampler: of its lane, at its heights.
+    :param front: its place and width.
+    :param motion: its motion since the earlier pair.
+    :param place: its place, for distances from others.
+    :param sampler: sampler of its lane at its heights.
     :param before: the earlier pair.
     """
 
@@ -87,11 +88,10 @@ class FoundFront:
 @dataclass(frozen=True, eq=False)
 class Moment:
     """
-    What fronts are sought in.
+    The pairs in which fronts are searched for.
 
     :param now: the pair.
-    :param past: earlier pairs in which they may be found further back, that to be tried first in
-        front.
+    :param past: earlier pairs in which fronts may be found further back, in the order to try.
     :param noise: 1-sigma of a grey value.
     """
 
@@ -102,16 +102,16 @@ class Moment:
 
 class NoiseEstimate:
     """
-    The noise of a grey value, from how most pixels differ from one pair to the next.
+    A running estimate of the noise of grey values, from robust differences between pairs.
 
-    :param std: 1-sigma to begin with.
+    :param std: initial 1-sigma.
     """
 
     def __init__(self, std: float = FIRST_NOISE) -> None:
         self.std = std
 
     def learn(self, now: PairPyramids, before: PairPyramids) -> None:
-        """Take in two pairs."""
+        """Update the estimate by two pairs."""
         places = now.left.places(_NOISE_STEP)
         a, b = (v.left.pick(places) for v in (now, before))
         difference = a - b
@@ -121,13 +121,13 @@ class NoiseEstimate:
 
 class FrontSearch:
     """
-    Makes fronts of proposals.
+    Turns proposals into fronts.
 
     :param rig: the cameras.
     :param lanes: lane name to lane path.
     :param config: parameters.
-    :param least_symmetry: correlation of a front with its mirror image; None where fronts need
-        not be symmetric.
+    :param least_symmetry: least correlation of a front with its mirror image; None where fronts
+        need not be symmetric.
     """
 
     def __init__(self, rig: StereoRig, lanes: Mapping[str, LanePath], config: SearchConfig,
@@ -150,14 +150,14 @@ class FrontSearch:
     def search(self, lane: str, proposals: Sequence[Proposal], moment: Moment,
                taken: Held, most: int, symmetric: bool = True) -> list[FoundFront]:
         """
-        Return the fronts of a lane that proposals lead to.
+        Return the fronts of a lane that result from proposals.
 
-        :param lane: its name.
-        :param proposals: the best first.
-        :param moment: pairs to look at.
-        :param taken: places where no vehicle is sought.
-        :param most: proposals, at most, that are refined at each height of fronts.
-        :param symmetric: find middle and width of fronts by their symmetry.
+        :param lane: name of the lane.
+        :param proposals: proposals, the best first.
+        :param moment: the pair and earlier pairs.
+        :param taken: places where no vehicle is searched for.
+        :param most: greatest number of proposals that are refined for each kind of front.
+        :param symmetric: whether middle and width of fronts are found by their symmetry.
         """
         out: list[FoundFront] = []
         places = self._places(lane, proposals)
@@ -179,9 +179,9 @@ class FrontSearch:
 
     def _whole(self, found: FoundFront, moment: Moment, others: Held) -> FoundFront:
         """
-        Return a front as it stands higher up, if only part of its width shows low down.
+        Return a front found at greater height, if only part of its width shows lower down.
 
-        By night the bumper of a lorry is dark, and its lamps are above.
+        At night the bumper of a lorry is dark, and its lamps are higher up.
         """
         low, tall = self._refiners[found.lane][:2]
         if found.sampler is not low.sampler:
@@ -191,14 +191,14 @@ class FrontSearch:
             if found.front.half_m >= _WHOLE_SHARE * front.half_m:
                 continue
             higher = self._verified(found.lane, tall, front, moment, others)
-            # Both are as wide as what moves of them now.
+            # Both widths are now those of the moving part.
             if higher is not None and found.front.half_m < _WHOLE_SHARE * higher.front.half_m:
                 return higher
         return found
 
     def _outlined(self, proposals: Sequence[Proposal], refiner: FrontRefiner, interval: Interval,
                   noise: float) -> list[Proposal]:
-        """Return proposals with middle and width of what moves there, if it is narrow."""
+        """Return proposals with middle and width of the narrow moving outline found there."""
         out = []
         for one in proposals:
             found = moving_outline(refiner.sampler, one.x_m, one.s_m,
@@ -226,14 +226,14 @@ class FrontSearch:
             half_m = moving_half(refiner.sampler, front, motion, interval, moment.noise,
                                  self.config.motion)
             if half_m > 0 and self._is_part(front, motion, refiner, interval, moment.noise):
-                return None  # another pair may not show what it is part of
+                return None  # final, as another pair may not show the wider front
             if half_m > 0:
                 return FoundFront(lane, replace(front, half_m=half_m), motion, place,
                                   refiner.sampler, before)
         return None
 
     def _is_at_side(self, lane: str, place: Place, others: Held) -> bool:
-        """Return whether a place is at the side of a vehicle, as long as such ones may be."""
+        """Return whether a place is at the side of a vehicle, given the lengths of vehicles."""
         limits = self.config.front
         return (others.is_at_side(lane, place, limits.narrow_behind_m, limits.narrow_side_m,
                                   limits.narrow_car_width_m / 2)
@@ -242,7 +242,7 @@ class FrontSearch:
 
     def _is_upright(self, front: FrontHypothesis, refiner: FrontRefiner, now: PairPyramids
                     ) -> bool:
-        """Return whether a front stands on its plane and looks like one."""
+        """Return whether a front stands on its plane and is symmetric where it has to be."""
         looks_like_one = (self.least_symmetry is None or refiner.kind.narrow_m is not None
                           or front.symmetry >= self.least_symmetry)
         return (looks_like_one and abs(front.x_m) < self.config.front.reach_m
@@ -251,22 +251,22 @@ class FrontSearch:
     def _stands(self, front: FrontHypothesis, refiner: FrontRefiner, now: PairPyramids,
                 sharpnesses: Sequence[tuple[int, int]]) -> bool:
         """
-        Return whether the views of a front agree on its plane, and much less so on the road.
+        Return whether the views of a front agree on its plane, and much less on the road.
 
-        :param sharpnesses: levels of the pyramids below the usual one, of the left and the right
-            view; each explanation has those that suit it best.
+        :param sharpnesses: trial pyramid levels, coarser than the usual one, of the left and the
+            right view; the best of them is used for each hypothesis.
         """
         limits = self.config.front
         stands, lies = (max(ncc(front, now, coarser) for coarser in sharpnesses)
                         for ncc in (refiner.standing_ncc, refiner.lying_ncc))
-        if AS_SHARP in sharpnesses:  # between the samples they agree still better
+        if AS_SHARP in sharpnesses:  # the refined NCC is interpolated, and so higher
             stands = max(stands, front.cross_ncc)
         return (stands >= limits.least_cross_ncc
                 and 1 - lies > limits.upright_factor * max(1 - stands, _LEAST_DOUBT))
 
     def _is_part(self, front: FrontHypothesis, motion: Motion, refiner: FrontRefiner,
                  interval: Interval, noise: float) -> bool:
-        """Return whether a narrow front is part of a wider one, which goes with it."""
+        """Return whether a narrow front is part of a wider one that moves with it."""
         kind, limits = refiner.kind, self.config
         if kind.narrow_m is None:
             return False
@@ -280,13 +280,13 @@ class FrontSearch:
         return Place(middle, half_m, lane)
 
     def _places(self, lane: str, proposals: Sequence[Proposal]) -> list[Place]:
-        """Return where proposals are, as of something without a width."""
+        """Return the places of proposals, with zero width."""
         middles = self._middles(lane, np.array([p.s_m for p in proposals]),
                                 np.array([p.x_m for p in proposals]))
         return [Place(middle, 0.0, lane) for middle in middles]
 
     def _middles(self, lane: str, s_m: Array, x_m: Array) -> Array:
-        """Return the middles (n, 3) of fronts, m."""
+        """Return the middles (n, 3) of fronts, left optical frame, m."""
         front = self.config.front
         height = np.array([(front.low_m + front.high_m) / 2])
         return self.geometry[lane].points(s_m, x_m[:, None], height)[:, 0, 0]
@@ -296,11 +296,12 @@ class FrontSearch:
         """
         Return a front as it is in a later pair; None where it is not seen there.
 
-        :param then: the pair it was found in.
+        :param found: the front.
+        :param then: the pair that it was found in.
         :param now: the later pair.
         """
         front, motion = found.front, found.motion
-        later = Interval(then, now)  # back in time: it has gone less than nothing
+        later = Interval(then, now)  # reversed in time, so the distance travelled is negative
         travel = find_travel(found.sampler, front, later, self.config.motion,
                              motion.speed_mps * later.seconds)
         if travel.ncc < self.config.motion.least_ncc:
@@ -315,7 +316,7 @@ class FrontSearch:
                            aside_m=motion.aside_m - travel.aside_m))
 
     def distinct(self, found: Sequence[FoundFront]) -> list[FoundFront]:
-        """Return the best of those that are one vehicle, seen from two lanes."""
+        """Return one front per vehicle, the nearest to its path, if two lanes found the same."""
         out: list[FoundFront] = []
         for one in sorted(found, key=lambda f: abs(f.front.x_m)):
             if not self.spacing.meet(one.lane, one.place, [f.place for f in out]):
@@ -325,10 +326,11 @@ class FrontSearch:
     def detection(self, found: FoundFront, now: StereoPair, since: tuple[StereoPair, ...]
                   ) -> Optional[Detection]:
         """
-        Return what is reported of a front; None where it does not lie well in both images.
+        Return the detection of a front; None where it does not lie well inside both images.
 
+        :param found: the front.
         :param now: the newest pair.
-        :param since: the earlier pair that it was in and those since, without the newest.
+        :param since: the earlier pair that shows it and those since, without the newest.
         """
         front, motion = found.front, found.motion
         left, right = self.quads(found, front, now)
@@ -349,7 +351,7 @@ class FrontSearch:
 
     def quads(self, found: FoundFront, front: FrontHypothesis, pair: StereoPair
               ) -> tuple[Array, Array]:
-        """Return the corners of a front at a place, clockwise, in both views of a pair."""
+        """Return the corners (4, 2) of a front, clockwise, in both views of a pair."""
         edges = front.x_m + np.array([-1.0, 1.0]) * front.half_m
         geometry, rig = self.geometry[found.lane], self.rig.as_taken(pair.motion)
         left, right = (rig.project(geometry.points(
@@ -358,7 +360,7 @@ class FrontSearch:
         return _clockwise(left[0]), _clockwise(right[0])
 
     def _inside(self, left_px: Array, right_px: Array) -> bool:
-        """Return whether a quad lies well in both images."""
+        """Return whether a quad lies in both images, off their edges."""
         return _well_in(self.rig.left, left_px) and _well_in(self.rig.right, right_px)
 
 

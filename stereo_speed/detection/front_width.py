@@ -1,11 +1,11 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-How wide a front is, in a pair that shows it near and whole.
+Measures the width of a front in a pair that shows it near and whole.
 
-A track keeps to what was seen of its front where it began: where a pole or another vehicle hid the
-rest of it, that is a part.  Later pairs show all of it.  So the front is looked for in them as a
-detector does it, about the place that the track tells, and its width is that of what is mirrored.
+A track follows the part of a front that was visible when it began, where a pole or another vehicle
+may have hidden the rest.  Later pairs show the whole front.  So it is searched for in them as a
+detector does, around the place of the track, and its width is that of its symmetric part.
 """
 from __future__ import annotations
 
@@ -24,20 +24,21 @@ from ..core.records import StereoPair, TrackUpdate
 from ..geometry.rig import StereoRig
 from ..road.lanes import LanePath
 
-_BESIDE_M = 3.1  # half a lorry beyond the axis of one of which the track holds an edge
-_COLUMNS = 32  # of it, for what is far outside of an image bounds no region of it
-_AHEAD_M = 1.0  # by which the place of a front may change as it is looked for
-_SAME_S_M = 0.5  # what stands further off along the lane is not the front of that vehicle
+_BESIDE_M = 3.1  # reach across, as a track may hold one edge of a lorry
+_COLUMNS = 32  # points across that bound the region, as points far outside the image are ignored
+_AHEAD_M = 1.0  # reach along the lane of the refinement of a front
+_SAME_S_M = 0.5  # greatest distance along the lane of a front of the same vehicle
 
 
 class FrontWidth:
     """
-    Measures the width of a tracked front anew.
+    Measures the width of a tracked front independently of its track.
 
-    It looks for what a front usually is, whatever found the vehicle and with whatever parameters.
+    It uses the default parameters of the plane-sweep detector, whichever detector found the
+    vehicle.
 
     :param rig: the cameras.
-    :param lane: the lane whose path the places of the front are told by.
+    :param lane: the lane along whose path the places of the front are given.
     """
 
     def __init__(self, rig: StereoRig, lane: LanePath) -> None:
@@ -45,7 +46,7 @@ class FrontWidth:
 
     @cached_property
     def _refiners(self) -> list[FrontRefiner]:
-        """Return what finds fronts, for each height at which they show most."""
+        """Return a refiner for each height at which fronts are searched for."""
         config = DetectorConfig()
         front, geometry = config.front, LaneGeometry(self._rig, self._lane)
         return [FrontRefiner(geometry, FrontKind(low_m, high_m, front.least_width_m), front,
@@ -54,10 +55,10 @@ class FrontWidth:
 
     def widths_m(self, pair: StereoPair, update: TrackUpdate) -> list[float]:
         """
-        Return the widths of the fronts that are seen where a track is, one for each height.
+        Return the widths of the fronts found at the place of a track, at most one per height, m.
 
-        :param pair: that shows the vehicle.
-        :param update: where it is in it.
+        :param pair: a pair that shows the vehicle.
+        :param update: update of the track for that pair.
         """
         ahead_m = pair.right_lag_s * update.speed_mps
         now = PairPyramids.of(pair, self._regions(update, ahead_m), self._rig)
@@ -71,7 +72,7 @@ class FrontWidth:
                 and front.symmetry >= (refiner.least_symmetry or 0.0)]
 
     def _regions(self, update: TrackUpdate, ahead_m: float) -> PairRegions:
-        """Return what of the images is looked at."""
+        """Return the regions of the images that are used."""
         rig, geometry = self._rig, self._refiners[0].sampler.geometry
         points = geometry.points(
             update.s_m + np.array([-_AHEAD_M, 0.0, _AHEAD_M, ahead_m + _AHEAD_M]),
@@ -84,6 +85,6 @@ class FrontWidth:
 
 
 def _heights(front: FrontConfig) -> list[tuple[float, float]]:
-    """Return the lower and upper edges of what is looked at of fronts."""
+    """Return the heights of the lower and the upper edge of each kind of window, m."""
     return [(front.low_m, front.high_m), (front.raised_low_m, front.raised_high_m),
             (front.tall_low_m, front.tall_high_m)]

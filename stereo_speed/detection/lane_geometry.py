@@ -1,13 +1,13 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Upright planes across a lane's path, and what a wrong depth does on them.
+Upright planes across a lane's path, and the effect of a wrong depth on them.
 
 A front stands on the plane across the path at ``s``; a point of the plane is (x, h): metres to the
-left of the path and above the road.  If what is seen through a point of the plane at ``s`` is in
-truth at ``s + ds``, the right view shows it at another x, by ``shift`` per metre of ds, and it is
-in truth at another height, by ``climb`` per metre.  What has gone on along the lane before the
-right view is exposed is shown by it at another x as well, by ``slide`` per metre.
+left of the path and above the road.  If an object seen at a point of the plane at ``s`` is in fact
+at ``s + ds``, the right view shows it at another x, by ``shift`` per metre of ds, and it has
+another height, by ``climb`` per metre.  If it travels along the lane until the right view is
+exposed, the right view shows it at another x as well, by ``slide`` per metre.
 """
 from __future__ import annotations
 
@@ -22,22 +22,22 @@ from ..core.records import Array
 from ..geometry.rig import StereoRig
 from ..road.lanes import LanePath
 
-_HEIGHT_M = 0.5  # rates are taken at this height above the road
-_STEP_M = 0.5  # between arc lengths at which rates are taken, and of their differences
-MOST_BEYOND_M = 40.0  # the path goes on straight beyond its ends by so much
-_NODES = (3, 5)  # up and across: pixels between them are interpolated by polynomials
+_HEIGHT_M = 0.5  # height above the road at which rates are computed
+_STEP_M = 0.5  # spacing of arc lengths for rates, and step of their numerical derivatives
+MOST_BEYOND_M = 40.0  # greatest straight extension of the path beyond its ends
+_NODES = (3, 5)  # up and across; pixels between them are interpolated by polynomials
 
 
 @dataclass(frozen=True, eq=False)
 class Rates:
     """
-    Rates of the plane at arc lengths (n,).
+    Rates of the planes at arc lengths (n,).
 
-    :param shift: change of x in the right view per metre that the truth lies further along.
-    :param climb: change of height per metre that the truth lies further along.
+    :param shift: change of x in the right view per metre that an object is further along.
+    :param climb: change of height per metre that an object is further along.
     :param px_per_m: pixels of the left view per metre across.
-    :param slide: change of x in the right view per metre that what is seen has gone on.
-    :param ahead_m: distance of the plane ahead of the left camera, along the path's direction.
+    :param slide: change of x in the right view per metre travelled until its exposure.
+    :param ahead_m: distance of the plane from the left camera along the path's direction, m.
     """
 
     shift: Array
@@ -57,20 +57,20 @@ class LaneGeometry:
 
     def __init__(self, rig: StereoRig, lane: LanePath) -> None:
         self.rig, self.lane = rig, lane
-        self._centre = -rig.R.T @ rig.t  # of the right camera
+        self._centre = -rig.R.T @ rig.t  # centre of the right camera
         length = lane.path.length_m
         more = min(MOST_BEYOND_M, max(0.5 * length, 10.0))
         self._s_m = np.arange(-more, length + more, _STEP_M)
-        with np.errstate(divide='ignore', invalid='ignore'):  # beside the cameras there are none
+        with np.errstate(divide='ignore', invalid='ignore'):  # undefined beside the cameras
             self._rates = self.exact_rates(self._s_m)
 
     def points(self, s_m: Array, x_m: Array, h_m: Array) -> Array:
         """
         Return points of planes.
 
-        :param s_m: (n,).
-        :param x_m: (n, w) or (w,).
-        :param h_m: (m,).
+        :param s_m: (n,) arc lengths, m.
+        :param x_m: (n, w) or (w,) offsets to the left of the path, m.
+        :param h_m: (m,) heights above the road, m.
         :return: (n, m, w, 3) left optical frame, m.
         """
         position, frame = self.lane.path.position(s_m), self.lane.path.frame(s_m)
@@ -85,12 +85,12 @@ class LaneGeometry:
 
     def left_pixels(self, s_m: Array, x_m: Array, reach_m: Array, h_m: Array) -> Patches:
         """
-        Project a small grid on each of many planes into the left view, by few exact points.
+        Project a small grid on each of many planes into the left view, by a few exact points.
 
-        :param s_m: (n,).
-        :param x_m: (n,) middles of the grids.
-        :param reach_m: (w,) columns about the middle, evenly rising.
-        :param h_m: (m,) heights, evenly spaced.
+        :param s_m: (n,) arc lengths, m.
+        :param x_m: (n,) middles of the grids, m to the left of the path.
+        :param reach_m: (w,) columns relative to the middle, evenly spaced and increasing, m.
+        :param h_m: (m,) heights above the road, evenly spaced, m.
         :return: (n, m, w, 2) pixels, float32; far outside the image where there are none.
         """
         points = self._nodes(s_m, x_m, reach_m, h_m)
@@ -101,11 +101,11 @@ class LaneGeometry:
         """
         Project a small grid on each of many planes into the right view.
 
-        The arguments are those of :meth:`left_pixels`, and
+        Further arguments are those of :meth:`left_pixels`.
 
-        :param ahead_m: (n,) how far it has gone on along the path when the right view is exposed.
-        :param lying: project what the left camera sees through the grid where that lies on the
-            road, not on the plane.
+        :param ahead_m: (n,) distances travelled along the path until the right view is exposed, m.
+        :param lying: whether to project the points of the road that the left camera sees through
+            the grid, instead of the grid.
         """
         if lying:
             points = self._carried(self._on_road(
@@ -120,7 +120,7 @@ class LaneGeometry:
         """
         Project a small grid on each of many planes into both views.
 
-        :return: what :meth:`left_pixels` and :meth:`right_pixels` do of the same arguments.
+        :return: the results of :meth:`left_pixels` and :meth:`right_pixels` for these arguments.
         """
         points, later = self._nodes(s_m, x_m, reach_m, h_m), None
         if ahead_m.any():
@@ -133,6 +133,7 @@ class LaneGeometry:
         """
         Return the offsets x (n,) at which rays of the left camera meet one plane; NaN behind it.
 
+        :param s_m: arc length of the plane, m.
         :param uv_px: (n, 2) pixels of the left view.
         """
         x, _ = self._met(np.full(len(uv_px), s_m), self.rig.left.rays(uv_px))
@@ -140,10 +141,10 @@ class LaneGeometry:
 
     def aslant(self, s_m: float, x_m: float) -> float:
         """
-        Return how far to its left the left camera sees what is a metre behind a place.
+        Return how far to the left of a place the left camera sees a point one metre behind it, m.
 
-        :param s_m: arc length of the place.
-        :param x_m: its offset to the left of the path.
+        :param s_m: arc length of the place, m.
+        :param x_m: offset of the place to the left of the path, m.
         """
         frame = self.lane.path.frame(np.array(s_m))
         along, left, _ = (self.lane.path.position(np.array(s_m)) + x_m * frame[:, 1]) @ frame
@@ -175,7 +176,7 @@ class LaneGeometry:
         return np.sum(off * frame[..., 1], axis=-1), np.sum(off * frame[..., 2], axis=-1)
 
     def _nodes(self, s_m: Array, x_m: Array, reach_m: Array, h_m: Array) -> Array:
-        """Return the few points (n, up, across, 3) of grids that are projected exactly."""
+        """Return the points (n, up, across, 3) of grids that are projected exactly."""
         nodes_h = np.linspace(h_m[0], h_m[-1], _NODES[0])
         nodes_x = np.linspace(reach_m[0], reach_m[-1], _NODES[1])
         return self.points(s_m, x_m[:, None] + nodes_x, nodes_h)
@@ -188,7 +189,7 @@ class LaneGeometry:
                                     )[..., None])
 
     def _carried(self, points: Array, s_m: Array, ahead_m: Array) -> Array:
-        """Return points (n, m, w, 3) after they have gone on along the path."""
+        """Return points (n, m, w, 3) after they have travelled along the path."""
         if not ahead_m.any():
             return points
         path, there = self.lane.path, s_m + ahead_m
@@ -197,14 +198,14 @@ class LaneGeometry:
             'nij,nmwj->nmwi', turned, points - path.position(s_m)[:, None, None]))
 
     def px_per_m(self, s_m: Array) -> Array:
-        """Return that of :meth:`rates` alone."""
+        """Return ``px_per_m`` of :meth:`rates` alone."""
         return np.interp(s_m, self._s_m, self._rates.px_per_m)
 
     def rates(self, s_m: Array) -> Rates:
         """
-        Return the rates in the middle of the lane.
+        Return the rates in the middle of the lane, interpolated.
 
-        :param s_m: (n,).
+        :param s_m: (n,) arc lengths, m.
         """
         return Rates(*(np.interp(s_m, self._s_m, values) for values in (
             self._rates.shift, self._rates.climb, self._rates.px_per_m, self._rates.slide,
@@ -212,18 +213,18 @@ class LaneGeometry:
 
     def exact_rates(self, s_m: Array) -> Rates:
         """
-        Return the rates, computed anew, in the middle of the lane.
+        Return the rates in the middle of the lane, computed exactly.
 
-        :param s_m: (n,).
+        :param s_m: (n,) arc lengths, m.
         """
         path = self.lane.path
         frame = path.frame(s_m)
         tangent, left, up = frame[..., 0], frame[..., 1], frame[..., 2]
         here = path.position(s_m) + _HEIGHT_M * up
-        # The same ray of the left camera meets a plane a step further along there:
+        # Where the same left ray meets a plane one step further along:
         depth = np.sum(here * tangent, axis=-1)
         there = here * (1 + _STEP_M / depth)[:, None]
-        # and the right camera's ray to that point meets this plane there:
+        # Where the right camera's ray to that point meets this plane:
         seen = self._seen_on(here, tangent, there)
         on = path.position(s_m + _STEP_M) + _HEIGHT_M * path.frame(s_m + _STEP_M)[..., 2]
         gone = self._seen_on(here, tangent, on)
@@ -243,8 +244,11 @@ class LaneGeometry:
 
     def seen(self, least_px_per_m: float, width_m: float, heights_m: Array) -> Array:
         """
-        Return where along the lane a front is wholly seen in both views, and large enough.
+        Return where along the lane a front is wholly in both images, and large enough.
 
+        :param least_px_per_m: least scale of the left view.
+        :param width_m: width of the front, m.
+        :param heights_m: heights of its points above the road, m.
         :return: (n,) arc lengths, 0.5 m apart.
         """
         _, _, left, right = self.project(self._s_m, np.array([-0.5, 0.5]) * width_m, heights_m)
@@ -253,8 +257,8 @@ class LaneGeometry:
 
 
 def _interpolated(uv: Array, rows: int, columns: int) -> Patches:
-    """Return the pixels (n, rows, columns, 2) between those of nodes (n, up, across, 2)."""
-    if not np.isfinite(uv).all():  # to ask takes a fraction of what replacing does
+    """Return pixels (n, rows, columns, 2) interpolated between nodes (n, up, across, 2)."""
+    if not np.isfinite(uv).all():  # checking first is much cheaper than replacing
         uv = np.nan_to_num(uv, nan=-1e4)
     by_height, across = _lagrange(_NODES[0], rows), _lagrange(_NODES[1], columns)
     mixed = np.einsum('mh,nhxc->nmcx', by_height, uv) @ across.T  # (n, m, 2, w)
@@ -263,7 +267,7 @@ def _interpolated(uv: Array, rows: int, columns: int) -> Patches:
 
 @lru_cache(maxsize=256)
 def _lagrange(nodes: int, count: int) -> Array:
-    """Return the weights (count, nodes) of the polynomial through even nodes, at even places."""
+    """Return Lagrange weights (count, nodes) for evenly spaced nodes and places."""
     at, places = np.linspace(0.0, 1.0, nodes), np.linspace(0.0, 1.0, count)
     weights = np.ones((count, nodes))
     for i in range(nodes):

@@ -1,11 +1,12 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-What of a window moves: how far out from its middle a vehicle reaches, whatever it looks like.
+The moving part of a window: how far a vehicle extends, whatever it looks like.
 
-The road beside a vehicle looks as it did in an earlier pair.  So columns of a window that have
-changed show a vehicle, or what it has uncovered since.  What goes with it has changed where it is
-and where it came from, looks here as it did there, and does not lie on the road as a shadow does.
+The road beside a vehicle looks the same as in an earlier pair.  So columns of a window that have
+changed show a vehicle, or background that it has uncovered since.  A column that moves with the
+vehicle has changed both at its present and at its earlier place, looks the same at both, and does
+not lie on the road as a shadow does.
 """
 from __future__ import annotations
 
@@ -23,26 +24,26 @@ from .pyramid import PairPyramids, Patches
 from .temporal_match import Interval, Motion, OFF_SAMPLES
 from ..vision.box_sums import window_sums
 
-_BESIDE_M = 2.3  # the other lamp of a bus is so far from one of them
-_SMOOTH = 3  # columns that are looked at together
-_END = 5  # columns beside each other end what goes
-_MORE = 2.0  # an explanation that leaves so many times less is the better one
+_BESIDE_M = 2.3  # half width of the window, as one lamp of a bus may be that far from the other
+_SMOOTH = 3  # columns that are combined
+_END = 5  # number of adjacent unmoving columns that end a moving part
+_MORE = 2.0  # ratio of residuals from which on the smaller one is the better explanation
 
 
 def moving_outline(sampler: FrontSampler, x_m: float, s_m: float, most_m: float,
                    interval: Interval, noise: float, config: MotionConfig
                    ) -> Optional[tuple[float, float]]:
     """
-    Return middle and half width of what has changed in a window and does not lie on the road, m.
+    Return middle and half width of the part of a window that has changed, off the road, m.
 
-    :param sampler: of a lane.
-    :param x_m: middle of the window.
-    :param s_m: arc length of its plane.
-    :param most_m: greatest width; of what is wider, the part that has changed most.
+    :param sampler: sampler of a lane.
+    :param x_m: middle of the window, m to the left of the path.
+    :param s_m: arc length of its plane, m.
+    :param most_m: greatest width, m; of a wider part, the section that has changed most is used.
     :param interval: the pair and an earlier one.
     :param noise: 1-sigma of a grey value.
     :param config: parameters.
-    :return: None where there is nothing.
+    :return: None where nothing has changed.
     """
     half = round(_BESIDE_M / GRID_M)
     place = np.array([s_m]), np.array([x_m]), half
@@ -63,14 +64,15 @@ def moving_outline(sampler: FrontSampler, x_m: float, s_m: float, most_m: float,
 def going_width(sampler: FrontSampler, front: FrontHypothesis, motion: Motion,
                 interval: Interval, noise: float, config: MotionConfig) -> float:
     """
-    Return the width of all that goes with a front, and is no shadow of it, m.
+    Return the width of everything that moves with a front and is not its shadow, m.
 
-    What is hidden beside it counts, too, for it may go with it: columns next to it that show
-    neither it nor what is behind it, as where a pole stands in front, now or a moment ago.
+    Hidden columns beside it are included, as they may move with it: adjacent columns that show
+    neither the front nor the background, such as where a pole stands in front, now or in the
+    earlier pair.
 
-    :param sampler: of its lane.
-    :param front: in the pair.
-    :param motion: of the front, from the earlier pair.
+    :param sampler: sampler of its lane.
+    :param front: the front in the pair.
+    :param motion: motion of the front from the earlier pair.
     :param interval: the pair and the earlier one.
     :param noise: 1-sigma of a grey value.
     :param config: parameters.
@@ -96,7 +98,7 @@ def going_width(sampler: FrontSampler, front: FrontHypothesis, motion: Motion,
             & has_changed_there & (here.standing < _MORE * np.maximum(here.lain, allowed)))
     if not goes.any():
         return 0.0
-    # Of views of which one is out of focus neither pair shows alike what stands still.
+    # If one view is out of focus, even static background differs between the views in both pairs.
     unlike = max(min(here.unlike(~has_changed), there.unlike(~has_changed_there)), 1.0)
     here, there = (replace(window, allowed=unlike * window.allowed) for window in (here, there))
     stays = ~has_changed | (here.standing > _MORE * np.maximum(here.behind, here.allowed)) | (
@@ -112,15 +114,17 @@ def going_width(sampler: FrontSampler, front: FrontHypothesis, motion: Motion,
 @dataclass(frozen=True, eq=False)
 class _Window:
     """
-    What a pair shows about a front.
+    The columns of a window around a front in one pair.
+
+    Differences between the views are sums of squares over a column.
 
     :param left: (rows, w) grey values of the left view.
-    :param allowed: (w,) of the differences of a column, what explains itself.
-    :param standing: (w,) difference from the right view, if it stands where the front does,
-    :param lain: (w,) if it lies on the road, and
-    :param behind: (w,) if it does, or stands farther away.
-    :param unseen: columns of road beside the front that the right view does not show, for the
-        front is before them: positive in front of its first column, else behind its last.
+    :param allowed: (w,) difference that noise and sampling explain.
+    :param standing: (w,) difference if the column stands where the front does.
+    :param lain: (w,) difference if the column lies on the road.
+    :param behind: (w,) least difference if the column lies on the road or stands farther away.
+    :param unseen: number of columns of road beside the front that the front hides in the right
+        view: positive before its first column, negative after its last.
     """
 
     left: Patches
@@ -133,7 +137,16 @@ class _Window:
     @classmethod
     def of(cls, sampler: FrontSampler, front: FrontHypothesis, half: int, middle: slice,
            pair: PairPyramids, noise: float) -> _Window:
-        """Return the columns up to half a width from the middle of a front, of that slice."""
+        """
+        Return the window around a front in a pair.
+
+        :param sampler: sampler of its lane.
+        :param front: the front.
+        :param half: columns from its middle to the edge of the window.
+        :param middle: columns of the front in the window.
+        :param pair: the pair.
+        :param noise: 1-sigma of a grey value.
+        """
         s, x, ahead = (np.array([v]) for v in (front.s_m, front.x_m, front.ahead_m))
         left = sampler.left(s, x, half, pair)[0]
         stands, lies = (sampler.right(s, x, half, pair, ahead, lying=lying)[0]
@@ -146,27 +159,31 @@ class _Window:
 
     def unlike(self, still: NDArray[np.bool_]) -> float:
         """
-        Return how many times as much as noise and sampling explain the views differ.
+        Return the ratio of the views' difference to what noise and sampling explain.
 
-        :param still: (w,) columns that have not changed: most show what both views do.
+        :param still: (w,) columns that have not changed, most of which both views show.
         """
         return float(np.median(self.behind[still] / self.allowed[still])) if still.any() else 1.0
 
     @property
     def shows_behind(self) -> NDArray[np.bool_]:
-        """Return the columns (w,) that show what is behind the front."""
+        """Return which columns (w,) show the background behind the front."""
         return np.asarray(self.behind < _MORE * self.allowed)
 
 
 def _farther(sampler: FrontSampler, front: FrontHypothesis, half: int, now: PairPyramids
              ) -> tuple[list[Patches], int]:
     """
-    Return windows of the right view as what the left one shows would be seen farther away.
+    Return windows of the right view for objects at greater ranges than the front.
 
-    From a little behind the front to the horizon it moves by the baseline, on the plane.
+    On the plane of the front, objects shift by the baseline from just behind it to the horizon.
 
-    :return: the windows; and how many columns of road beside the front the right view does not
-        show, for the front is before them: positive in front of the first column of the front.
+    :param sampler: sampler of its lane.
+    :param front: the front.
+    :param half: columns from its middle to the edge of the windows.
+    :param now: the pair.
+    :return: the windows; and the number of columns of road beside the front that the front hides
+        in the right view, positive before its first column.
     """
     s, x = np.array([front.s_m]), np.array([front.x_m])
     rates = sampler.geometry.rates(s)
@@ -174,26 +191,29 @@ def _farther(sampler: FrontSampler, front: FrontHypothesis, half: int, now: Pair
     most = math.ceil(abs(shift * ahead_m) / GRID_M)
     wide = sampler.right(s, x, half + most, now, np.zeros(1))[0]
     way = 1 if shift > 0 else -1
-    road_m = abs(sampler.heights_m[0] / climb)  # behind the front, through its upper edge
+    road_m = abs(sampler.heights_m[0] / climb)  # hidden road behind the front, by its upper edge
     strip = math.ceil(most * road_m / (ahead_m + road_m))
     return [wide[:, most + way * k:][:, :2 * half + 1] for k in range(1, most + 1)], way * strip
 
 
 def _reached(may: NDArray[np.bool_], middle: slice) -> tuple[int, int]:
     """
-    Return the first and the last column that is reached from the middle by such as may go with it.
+    Return the first and last column that are connected to the middle by columns that may move.
 
-    A few that may not, one here and one there, do so by chance.
+    Gaps of fewer than ``_END`` columns are bridged, as they occur by chance.
+
+    :param may: (w,) which columns may move with the front.
+    :param middle: columns of the front.
     """
     ends = np.convolve(~may, np.ones(_END), 'same') == _END
     before, after = (np.flatnonzero(part) for part in (ends[:middle.start], ends[middle.stop:]))
-    reach = _END // 2  # of the columns about each end
+    reach = _END // 2  # from the centre of each end to its edge
     return (int(before[-1]) + reach + 1 if len(before) else 0,
             middle.stop + int(after[0]) - reach - 1 if len(after) else len(may) - 1)
 
 
 def _change(now: Patches, then: Patches, noise: float) -> tuple[Floats, Floats]:
-    """Return the squares of the differences of columns, and what explains itself of them."""
+    """Return squared differences (w,) of columns, and the part that noise and sampling explain."""
     steep = np.square(np.gradient(now)).sum(axis=0)
     columns = np.square(now - then), 2 * noise ** 2 + OFF_SAMPLES ** 2 * steep
     change, allowed = (np.convolve(v.sum(axis=0), np.ones(_SMOOTH), 'same') for v in columns)
@@ -201,11 +221,11 @@ def _change(now: Patches, then: Patches, noise: float) -> tuple[Floats, Floats]:
 
 
 def _as_bright(other: Patches, now: Patches) -> Patches:
-    """Return a window as bright as another one, most of which shows the same."""
+    """Return a window scaled to the median brightness of another one, mostly of the same scene."""
     return np.asarray(other * (np.median(now) / max(float(np.median(other)), 1.0)))
 
 
 def _matched(values: Patches, to: Patches, part: Patches) -> Patches:
-    """Return grey values as they would be were a part of them as bright and rich as another."""
+    """Return values with gain and level such that a part of them matches another patch."""
     gain = to.std() / max(float(part.std()), 1.0)
     return np.asarray((values - part.mean()) * gain + to.mean())

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Kernels of the detector: small patches compared, shifted, mirrored, and their edges found."""
+"""Kernels of the detector: correlation, shifts, mirror symmetry and edges of small patches."""
 from __future__ import annotations
 
 from typing import Any
@@ -15,15 +15,15 @@ from ..vision.box_sums import window_sums
 
 Floats = NDArray[np.float64]
 
-LEAST_VARIANCE = 1.0  # in squared grey levels: patches with less are noise and do not correlate
-BAND = 3  # columns an edge takes
-_OFF_AXIS = 2  # samples by which an edge may be nearer to the axis than its mirror image
-_TINY = 1e-6  # squared grey levels, where there is no edge
+LEAST_VARIANCE = 1.0  # squared grey levels; patches with less are noise and do not correlate
+BAND = 3  # width of an edge in columns
+_OFF_AXIS = 2  # greatest asymmetry of an edge and its mirror image, in samples
+_TINY = 1e-6  # squared grey levels; avoids a division by zero where there is no edge
 
 
 def plain_level(values: Patches, mask: NDArray[np.bool_]) -> Patches:
     """
-    Return rows without their means: what varies up and down only tells nothing of depth.
+    Return rows minus their means, because variation from row to row does not depend on depth.
 
     :param values: (n, rows, w).
     :param mask: (n, w) columns that count; the others become 0.
@@ -42,7 +42,7 @@ def plain_correlate(a: Patches, b: Patches) -> Floats:
 
 
 def cut(values: Patches, start: NDArray[np.int64], width: int) -> Patches:
-    """Return columns ``start`` (n,) to ``start + width`` of each of (n, rows, w)."""
+    """Return columns ``start`` (n,) to ``start + width`` of patches (n, rows, w)."""
     columns: NDArray[Any] = start[:, None] + np.arange(width)
     return np.take_along_axis(values, columns[:, None, :], axis=2)
 
@@ -50,13 +50,13 @@ def cut(values: Patches, start: NDArray[np.int64], width: int) -> Patches:
 def plain_shifted(left: Patches, right: Patches, start: NDArray[np.int64],
                   mask: NDArray[np.bool_], most: int) -> Floats:
     """
-    Return the correlations (2 most + 1, n) of windows with those of shifted ones.
+    Return the correlations (2 most + 1, n) of windows with shifted windows.
 
     :param left: (n, rows, w).
     :param right: (n, rows, w).
     :param start: (n,) first columns of the windows.
     :param mask: (n, width) columns of a window that count.
-    :param most: shift either way, in columns.
+    :param most: greatest shift either way, in columns.
     """
     width = mask.shape[1]
     mine = plain_level(cut(left, start, width), mask)
@@ -66,7 +66,7 @@ def plain_shifted(left: Patches, right: Patches, start: NDArray[np.int64],
 
 @inlined
 def _means(values, first, mask, out):  # type: ignore
-    """Put the means of the rows of a window, where the mask counts, into an array."""
+    """Write the means of the rows of a window over its masked columns into an array."""
     for r in range(values.shape[0]):
         total, count = 0.0, 0
         for c in range(len(mask)):
@@ -78,7 +78,7 @@ def _means(values, first, mask, out):  # type: ignore
 
 @inlined
 def _columns(values, first, mask, mean):  # type: ignore
-    """Return how many columns of a window differ anywhere from the means of its rows."""
+    """Return the number of columns of a window that differ from the means of its rows."""
     columns = 0
     for c in range(len(mask)):
         if mask[c]:
@@ -91,7 +91,7 @@ def _columns(values, first, mask, mean):  # type: ignore
 
 @kernel(plain_shifted, '(f4[:,:,::1], f4[:,:,::1], i8[::1], b1[:,::1], i8)')
 def shifted(left: Any, right: Any, start: Any, mask: Any, most: Any) -> Any:
-    """Return correlations; arguments as :func:`plain_shifted`."""
+    """Return the correlations; arguments are those of :func:`plain_shifted`."""
     n, rows, _ = left.shape
     width = mask.shape[1]
     out = np.empty((2 * most + 1, n))
@@ -123,7 +123,7 @@ def plain_symmetry(values: Patches, mask: NDArray[np.bool_]) -> Floats:
     """
     Return the correlations (n,) of windows (n, rows, w) with their mirror images.
 
-    :param mask: (n, w) columns that count, themselves symmetric.
+    :param mask: (n, w) columns that count; the mask is symmetric.
     """
     level = plain_level(values, mask)
     return plain_correlate(level, level[:, :, ::-1])
@@ -131,7 +131,7 @@ def plain_symmetry(values: Patches, mask: NDArray[np.bool_]) -> Floats:
 
 @kernel(plain_symmetry, '(f4[:,:,::1], b1[:,::1])')
 def symmetry(values: Any, mask: Any) -> Any:
-    """Return correlations; arguments as :func:`plain_symmetry`."""
+    """Return the correlations; arguments are those of :func:`plain_symmetry`."""
     n, rows, width = values.shape
     out, mean = np.empty(n), np.empty(rows)
     for i in range(n):
@@ -150,11 +150,11 @@ def symmetry(values: Any, mask: Any) -> Any:
 
 def plain_mirrored(values: Patches, width: int) -> tuple[Floats, Floats]:
     """
-    Return the product of each window with its mirror image, both about the means of their rows.
+    Return the product of each window with its mirror image, with the means of rows removed.
 
     :param values: (n, rows, w + k).
-    :param width: w of the windows, odd.
-    :return: (n, k + 1) the sums, and what they would be were the windows symmetric.
+    :param width: width w of the windows, odd.
+    :return: (n, k + 1) the sums of products, and the same for perfectly symmetric windows.
     """
     every = sliding_window_view(values, width, axis=2)  # (n, rows, windows, width)
     half = width // 2
@@ -169,7 +169,7 @@ def plain_mirrored(values: Patches, width: int) -> tuple[Floats, Floats]:
 
 @kernel(plain_mirrored, '(f4[:,:,::1], i8)')
 def mirrored(values: Any, width: Any) -> Any:
-    """Return products and what they could be; arguments as :func:`plain_mirrored`."""
+    """Return the sums of products; arguments are those of :func:`plain_mirrored`."""
     n, rows, columns = values.shape
     windows, half = columns - width + 1, width // 2
     products, most = np.zeros((n, windows)), np.zeros((n, windows))
@@ -198,12 +198,12 @@ def mirrored(values: Any, width: Any) -> Any:
 
 def plain_edges(left: Patches, right: Patches) -> tuple[Floats, Floats, Floats]:
     """
-    Return of each column from the axis outwards how alike its edges are, and how strong.
+    Return similarity and strength of the edges in each column, from the axis outwards.
 
-    :param left: (n, rows, 2 half + 1) windows.
-    :param right: the same, already shifted to agree.
-    :return: (n, half + 1) correlation of edges with their mirror images, of the two views, and
-        the root mean square of the weaker of an edge and its mirror image.
+    :param left: (n, rows, 2 half + 1) windows of the left view.
+    :param right: the same of the right view, already shifted to agree.
+    :return: (n, half + 1) correlation of edges with their mirror images; correlation of the edges
+        of both views; root mean square of the weaker of an edge and its mirror image.
     """
     half, rows = left.shape[2] // 2, left.shape[1]
     views = [np.gradient(v, axis=2) for v in (left, right)]
@@ -219,7 +219,7 @@ def plain_edges(left: Patches, right: Patches) -> tuple[Floats, Floats, Floats]:
 
 
 def _band(a: Patches, b: Patches) -> Floats:
-    """Return sums of products over the rows and a few columns: (n, rows, k) to (n, k)."""
+    """Return sums (n, k) of products of (n, rows, k) over the rows and three columns."""
     products = np.einsum('nrk,nrk->nk', a, b).astype(np.float64)
     out = products.copy()
     out[:, 1:] += products[:, :-1]
@@ -229,7 +229,7 @@ def _band(a: Patches, b: Patches) -> Floats:
 
 @inlined
 def _bands(a, b, shift, out):  # type: ignore
-    """Put sums of products of a and of b shifted round over rows and columns into an array."""
+    """Write sums over rows and columns of products of a and circularly shifted b into an array."""
     count = a.shape[1]
     for k in range(count):
         out[k] = 0.0
@@ -243,7 +243,7 @@ def _bands(a, b, shift, out):  # type: ignore
 
 @kernel(plain_edges, '(f4[:,:,::1], f4[:,:,::1])')
 def edges(left: Any, right: Any) -> Any:
-    """Return edges; arguments as :func:`plain_edges`."""
+    """Return similarity and strength of edges; arguments are those of :func:`plain_edges`."""
     n, rows, width = left.shape
     half = width // 2
     count = half + 1

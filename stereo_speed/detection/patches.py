@@ -12,7 +12,7 @@ from ..vision.box_sums import window_sums
 
 def level_rows(values: Patches) -> Patches:
     """
-    Return rows without their means: what varies up and down only tells nothing of depth.
+    Return rows minus their means, because variation from row to row does not depend on depth.
 
     :param values: (n, rows, w).
     """
@@ -21,7 +21,7 @@ def level_rows(values: Patches) -> Patches:
 
 def slide(patch: Patches, wide: Patches) -> Floats:
     """
-    Return the correlations of one patch with every window of its width in each of wider ones.
+    Return the correlations of one patch with all windows of its width in wider patches.
 
     :param patch: (rows, w).
     :param wide: (n, rows, w + k).

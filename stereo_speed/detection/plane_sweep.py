@@ -1,16 +1,16 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-A plane sweep along a lane: where something upright that moves may stand.
+A plane sweep along a lane: proposes places where something upright and moving may stand.
 
-The lane is covered with upright planes across it, each sampled in both views by maps that are
-made once.  A window of such a plane that looks other than in an earlier pair, and has texture, is
-compared with the right view, shifted by a few samples either way.  The shift at which they agree
-best says how far in truth the thing is from that plane, and at which height: what lies on the road
-is shifted most, the lower part of a vehicle's front votes for the plane it stands on.
+The lane is covered with upright planes across it, each of which is sampled in both views by
+precomputed maps.  A window of a plane that has texture and differs from an earlier pair is
+compared with the right view, shifted by a few samples either way.  The best shift gives the true
+distance of the object from that plane, and its height: objects on the road are shifted most, while
+the lower part of a vehicle's front votes for the plane on which it stands.
 
-A right view that is exposed later shows a vehicle further along the lane.  How far is not known
-yet, so the sweep is repeated for a few speeds, and the best votes of all of them count.
+A right view that is exposed later shows a vehicle further along the lane.  As that distance is
+not known yet, the sweep is repeated for a few speeds, and the best votes of all of them count.
 """
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ from .pyramid import level_of, PairPyramids, Patches, Pyramid
 from ..vision.box_sums import window_sums
 from ..vision.subpixel import parabola_peak
 
-_GRID_M = 0.04  # between samples across
-_ROWS = 6  # samples up the front
-_SHIFTS = 3  # samples either way
-_WINDOW_M = 1.4  # less than the width of a car, so that a window sees nothing beside it
-_PLANE_SHIFT_M = 0.012  # a step between planes shifts the right view by this
-_EVERY = 4  # windows start at one of so many samples
-_LEAST_SQUARE = 1e-3  # of a window: a flat one must not divide by zero
-_ABOVE_BELOW_M = 0.25  # a vote for a height so far off the front may still be for it
-_LOWEST_M = -0.25  # a vote for a height below this is for something nearer
-_APART_X_M = 1.0  # two proposals are this far from each other across,
-_APART_S_SHARE = 0.06  # or along the lane by this share of their distance
-_SPEED_SHIFT_M = 0.08  # a step between speeds shifts a right view that is exposed later by this
+_GRID_M = 0.04  # spacing of samples across the lane
+_ROWS = 6  # samples over the height of the front
+_SHIFTS = 3  # greatest shift either way, in samples
+_WINDOW_M = 1.4  # width of a window, less than that of a car
+_PLANE_SHIFT_M = 0.012  # shift of the right view from one plane to the next
+_EVERY = 4  # step between windows, in samples
+_LEAST_SQUARE = 1e-3  # least sum of squares of a window; avoids a division by zero
+_ABOVE_BELOW_M = 0.25  # greatest height above the front that a window may vote for
+_LOWEST_M = -0.25  # votes for a lower height belong to something nearer
+_APART_X_M = 1.0  # least distance of two proposals across the lane
+_APART_S_SHARE = 0.06  # least distance of two proposals along the lane, as a share of the range
+_SPEED_SHIFT_M = 0.08  # shift of a later right view from one trial speed to the next
 
 
 @dataclass(frozen=True)
@@ -48,9 +48,9 @@ class Proposal:
 
     :param s_m: arc length, m.
     :param x_m: offset of its middle to the left of the path, m.
-    :param half_m: half of the width that is looked at first, m.
-    :param ahead_m: how far it has gone on along the lane when the right view is exposed, m.
-    :param votes: how many windows say so.
+    :param half_m: half of the initial width, m.
+    :param ahead_m: distance travelled along the lane until the right view is exposed, m.
+    :param votes: weighted number of windows that vote for it.
     """
 
     s_m: float
@@ -63,11 +63,11 @@ class Proposal:
 @dataclass(frozen=True, eq=False)
 class _Windows:
     """
-    Samples of planes, and of each window over them the sum, and that of squares about its mean.
+    Samples of planes, with the sums of windows over them.
 
     :param values: (n, rows, w) samples.
-    :param total: (n, windows).
-    :param square: (n, windows).
+    :param total: (n, windows) sums.
+    :param square: (n, windows) sums of squares about the mean of each window.
     """
 
     values: Patches
@@ -75,13 +75,13 @@ class _Windows:
     square: Floats
 
     def take(self, planes: NDArray[np.int64]) -> _Windows:
-        """Return those of some planes."""
+        """Return the windows of some planes."""
         return _Windows(self.values[planes], self.total[planes], self.square[planes])
 
 
 class PlaneSweep:
     """
-    Maps of one lane, and the proposals in a pair.
+    Proposes fronts on one lane by precomputed maps.
 
     :param geometry: the lane.
     :param config: parameters.
@@ -113,12 +113,12 @@ class PlaneSweep:
 
     @property
     def pixels(self) -> tuple[Patches, Patches]:
-        """Return what is looked at in the left and the right view, pixels of shape (..., 2)."""
+        """Return what is sampled in the left and the right view, pixels of shape (..., 2)."""
         return self._left, self._right
 
     def proposals(self, now: PairPyramids, before: PairPyramids, noise: float) -> list[Proposal]:
         """
-        Return where upright things that moved may stand, the best first.
+        Return proposals of upright, moving fronts, the best first.
 
         :param now: the pair.
         :param before: an earlier pair.
@@ -146,7 +146,7 @@ class PlaneSweep:
         return self._peaks(votes, ahead_m)
 
     def _ahead_m(self, lag_s: float) -> Floats:
-        """Return how far, at each of the speeds tried, a vehicle goes in the lag, m."""
+        """Return the distance travelled during the lag at each trial speed, m."""
         if not lag_s:
             return np.zeros(1)
         limits = self.config.motion
@@ -155,7 +155,7 @@ class PlaneSweep:
         return np.linspace(least_m, most_m, max(math.ceil(shift_m / _SPEED_SHIFT_M), 2) + 1)
 
     def _right_pixels(self, planes: NDArray[np.int64], ahead_m: float) -> Patches:
-        """Return the pixels of planes in the right view when it is exposed."""
+        """Return the pixels of planes in the right view at the time of its exposure."""
         if not ahead_m:
             return self._right[planes]
         count = len(planes)
@@ -172,7 +172,7 @@ class PlaneSweep:
         return out
 
     def _box(self, values: Patches) -> Floats:
-        """Return the sums over the windows: (n, rows, w) to (n, windows)."""
+        """Return the sums (n, windows) of samples (n, rows, w) over windows."""
         return window_sums(values.sum(axis=1), self._window)[:, self._starts]
 
     def _windows(self, values: Patches) -> _Windows:
@@ -181,12 +181,12 @@ class PlaneSweep:
         return _Windows(values, total, np.maximum(square, _LEAST_SQUARE))
 
     def _ncc(self, a: _Windows, b: _Windows) -> Floats:
-        """Return the correlation of each window with the same one of other samples."""
+        """Return the correlation of each window with the same window of other samples."""
         mixed = self._box(a.values * b.values) - a.total * b.total / (self._window * _ROWS)
         return np.asarray(mixed / np.sqrt(a.square * b.square))
 
     def _shifts(self, left: _Windows, right: Patches) -> tuple[Floats, Floats]:
-        """Return the best correlation of each window, and its shift in m; NaN at the ends."""
+        """Return the best correlation of each window, and its shift, m; NaN at the ends."""
         width = left.values.shape[-1]
         ncc = np.stack([self._ncc(left, self._windows(right[..., k:k + width]))
                         for k in range(2 * _SHIFTS + 1)])
@@ -197,7 +197,7 @@ class PlaneSweep:
 
     def _votes(self, planes: NDArray[np.int64], live: NDArray[np.bool_], ncc: Floats,
                shift_m: Floats) -> Floats:
-        """Let each live window vote for the plane on which what it sees stands: (S, windows)."""
+        """Return the votes (S, windows) of live windows for the planes that objects stand on."""
         votes = np.zeros((len(self.s_m), len(self.middle_m)))
         further_m = shift_m / self.rates.shift[planes][:, None]
         height = float(self._heights_m.mean()) + self.rates.climb[planes][:, None] * further_m
@@ -212,7 +212,7 @@ class PlaneSweep:
         return votes
 
     def _peaks(self, votes: Floats, ahead_m: Floats) -> list[Proposal]:
-        """Take the best places one by one from votes (speeds, S, windows), with what is near."""
+        """Return the best places of votes (speeds, S, windows), one per neighbourhood."""
         smooth = votes.copy()
         smooth[:, 1:] += votes[:, :-1]
         smooth[:, :-1] += votes[:, 1:]
@@ -234,7 +234,7 @@ class PlaneSweep:
 
 
 def _planes(geometry: LaneGeometry, seen: Floats) -> Floats:
-    """Return planes, each of which shifts the right view by as much as the next."""
+    """Return the arc lengths of planes that are equally spaced in shift of the right view."""
     if len(seen) < 2:
         return np.zeros(0)
     steps = np.abs(geometry.rates(seen).shift) * np.gradient(seen)

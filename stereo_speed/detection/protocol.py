@@ -1,7 +1,7 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-What every detector is: pairs in, fronts of vehicles that no track holds yet out.
+The interface of detectors: pairs in, fronts of vehicles that no track holds yet out.
 
 Detectors are found by name: those of this package in ``pipeline.registry``, those of other
 packages through the entry-point group ``stereo_speed.detectors``.
@@ -21,7 +21,7 @@ from ..road.lanes import LanePath
 @dataclass(frozen=True, eq=False, kw_only=True)
 class EarlierFront:
     """
-    Where a vehicle was in an earlier pair.
+    The front of a vehicle in an earlier pair.
 
     :param pairs: that pair and those since, without the newest.
     :param left_px: (4, 2) corners of its front there in the raw left image.
@@ -41,16 +41,16 @@ class Detection:
     :param lane: name of the lane.
     :param left_px: (4, 2) corners in the raw left image, clockwise from the top left.
     :param right_px: (4, 2) the same in the raw right image.
-    :param std_px: 1-sigma of the quad's place against the vehicle, px.
+    :param std_px: 1-sigma of the quad's place relative to the vehicle, px.
     :param s_m: arc length of the front along the lane's path, m.
     :param lateral_m: offset of the front's middle to the left of the path, m.
     :param width_m: width of the quad, m.
     :param height_m: height of the quad, m.
-    :param speed_mps: speed along the path as the detector saw it, m/s; None where it saw none.
-        A track that sees another one stays tentative for a while.
-    :param speed_std_mps: its 1-sigma, m/s.
-    :param earlier: where it was in an earlier pair, for the track to start there; None where
-        that is not known.
+    :param speed_mps: speed along the path by the detector, m/s; None where it gives none.  A track
+        whose own speed disagrees stays tentative for a while.
+    :param speed_std_mps: 1-sigma of that speed, m/s.
+    :param earlier: its front in an earlier pair, at which the track starts; None where that is not
+        known.
     """
 
     lane: str
@@ -73,10 +73,10 @@ class TrackedRegion:
 
     :param lane: name of the lane.
     :param s_m: arc length of the tracked front along the lane's path, m.
-    :param lateral_m: offset of its middle to the left of the path, m.
-    :param width_m: its width, m.
-    :param height_m: its height, m.
-    :param left_px: (4, 2) its corners in the raw left image, px.
+    :param lateral_m: offset of the front's middle to the left of the path, m.
+    :param width_m: width of the front, m.
+    :param height_m: height of the front, m.
+    :param left_px: (4, 2) corners of the front in the raw left image, px.
     :param right_px: (4, 2) the same in the raw right image, px.
     """
 
@@ -90,7 +90,7 @@ class TrackedRegion:
 
     @property
     def finite(self) -> bool:
-        """Return whether the place is known at all."""
+        """Return whether the place is known."""
         return bool(np.isfinite([self.s_m, self.lateral_m]).all())
 
 
@@ -99,14 +99,14 @@ class Detector(Protocol):
 
     def update(self, pair: StereoPair, tracked: Sequence[TrackedRegion]) -> Sequence[Detection]:
         """
-        Take in a pair, in order of stamps, and return the fronts that no track holds yet.
+        Process a pair, in order of stamps, and return the fronts that no track holds yet.
 
         :param pair: the pair.
-        :param tracked: what the tracks hold in it.
+        :param tracked: regions that tracks hold in it.
         """
 
     def reset(self) -> None:
-        """Forget the pairs so far: time has jumped back."""
+        """Discard all earlier pairs, because time has jumped back."""
 
 
 @runtime_checkable
@@ -115,24 +115,24 @@ class LooksAhead(Protocol):
 
     def expect(self, pair: StereoPair, tracked: Sequence[TrackedRegion]) -> None:
         """
-        Begin with the pair that ``update`` will be asked for.
+        Begin to search the pair that ``update`` will be called with.
 
         :param pair: the pair.
-        :param tracked: what the tracks are expected to hold in it.
+        :param tracked: regions that tracks are expected to hold in it.
         """
 
 
 @runtime_checkable
 class AnswersLater(Protocol):
-    """A detector that may still be searching the pair that it was told to expect."""
+    """A detector that may still be searching the pair that ``expect`` was called with."""
 
     def is_ready(self) -> bool:
-        """Return whether ``update`` would wait for no search."""
+        """Return whether ``update`` would return without waiting for a search."""
 
 
 class DetectorType(Protocol):
     """
-    A class of detectors, as the registry finds it.
+    A class of detectors, as the registry loads it.
 
     ``Settings`` is the config record of its own parameters
     (:class:`..core.config.NoParameters` where it has none).
@@ -153,12 +153,12 @@ class DetectorType(Protocol):
 @dataclass(frozen=True, kw_only=True)
 class ImageBox:
     """
-    A vehicle in the raw left image, as a detector outside the package found it.
+    The box of a vehicle in the raw left image, found by a detector outside the package.
 
     :param left_px: column of its left edge, px.
     :param top_px: row of its upper edge, px.
-    :param width_px: its width, px.
-    :param height_px: its height, px.
+    :param width_px: width of the box, px.
+    :param height_px: height of the box, px.
     :param score: confidence between 0 and 1.
     """
 
@@ -171,12 +171,12 @@ class ImageBox:
 
 @runtime_checkable
 class TakesBoxes(Protocol):
-    """A detector that is given what another one found, such as a neural network."""
+    """A detector that uses the boxes of another one, such as a neural network."""
 
     def offer(self, stamp_ns: int, boxes: Sequence[ImageBox]) -> None:
         """
         Take the boxes of one pair, before or some pairs after the pair itself.
 
-        :param stamp_ns: header stamp of the left image they were found in, ns.
-        :param boxes: all of them; none says that there is no vehicle.
+        :param stamp_ns: header stamp of the left image that they were found in, ns.
+        :param boxes: all boxes of that image; an empty sequence means that there is no vehicle.
         """

@@ -17,13 +17,13 @@ from ..geometry.steadied import moved_px
 Patches = NDArray[np.float32]
 
 LEVELS = 4
-_MARGIN_PX = 40  # the coarsest level blurs over as many pixels
+_MARGIN_PX = 40  # reach of the blur of the coarsest level
 _MAX_ROWS = 1 << 14  # cv2.remap takes maps of fewer than 32768 rows
-_NODES = 5  # across and down an image, that its motion is fitted to
+_NODES = 5  # points across and down an image to which its motion is fitted
 
 
 class Region(NamedTuple):
-    """A region of an image: its first column and row, and those after its last."""
+    """A region of an image: first column and row, and column and row after the last."""
 
     left: int
     top: int
@@ -44,9 +44,9 @@ class Pyramid:
     One image at full, half, quarter and eighth size.
 
     :param levels: float32 grey images, the first of full size.
-    :param origin_px: column and row of the image where they begin.
-    :param motion: (3, 2) takes pixels (u, v, 1) of a rig that has not moved to those of the
-        image, to a few tenths of a pixel at its edges; None where it has not.
+    :param origin_px: column and row of the image at which they begin.
+    :param motion: (3, 2) affine map from pixels (u, v, 1) of an unmoved rig to those of the image,
+        accurate to a few tenths of a pixel at its edges; None where the rig has not moved.
     """
 
     levels: tuple[Patches, ...]
@@ -63,28 +63,29 @@ class Pyramid:
         return cls(tuple(levels), (region.left, region.top), motion)
 
     def places(self, step_px: int) -> NDArray[np.float32]:
-        """Return every so many of the pixels of the full size, (n, 2)."""
+        """Return the pixels (n, 2) of the full size on a grid of this spacing."""
         (height, width), (left, top) = self.levels[0].shape, self.origin_px
         v, u = np.mgrid[top:top + height:step_px, left:left + width:step_px]
         return np.stack([u.ravel(), v.ravel()], axis=-1).astype(np.float32)
 
     def pick(self, uv_px: NDArray[np.float32]) -> Patches:
-        """Return the grey values of the nearest pixels of the full size (n,) to pixels (n, 2)."""
+        """Return the grey values (n,) of the full-size pixels nearest to pixels (n, 2)."""
         u, v = np.round(self._moved(uv_px) - self.origin_px).astype(int).T
         height, width = self.levels[0].shape
         return np.asarray(self.levels[0][np.clip(v, 0, height - 1), np.clip(u, 0, width - 1)])
 
     def _moved(self, uv_px: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return where the image shows what a rig that has not moved shows at pixels."""
+        """Return the pixels of the image for pixels of an unmoved rig."""
         if self.motion is None:
             return uv_px
         return np.asarray(uv_px @ self.motion[:2] + self.motion[2], np.float32)
 
     def sample(self, uv_px: NDArray[np.float32], level: int) -> Patches:
         """
-        Sample one level; what lies outside repeats the border.
+        Sample one level; the border is repeated outside.
 
-        :param uv_px: (..., W, 2) full-size pixels of a rig that has not moved, finite.
+        :param uv_px: (..., W, 2) full-size pixels of an unmoved rig, finite.
+        :param level: number of the level, 0 for full size.
         """
         scale = np.float32(0.5 ** level)
         shift = (0.5 - np.array(self.origin_px, np.float32)) * scale - np.float32(0.5)
@@ -117,6 +118,8 @@ class PairPyramids:
         """
         Build the pyramids of a region of each image.
 
+        :param pair: the pair.
+        :param regions: the regions.
         :param rig: the cameras.
         """
         left, right = (_motion(pair, rig, region, side) for side, region in enumerate(regions))
@@ -129,7 +132,7 @@ class PairPyramids:
 
 
 def _motion(pair: StereoPair, rig: StereoRig, region: Region, right: int) -> Optional[Patches]:
-    """Return the affine motion of one view, as of :class:`Pyramid`."""
+    """Return the affine motion of one view, as in :class:`Pyramid`."""
     if pair.motion is None:
         return None
     u, v = np.meshgrid(np.linspace(region.left, region.right, _NODES),
@@ -144,7 +147,7 @@ def region_of(pixels: Sequence[Patches], size: tuple[int, int]) -> Region:
     """
     Bound pixels by a region of an image, with a margin for the coarsest level.
 
-    :param pixels: arrays (..., 2); what is far outside the image does not count.
+    :param pixels: arrays (..., 2); pixels far outside the image do not count.
     :param size: width and height of the image.
     """
     last = np.array(size)
@@ -161,7 +164,7 @@ def region_of(pixels: Sequence[Patches], size: tuple[int, int]) -> Region:
 
 
 def level_of(step_px: Array) -> NDArray[np.int64]:
-    """Return the level whose pixels are the next finer than steps (...,) of full-size pixels."""
+    """Return the coarsest level with pixels no larger than steps (...,) of full-size pixels."""
     with np.errstate(invalid='ignore'):
-        levels = np.floor(np.log2(np.fmax(step_px, 1.0)))  # 1 px for those that are nan
+        levels = np.floor(np.log2(np.fmax(step_px, 1.0)))  # 1 px where the step is NaN
     return np.clip(levels, 0, LEVELS - 1).astype(np.int64)

@@ -22,9 +22,9 @@ from ..core.records import StereoPair
 
 class Searcher:
     """
-    Does what it is asked for.
+    Handles the requests of a :class:`.beside.DetectorBeside`.
 
-    :param memory_fd: descriptor of the memory that pairs come in.
+    :param memory_fd: file descriptor of the shared memory with the images of pairs.
     """
 
     def __init__(self, memory_fd: int) -> None:
@@ -35,9 +35,9 @@ class Searcher:
 
     def do(self, request: Request) -> Optional[Found]:
         """
-        Do what is asked for; return the answer, if there is to be one.
+        Handle a request; return its answer, or None where it has none.
 
-        :raises ValueError: nothing was begun.
+        :raises ValueError: there was no request to begin.
         """
         if isinstance(request, Begin):
             self._detector = PlaneSweepDetector(request.rig, request.lanes, request.config)
@@ -54,7 +54,7 @@ class Searcher:
         return _found(self._detector, self._look, self._detector.held(request.tracked))
 
     def _pair(self, request: Search) -> StereoPair:
-        """Return the pair in the shared memory; its images are good until the next one comes."""
+        """Return the pair in the shared memory; its images are valid until the next request."""
         size = os.fstat(self._fd).st_size
         if self._memory is None or len(self._memory) != size:
             self._memory = mmap(self._fd, size, prot=PROT_READ)
@@ -62,7 +62,7 @@ class Searcher:
 
 
 def _found(detector: PlaneSweepDetector, look: Optional[Look], held: Held) -> Found:
-    """Search, and return an answer that names earlier pairs by their stamps."""
+    """Search, and return an answer that refers to earlier pairs by their stamps."""
     bare, since_ns = [], []
     for one in detector.detections(look, held):
         earlier = one.earlier
@@ -72,9 +72,9 @@ def _found(detector: PlaneSweepDetector, look: Optional[Look], held: Held) -> Fo
 
 
 def main(pipe_fd: int, memory_fd: int) -> None:
-    """Do what comes through a pipe, until it is closed."""
+    """Handle requests that come through a pipe, until it is closed."""
     leave_ending_to_parent()
-    cv2.setNumThreads(1)  # the tracks have the other cores
+    cv2.setNumThreads(1)  # leaves the other cores to the tracks
     warm_up()
     searcher = Searcher(memory_fd)
     pipe: Connection[Any, Any] = Connection(pipe_fd)
@@ -84,7 +84,7 @@ def main(pipe_fd: int, memory_fd: int) -> None:
             answer = searcher.do(pipe.recv())
             if answer is not None:
                 pipe.send(answer)
-    except (EOFError, OSError):  # who started this is gone
+    except (EOFError, OSError):  # the parent has ended
         pass
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Whether two fronts are nearer to each other than two vehicles can be."""
+"""Decides whether two fronts are too close to each other to be two vehicles."""
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
@@ -17,13 +17,13 @@ from ..road.lanes import LanePath
 @dataclass(frozen=True, eq=False)
 class Place:
     """
-    Where a front is and how wide.
+    The place and width of a front.
 
-    :param centre_m: (3,) its middle, left optical frame, m.
+    :param centre_m: (3,) middle of the front, left optical frame, m.
     :param half_m: half of its width, m.
     :param lane: name of its lane; empty where that is not known.
-    :param frames: frames (3, 3) of lanes where they are nearest to it, by the names of those that
-        were asked for.
+    :param frames: cache, lane name to the frame (3, 3) of the lane at its point nearest to the
+        front.
     """
 
     centre_m: Array
@@ -35,14 +35,17 @@ class Place:
 @dataclass(frozen=True, eq=False)
 class Question:
     """
-    What was asked of the places that tracks hold, and answered.
+    A question about the places that tracks hold, with its answer.
 
-    :param lane: of a front.
-    :param one: where it is.
-    :param answer: whether it is too near to one of them.
-    :param speed_mps: of the front; 0 where it is not known.
-    :param side_m: whether it is at the side of one was asked, of those at least so far from their
-        middle to their edge, so far beyond and so near to it; None where it was not.
+    The question is whether a front is too near to one of these places or, where ``side_m`` is
+    given, whether it is at the side of one of them.
+
+    :param lane: lane of the front.
+    :param one: place of the front.
+    :param answer: the answer.
+    :param speed_mps: speed of the front, m/s; 0 where it is not known.
+    :param side_m: least half width of the places that count, greatest distance behind them, and
+        greatest distance from their side, m; None for the question of distance.
     """
 
     lane: str
@@ -76,10 +79,12 @@ class Spacing:
 
     def meet(self, lane: str, one: Place, others: Iterable[Place], speed_mps: float = 0.0) -> bool:
         """
-        Return whether a front is nearer to another one than two vehicles can be.
+        Return whether a front is too near to another one for two vehicles.
 
-        :param lane: of the front.
-        :param speed_mps: of the front; 0 where it is not known.
+        :param lane: lane of the front.
+        :param one: place of the front.
+        :param others: places of the other fronts.
+        :param speed_mps: speed of the front, m/s; 0 where it is not known.
         """
         along_m = self.config.along_m + self.config.headway_s * speed_mps
         return any(self._near(lane, one, other, along_m) for other in others)
@@ -87,14 +92,16 @@ class Spacing:
     def is_at_side(self, lane: str, one: Place, others: Iterable[Place], behind_m: float,
                    side_m: float) -> bool:
         """
-        Return whether a place is at the side of a vehicle, beyond what faces the cameras of it.
+        Return whether a place is at the side of a vehicle, beyond its end that faces the cameras.
 
-        That is its front where it comes, and its rear where it goes away.  What goes along the
-        lane is no part of a vehicle that goes the other way.
+        This end is the front of an approaching vehicle and the rear of a receding one.  Vehicles
+        that travel in the opposite direction do not count.
 
-        :param lane: of the place.
-        :param behind_m: so far beyond at most.
-        :param side_m: so near to its side, across the lane.
+        :param lane: lane of the place.
+        :param one: the place.
+        :param others: places of the ends of vehicles that face the cameras.
+        :param behind_m: greatest distance beyond that end, m.
+        :param side_m: greatest distance from the side, across the lane, m.
         """
         for other in others:
             along_m, across_m, _ = self._apart(lane, one, other)
@@ -107,7 +114,7 @@ class Spacing:
         return False
 
     def _ahead(self, lane: str, place: Place) -> Array:
-        """Return the direction (3,) of a lane where a place is."""
+        """Return the direction (3,) of a lane at a place."""
         return self._frame(lane, place)[:, 0]
 
     def _near(self, lane: str, one: Place, other: Place, along_m: float) -> bool:
@@ -120,14 +127,14 @@ class Spacing:
         return np.asarray(self._frame(lane, other).T @ (one.centre_m - other.centre_m))
 
     def _frame(self, lane: str, place: Place) -> Array:
-        """Return the frame (3, 3) of a lane where it is nearest to a place."""
+        """Return the frame (3, 3) of a lane at its point nearest to a place."""
         if lane not in place.frames:
             path = self.lanes[lane].path
             place.frames[lane] = np.asarray(path.frame(path.arc_length(place.centre_m)))
         return place.frames[lane]
 
     def answer(self, question: Question, places: Iterable[Place]) -> bool:
-        """Return what some places answer to a question."""
+        """Return the answer to a question for given places."""
         if question.side_m is None:
             return self.meet(question.lane, question.one, places, question.speed_mps)
         least_half_m, behind_m, side_m = question.side_m
@@ -135,19 +142,19 @@ class Spacing:
             place for place in places if place.half_m >= least_half_m], behind_m, side_m)
 
     def agree(self, asked: Iterable[Question], places: Sequence[Place]) -> bool:
-        """Return whether some places answer all questions as others have."""
+        """Return whether given places lead to the recorded answers of all questions."""
         return all(self.answer(question, places) == question.answer for question in asked)
 
 
 class Held:
     """
-    Places where no vehicle is sought: those that tracks hold, and those found since.
+    Places where no vehicle is searched for: those that tracks hold, and those found since.
 
-    What is asked of the tracks is kept in ``asked``.  Other tracks that answer it alike would have
-    led to the same fronts.
+    All questions about the tracks are kept in ``asked``.  Other tracks for which the answers are
+    the same would have led to the same fronts.
 
-    :param spacing: says what is too near.
-    :param tracked: that tracks hold.
+    :param spacing: decides what is too near.
+    :param tracked: places that tracks hold.
     """
 
     def __init__(self, spacing: Spacing, tracked: Iterable[Place]) -> None:
@@ -156,25 +163,25 @@ class Held:
         self._found: list[Place] = []
 
     def anew(self) -> Held:
-        """Return the tracks alone, without what was found since; they share what is asked."""
+        """Return a copy without the places found since, which shares ``asked``."""
         other = Held(self._spacing, self._tracked)
         other.asked = self.asked
         return other
 
     def add(self, place: Place) -> None:
-        """Take in a place that was found."""
+        """Add a place that was found."""
         self._found.append(place)
 
     def meet(self, lane: str, one: Place, speed_mps: float = 0.0) -> bool:
-        """Return whether a front is nearer to one of them than two vehicles can be."""
+        """Return whether a front is too near to one of these places for two vehicles."""
         return self._ask(Question(lane, one, speed_mps=speed_mps))
 
     def is_at_side(self, lane: str, one: Place, behind_m: float, side_m: float,
                    least_half_m: float = 0.0) -> bool:
         """
-        Return whether a place is at the side of one of them; see :meth:`Spacing.is_at_side`.
+        Return whether a place is at the side of one of these; see :meth:`Spacing.is_at_side`.
 
-        :param least_half_m: those that are narrower do not count.
+        :param least_half_m: least half width of the places that count, m.
         """
         return self._ask(Question(lane, one, side_m=(least_half_m, behind_m, side_m)))
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a front came along its lane: where it was in an earlier pair."""
+"""Finds a front in an earlier pair, to decide whether it has moved along its lane."""
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
@@ -16,14 +16,14 @@ from .patches import slide
 from .pyramid import PairPyramids
 from ..core.records import Array
 
-_MOST_STEPS = 240  # places along the lane that are tried, at most
-_FINE_STEPS = 7  # places about the best of them that are tried
-_NEAR_STEPS = 15  # places that are tried where it is known about how far a front came
-_NEAR_SHARE = 0.2  # either way, as a share of that way
-_STEP_PX = 1.0  # between the places tried
-_STRIDE = 2  # every other sample is enough at first
-_SURE_HALF_M = 0.6  # half of the middle of a front, which must not change
-OFF_SAMPLES = 0.5  # two samplings of a front may be displaced by so much
+_MOST_STEPS = 240  # greatest number of trial places along the lane
+_FINE_STEPS = 7  # number of trial places about the best of them
+_NEAR_STEPS = 15  # number of trial places where the distance is known approximately
+_NEAR_SHARE = 0.2  # their reach either way, as a share of that distance
+_STEP_PX = 1.0  # spacing of trial places
+_STRIDE = 2  # step of samples in the first search
+_SURE_HALF_M = 0.6  # half width of the middle of a front, which must not change
+OFF_SAMPLES = 0.5  # possible displacement of two samplings of a front, in samples
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,11 +47,11 @@ class Interval:
 @dataclass(frozen=True)
 class Travel:
     """
-    Where a front fits best in an earlier pair.
+    The best match of a front in an earlier pair.
 
-    :param gone_m: how far back along the lane.
-    :param aside_m: how far to the left of where it is now.
-    :param ncc: correlation of the front with what is there.
+    :param gone_m: distance back along the lane, m.
+    :param aside_m: distance to the left of its present place, m.
+    :param ncc: correlation of the front with the image there.
     """
 
     gone_m: float
@@ -62,14 +62,14 @@ class Travel:
 @dataclass(frozen=True)
 class Motion:
     """
-    How a front came to where it is.
+    The motion of a front since an earlier pair.
 
-    :param speed_mps: along the lane.
-    :param gone_m: how far back along the lane it was.
-    :param aside_m: and how far to the left of where it is now.
-    :param ncc: correlation with the front as it was there.
-    :param still_ncc: correlation with what was then where the front is now.
-    :param moved_px: how far it moved in the left view.
+    :param speed_mps: speed along the lane, m/s.
+    :param gone_m: distance travelled along the lane, m.
+    :param aside_m: how far to the left of its present place it was, m.
+    :param ncc: correlation with the earlier image at its place then.
+    :param still_ncc: correlation with the earlier image at its present place.
+    :param moved_px: distance moved in the left view, px.
     """
 
     speed_mps: float
@@ -85,8 +85,8 @@ def find_motion(sampler: FrontSampler, front: FrontHypothesis, interval: Interva
     """
     Find where a front was in an earlier pair.
 
-    :param sampler: of its lane.
-    :param front: in the pair.
+    :param sampler: sampler of its lane.
+    :param front: the front in the pair.
     :param interval: the pair and the earlier one.
     :param config: parameters.
     """
@@ -104,13 +104,13 @@ def find_motion(sampler: FrontSampler, front: FrontHypothesis, interval: Interva
 def find_travel(sampler: FrontSampler, front: FrontHypothesis, interval: Interval,
                 config: MotionConfig, expected_m: Optional[float] = None) -> Travel:
     """
-    Find where a front fits best in the left view of an earlier pair.
+    Find the best match of a front in the left view of an earlier pair.
 
-    :param sampler: of its lane.
-    :param front: in the pair.
+    :param sampler: sampler of its lane.
+    :param front: the front in the pair.
     :param interval: the pair and the earlier one.
     :param config: parameters.
-    :param expected_m: about how far back along the lane that is; None where nothing is known.
+    :param expected_m: approximate distance back along the lane, m; None where it is not known.
     """
     rates = sampler.geometry.rates(np.array([front.s_m]))
     scale = max(1.0, float(rates.px_per_m[0]) * GRID_M)  # coarser pixels are used up close
@@ -131,7 +131,7 @@ def find_travel(sampler: FrontSampler, front: FrontHypothesis, interval: Interva
 
 
 def moved(motion: Motion, config: MotionConfig) -> bool:
-    """Return whether a motion is that of a vehicle along its lane."""
+    """Return whether a motion is that of a vehicle travelling along its lane."""
     return (motion.ncc >= config.least_ncc and motion.moved_px >= config.least_px
             and config.least_speed_mps <= motion.speed_mps <= config.greatest_speed_mps
             and motion.ncc > motion.still_ncc + config.still_margin)
@@ -140,14 +140,15 @@ def moved(motion: Motion, config: MotionConfig) -> bool:
 def moving_half(sampler: FrontSampler, front: FrontHypothesis, motion: Motion,
                 interval: Interval, noise: float, config: MotionConfig) -> float:
     """
-    Find how much of a front, from its middle outwards, looks as it did where it came from.
+    Return how far from its middle outwards a front looks the same as in the earlier pair.
 
-    What is beyond its edges lies deeper and changes.  A front whose middle changes was occluded in
-    part, by a pole or another vehicle, or is not what was there: it gives neither place nor speed.
+    Beyond its edges is background, which changes.  If the middle of a front changes, it was partly
+    occluded, by a pole or another vehicle, or the match is wrong, so it gives neither place nor
+    speed.
 
-    :param sampler: of its lane.
-    :param front: in the pair.
-    :param motion: from the earlier pair.
+    :param sampler: sampler of its lane.
+    :param front: the front in the pair.
+    :param motion: its motion from the earlier pair.
     :param interval: the pair and the earlier one.
     :param noise: 1-sigma of a grey value.
     :param config: parameters.
@@ -184,12 +185,12 @@ def _views(sampler: FrontSampler, front: FrontHypothesis, half: int, pair: PairP
 def _best(sampler: FrontSampler, front: FrontHypothesis, interval: Interval, gone_m: Array,
           about: Travel, reach: int, stride: int) -> Travel:
     """
-    Find where a front fits best in the earlier pair.
+    Return the best match of a front in the earlier pair.
 
-    :param gone_m: (n,) metres back along the lane to try.
-    :param about: how far to the left of where it is now to look.
-    :param reach: samples either way of that to try.
-    :param stride: of the samples.
+    :param gone_m: (n,) trial distances back along the lane, m.
+    :param about: match whose ``aside_m`` is the centre of the search across the lane.
+    :param reach: reach of that search either way, in samples.
+    :param stride: step of the samples.
     """
     s, x = np.array([front.s_m]), np.array([front.x_m])
     half = stride * round(front.half_m / GRID_M / stride)

@@ -1,12 +1,12 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Boxes of vehicles as a message: one ``sensor_msgs/PointCloud2`` for each left image.
+The message for boxes of vehicles: one ``sensor_msgs/PointCloud2`` for each left image.
 
-Its header has the stamp of that image.  Each point is a box in the raw image: the fields ``x`` and
-``y`` are its left and its upper edge, ``width`` and ``height`` its size, all in pixels, and
-``score`` is its confidence between 0 and 1, which may be left out.  A message without points says
-that there is no vehicle.
+Its header has the stamp of that image.  Each point is a box in the raw image.  The fields ``x``
+and ``y`` are its left and its upper edge, ``width`` and ``height`` its size, all in pixels.  The
+optional field ``score`` is its confidence between 0 and 1.  A message without points means that
+there is no vehicle.
 """
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ def boxes_from_message(msg: PointCloud2) -> list[ImageBox]:
     """
     Return the boxes of a message.
 
-    :raises InputError: a field is missing, the data are shorter than their sizes say, or a box is
-        not finite.
+    :raises InputError: a field is missing, the data are too short for their sizes, or a box is not
+        finite.
     """
     order = '>' if msg.is_bigendian else '<'
     kinds = {f.name: (order + _KINDS[f.datatype], f.offset) for f in msg.fields
@@ -61,9 +61,10 @@ def boxes_from_message(msg: PointCloud2) -> list[ImageBox]:
 
 def boxes_message(boxes: Sequence[ImageBox], header: Header) -> PointCloud2:
     """
-    Return the message of some boxes.
+    Return the message for boxes.
 
-    :param header: that of the left image.
+    :param boxes: all boxes of an image.
+    :param header: header of the left image.
     """
     rows = np.array([[b.left_px, b.top_px, b.width_px, b.height_px, b.score] for b in boxes],
                     np.float32).reshape(-1, len(_FIELDS))

@@ -1,14 +1,14 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-The rig as both ``camera_info`` topics tell it, whatever else comes on them.
+The rig from both ``camera_info`` topics, robust to faulty messages.
 
-What is no calibration is refused. Another calibration than the known one is believed when it is
-repeated, or not contradicted for some time; until then, and until the known one comes again,
-nothing is measured.
+A message that is not a calibration is refused. A calibration that differs from the known one is
+accepted once it has been repeated, or not been contradicted for some time. Until then, or until
+the known one arrives again, nothing is measured.
 
-One thread, that of the node, takes messages and believes them; the one that measures only reads
-``current`` and asks whether it ``holds``.
+Only the thread of the node processes messages; the measuring thread only reads ``current`` and
+calls ``holds``.
 """
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ from ..io.camera_info import camera_from_info, rig_from_info, same_calibration
 
 _REPEATED = 3
 _UNCONTRADICTED_S = 1.0
-_PATIENCE_S = 5.0  # to wait for the first calibrations
+_PATIENCE_S = 5.0  # time to wait for the first calibrations
 
 
 @dataclass
 class _Candidate:
-    """Another calibration than the known one: how often it came, since when."""
+    """A calibration that differs from the known one, its first arrival and count."""
 
     msg: Any
     since_s: float
@@ -40,9 +40,9 @@ class CalibrationWatch:
     See the module's docstring.
 
     ``current`` is the number of changes so far and the rig, which is None until both cameras are
-    known, and where they make no rig.
+    known, or if they make no valid rig.
 
-    :param refusals: takes what is no calibration.
+    :param refusals: counts refused messages.
     :param clock: steady time, s.
     """
 
@@ -55,16 +55,16 @@ class CalibrationWatch:
 
     @property
     def doubtful(self) -> bool:
-        """Return whether another calibration has come, and it is not yet clear which holds."""
+        """Return whether another calibration has arrived that is not yet accepted."""
         return bool(self._others)
 
     def holds(self, version: int) -> bool:
-        """Return whether the rig of some version is that of the cameras, beyond doubt."""
-        # In this order, for what is no longer doubtful is current already.
+        """Return whether the rig of a version is certainly the present one."""
+        # In this order, because ``current`` is updated before the doubt is cleared.
         return not self.doubtful and self.current[0] == version
 
     def take(self, side: str, msg: Any) -> None:
-        """Take a message of a side."""
+        """Process a message of a side."""
         topic = f'{side}/camera_info'
         try:
             camera_from_info(msg, side, topic)
@@ -87,7 +87,7 @@ class CalibrationWatch:
         self.settle()
 
     def settle(self) -> None:
-        """Believe other calibrations that have proved themselves; those of both sides at once."""
+        """Accept other calibrations once all of them are confirmed, both sides at once."""
         now_s = self._clock()
         if self._others and all(
                 other.count >= _REPEATED or now_s - other.since_s > _UNCONTRADICTED_S
@@ -109,7 +109,7 @@ class CalibrationWatch:
         self.current = (self.current[0] + 1, rig)
 
     def tell(self, state: State) -> None:
-        """Add what is wrong with the calibration to a state."""
+        """Add faults of the calibration to a state."""
         if self._fault:
             state.find(ERROR, self._fault)
         elif self.current[1] is None:

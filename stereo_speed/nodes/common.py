@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the nodes share: parameters, stamps, images, and how they start and end."""
+"""Functions that nodes share: parameters, stamps, images, start and end."""
 from __future__ import annotations
 
 from array import array
@@ -29,24 +29,24 @@ from ..core.config import check_bounds, Record
 from ..core.errors import InputError, StereoSpeedError
 
 PAIR_TOPIC = 'stereo/image_pair'
-# Between our own nodes nothing may be lost, or live and offline speeds would differ.
+# Nothing may be lost between nodes of this package, or live and offline speeds would differ.
 RELIABLE = QoSProfile(depth=50, reliability=ReliabilityPolicy.RELIABLE)
-# What is told once: who subscribes later gets the last ones too.
+# For messages that are published once: late subscribers get the last ones too.
 LATCHED = QoSProfile(depth=50, reliability=ReliabilityPolicy.RELIABLE,
                      durability=DurabilityPolicy.TRANSIENT_LOCAL)
 LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE,
                     durability=DurabilityPolicy.TRANSIENT_LOCAL)
 BAD_INPUT = 2
-JUMP_NS = 1_000_000_000  # a stamp this far back is time starting anew, not a late image
+JUMP_NS = 1_000_000_000  # a stamp earlier by more than this is a jump of time, not a late image
 
 
 def qos_options() -> QoSOverridingOptions:
-    """Let a topic's QoS be overridden by parameters."""
+    """Return options that let parameters override a topic's QoS."""
     return QoSOverridingOptions.with_default_policies()
 
 
 def latched_options() -> QoSOverridingOptions:
-    """Let the QoS of a latched topic be overridden by parameters, its durability too."""
+    """Return options that let parameters override a latched topic's QoS, with durability."""
     return QoSOverridingOptions((QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH,
                                  QoSPolicyKind.RELIABILITY, QoSPolicyKind.DURABILITY))
 
@@ -63,7 +63,7 @@ def to_stamp(ns: int) -> Time:
 
 def image_message(pixels: NDArray[Any], *, ns: int, frame_id: str) -> Image:
     """
-    Make an ``Image`` of grey or BGR pixels.
+    Return an ``Image`` of grey or BGR pixels.
 
     :param pixels: (H, W) uint8 or uint16, or (H, W, 3) uint8 BGR.
     """
@@ -78,10 +78,10 @@ def image_message(pixels: NDArray[Any], *, ns: int, frame_id: str) -> Image:
 
 def byte_array(values: NDArray[Any]) -> array[int]:
     """
-    Return the bytes of an array as messages take them fastest.
+    Return the bytes of an array in the form that is fastest to assign to a message.
 
-    From an ``array.array`` the setter takes the buffer as it is; from an ndarray it would check
-    every byte in Python.
+    The setter of a message uses the buffer of an ``array.array`` directly, but would check every
+    byte of an ndarray in Python.
     """
     data = array('B')
     data.frombytes(np.ascontiguousarray(values).data.cast('B'))
@@ -92,8 +92,8 @@ class Parameters:
     """
     Declares parameters with description and range and reads them once.
 
-    All are read-only: a measuring instrument does not change under way.  ``told`` has a line for
-    each that was declared in this process, for ``--help``.
+    All are read-only, because a measuring instrument does not change while it runs.  ``told`` has
+    a line for each parameter declared in this process, for ``--help``.
     """
 
     told: ClassVar[list[str]] = []
@@ -106,11 +106,16 @@ class Parameters:
         """
         Declare a parameter and return its value.
 
+        :param name: name of the parameter.
+        :param default: default value, whose type is that of the parameter.
+        :param doc: description.
+        :param low: least legal value; None for no bounds.
+        :param high: greatest legal value; None for no bounds.
         :raises InputError: a value of another type or out of range.
         """
         descriptor = ParameterDescriptor(description=doc, read_only=True)
         if isinstance(default, float):
-            # Numbers like 3 are integers on the command line; they are as good as 3.0.
+            # A number like 3 is an integer on the command line, but is accepted as 3.0.
             descriptor.dynamic_typing = True
             if low is not None and high is not None:
                 descriptor.floating_point_range = [
@@ -135,8 +140,8 @@ class Parameters:
         Declare all parameters of a config record and of its sections, as their fields describe.
 
         :param kind: the record, such as :class:`TrackerConfig`.
-        :param prefix: dotted name that stands before theirs.
-        :return: the record with the values that the node was given.
+        :param prefix: dotted prefix of their names.
+        :return: the record with the values of the node.
         :raises InputError: a value out of bounds.
         """
         values: dict[str, Any] = {}
@@ -172,15 +177,15 @@ class Parameters:
 
 def unknown_parameters(node: Node) -> list[str]:
     """
-    Return the names that a node was given values for and never declared.
+    Return the names of parameters that a node was given but has not declared.
 
-    A node names in ``unused_parameters`` the prefixes of those that are for another choice. One
-    that does not start by itself declares those of its subscriptions later.
+    Prefixes in ``unused_parameters`` of the node, those of alternatives not chosen, are left out.
+    So are ``qos_overrides`` of a node without autostart, which declares them later.
     """
     unused = getattr(node, 'unused_parameters', ())
     if not getattr(node, 'autostart', True):
         unused += ('qos_overrides.',)
-    given = node._parameter_overrides  # rclpy shows them nowhere else
+    given = node._parameter_overrides  # rclpy has no public access to them
     return sorted(name for name in given
                   if not node.has_parameter(name) and not name.startswith(unused))
 
@@ -192,18 +197,19 @@ def run(make: Callable[[], Node], args: Optional[Sequence[str]] = None,
 
     :param make: makes the node.
     :param args: command line.
-    :param spin: what the node does; returns when done.
-    :return: exit status: 0 stopped or done, 2 bad input, which is said in one line on stderr.
+    :param spin: runs the node; returns when done.
+    :return: exit status: 0 if stopped or done, 2 for bad input, which is reported in one line on
+        stderr.
     """
     given = list(sys.argv[1:] if args is None else args)
     if {'-h', '--help'} & set(given[:given.index('--ros-args')] if '--ros-args' in given
                               else given):
         _print_help(make)
         return 0
-    # Ctrl-C, and SIGTERM as launch and supervisors send it, end the node in the same way, with its
-    # context still valid: passes are finished and told.
+    # Ctrl-C, and SIGTERM from launch and supervisors, end the node in the same way while its
+    # context is still valid, so that passes are finished and published.
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-    told: list[int] = []  # signals that have come
+    told: list[int] = []  # signals received
 
     def end(number: int, frame: Optional[FrameType]) -> None:
         told.append(number)
@@ -225,18 +231,18 @@ def run(make: Callable[[], Node], args: Optional[Sequence[str]] = None,
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     except RuntimeError:
-        if not told:  # rclpy may make this of an interrupt that comes while a message is taken
+        if not told:  # rclpy may turn an interrupt while it takes a message into this error
             raise
     finally:
-        # Ctrl-C reaches what ros2 launch has started twice, for it sends it on: what is under way
-        # is told all the same, and who cannot wait has SIGKILL.
+        # Under ros2 launch, Ctrl-C arrives twice, as launch forwards it: open passes are published
+        # all the same, and SIGKILL remains for those who cannot wait.
         for ending in before:
             signal.signal(ending, signal.SIG_IGN)
         if node is not None:
             getattr(node, 'close', lambda: None)()
             node.destroy_node()
         rclpy.try_shutdown()
-        # Processes that are started from now on would ignore them, too.
+        # Otherwise processes started from now on would ignore the signals too.
         for ending, handler in before.items():
             signal.signal(ending, handler or signal.SIG_DFL)
     return status
@@ -244,9 +250,9 @@ def run(make: Callable[[], Node], args: Optional[Sequence[str]] = None,
 
 def _print_help(make: Callable[[], Node]) -> None:
     """
-    Print what a node is and the parameters that it declares.
+    Print the description of a node and its parameters.
 
-    It is made in a folder of its own: a file that it begins is not for who only asks.
+    The node is made in a temporary folder, so that it leaves no files behind.
     """
     Parameters.told.clear()
     rclpy.init(args=[])
@@ -258,7 +264,7 @@ def _print_help(make: Callable[[], Node]) -> None:
             getattr(node, 'close', lambda: None)()
             node.destroy_node()
         except StereoSpeedError:
-            pass  # it lacks what has no default; that is declared all the same
+            pass  # a required value is missing, but all parameters are declared by then
         finally:
             os.chdir(here)
             rclpy.try_shutdown()

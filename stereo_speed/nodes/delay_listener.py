@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A user's node that knows when each pair was sent, and how long what comes of it takes."""
+"""A listener that knows when each pair was sent, and so the delay of its results."""
 from __future__ import annotations
 
 import time
@@ -12,14 +12,14 @@ from std_msgs.msg import Header
 from .common import RELIABLE, stamp_ns
 from .graph_listener import GraphListener
 
-_KEPT_NS = 10 * 10**9  # for so long something may come of a pair
+_KEPT_NS = 10 * 10**9  # time for which results of a pair may still arrive
 
 
 class DelayListener(GraphListener):
     """
-    Takes the ``/clock`` that a replay sends before each image for the time that it is sent.
+    Takes the arrival of the ``/clock`` that a replay sends before each image for its sending time.
 
-    :param name: of the node.
+    :param name: name of the node.
     """
 
     def __init__(self, name: str) -> None:
@@ -36,18 +36,18 @@ class DelayListener(GraphListener):
         return None if sent_s is None else time.monotonic() - sent_s
 
     def forget_before(self, ns: int) -> None:
-        """Forget pairs that are much older than one of this stamp."""
+        """Drop pairs that are much older than one of this stamp."""
         self._sent_s = {sent_ns: at_s for sent_ns, at_s in self._sent_s.items()
                         if sent_ns > ns - _KEPT_NS}
 
 
 class AnswerListener(DelayListener):
-    """Hears the answers of ``pairing_peer_node``."""
+    """Subscribes to the answers of ``pairing_peer_node``."""
 
     def __init__(self) -> None:
         super().__init__('answer_listener')
         self.pairs_ns: list[int] = []
-        self.delays_s: list[float] = []  # from sending a pair to its answer
+        self.delays_s: list[float] = []  # times from sending a pair to its answer
         self.node.create_subscription(Header, '/answers', self._answer, RELIABLE)
 
     def _answer(self, msg: Header) -> None:

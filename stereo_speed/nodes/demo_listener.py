@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A user's node: listens on ``/vehicle_speed`` and on the overlay."""
+"""A node as a user may write it: subscribes to ``/vehicle_speed`` and the overlay."""
 from __future__ import annotations
 
 from typing import Any, Callable
@@ -13,7 +13,7 @@ from sensor_msgs.msg import Image
 from .common import RELIABLE, stamp_ns
 from .graph_listener import GraphListener
 
-# What must have found one another before the first image may come.
+# Numbers of publishers and subscribers that must be connected before the first image is sent.
 _WIRES = {'/stereo/image_pair': (1, 1), '/tracks': (1, 1), '/vehicle_speed': (1, 1),
           '/overlay/image_raw': (1, 1), '/left/image_raw': (0, 1), '/right/image_raw': (0, 1),
           '/left/camera_info': (0, 2), '/right/camera_info': (0, 2)}
@@ -21,7 +21,7 @@ _WIRES = {'/stereo/image_pair': (1, 1), '/tracks': (1, 1), '/vehicle_speed': (1,
 
 class Listener(GraphListener):
     """
-    Subscribe as any other node would.
+    Subscribes as any other node would.
 
     :param on_reading: called with stamp in ns, vehicle, speed and 1-sigma in m/s.
     :param on_frame: called with stamp in ns and the overlay, (H, W, 3) BGR.
@@ -43,12 +43,12 @@ class Listener(GraphListener):
         self.on_frame(stamp_ns(msg.header.stamp), _bgr(msg))
 
     def missing_wires(self) -> list[str]:
-        """Topics whose publishers and subscribers have not all been discovered."""
+        """Return the topics whose publishers and subscribers have not all been discovered."""
         return [topic for topic, (publishers, subscribers) in _WIRES.items()
                 if self.node.count_publishers(topic) < publishers
                 or self.node.count_subscribers(topic) < subscribers]
 
 
 def _bgr(msg: Image) -> NDArray[np.uint8]:
-    """Pixels of the overlay, which is always bgr8 without padding."""
+    """Return the pixels of the overlay, which is always bgr8 without padding."""
     return np.frombuffer(msg.data, np.uint8).reshape(msg.height, msg.width, 3)

@@ -1,10 +1,10 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-``/diagnostics``, after the conventions of ``diagnostic_updater``.
+``/diagnostics``, by the conventions of ``diagnostic_updater``.
 
-A status for each task, named ``NODE: TASK`` with the node's namespace before it where it has one,
-once a ``diagnostic_updater.period``; ``hardware_id`` tells rigs apart.
+Each task has a status named ``NODE: TASK``, preceded by the node's namespace if there is one. It
+is published once per ``diagnostic_updater.period``. ``hardware_id`` distinguishes rigs.
 """
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ class Diagnostics:
     """
     Publishes the states of a node's tasks on ``/diagnostics``.
 
-    :param node: the node it speaks for.
-    :param tasks: name of each task to what gives its state; more may be added.
+    :param node: the node whose state is published.
+    :param tasks: name of each task to the function that returns its state; more may be added.
     """
 
     def __init__(self, node: Node, tasks: Optional[Mapping[str, Task]] = None) -> None:
@@ -40,7 +40,7 @@ class Diagnostics:
         self.prefix = f'{namespace}/{node.get_name()}' if namespace else node.get_name()
         self.node, self.tasks = node, dict(tasks or {})
         self.publisher = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
-        # Steady time: with simulated time a stopped replay would stop the heartbeat too.
+        # Steady time, because with simulated time a stopped replay would stop the heartbeat too.
         node.create_timer(period_s, self.publish, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def publish(self) -> None:
@@ -51,7 +51,7 @@ class Diagnostics:
         self.publisher.publish(msg)
 
     def _state(self, name: str, task: Task) -> State:
-        """Return the state of a task; a fault of ours in telling it is told, and ends nothing."""
+        """Return the state of a task; an internal error in computing it becomes its state."""
         try:
             return task()
         except Exception as error:

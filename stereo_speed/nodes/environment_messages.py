@@ -15,18 +15,18 @@ from visualization_msgs.msg import Marker
 
 from ..monocular.boxes import corners, TargetEstimate, TargetState
 
-# Of one point per target, px of the raw image except for the angle.  x, y, z come first, so that
-# any viewer shows the points: the middle of the box's lower edge.
+# Fields of the point of a target, in px of the raw image except the angle.  x, y, z, the middle of
+# the box's lower edge, come first, so that any viewer can show the points.
 FIELDS = ('x', 'y', 'z', 'id', 'left', 'top', 'width', 'height', 'angle_rad', 'd_px', 'd_rate_px',
           'similarity', 'hidden')
 _INTEGERS = ('id', 'hidden')
 RECORD = np.dtype([(name, '<i4' if name in _INTEGERS else '<f4') for name in FIELDS])
-_OFFSETS = range(0, RECORD.itemsize, 4)  # of the fields, which are four bytes each
-_LIFETIME = Duration(nanoseconds=500_000_000)  # of markers, a few frames of any camera
+_OFFSETS = range(0, RECORD.itemsize, 4)  # offsets of the fields, each of four bytes
+_LIFETIME = Duration(nanoseconds=500_000_000)  # lifetime of markers, a few frames of any camera
 
 
 def tracks_message(estimates: Sequence[TargetEstimate], header: Header) -> PointCloud2:
-    """Return the targets of one frame; an infinite distance stays so, and is not ``is_dense``."""
+    """Return the message for the targets of a frame; infinite distances clear ``is_dense``."""
     rows = np.zeros(len(estimates), RECORD)
     for row, e in zip(rows, estimates):
         x, y, w, h = e.box_px
@@ -64,7 +64,7 @@ def target_markers(estimate: TargetEstimate, header: Header,
 
 
 def target_deletions(number: int, header: Header) -> list[Marker]:
-    """Return the messages that take an ended target's markers away."""
+    """Return the messages that delete the markers of an ended target."""
     return [Marker(header=header, ns=ns, id=number, action=Marker.DELETE)
             for ns in ('boxes', 'numbers')]
 

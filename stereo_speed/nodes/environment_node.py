@@ -4,9 +4,8 @@
 ``environment_node``: the images of one camera in, the marked targets out.
 
 It runs the same tracker as ``track-environment``. Frames are numbered from 1 since the start or
-the last jump of time, as ``frame`` of the targets file means them; their stamps show how many
-were dropped on the way. Targets may also be marked while it runs, by the stamp of a frame: see
-``marks``.
+the last jump of time, as is ``frame`` of the targets file; their stamps show how many were lost.
+Targets may also be marked while the node runs, by the stamp of a frame: see ``marks``.
 """
 from __future__ import annotations
 
@@ -41,7 +40,7 @@ from ..monocular.tracker import MonocularTracker, TRACKERS
 from ..report.targets import draw_targets
 
 _TOPIC = 'image_raw'
-_MOST_MARKS = 50  # that wait for their frames
+_MOST_MARKS = 50  # greatest number of marks that wait for their frames
 
 
 class EnvironmentNode(Node):
@@ -71,7 +70,7 @@ class EnvironmentNode(Node):
         self.targets = load_targets(targets) if targets else []
         check_targets(self.targets, self.labels.shape[1], self.labels.shape[0], targets)
         self.frames: deque[tuple[int, int, NDArray[np.uint8]]] = deque(maxlen=kept)
-        self.marks: OrderedDict[int, PolygonStamped] = OrderedDict()  # by stamps yet to come
+        self.marks: OrderedDict[int, PolygonStamped] = OrderedDict()  # by stamps of coming frames
         self._next_id, self.marked = max((t.id for t in self.targets), default=0) + 1, 0
         self.field = DistanceField(self.labels)
         self.counter, self.resets, self.marks_missed = FrameCounter(JUMP_NS), 0, Tally()
@@ -129,7 +128,7 @@ class EnvironmentNode(Node):
                                                frame_id=msg.header.frame_id))
 
     def on_mark(self, msg: PolygonStamped) -> None:
-        """Follow a target that is marked in a frame that was kept, or that is to come."""
+        """Follow a target that is marked in a kept frame or in one still to come."""
         ns = stamp_ns(msg.header.stamp)
         if ns > self.counter.last_ns:
             self.marks[ns] = msg
@@ -146,10 +145,11 @@ class EnvironmentNode(Node):
     def follow(self, msg: PolygonStamped, number: int,
                since: Sequence[tuple[int, NDArray[np.uint8]]]) -> None:
         """
-        Follow a target from the frame on that it is marked in.
+        Follow a target from the frame in which it is marked.
 
-        :param number: of that frame.
-        :param since: number and image of that frame and all later ones, where they were processed.
+        :param msg: the mark.
+        :param number: number of that frame.
+        :param since: number and image of that frame and all later ones, as far as processed.
         """
         try:
             target = target_from_message(msg, self._next_id, number)
@@ -162,7 +162,7 @@ class EnvironmentNode(Node):
         self.tracker.mark(target, since)
 
     def miss(self, ns: int) -> None:
-        """Refuse a mark whose frame is not there."""
+        """Refuse a mark whose frame is not available."""
         self.marks_missed.add()
         newest = self.frames[-1][0] if self.frames else 'no frame yet'
         oldest = self.frames[0][0] if self.frames else ''
@@ -188,7 +188,7 @@ class EnvironmentNode(Node):
                 self.tracker.stop(number)
 
     def restart(self, ns: int) -> None:
-        """End all targets and count frames from 1: time has jumped back."""
+        """End all targets and count frames from 1, because time has jumped back."""
         self.get_logger().warning(
             f'stamps jumped back from {self.counter.last_ns} to {ns} ns: starting again')
         self.close()

@@ -3,8 +3,8 @@
 """
 ``evidence_node``: raw images and finished passes in, records of violations out.
 
-The images are kept as they came, for a bounded while; when a pass ends, it is decided whether it
-is a violation, and a thread of its own writes the record, so that no image is missed meanwhile.
+Images are kept as received, for a limited time. When a pass ends, the node decides whether it is a
+violation; a thread of its own writes the record, so that no image is missed meanwhile.
 """
 from __future__ import annotations
 
@@ -43,12 +43,12 @@ from ..io.topics import SIDES
 from ..io.trace_json import result_of
 from ..pipeline.assembly import MeasuringSite
 
-_MOST_WAITING = 100  # passes whose trace has not come, and traces whose pass has not
-_MOST_VIOLATIONS = 20  # that wait to be written, each with its images
-_MOST_RUNS = 8  # of the program that measures, whose passes are still taken
+_MOST_WAITING = 100  # greatest number of passes without a trace, and of traces without a pass
+_MOST_VIOLATIONS = 20  # greatest number of unwritten violations, each with its images
+_MOST_RUNS = 8  # number of latest runs of the measuring program whose passes are accepted
 _POLL_S = 0.1
 _RETENTION_S = 3600.0
-_STOP_S = 60.0  # longest time for the last records when the node stops
+_STOP_S = 60.0  # longest time to write the last records when the node stops
 
 
 class EvidenceNode(Node):
@@ -74,9 +74,9 @@ class EvidenceNode(Node):
         self.ring = ImageRing.of(self.config.evidence)
         self.images, self.last_ns = Counter[str](), 0
         self.counts: Counter[str] = Counter()
-        self.wrong = ''  # why records cannot be written now
+        self.wrong = ''  # why records cannot be written at present
         self.recorders: dict[str, EvidenceRecorder] = {}
-        # id of a pass: its run and its message; the same of its trace.
+        # id of a pass to its run and its message, and the same for its trace
         self.told: OrderedDict[str, tuple[str, str]] = OrderedDict()
         self.traced: OrderedDict[str, tuple[str, str]] = OrderedDict()
         self._work: deque[tuple[EvidenceRecorder, Violation]] = deque()
@@ -96,7 +96,7 @@ class EvidenceNode(Node):
         for side in SIDES:
             OfferedSubscription(self, kind, f'{side}/image_raw{suffix}',
                                 partial(self.on_image, side))
-        # Steady time: where time is simulated, it stops with the images.
+        # Steady time, because simulated time stops with the images.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_POLL_S, self.tell, clock=steady)
         self.create_timer(_RETENTION_S, self.delete_older, clock=steady)
@@ -104,14 +104,14 @@ class EvidenceNode(Node):
     # -- input ----------------------------------------------------------------------------
 
     def on_image(self, side: str, msg: Any) -> None:
-        """Keep an image as it came."""
+        """Keep an image as received."""
         ns = stamp_ns(msg.header.stamp)
         self.images[side] += 1
         self.last_ns = max(self.last_ns, ns)
         self.ring.add(side, ns, SourceImage.from_message(msg))
 
     def on_instrument(self, msg: String) -> None:
-        """Take what a program that measures says of itself."""
+        """Register the instrument that a measuring program describes."""
         try:
             instrument = Instrument.of_text(msg.data, 'instrument')
             setting = Setting(instrument, self._place(instrument), self.config, self.approved,
@@ -120,7 +120,7 @@ class EvidenceNode(Node):
         except StereoSpeedError as error:
             self._refuse('bad_instrument', error)
             return
-        if instrument.run in self.recorders:  # it measures on with another calibration
+        if instrument.run in self.recorders:  # the run continues with another calibration
             recorder.refused = self.recorders[instrument.run].refused
         self.recorders[instrument.run] = recorder
         while len(self.recorders) > _MOST_RUNS:
@@ -131,7 +131,7 @@ class EvidenceNode(Node):
         self._join()
 
     def _place(self, instrument: Instrument) -> MeasuringSite:
-        """Return the site as it is measured at; another self-test does not change it."""
+        """Return the site that is measured at; another self-test does not change it."""
         known = self.recorders.get(instrument.run)
         if known is not None and known.setting.instrument == replace(
                 instrument, self_test=known.setting.instrument.self_test):
@@ -139,11 +139,11 @@ class EvidenceNode(Node):
         return instrument.place('instrument')
 
     def on_pass(self, msg: String) -> None:
-        """Take a finished pass; its trace may come before or after."""
+        """Register a finished pass; its trace may arrive before or after it."""
         self._keep(self.told, msg)
 
     def on_trace(self, msg: String) -> None:
-        """Take how a pass came about."""
+        """Register the trace of a pass."""
         self._keep(self.traced, msg)
 
     def _keep(self, waiting: OrderedDict[str, tuple[str, str]], msg: String) -> None:
@@ -159,7 +159,7 @@ class EvidenceNode(Node):
         self._join()
 
     def _join(self) -> None:
-        """Decide on each pass that has come with its trace and its instrument."""
+        """Decide on each pass whose trace and instrument have arrived."""
         for name in [n for n in self.told if n in self.traced]:
             recorder = self.recorders.get(self.traced[name][0])
             if recorder is not None:
@@ -186,7 +186,7 @@ class EvidenceNode(Node):
     # -- output ---------------------------------------------------------------------------
 
     def _write_all(self) -> None:
-        """Write records, in a thread of its own, until the node stops and none is left."""
+        """Write records, in a thread of its own, until the node stops and all are written."""
         while True:
             with self._wake:
                 while not self._work and not self._stopping:
@@ -198,13 +198,13 @@ class EvidenceNode(Node):
                 self._done.append((recorder.write(violation), ''))
             except StereoSpeedError as error:
                 self._done.append((None, str(error)))
-            except Exception as error:  # of one record, whatever it was: others wait
+            except Exception as error:  # any error of one record, as others are waiting
                 self._done.append((None, repr(error)))
             with self._wake:
                 self._work.popleft()
 
     def tell(self) -> None:
-        """Publish the records that were written since, and log what went wrong."""
+        """Publish the records written since the last call, and log errors."""
         while self._done:
             stored, self.wrong = self._done.popleft()
             if self.wrong:
@@ -218,10 +218,10 @@ class EvidenceNode(Node):
                     f'considered, limit {record["speed"]["limit"]:.4g}, in {stored.folder}')
 
     def delete_older(self) -> None:
-        """Delete records whose time is up, by the stamps of the images."""
+        """Delete records whose retention time is over, by the stamps of the images."""
         for recorder in list(self.recorders.values())[-1:]:
             if self._work:
-                return  # the writer has the store; the next hour will do
+                return  # the writer uses the store; try again in an hour
             try:
                 for name in recorder.delete_older(self.last_ns):
                     self.get_logger().info(f'deleted {name}: older than '
@@ -234,7 +234,7 @@ class EvidenceNode(Node):
         self.get_logger().error(f'{what}: {why}', throttle_duration_sec=1.0)
 
     def close(self) -> None:
-        """Write the last records: the node stops."""
+        """Write the last records, because the node stops."""
         with self._wake:
             self._stopping = True
             self._wake.notify()

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A user's node that takes down everything the live nodes say, and when."""
+"""A listener that records everything that the live nodes publish, with the time of arrival."""
 from __future__ import annotations
 
 from dataclasses import dataclass, field
@@ -23,11 +23,11 @@ class HeardReading:
     """
     A live speed.
 
-    :param at_s: steady time at which it came.
-    :param ns: stamp of the pair.
-    :param frame_id: names the vehicle.
-    :param speed_mps: its speed.
-    :param std_mps: 1-sigma of that.
+    :param at_s: steady time of its arrival, s.
+    :param ns: stamp of the pair, ns.
+    :param frame_id: frame of the vehicle.
+    :param speed_mps: speed of the vehicle, m/s.
+    :param std_mps: 1-sigma of the speed, m/s.
     """
 
     at_s: float
@@ -40,12 +40,12 @@ class HeardReading:
 @dataclass
 class Heard:
     """
-    All that was said.
+    Everything that was received.
 
     :param readings: live speeds.
-    :param passes: as read from their JSON.
+    :param passes: passes, decoded from JSON.
     :param places: stamp and vehicle to the place (x, y, z) in the left optical frame, m.
-    :param levels: steady time, name, level and message of every status.
+    :param levels: steady time, name, level and message of every diagnostic status.
     :param begun_s: steady time at which the replay began; 0 before.
     """
 
@@ -57,7 +57,7 @@ class Heard:
 
 
 class FaultListener(GraphListener):
-    """Listens on a context of its own until it is closed; ``heard`` has it all."""
+    """Listens on a context of its own until it is closed, and fills ``heard``."""
 
     def __init__(self) -> None:
         super().__init__('fault_listener')

@@ -1,10 +1,10 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-``faulty_replay_node``: plays a bag as a camera pair would that something is wrong with.
+``faulty_replay_node``: plays a bag as a faulty camera pair would.
 
-For tests of what the live nodes do then. The fault begins at ``fault_start`` seconds of the bag
-and holds for ``fault_length``; ``docs/live.md`` lists the faults and what comes of them.
+It serves to test the reaction of the live nodes. The fault begins at ``fault_start`` seconds of
+the bag and lasts for ``fault_length``; ``docs/live.md`` lists the faults and their effects.
 """
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class FaultyReplayNode(ReplayNode):
         self.spoilt = False
 
     def send(self, side: str, kind: str, msg: Any, due_s: float) -> None:
-        """Publish a message as the fault leaves it."""
+        """Publish a message with the fault applied."""
         if due_s > self.plays_s:
             return
         of, change = FAULTS[self.fault]
@@ -57,7 +57,7 @@ class FaultyReplayNode(ReplayNode):
 
 
 def _once(change: Callable[[Any], None]) -> Fault:
-    """Return the fault that spoils one message of the left side."""
+    """Return a fault that changes one message of the left side."""
     def fault(node: FaultyReplayNode, of: str, msg: Any) -> Sent:
         if of == 'left' and not node.spoilt:
             node.spoilt = True
@@ -67,7 +67,7 @@ def _once(change: Callable[[Any], None]) -> Fault:
 
 
 def _once_of_both(change: Callable[[Any], None]) -> Fault:
-    """Return the fault that spoils one message of each side, of the same pair."""
+    """Return a fault that changes one message of each side, of the same pair."""
     def fault(node: FaultyReplayNode, of: str, msg: Any) -> Sent:
         if node.kept.setdefault('spoilt', stamp_ns(msg.header.stamp)) == stamp_ns(
                 msg.header.stamp):
@@ -77,7 +77,7 @@ def _once_of_both(change: Callable[[Any], None]) -> Fault:
 
 
 def _each(change: Callable[[Any], None], sides: Sequence[str] = ('left', 'right')) -> Fault:
-    """Return the fault that spoils every message of some sides."""
+    """Return a fault that changes every message of some sides."""
     def fault(node: FaultyReplayNode, of: str, msg: Any) -> Sent:
         if of in sides:
             change(msg)
@@ -86,19 +86,19 @@ def _each(change: Callable[[Any], None], sides: Sequence[str] = ('left', 'right'
 
 
 def _later(seconds: float) -> Callable[[Any], None]:
-    """Return what moves a stamp."""
+    """Return a change that shifts a stamp."""
     def change(msg: Any) -> None:
         msg.header.stamp = to_stamp(stamp_ns(msg.header.stamp) + round(seconds * 1e9))
     return change
 
 
 def _with(field: str, value: object) -> Callable[[Any], None]:
-    """Return what gives a field another value."""
+    """Return a change that gives a field another value."""
     return lambda msg: setattr(msg, field, value)
 
 
 def _jitter(node: FaultyReplayNode, of: str, msg: Any) -> Sent:
-    """Send both images of a pair late by one time of some ms, which their stamps tell."""
+    """Shift the stamps of both images of a pair by the same random delay of some ms."""
     ns = stamp_ns(msg.header.stamp)
     late_s = node.kept.setdefault(ns, abs(float(node.rng.normal(0.0, 0.005))))
     _later(late_s)(msg)
@@ -106,14 +106,14 @@ def _jitter(node: FaultyReplayNode, of: str, msg: Any) -> Sent:
 
 
 def _delayed(node: FaultyReplayNode, of: str, msg: Any) -> Sent:
-    """Send right images 50 ms late, with the stamps that they have."""
+    """Send right images 50 ms late, with unchanged stamps."""
     if of == 'right':
         time.sleep(0.05)
     return [(of, msg)]
 
 
 def _apart(node: FaultyReplayNode, of: str, msg: Any) -> Sent:
-    """Send a left image and the right one of the next exposure, as without a common trigger."""
+    """Send a left image and the right one of the next exposure, as cameras without a trigger."""
     seen = node.kept[of] = node.kept.get(of, -1) + 1
     return [(of, msg)] if seen % node.exposures == (0 if of == 'left' else 1) else []
 
@@ -150,14 +150,14 @@ def _longer(msg: CameraInfo) -> None:
 
 
 def _lost(sides: Sequence[str], share: float = 1.0) -> Fault:
-    """Return the fault that loses a share of the messages of some sides."""
+    """Return a fault that drops a share of the messages of some sides."""
     def fault(node: FaultyReplayNode, of: str, msg: Any) -> Sent:
         return [] if of in sides and node.rng.random() < share else [(of, msg)]
     return fault
 
 
 def _frozen(sides: Sequence[str]) -> Fault:
-    """Return the fault that sends the same pixels again and again."""
+    """Return a fault that repeats the same pixels."""
     def fault(node: FaultyReplayNode, of: str, msg: Any) -> Sent:
         if of in sides:
             msg.data = node.kept.setdefault(of, msg).data
@@ -174,7 +174,7 @@ def _twice(node: FaultyReplayNode, of: str, msg: Any) -> Sent:
 
 
 def _disordered(node: FaultyReplayNode, of: str, msg: Any) -> Sent:
-    """Send each two right images in the wrong order."""
+    """Swap the order of each two right images."""
     if of == 'left':
         return [(of, msg)]
     before: Optional[Any] = node.kept.pop(of, None)

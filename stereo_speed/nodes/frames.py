@@ -3,9 +3,9 @@
 """
 The frames of the rig in TF: a road frame with z up, and both cameras in it.
 
-The road frame stands at the beginning of the first lane's path: x along travel, y to the left, z
-up. It is the parent of the left optical frame, and that of the right one, so that a viewer with
-the road as its fixed frame shows all upright.
+The road frame is at the beginning of the first lane's path: x along travel, y to the left, z up.
+It is the parent of the left optical frame, which is the parent of the right one, so that a viewer
+with the road as its fixed frame shows everything upright.
 """
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from ..road.lanes import LanePath
 
 try:
     from tf2_msgs.msg import TFMessage
-except ImportError:  # of ROS, but not on PyPI: told in the log, once
+except ImportError:  # part of ROS, but not on PyPI; ``publish`` logs this
     TFMessage = None
 
 
@@ -32,7 +32,7 @@ class StaticFrames:
     """
     Publishes the frames on ``/tf_static``.
 
-    :param node: that publishes.
+    :param node: the node that publishes.
     :param p: declares the parameters.
     """
 
@@ -61,22 +61,22 @@ def static_transforms(rig: StereoRig, lane: LanePath, *, road: str, right: str,
     Return the left optical frame in the road frame, and the right one in the left one.
 
     :param rig: the cameras; its frame_id is the name of the left optical frame.
-    :param lane: at whose beginning the road frame stands.
+    :param lane: the lane at whose beginning the road frame is.
     :param road: name of the road frame.
     :param right: name of the right optical frame.
-    :param stamp: of both.
+    :param stamp: stamp of both transforms.
     """
     start = np.array(0.0)
     axes, origin_m = lane.path.frame(start), lane.path.position(start)  # in the left frame
     return [
         _transform(road, rig.frame_id, axes.T, -axes.T @ origin_m, stamp),
-        # x_right = R x_left + t, so the right camera stands at -R.T t and is turned by R.T
+        # x_right = R x_left + t, so the right camera is at -R.T t and rotated by R.T
         _transform(rig.frame_id, right, rig.R.T, -rig.R.T @ rig.t, stamp)]
 
 
 def _transform(parent: str, child: str, rotation: Array, translation_m: Array,
                stamp: Optional[Time]) -> TransformStamped:
-    """Return where a child frame stands: x_parent = rotation x_child + translation."""
+    """Return the transform of a child frame: x_parent = rotation x_child + translation."""
     msg = TransformStamped(child_frame_id=child)
     msg.header.frame_id = parent
     if stamp is not None:

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A user's node that only listens, on a context of its own."""
+"""A node that only subscribes, on a context of its own."""
 from __future__ import annotations
 
 import time
@@ -13,9 +13,9 @@ from rclpy.executors import SingleThreadedExecutor
 
 class GraphListener:
     """
-    A node to subscribe with, which is spun by who waits.
+    A node for subscriptions, which the caller spins.
 
-    :param name: of the node.
+    :param name: name of the node.
     """
 
     def __init__(self, name: str) -> None:
@@ -30,7 +30,7 @@ class GraphListener:
         return all(self.node.count_publishers(topic) for topic in topics)
 
     def spin(self, seconds: float, until: Callable[[], bool]) -> bool:
-        """Listen until something holds, for so long at most; return whether it does."""
+        """Spin until a condition holds, for a limited time; return whether it holds."""
         end = time.monotonic() + seconds
         while not until():
             if time.monotonic() > end:

@@ -1,10 +1,10 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-What nodes know of their own health, without ROS: what is refused, what comes, what is missing.
+The health of a node, without ROS: refused, arriving and missing messages.
 
-Times are steady times of this machine, for only they tell how long nothing has come. A fault
-counts for ``WINDOW_S``; then the state that it caused is over.
+Times are steady times of this machine, because only these tell how long nothing has arrived. A
+fault affects the state for ``WINDOW_S``.
 """
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 OK, WARN, ERROR = b'\x00', b'\x01', b'\x02'  # levels of DiagnosticStatus
 WINDOW_S = 5.0
-SILENT_S = 2.0  # nothing for so long, and for so many usual intervals, is an error
-SILENT_INTERVALS = 5
-_LOG_S = 1.0  # between two lines about the same topic
+SILENT_S = 2.0  # silence that is an error if it also lasts for SILENT_INTERVALS
+SILENT_INTERVALS = 5  # in multiples of the last interval between messages
+_LOG_S = 1.0  # least time between two log lines about the same topic
 
 Value = Union[int, float, str]
 
@@ -31,10 +31,10 @@ class State:
     """
     Level, message and values of one diagnostic task; the worst finding counts.
 
-    :param fine: what is said when nothing was found.
+    :param fine: message if there are no findings.
     :param level: ``OK``, ``WARN`` or ``ERROR``.
-    :param found: what was found, each in a few words.
-    :param values: numbers for who wants to know more.
+    :param found: findings, each in a few words.
+    :param values: further details.
     """
 
     fine: str
@@ -49,20 +49,20 @@ class State:
 
     @property
     def message(self) -> str:
-        """Return the findings, or what is said when there are none."""
+        """Return the findings, or the message for the case that there are none."""
         return '; '.join(self.found) or self.fine
 
 
 class Tally:
     """
-    Counts events, in all and within ``WINDOW_S``.
+    Counts events, in total and within ``WINDOW_S``.
 
-    One thread may count while another one asks.
+    One thread may count while another one reads.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self.total, self._clock, self._lock = 0, clock, threading.Lock()
-        self._events: deque[tuple[float, int]] = deque()  # of late: when, how many
+        self._events: deque[tuple[float, int]] = deque()  # recent ones: time and count
 
     def add(self, count: int = 1) -> None:
         """Count events that happen now."""
@@ -74,21 +74,21 @@ class Tally:
             self._forget()
 
     def _forget(self) -> None:
-        """Forget what is long ago, so that a year of events takes no more than ``WINDOW_S``."""
+        """Drop events older than ``WINDOW_S``, so that memory stays bounded."""
         since = self._clock() - WINDOW_S
         while self._events and self._events[0][0] < since:
             self._events.popleft()
 
     @property
     def recent(self) -> int:
-        """Return how many have happened of late."""
+        """Return the number of recent events."""
         with self._lock:
             self._forget()
             return sum(count for _, count in self._events)
 
     @property
     def rate_hz(self) -> float:
-        """Return how many have happened of late, per second."""
+        """Return the rate of recent events, 1/s."""
         with self._lock:
             self._forget()
             if len(self._events) < 2:
@@ -116,10 +116,10 @@ class Refusals:
 
     def add(self, topic: str, error: object) -> None:
         """
-        Count a message that is refused.
+        Count a refused message.
 
-        :param topic: it came on; lines of different topics do not keep each other from the log.
-        :param error: says what was found and what was wanted.
+        :param topic: topic of the message; the rate of log lines is limited for each topic alone.
+        :param error: what was found and what was wanted.
         """
         self.tally.add()
         self.last, now_s = ' '.join(str(error).split()), self._clock()
@@ -132,7 +132,7 @@ class Refusals:
         self._log(f'refused: {self.last}{also}')
 
     def tell(self, state: State) -> None:
-        """Add what was refused to a state."""
+        """Add refusals to a state."""
         state.values['refused'] = self.tally.total
         if self.last:
             state.values['last_refusal'] = self.last
@@ -142,23 +142,23 @@ class Refusals:
 
 class StampGaps:
     """
-    Counts what is missing in a stream, by gaps in its stamps.
+    Counts the messages missing in a stream, by gaps in its stamps.
 
-    The period is the lower quartile of the latest intervals, so that it holds while less than
-    three of four neighbours are lost. Only gaps that are whole periods count: of a stream with
-    uneven intervals nobody can tell what is missing.
+    The period is the lower quartile of the latest intervals, so that it is right as long as fewer
+    than three of four neighbours are lost. Only gaps of whole periods count, because in a stream
+    with uneven intervals missing messages cannot be counted.
     """
 
     _INTERVALS, _FEWEST = 40, 5
-    _ODD = 0.25  # of a period: a gap further from a whole number of them tells nothing
-    _LONGEST_NS = 30_000_000_000  # a longer gap is a clock that was set, or a pause
+    _ODD = 0.25  # greatest deviation of a gap from a whole number of periods, in periods
+    _LONGEST_NS = 30_000_000_000  # a longer gap is a step of the clock, or a pause
 
     def __init__(self) -> None:
         self._intervals_ns: deque[int] = deque(maxlen=self._INTERVALS)
         self._last_ns: Optional[int] = None
 
     def add(self, ns: int) -> int:
-        """Take the next stamp; return how many are missing before it."""
+        """Add the next stamp; return how many are missing before it."""
         last_ns, self._last_ns = self._last_ns, ns
         if last_ns is None or ns <= last_ns:
             return 0
@@ -175,25 +175,25 @@ class StampGaps:
 
     @property
     def period_ns(self) -> int:
-        """Return the usual interval; 0 while there is none."""
+        """Return the usual interval, ns; 0 while it is not known."""
         if not self._intervals_ns:
             return 0
-        ordered = sorted(self._intervals_ns)  # it is asked for every image: not by np.quantile
+        ordered = sorted(self._intervals_ns)  # for each image, so not by the slower np.quantile
         return ordered[round((len(ordered) - 1) * 0.25)]
 
     def restart(self) -> None:
-        """Forget the last stamp: time has jumped."""
+        """Discard the last stamp, because time has jumped."""
         self._last_ns = None
 
 
 class Repeats:
-    """Tells an image that is the last one once more: by every eighth pixel, then by all."""
+    """Detects an image that repeats the previous one: by every eighth pixel, then by all."""
 
     def __init__(self) -> None:
         self._last: Optional[NDArray[np.generic]] = None
 
     def add(self, grey: NDArray[np.generic]) -> bool:
-        """Take an image (H, W); return whether it is the last one once more."""
+        """Add an image (H, W); return whether it repeats the previous one."""
         last, self._last = self._last, grey
         return last is not None and last.shape == grey.shape and last.dtype == grey.dtype \
             and np.array_equal(_some(last), _some(grey)) and np.array_equal(last, grey)
@@ -204,10 +204,10 @@ def _some(grey: NDArray[np.generic]) -> NDArray[np.generic]:
 
 
 class Look:
-    """Tells a camera that gives the same picture again and again, or one without contrast."""
+    """Detects a camera whose images are frozen, black or without contrast."""
 
-    _LEAST_S, _LEAST = 1.0, 3  # a fault lasts longer, and for more images
-    _FLAT, _DARK = 2.0, 16.0  # standard deviation and mean, of 255 grey levels
+    _LEAST_S, _LEAST = 1.0, 3  # least duration of a fault, s and images
+    _FLAT, _DARK = 2.0, 16.0  # least standard deviation and mean, of 255 grey levels
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock, self._repeats = clock, Repeats()
@@ -217,7 +217,7 @@ class Look:
         self._dark = False
 
     def add(self, grey: NDArray[np.generic]) -> None:
-        """Take an image (H, W)."""
+        """Add an image (H, W)."""
         now_s, same = self._clock(), self._repeats.add(grey)
         self._same, self._same_since = _run(same, self._same, self._same_since, now_s)
         levels = 255.0 / (255.0 if grey.itemsize == 1 else 65535.0)
@@ -227,8 +227,8 @@ class Look:
         self._flat, self._flat_since = _run(flat, self._flat, self._flat_since, now_s)
 
     def tell(self, state: State, side: str) -> None:
-        """Add what is wrong with the pictures to a state."""
-        if self._lasts(self._flat, self._flat_since):  # such images may well be equal too
+        """Add faults of the images to a state."""
+        if self._lasts(self._flat, self._flat_since):  # first, as such images may be equal too
             state.find(ERROR, f'{side} images are {"black" if self._dark else "without contrast"}')
         elif self._lasts(self._same, self._same_since):
             state.find(ERROR, f'{side} images are frozen')
@@ -240,22 +240,22 @@ class Look:
 
 def _run(goes_on: bool, count: int, since: Optional[float], now_s: float
          ) -> tuple[int, Optional[float]]:
-    """Return how often in a row something was so, and since when."""
+    """Return for how many images a condition has held without a break, and since when."""
     if not goes_on:
         return 0, None
     return count + 1, now_s if since is None else since
 
 
 class Arrivals:
-    """Tells how often and how lately something has come."""
+    """Keeps the rate of arrivals and the time since the last one."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock, self.tally = clock, Tally(clock)
         self._since_s, self._last_s = clock(), 0.0
-        self.interval_s = 0.0  # between the last two
+        self.interval_s = 0.0  # interval between the last two
 
     def add(self) -> None:
-        """Count one that has come now."""
+        """Count an arrival."""
         now_s = self._clock()
         if self.tally.total:
             self.interval_s = now_s - self._last_s
@@ -269,15 +269,15 @@ class Arrivals:
 
     @property
     def silent(self) -> bool:
-        """Return whether they have stopped coming, or never began."""
+        """Return whether arrivals have stopped, or never began."""
         return self.silent_for(SILENT_S)
 
     def silent_for(self, least_s: float) -> bool:
-        """Return whether nothing has come for some time, and for so many usual intervals."""
+        """Return whether nothing arrived for this time and for ``SILENT_INTERVALS``."""
         return self.age_s > max(least_s, SILENT_INTERVALS * self.interval_s)
 
     def tell(self, state: State, what: str, key: str) -> None:
-        """Add rate and age to a state, and whether there are none."""
+        """Add rate and age of arrivals to a state, and a finding if there are none."""
         state.values[f'{key}_hz'] = round(self.tally.rate_hz, 2)
         state.values[f'{key}_age_s'] = round(self.age_s, 3)
         if self.silent:

@@ -1,10 +1,10 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-The lifecycle of the nodes that measure.
+The lifecycle of the measuring nodes.
 
-``ros2 run`` alone measures: with ``autostart``, the default, a node configures and activates
-itself. Without it a lifecycle manager, or ``ros2 lifecycle set``, does so.
+With ``autostart``, the default, a node configures and activates itself, so that ``ros2 run`` is
+enough. Otherwise a lifecycle manager, or ``ros2 lifecycle set``, does so.
 """
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from ..core.errors import StereoSpeedError
 
 class MeasuringNode(LifecycleNode):
     """
-    A node that measures, by what a subclass subscribes to.
+    Base class of the measuring nodes; a subclass subscribes to the input.
 
-    Unconfigured it has its parameters and publishers; inactive it has read the site and listens
-    for calibrations; active it measures. Where a transition fails the state stays as it is, and
-    the error is logged.
+    In the unconfigured state it has its parameters and publishers; in the inactive state it has
+    read the site and subscribes to calibrations; in the active state it measures. If a transition
+    fails, the state does not change, and the error is logged.
 
-    :param name: of the node.
-    :param speeds: publish ``vehicle_speed`` too.
+    :param name: name of the node.
+    :param speeds: whether to publish ``vehicle_speed`` too.
     """
 
     def __init__(self, name: str, *, speeds: bool = False) -> None:
@@ -41,22 +41,23 @@ class MeasuringNode(LifecycleNode):
             'lifecycle manager does')
         self.measuring = Measuring(self, self.p, Outputs(self, self.p, speeds=speeds))
         self.diagnostics.tasks.update(self.measuring.tasks)
-        # Asked for a transition that the present state has not, rclpy raises, which ends the node.
+        # For a transition that is not possible in the present state, rclpy raises, which would
+        # end the node.
         self._change = self._service_change_state.callback
         self._service_change_state.callback = self.on_change_state
         self._starting = False
-        self._error: Optional[Exception] = None  # of the newest transition
+        self._error: Optional[Exception] = None  # error of the newest transition
 
     def subscribe(self) -> None:
-        """Begin to listen for what is measured."""
+        """Subscribe to the input."""
         raise NotImplementedError
 
     def unsubscribe(self) -> None:
-        """Listen no more; nothing is done where nothing was listened for."""
+        """Unsubscribe from the input, if subscribed."""
         raise NotImplementedError
 
     def activate(self) -> None:
-        """Measure what comes."""
+        """Begin to measure."""
         self.measuring.activate()
         self.subscribe()
 
@@ -66,20 +67,20 @@ class MeasuringNode(LifecycleNode):
         self.measuring.deactivate()
 
     def forget(self) -> None:
-        """End the passes, and forget what was configured."""
+        """End the passes, and discard the configuration."""
         self.deactivate()
         self.measuring.cleanup()
 
     def close(self) -> None:
-        """End whatever is under way: the node stops."""
+        """End everything, because the node stops."""
         self.forget()
         self.measuring.self_test.close()
 
     def begin(self) -> None:
         """
-        Configure and activate, where that is not left to a manager.
+        Configure and activate, unless that is left to a manager.
 
-        :raises StereoSpeedError: what is configured cannot be used.
+        :raises StereoSpeedError: the configuration cannot be used.
         """
         if not self.autostart:
             return
@@ -91,7 +92,7 @@ class MeasuringNode(LifecycleNode):
 
     def on_change_state(self, request: ChangeState.Request, response: ChangeState.Response
                         ) -> ChangeState.Response:
-        """Make the transition that is asked for, if the present state has it."""
+        """Make the requested transition, if it is possible in the present state."""
         try:
             return self._change(request, response)
         except rclpy_implementation.RCLError as error:
@@ -116,24 +117,24 @@ class MeasuringNode(LifecycleNode):
         return self._tried(self.measuring.cleanup)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """End whatever is under way."""
+        """End everything."""
         return self._tried(self.close)
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Go back to the beginning after a fault of ours, which stays known."""
+        """Return to the unconfigured state after an internal error, which stays known."""
         error = self._error
         done = self._tried(self.forget)
         self._error = error
         return done
 
     def _tried(self, work: Callable[[], None]) -> TransitionCallbackReturn:
-        """Do the work of a transition; rclpy itself would hide what it raises."""
+        """Do the work of a transition and log its errors, which rclpy itself would hide."""
         self._error = None
         try:
             work()
         except Exception as error:
             self._error = error
-            if not self._starting:  # else it ends the node, which says it
+            if not self._starting:  # otherwise the error ends the node and is printed then
                 self.get_logger().error(f'{error}' if isinstance(error, StereoSpeedError)
                                         else repr(error))
             return TransitionCallbackReturn.FAILURE if isinstance(error, StereoSpeedError) \

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""``log_node``: passes and readings into an SQLite file, crash-safe."""
+"""``log_node``: writes passes and readings into an SQLite file, crash-safe."""
 from __future__ import annotations
 
 from functools import partial
@@ -24,10 +24,10 @@ from ..io.pass_log import PassLog
 
 class LogNode(Node):
     """
-    Write every pass of ``passes``, and every state of ``tracks``, into an SQLite file.
+    Writes every pass of ``passes``, and every state of ``tracks``, into an SQLite file.
 
-    A pass is on the disk as soon as it has come; readings are synced every ``sync_s``.  A disk
-    that takes no more is an ERROR on ``/diagnostics`` until it does.
+    A pass is on the disk as soon as it has arrived; readings are synced every ``sync_s``.  While
+    the disk cannot be written, ``/diagnostics`` has an ERROR.
     """
 
     def __init__(self) -> None:
@@ -44,12 +44,12 @@ class LogNode(Node):
                                  qos_overriding_options=latched_options())
         self.create_subscription(Odometry, 'tracks', self.on_track, RELIABLE,
                                  qos_overriding_options=qos_options())
-        # Steady time: where time is simulated, it stops with the images.
+        # Steady time, because simulated time stops with the images.
         self.create_timer(sync_s, self.sync, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self.diagnostics = Diagnostics(self, {'log': self.state})
 
     def on_pass(self, msg: String) -> None:
-        """Write a pass, unless it is there already: the topic repeats those of late."""
+        """Write a pass, unless it is in the file: the topic repeats recent ones."""
         try:
             self.passes += self.log.add_pass(msg.data)
             self.fault = ''
@@ -60,7 +60,7 @@ class LogNode(Node):
             self.failed(error)
 
     def on_track(self, track: Odometry) -> None:
-        """Write a state of a track; a speed only where it is a measurement."""
+        """Write a state of a track, with a speed only if it is a measurement."""
         speed, at = speed_of(track), track.pose.pose.position
         try:
             self.log.add_track(stamp_ns(track.header.stamp), track.child_frame_id,
@@ -72,7 +72,7 @@ class LogNode(Node):
             self.failed(error)
 
     def sync(self) -> None:
-        """Sync to the disk what has come; where that is done, it takes what is written again."""
+        """Sync new data to the disk, which can be written again once this succeeds."""
         try:
             if self.log.keep():
                 self.fault = ''
@@ -80,7 +80,7 @@ class LogNode(Node):
             self.failed(error)
 
     def failed(self, error: sqlite3.Error) -> None:
-        """Tell that nothing could be written."""
+        """Report that nothing could be written."""
         self.fault = f'{self.log.path}: {error}'
         self.get_logger().error(self.fault, throttle_duration_sec=10.0)
 

@@ -1,11 +1,11 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-A target marked live: one ``geometry_msgs/PolygonStamped`` on ``mark``.
+The message that marks a target live: one ``geometry_msgs/PolygonStamped`` on ``mark``.
 
-Its header has the stamp of the image that it is marked in. Its points are in pixels of the raw
-image, with z unused: two opposite corners of an upright box, or the four corners of a rotated one,
-clockwise from that which was the upper left one.
+Its header has the stamp of the image in which the target is marked. Its points are in pixels of
+the raw image, with z unused: two opposite corners of an upright box, or the four corners of a
+rotated one, clockwise from the upper left corner of the unrotated box.
 """
 from __future__ import annotations
 
@@ -18,16 +18,17 @@ from ..core.errors import InputError
 from ..monocular.boxes import corners, Target
 
 MARK_TOPIC = 'mark'
-_SQUARE_PX = 2.0  # by which a corner may be off a rectangle, marked by hand
+_SQUARE_PX = 2.0  # tolerance of the corners of a rectangle that is marked by hand
 
 
 def target_from_message(msg: PolygonStamped, number: int, frame: int) -> Target:
     """
     Return the target that is marked.
 
-    :param number: for it to have.
+    :param msg: the mark.
+    :param number: number of the new target.
     :param frame: number of the frame with the stamp of the message.
-    :raises InputError: points that make no box.
+    :raises InputError: the points make no box.
     """
     points = np.array([[p.x, p.y] for p in msg.polygon.points], float).reshape(-1, 2)
     if len(points) not in (2, 4) or not np.isfinite(points).all():

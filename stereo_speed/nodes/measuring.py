@@ -1,14 +1,14 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Pairs in, tracks and passes out: what ``tracker_node`` and ``speed_camera_node`` share.
+Pairs in, tracks and passes out; shared by ``tracker_node`` and ``speed_camera_node``.
 
 It runs the same pipeline as ``replay``, in a thread of its own, so that images are received while
-it measures. Pairs are counted from 0 since the start or the last jump of time, as ``frame`` of the
-init file means them. A jump shows in the stamps of the pairs and in nothing else: ``/clock`` runs
-ahead of pairs that are still queued, and would cut their pass short.
+it measures. Pairs are numbered from 0 since the start or the last jump of time, as is ``frame`` of
+the init file. Jumps are detected by the stamps of pairs alone: ``/clock`` runs ahead of pairs that
+are still queued, and would cut their pass short.
 
-No pair and no calibration ends it. What is configured wrongly does, in the node's own thread.
+No pair and no calibration can stop it. A wrong configuration does, in the node's own thread.
 """
 from __future__ import annotations
 
@@ -58,24 +58,24 @@ from ..site.init_file import load_init
 from ..site.refine.report import report, summary_lines
 from ..steadying.steadier import Steadier
 
-_WAITING_PAIRS = 50  # pairs kept until both calibrations have come
+_WAITING_PAIRS = 50  # number of pairs kept until both calibrations have arrived
 _POLL_S = 0.1
-_JOIN_S = 20.0  # for the pair in hand, when the node stops
+_JOIN_S = 20.0  # longest time to finish measuring when the node stops
 
 
 class MeasuringError(StereoSpeedError):
-    """It cannot be measured now."""
+    """Measuring cannot begin now."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Arrival:
     """
-    A pair that has come.
+    A pair that has arrived.
 
     :param index: its number since the start or the last jump of time.
     :param ns: its stamp.
-    :param came_s: when it came, steady time.
-    :param pair: makes the pair of its number; may raise InputError.
+    :param came_s: steady time of its arrival.
+    :param pair: makes the pair from its number; may raise InputError.
     """
 
     index: int
@@ -88,13 +88,13 @@ class Measuring:
     """
     See the module's docstring.
 
-    Its methods follow the lifecycle of the node: ``configure`` reads the site and listens for
-    calibrations, ``activate`` measures, ``deactivate`` ends all passes, ``cleanup`` forgets what
-    was configured. Numbers of tracks go on through all of these.
+    Its methods follow the lifecycle of the node: ``configure`` reads the site and subscribes to
+    calibrations, ``activate`` measures, ``deactivate`` ends all passes, ``cleanup`` discards the
+    configuration. Track numbers continue across all of these.
 
     :param node: the node that it works for.
     :param p: declares the parameters.
-    :param outputs: publishes what comes of it.
+    :param outputs: publishes the results.
     :raises InputError: a parameter that cannot be used.
     """
 
@@ -102,14 +102,14 @@ class Measuring:
         self.node, self.outputs, self.log = node, outputs, node.get_logger()
         self.settings = settings = MeasuringSettings.declare(node, p)
         self.config = settings.config
-        node.unused_parameters = settings.unused  # which files of parameters have all the same
+        node.unused_parameters = settings.unused  # parameter files contain them all the same
         self.self_test = SelfTestWatch(node, p, self.config)
         self.rig_watch = RigWatch(p, self.log)
         self.configured = False
         self.refusals = Refusals(self.log.warning)
         self.counts = Counts()
         self._infos: list[OfferedSubscription] = []
-        self.info_heard: list[Callable[[str, CameraInfo], None]] = []  # who else takes them
+        self.info_heard: list[Callable[[str, CameraInfo], None]] = []  # further callbacks
         self._boxes_subscription: Optional[Subscription] = None
         self._searcher = Worker('searches for vehicles', SearchProcess, self.log)
         self._passer = Worker('measures passes', PassProcess, self.log)
@@ -124,7 +124,7 @@ class Measuring:
         self._begun = False
 
     def _begin_anew(self) -> None:
-        """Forget the stream of pairs: measuring begins with the next one."""
+        """Discard the state of the stream, so that measuring begins with the next pair."""
         settings = self.settings
         self.queue: PairQueue[_Arrival] = PairQueue(
             settings.most_wait_s, max(_WAITING_PAIRS, MOST_REFINE_PAIRS), hurry=settings.hurry)
@@ -144,7 +144,7 @@ class Measuring:
 
     @property
     def tasks(self) -> dict[str, Task]:
-        """Return what is told on ``/diagnostics``, by task."""
+        """Return the tasks reported on ``/diagnostics``, by name."""
         return {'pipeline': self.state, 'stamps': self.stamps,
                 'self-test': self.self_test.state, 'rig': self.rig_watch.state}
 
@@ -152,9 +152,9 @@ class Measuring:
 
     def configure(self) -> None:
         """
-        Read the site and the init file, and listen for calibrations.
+        Read the site and the init file, and subscribe to calibrations.
 
-        :raises StereoSpeedError: a file that cannot be used, or none.
+        :raises StereoSpeedError: a file is missing or cannot be used.
         """
         settings = self.settings
         if not settings.site_path:
@@ -163,13 +163,13 @@ class Measuring:
         self.site = load_site(settings.site_path)
         self.annotations = load_init(settings.init_path) if settings.init_path else None
         if self._searches_beside:
-            self._searcher.start()  # it loads its kernels while this process does
-        self.log.debug(f'kernels: {warm_up()}')  # now, not in the first pairs
+            self._searcher.start()  # loads its kernels while this process loads its own
+        self.log.debug(f'kernels: {warm_up()}')  # now rather than in the first pairs
         self._searcher.wait()
         if settings.pass_process:
-            self._passer.start()  # not waited for: the first pass takes longer than that
+            self._passer.start()  # not waited for, as the first pass takes longer than its start
         gc.collect()
-        gc.freeze()  # what is there by now stays: a tenth of a second each time it is gone through
+        gc.freeze()  # present objects stay; scanning them takes a tenth of a second each time
         self._infos = [
             OfferedSubscription(self.node, CameraInfo, f'{side}/camera_info',
                                 partial(self._on_info, side))
@@ -190,16 +190,16 @@ class Measuring:
 
     def _measured(self, measure: Measure) -> PassResult:
         """
-        Return the result of a pass; in the thread of the passes.
+        Return the result of a pass; called in the thread that measures passes.
 
-        :param measure: measures it.
+        :param measure: measures the pass.
         """
         return measured_beside(
             self._passer.process, measure, self._passer.failed, lambda why: self.log.debug(
                 f'a pass is measured without the process of the passes: {why}'))
 
     def _detect(self) -> Optional[MakeDetector]:
-        """Return what makes the detector that searches in the process, where that is wanted."""
+        """Return the factory of a detector in another process; None where that is not used."""
         if not self._searches_beside:
             return None
         process = self._searcher.process
@@ -209,9 +209,9 @@ class Measuring:
 
     def activate(self) -> None:
         """
-        Begin to measure; from now on ``check`` raises what ends the thread that does.
+        Begin to measure; from now on ``check`` raises errors of the measuring thread.
 
-        :raises MeasuringError: what was measured before is not over yet.
+        :raises MeasuringError: the passes of the last activation are still being measured.
         """
         if self._thread is not None and self._thread.is_alive():
             raise MeasuringError('the last passes are still being measured')
@@ -224,7 +224,7 @@ class Measuring:
         self._thread.start()
 
     def deactivate(self) -> None:
-        """End the passes that are still open, and measure no more."""
+        """End the passes that are still open, and stop measuring."""
         if self._boxes_subscription is not None:
             self.node.destroy_subscription(self._boxes_subscription)
             self._boxes_subscription = None
@@ -239,7 +239,7 @@ class Measuring:
         self.rig_watch.close()
 
     def cleanup(self) -> None:
-        """Forget the site and the calibrations."""
+        """Discard the site and the calibrations."""
         self._searcher.close()
         self._passer.close()
         if not self.configured:
@@ -252,11 +252,11 @@ class Measuring:
 
     @property
     def active(self) -> bool:
-        """Return whether pairs that come are measured."""
+        """Return whether arriving pairs are measured."""
         return self._thread is not None and not self._stopping.is_set()
 
     def on_boxes(self, msg: PointCloud2) -> None:
-        """Take the boxes that another node found in a left image."""
+        """Queue the boxes that another node found in a left image."""
         try:
             self._boxes.append((stamp_ns(msg.header.stamp), boxes_from_message(msg)))
         except InputError as error:
@@ -264,10 +264,10 @@ class Measuring:
 
     def offer(self, ns: int, pair: Callable[[int], StereoPair]) -> None:
         """
-        Take a pair that has come.
+        Queue a pair that has arrived.
 
         :param ns: its stamp.
-        :param pair: makes it, of its number in the stream, in the thread that measures.
+        :param pair: makes the pair from its number in the stream; called in the measuring thread.
         """
         if ns == self._offered_ns:
             self.counts.repeated += 1
@@ -280,7 +280,7 @@ class Measuring:
 
     def check(self) -> None:
         """
-        Raise what has ended the thread that measures; see to calibrations and the self-test.
+        Raise the error that ended the measuring thread; poll calibrations, workers, self-test.
 
         :raises StereoSpeedError: the site cannot be used with this rig.
         """
@@ -309,13 +309,13 @@ class Measuring:
                 elif self.arrivals.silent_for(self.settings.silence_s):
                     self._end_passes()
             self._drain()
-        except BaseException as error:  # told by check(), in the thread that can end the node
+        except BaseException as error:  # raised by check(), in the thread that can end the node
             self._failure = error
         finally:
             self._give_up()
 
     def _drain(self) -> None:
-        """Finish what has come before the node was told to stop."""
+        """Finish the pairs that arrived before the node was told to stop."""
         while (arrival := self.queue.take(0.0)) is not None:
             self._take(arrival)
         if self._waiting:
@@ -325,7 +325,7 @@ class Measuring:
         self.outputs.wait()
 
     def _adopt(self) -> None:
-        """Measure with the rig as it is known now; end all passes if it is another one."""
+        """Adopt the present calibration; end all passes if it has changed."""
         version = self.calibration.current[0]
         if version == self._adopted:
             return
@@ -336,7 +336,7 @@ class Measuring:
         self._adopted, self._unusable = version, ''
 
     def _correct(self) -> None:
-        """Measure with the rig as looks at it have found it, once they have."""
+        """Measure with a correction of the rig once looks at it have confirmed one."""
         stance, pipeline, newest = (
             self.rig_watch.pop_correction(), self.pipeline, self.rig_watch.newest)
         if stance is None or pipeline is None or newest is None:
@@ -344,19 +344,19 @@ class Measuring:
         try:
             self._measure_at(MeasuringSite(stance.site, stance.rig, stance.lanes, corrected=True),
                              newest.text)
-        except StereoSpeedError as error:  # looks go on, and nothing is measured meanwhile
+        except StereoSpeedError as error:  # looks continue, and measuring stays suspended
             self.log.error(f'the rig as it stands now cannot be measured with: {error}')
         else:
             self.log.warning(f'measuring with the rig as it stands now: {newest.text}')
 
     def _move_search(self, pipeline: SpeedPipeline) -> None:
-        """Have the process search that has been started anew, where there is one."""
+        """Move the search to a restarted process, if there is one."""
         detector, process = pipeline.detector, self._searcher.process
         if process is not None and isinstance(detector, DetectorBeside) and detector.is_here:
             detector.move(process, partial(self._searcher.failed, process))
 
     def _give_up(self) -> None:
-        """Let go of the pipeline, whose passes have been told."""
+        """Close the pipeline, whose passes have been published."""
         if self.pipeline is not None:
             self._next_track, self.pipeline = self.pipeline.next_track, None
         if self._conclusions is not None:
@@ -367,7 +367,7 @@ class Measuring:
             self._solving = None
 
     def _take(self, arrival: _Arrival) -> None:
-        """Measure a pair, or keep it until there is all it takes to measure."""
+        """Measure a pair, or keep it until the pipeline can be made."""
         if self._unusable:
             self.counts.withheld += 1
             return
@@ -383,7 +383,7 @@ class Measuring:
         self._begin()
 
     def _begin(self) -> None:
-        """Make the pipeline once the rig is known, and the pairs to refine the site have come."""
+        """Make the pipeline once the rig is known and the pairs to refine the site are there."""
         settings, (self._adopted, rig) = self.settings, self.calibration.current
         if rig is None or len(self._waiting) < settings.refine_pairs:
             return
@@ -394,7 +394,7 @@ class Measuring:
             pipeline = self._measure_at(place)
         except StereoSpeedError as error:
             if not self._begun:
-                raise  # it is configured wrongly
+                raise  # the configuration is wrong
             self._unusable = str(error)
             self._waiting.clear()
             return
@@ -402,7 +402,7 @@ class Measuring:
         since_s = time.monotonic() - settings.most_wait_s
         while self._waiting:
             arrival = self._waiting.popleft()
-            # What the site was refined by has waited for that.
+            # Pairs that the site was refined by had to wait, so they are never too old.
             if settings.refine_pairs or arrival.came_s > since_s:
                 self._process(pipeline, arrival)
             else:
@@ -411,9 +411,10 @@ class Measuring:
 
     def _measure_at(self, place: MeasuringSite, corrected: str = '') -> SpeedPipeline:
         """
-        Measure at a place from now on.
+        Measure at a site from now on.
 
-        :param corrected: what was wrong with the site as it was read; empty for nothing.
+        :param place: the site.
+        :param corrected: what was wrong with the site as read; empty if nothing was.
         """
         conclusions = Beside(failed=self._pass_failed, measured=self._measured)
         solving = SolvingBeside() if self.settings.hurry else None
@@ -443,7 +444,7 @@ class Measuring:
             return None
 
     def _process(self, pipeline: SpeedPipeline, arrival: _Arrival) -> None:
-        """Run the pipeline on a pair and publish what it says."""
+        """Run the pipeline on a pair and publish the results."""
         if arrival.ns < self._last_ns:
             self._start_anew(pipeline, arrival.ns)
         self._last_ns = arrival.ns
@@ -463,7 +464,7 @@ class Measuring:
         except InputError as error:
             self.refusals.add('pair', error)
             return
-        except Exception as error:  # a fault of ours in one pair must not end an instrument
+        except Exception as error:  # an internal error in one pair must not stop the instrument
             self.counts.failed.add()
             self.refusals.add('pipeline', f'pair at {pair.stamp_ns} ns: {error!r}; all tracks '
                               'are given up')
@@ -479,7 +480,7 @@ class Measuring:
         return None if self.pipeline is None else self.pipeline.steadier
 
     def _mind_rig(self, pipeline: SpeedPipeline) -> None:
-        """Reject the passes under way where a look has just found that the rig has moved."""
+        """Reject open passes if a look has just found that the rig has moved."""
         moved = self.rig_watch.withholds
         if moved and not self._rig_moved:
             self._tell_passes(pipeline, [
@@ -488,7 +489,7 @@ class Measuring:
         self._rig_moved = moved
 
     def _is_withheld(self, pair: StereoPair) -> bool:
-        """Return whether a pair tells nothing: an image is the last one again, or the rig moot."""
+        """Return whether a pair must not be measured: an image repeats, or a fault forbids it."""
         same = [r.add(image) for r, image in zip(self._repeats, (pair.left, pair.right))]
         self.counts.frozen.add(any(same))
         if not any(same):
@@ -502,12 +503,12 @@ class Measuring:
         return any(same) or moot
 
     def _is_crossed(self, pair: StereoPair) -> bool:
-        """Return whether the views are in each other's place."""
+        """Return whether the views are swapped."""
         rig = self.calibration.current[1]
         return self._order.crossed if rig is None else self._order.take(rig, pair)
 
     def _start_anew(self, pipeline: SpeedPipeline, ns: int) -> None:
-        """End all passes: time has jumped back."""
+        """End all passes, because time has jumped back."""
         self.log.warning(f'stamps jumped back from {self._last_ns} to {ns} ns: starting anew')
         self._end_passes()
         pipeline.reset()
@@ -522,11 +523,11 @@ class Measuring:
         self.outputs.end(pipeline, results)
 
     def _pass_failed(self, error: Exception) -> None:
-        """Account for a pass that has no result, which is a fault of ours."""
+        """Count a pass that has no result because of an internal error."""
         self.counts.failed.add()
         self.refusals.add('pass', f'a pass: {error!r}; it has no result')
 
-    # -- what is told -----------------------------------------------------------------------
+    # -- diagnostics ------------------------------------------------------------------------
 
     def state(self) -> State:
         """Return the state of the measurement for ``/diagnostics``."""
@@ -557,7 +558,7 @@ class Measuring:
         return state
 
     def stamps(self) -> State:
-        """Return what is known of the stamps for ``/diagnostics``."""
+        """Return the state of the stamps for ``/diagnostics``."""
         pipeline = self.pipeline
         if pipeline is None:
             return State('nothing is known of stamps before pairs are measured')

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The parameters of the nodes that measure, declared and checked."""
+"""Declares and checks the parameters of the measuring nodes."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -18,10 +18,10 @@ MOST_REFINE_PAIRS = 200
 @dataclass(frozen=True)
 class MeasuringSettings:
     """
-    What a node that measures is told by its parameters; ``declare`` says what each of them is.
+    The parameters of a measuring node; ``declare`` describes each of them.
 
-    :param config: parameters of the pipeline, those of the chosen tracker and detector among them.
-    :param unused: beginnings of parameters of the trackers and detectors that were not chosen.
+    :param config: parameters of the pipeline, including the chosen tracker and detector.
+    :param unused: prefixes of the parameters of trackers and detectors that were not chosen.
     """
 
     site_path: str
@@ -40,7 +40,7 @@ class MeasuringSettings:
     @classmethod
     def declare(cls, node: Node, p: Parameters) -> MeasuringSettings:
         """
-        Declare the parameters, and return what they are.
+        Declare the parameters, and return their values.
 
         :raises InputError: an unknown name, a value out of bounds.
         """
@@ -85,7 +85,7 @@ class MeasuringSettings:
 
 def _config(p: Parameters, tracker: str, detector: str, where: str) -> PipelineConfig:
     """
-    Return the parameters, those of the chosen tracker and detector among them.
+    Return the parameters, including those of the chosen tracker and detector.
 
     :raises InputError: an unknown name, a value out of bounds.
     """

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the nodes that measure count, and how ``/diagnostics`` tells it."""
+"""Counts of the measuring nodes, and their report on ``/diagnostics``."""
 from __future__ import annotations
 
 from collections import deque
@@ -16,26 +16,26 @@ from ..pipeline.pipeline import SpeedPipeline
 from ..steadying.report import steadiness_summary, warning
 from ..steadying.steadier import Steadier
 
-_LATENCIES = 300  # of the newest pairs
-_HARDLY = 0.5  # of the pairs, hurried: more than a moment
-_LAG_KNOWN_S = 2e-3  # 1-sigma of the time between the views
+_LATENCIES = 300  # number of newest pairs whose latencies are kept
+_HARDLY = 0.5  # share of hurried pairs above which the machine is reported to be too slow
+_LAG_KNOWN_S = 2e-3  # 1-sigma of the view lag below which it counts as known
 
 
 @dataclass
 class Counts:
     """
-    What became of the pairs, and of their stream.
+    Counts of pairs by what was done with them, and of other events.
 
-    :param measured: pairs that the pipeline has taken in.
-    :param hurried: those of them that were hurried.
-    :param skipped: pairs that were left out because the machine did not keep up.
-    :param withheld: pairs that must not be measured, whatever they show.
-    :param frozen: pairs whether an image of which was the last one again.
-    :param repeated: pairs with the stamp of the one before.
-    :param failed: pairs and passes in which a fault of ours was met.
+    :param measured: pairs that the pipeline has processed.
+    :param hurried: measured pairs that were hurried.
+    :param skipped: pairs that were skipped because the machine did not keep up.
+    :param withheld: pairs that must not be measured, for example because the rig has moved.
+    :param frozen: pairs of which an image repeats the previous one.
+    :param repeated: pairs with the stamp of the previous one.
+    :param failed: pairs and passes that failed by an internal error.
     :param resets: jumps of time.
-    :param passes: passes that were told.
-    :param latencies_s: of the newest pairs, from arrival to publication.
+    :param passes: published passes.
+    :param latencies_s: times of the newest pairs from arrival to publication, s.
     """
 
     measured: Tally = field(default_factory=Tally)
@@ -50,7 +50,7 @@ class Counts:
     latencies_s: deque[float] = field(default_factory=lambda: deque(maxlen=_LATENCIES))
 
     def tell(self, state: State) -> None:
-        """Add what was counted, and what is wrong by it, to a state."""
+        """Add the counts, and warnings that follow from them, to a state."""
         state.values.update(
             pairs=self.measured.total, passes=self.passes,
             measured_hz=round(self.measured.rate_hz, 2), hurried=self.hurried.total,
@@ -75,7 +75,7 @@ class Counts:
 
 class ClockSteps:
     """
-    Counts the steps of the cameras' clock, of one pipeline after the other.
+    Counts the steps of the cameras' clock across pipelines.
 
     :param clock: steady time of this machine, s.
     """
@@ -85,9 +85,9 @@ class ClockSteps:
         self._watch: Optional[StampWatch] = None
 
     def tell(self, pipeline: SpeedPipeline, state: State) -> None:
-        """Add what is known of the steps to a state."""
+        """Add clock steps to a state."""
         watch = pipeline.stamp_watch
-        if watch is not self._watch:  # of another pipeline, which counts from 0
+        if watch is not self._watch:  # another pipeline counts from 0 again
             self._watch, self._known = watch, 0
         self._tally.add(watch.steps - self._known)
         self._known = watch.steps
@@ -98,7 +98,7 @@ class ClockSteps:
 
 
 def tell_stamps(pipeline: SpeedPipeline, state: State) -> None:
-    """Add how even the stamps are, and how far apart those of the views, to a state."""
+    """Add the evenness of the stamps, and the gap between those of the views, to a state."""
     if pipeline.uneven_stamps_s is not None:
         off_ms = pipeline.uneven_stamps_s * 1e3
         state.values['uneven_ms'] = round(off_ms, 3)
@@ -120,7 +120,7 @@ def tell_stamps(pipeline: SpeedPipeline, state: State) -> None:
 
 
 def tell_steadiness(steadier: Steadier, state: State) -> None:
-    """Add how the rig sways and drifts to a state."""
+    """Add sway and drift of the rig to a state."""
     state.values.update((f'rig_{key}', value)
                         for key, value in steadiness_summary(steadier.state()).items())
     if wrong := warning(steadier):

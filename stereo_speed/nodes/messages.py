@@ -18,18 +18,18 @@ from ..core.records import Array, TrackState, TrackUpdate
 from ..core.units import KMH_MPS, MPH_MPS
 from ..road.lanes import LanePath
 
-# Variance of what is not measured, in the units of its quantity: so great that a filter which
-# takes it at its word is not misled, and nobody takes it for a measurement.
+# Variance of unmeasured quantities, in their units: large enough not to mislead a filter that uses
+# it, and not to be taken for a measurement.
 UNKNOWN = 1e6
 
 
 def odometry(update: TrackUpdate, frame_id: str) -> Odometry:
     """
-    Tell a track's pose in the left optical frame and its speed in its own.
+    Return a track's pose in the left optical frame and its speed in the vehicle's own frame.
 
     ``twist.covariance[0]`` is the variance of the speed. It is ``UNKNOWN`` while the track is not
-    confirmed, as are those of all that is never measured: the orientation, which is the path's,
-    and all other components of the twist.
+    confirmed. The variances of the orientation, which is that of the path, and of all other
+    components of the twist are always ``UNKNOWN``, as these are not measured.
     """
     msg = Odometry(child_frame_id=f'vehicle_{update.track}')
     msg.header = Header(stamp=to_stamp(update.stamp_ns), frame_id=frame_id)
@@ -50,7 +50,7 @@ def odometry(update: TrackUpdate, frame_id: str) -> Odometry:
 
 
 def speed_of(track: Odometry) -> Optional[TwistWithCovarianceStamped]:
-    """Return the speed of a track as ``vehicle_speed`` has it; None without a measurement."""
+    """Return the speed of a track as published on ``vehicle_speed``; None if not measured."""
     if not 0 <= track.twist.covariance[0] < UNKNOWN:
         return None
     msg = TwistWithCovarianceStamped(twist=track.twist)
@@ -59,7 +59,7 @@ def speed_of(track: Odometry) -> Optional[TwistWithCovarianceStamped]:
 
 
 def markers(update: TrackUpdate, frame_id: str, lifetime_s: float) -> list[Marker]:
-    """Draw a vehicle's front and its speed, for some seconds."""
+    """Return markers of a vehicle's front and its speed, with a limited lifetime."""
     front = _marker(update, frame_id, 'vehicles', Marker.CUBE, lifetime_s)
     front.pose = odometry(update, frame_id).pose.pose
     front.scale.x, front.scale.y, front.scale.z = 0.1, 1.8, 0.8
@@ -72,7 +72,7 @@ def markers(update: TrackUpdate, frame_id: str, lifetime_s: float) -> list[Marke
 
 
 def deletions(track: int, frame_id: str) -> list[Marker]:
-    """Take an ended vehicle's markers away."""
+    """Return the messages that delete the markers of an ended track."""
     out = []
     for ns in ('vehicles', 'speed_text'):
         marker = Marker(ns=ns, id=track, action=Marker.DELETE)
@@ -82,7 +82,7 @@ def deletions(track: int, frame_id: str) -> list[Marker]:
 
 
 def path_markers(lanes: Mapping[str, LanePath], frame_id: str) -> list[Marker]:
-    """Draw the paths of the lanes, in place of all that were drawn before."""
+    """Return markers of the lanes' paths, which replace all earlier ones."""
     out = [Marker(ns='path', action=Marker.DELETEALL)]
     out[0].header.frame_id = frame_id
     for number, lane in enumerate(lanes.values()):

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Whether the cameras are in each other's place, by a look now and then beside the pairs."""
+"""Checks at intervals, beside the pairs, whether the cameras are swapped."""
 from __future__ import annotations
 
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -11,18 +11,19 @@ from ..core.records import StereoPair
 from ..geometry.rig import StereoRig
 from ..steadying.view_order import views_crossed
 
-_EVERY_S = 10.0  # between two looks; one takes some 50 ms, nearly all of it outside of Python
-_CROSSED_S = 1.0  # the same while they are crossed: who has them so waits for them to be put right
+_EVERY_S = 10.0  # interval of looks, each of some 50 ms, nearly all outside the interpreter lock
+_CROSSED_S = 1.0  # interval while the views are crossed, so that a repair is noticed soon
 
 
 class OrderWatch:
     """
     See the module's docstring.
 
-    The first look is waited for, as are those while the views are crossed: nothing may be told of
-    crossed views.  Others are taken in with a later pair, whose readings do not wait for them.
+    The first look is waited for, as are all looks while the views are crossed, because nothing may
+    be published of crossed views.  Results of other looks are collected with a later pair, so that
+    no readings wait for them.
 
-    :param look: tells whether views are crossed; None where the images do not tell.
+    :param look: returns whether views are crossed, or None where the images do not show it.
     :param clock: steady time, s.
     """
 
@@ -32,10 +33,10 @@ class OrderWatch:
         self._thread = ThreadPoolExecutor(1, 'view order')
         self._coming: Optional[Future[Optional[bool]]] = None
         self._looked_s: Optional[float] = None
-        self.crossed = False  # as of the last look that told
+        self.crossed = False  # by the last look with a result
 
     def take(self, rig: StereoRig, pair: StereoPair) -> bool:
-        """Take in a pair; return whether the views are crossed, as far as is known."""
+        """Process a pair; return whether the views are crossed by the last known result."""
         first, now_s = self._looked_s is None, self._clock()
         if first or now_s - (self._looked_s or 0.0) > (
                 _CROSSED_S if self.crossed else _EVERY_S):
@@ -47,5 +48,5 @@ class OrderWatch:
         return self.crossed
 
     def close(self) -> None:
-        """Let go of the thread."""
+        """Shut down the thread."""
         self._thread.shutdown(wait=False, cancel_futures=True)

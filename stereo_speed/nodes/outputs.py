@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the measuring nodes publish: tracks, speeds, passes, markers, frames and the overlay."""
+"""The publishers of measuring nodes: tracks, speeds, passes, markers, frames and the overlay."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -32,26 +32,26 @@ from ..pipeline.config import PipelineConfig
 from ..pipeline.pipeline import SpeedPipeline, Step
 from ..report.overlay import draw
 
-_ACK_WAIT = Duration(seconds=1)  # for the last passes, when the node stops
-_LEAST_LIFETIME_S, _LIFETIME_INTERVALS = 0.5, 2.5  # of markers
+_ACK_WAIT = Duration(seconds=1)  # time for delivery of the last passes when the node stops
+_LEAST_LIFETIME_S, _LIFETIME_INTERVALS = 0.5, 2.5  # lifetime of markers: least, and in intervals
 _JPEG_QUALITY = 80
 
 
 class Outputs:
     """
-    Publishers of a measuring node.
+    The publishers of a measuring node.
 
-    :param node: that publishes.
+    :param node: the node.
     :param p: declares the parameters.
-    :param speeds: publish ``vehicle_speed`` too, as ``speed_node`` does.
+    :param speeds: whether to publish ``vehicle_speed`` too, as ``speed_node`` does.
     """
 
     def __init__(self, node: Node, p: Parameters, *, speeds: bool = False) -> None:
         self.log, self.run = node.get_logger(), new_run()
         self._frames = StaticFrames(node, p)
         self._last_ns = 0
-        self._readings: set[tuple[int, int]] = set()  # stamp and track: told of this pair
-        # Told by two threads: that which measures, and that which runs self-tests.
+        self._readings: set[tuple[int, int]] = set()  # published ones of a pair: stamp and track
+        # The instrument is published by two threads, of measuring and of self-tests.
         self._telling = threading.Lock()
         self._instrument: Optional[Instrument] = None
         self._self_test: Optional[Mapping[str, Any]] = None
@@ -76,10 +76,10 @@ class Outputs:
     def begin(self, pipeline: SpeedPipeline, place: MeasuringSite, config: PipelineConfig
               ) -> None:
         """
-        Publish what stands as long as a pipeline does: the instrument, the lanes and the frames.
+        Publish what does not change during a pipeline: the instrument, the lanes and the frames.
 
-        :param pipeline: that measures from now on.
-        :param place: the site as it is measured at.
+        :param pipeline: the pipeline that measures from now on.
+        :param place: the site that is measured at.
         :param config: the parameters.
         """
         with self._telling:
@@ -89,7 +89,7 @@ class Outputs:
         self._frames.publish(pipeline.rig, pipeline.lanes)
 
     def tell_self_test(self, newest: Optional[Mapping[str, Any]]) -> None:
-        """Tell once more what measures, where a self-test was passed since; see Instrument."""
+        """Publish the instrument again if a self-test has passed since; see ``Instrument``."""
         with self._telling:
             if newest is self._self_test:
                 return
@@ -102,7 +102,7 @@ class Outputs:
         self.instrument.publish(String(data=self._instrument.text()))
 
     def tell_readings(self, pipeline: SpeedPipeline, updates: Sequence[TrackUpdate]) -> None:
-        """Publish tracks of a pair, of which the others may not be known yet."""
+        """Publish some tracks of a pair, before the others may be known."""
         for update in updates:
             track = odometry(update, pipeline.rig.frame_id)
             self.tracks.publish(track)
@@ -112,7 +112,7 @@ class Outputs:
         self._readings |= {(u.stamp_ns, u.track) for u in updates}
 
     def tell(self, pipeline: SpeedPipeline, pair: StereoPair, step: Step) -> None:
-        """Publish what came of a pair, but for what was told of it before."""
+        """Publish the results of a pair, except readings that were published before."""
         frame_id = pipeline.rig.frame_id
         self.tell_readings(pipeline, [
             u for u in step.updates if (u.stamp_ns, u.track) not in self._readings])
@@ -128,9 +128,9 @@ class Outputs:
         self.end(pipeline, step.passes)
 
     def end(self, pipeline: SpeedPipeline, results: Sequence[PassResult]) -> None:
-        """Publish and log passes that are over, and take their markers away."""
+        """Publish and log passes that are over, and delete their markers."""
         for result in results:
-            if self.traces.get_subscription_count():  # long, and of use for evidence alone
+            if self.traces.get_subscription_count():  # large, and needed for evidence only
                 self.traces.publish(String(data=trace_text(self.run, result)))
             self.passes.publish(String(data=pass_text(self.run, result)))
             self.log.info(_line(result))
@@ -139,11 +139,11 @@ class Outputs:
             self.markers.publish(MarkerArray(markers=gone))
 
     def wait(self) -> None:
-        """Wait until the last passes have reached those who listen."""
+        """Wait until the last passes have reached all subscribers."""
         self.passes.wait_for_all_acked(_ACK_WAIT)
 
     def _publish_overlay(self, pipeline: SpeedPipeline, pair: StereoPair, step: Step) -> None:
-        """Draw the overlay for those who listen: it costs more than tracking."""
+        """Publish the overlay if there are subscribers, as drawing costs more than tracking."""
         raw, compressed = (bool(p.get_subscription_count())
                            for p in (self.overlay, self.compressed))
         if self.right_overlay.get_subscription_count():
@@ -165,7 +165,7 @@ class Outputs:
 
 
 def _line(result: PassResult) -> str:
-    """Return a pass for people."""
+    """Return a pass as a line of text for the log."""
     speed = 'no speed' if result.speed_mps is None or result.speed_std_mps is None else (
         f'{result.speed_mps / MPH_MPS:.2f} ± {result.speed_std_mps / MPH_MPS:.2f} mph '
         f'({result.speed_mps / KMH_MPS:.2f} km/h)')

@@ -1,12 +1,12 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-The synchronized pair as one message.
+The message for a synchronized pair.
 
-It is one ``sensor_msgs/Image``: the left grey image above the right one, so its height is twice
-the camera's, and any viewer shows it.  Its header is that of the left image.  Every row ends with
-8 bytes of padding, which ``step`` tells of; in the first row they are the right image's stamp in
-ns, little-endian, because the two need not be equal.
+It is one ``sensor_msgs/Image`` with the left grey image above the right one, so its height is
+twice that of a camera image, and any viewer can show it.  Its header is that of the left image.
+Every row ends with 8 bytes of padding, which ``step`` includes.  In the first row it holds the
+stamp of the right image in ns, little-endian, because the two stamps need not be equal.
 """
 from __future__ import annotations
 
@@ -51,10 +51,11 @@ def pair_message(left: Grey, right: Grey, *, left_ns: int, right_ns: int,
 
 def pair_from_message(msg: Image, index: int) -> StereoPair:
     """
-    Take the pair out of its message.
+    Return the pair that a message contains.
 
+    :param msg: the message.
     :param index: number of the pair in its stream.
-    :raises InputError: a message without the right stamp, or of an odd height.
+    :raises InputError: the message has no stamp of the right image, or an odd height.
     """
     ns, both = stamp_ns(msg.header.stamp), grey_from_message(msg, PAIR_TOPIC)
     used = msg.width * both.dtype.itemsize

@@ -1,13 +1,13 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Pairs between the thread that receives and the thread that measures.
+The queue of pairs between the receiving thread and the measuring thread.
 
-A pair that has waited for most of the time between two pairs is hurried: it has the less done with
-it, so that the next one waits for less.  Each is hurried by itself: none is but where the machine
-does not keep up for the moment.  Where that does not do, and the pair in hand has waited too long,
-the newest pair is served and all older ones are skipped, whole and in order, until for some time
-there was nothing to skip.
+A pair that has waited for most of the interval between two pairs is hurried: less work is done for
+it, so that the next one waits less.  This is decided for each pair, so pairs are hurried only
+while the machine does not keep up.  If that is not enough and a pair has waited too long, the
+newest pair is measured and all older ones are skipped, until nothing had to be skipped for some
+time.
 """
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ import time
 from typing import Callable, Generic, Optional, TypeVar
 
 Item = TypeVar('Item')
-RECOVER_S = 5.0  # without a pair skipped, the machine keeps up again
-LEAST_LONG_S = 0.02  # that a pair may wait in any case: arrivals jitter
-_LONG = 0.6  # of the time between two pairs, the same
+RECOVER_S = 5.0  # time without a skipped pair after which the machine counts as keeping up again
+LEAST_LONG_S = 0.02  # waiting time up to which no pair is hurried, as arrivals jitter
+_LONG = 0.6  # the same as a share of the interval between two pairs; the greater one counts
 
 
 class PairQueue(Generic[Item]):
     """
     See the module's docstring.
 
-    :param most_wait_s: that a pair may have waited.
-    :param most: pairs that may wait.
+    :param most_wait_s: waiting time of a pair above which older pairs are skipped, s.
+    :param most: greatest number of waiting pairs.
     :param hurry: whether pairs are hurried before any are skipped.
     :param clock: steady time, s.
 
-    ``hurried`` says whether the pair that was taken last is.
+    ``hurried`` tells whether the pair that was taken last is hurried.
     """
 
     def __init__(self, most_wait_s: float, most: int,
@@ -44,11 +44,11 @@ class PairQueue(Generic[Item]):
         self._may_hurry, self.overloaded, self.hurried = hurry, False, False
 
     def ready(self) -> None:
-        """Be told that measuring is ready: what waited until now did not wait for others."""
+        """Mark measuring as ready; earlier waiting does not count as being slow."""
         self._ready_s = self._clock()
 
     def put(self, item: Item) -> None:
-        """Add the newest pair; the oldest is skipped where too many wait."""
+        """Add the newest pair; the oldest is skipped if too many are waiting."""
         with self._changed:
             now_s = self._clock()
             self._came_s, self._between_s = now_s, now_s - self._came_s
@@ -60,7 +60,7 @@ class PairQueue(Generic[Item]):
             self._changed.notify()
 
     def take(self, timeout_s: float) -> Optional[Item]:
-        """Return the pair to measure next, as soon as there is one; None if there is none."""
+        """Return the pair to measure next; None if none comes in time."""
         with self._changed:
             self._changed.wait_for(lambda: self._waiting or self._closed, timeout_s)
             if not self._waiting:
@@ -90,7 +90,7 @@ class PairQueue(Generic[Item]):
         return skipped
 
     def close(self) -> None:
-        """Wake who waits: nothing more will come."""
+        """Wake the waiting thread, as no more pairs will come."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()

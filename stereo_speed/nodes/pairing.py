@@ -1,9 +1,10 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Two image streams in, pairs out: what ``stereo_sync_node`` and ``speed_camera_node`` share.
+Two image streams in, pairs out; shared by ``stereo_sync_node`` and ``speed_camera_node``.
 
-No message ends it: an image that cannot be used is refused, counted and told on ``/diagnostics``.
+No message can stop it: an image that cannot be used is refused, counted and reported on
+``/diagnostics``.
 """
 from __future__ import annotations
 
@@ -24,7 +25,7 @@ from ..core.pair_matcher import PairMatcher
 from ..io.images import grey_from_message
 from ..io.topics import SIDES
 
-_STUCK = 5  # stamps that do not rise, in a row, are a clock that stands still
+_STUCK = 5  # equal stamps in a row from which on the clock counts as standing still
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +37,7 @@ class ImagePair:
     :param right_ns: header stamp of the right image, ns.
     :param left: (H, W) raw grey pixels.
     :param right: (H, W), of the same size and type.
-    :param frame_id: that of the left image.
+    :param frame_id: frame of the left image.
     """
 
     left_ns: int
@@ -47,23 +48,24 @@ class ImagePair:
 
 
 class _Side:
-    """What is known of one camera's stream."""
+    """The state of one camera's stream."""
 
     def __init__(self) -> None:
         self.arrivals, self.look, self.gaps = Arrivals(), Look(), StampGaps()
         self.lost, self.repeated, self.unpaired = Tally(), Tally(), Tally()
-        self.size: tuple[int, int] = (0, 0)  # height, width of its calibration; 0 is unknown
+        self.size: tuple[int, int] = (0, 0)  # height and width of the calibration; 0 if unknown
         self.last_ns, self.stuck = -1, 0
 
 
 class Pairing:
     """
-    Gives out the pairs of both cameras, from ``subscribe`` to ``close``.
+    Pairs the images of both cameras, from ``subscribe`` to ``close``.
 
     :param node: the node that subscribes.
     :param p: declares the parameters.
-    :param give: takes each pair.
-    :param infos: listen to the calibrations; False where the node does, and calls ``on_info``.
+    :param give: called with each pair.
+    :param infos: whether to subscribe to calibrations; False where the node does so and calls
+        ``on_info``.
     """
 
     def __init__(self, node: Node, p: Parameters, give: Callable[[ImagePair], None], *,
@@ -94,7 +96,7 @@ class Pairing:
         self._known_unpaired = dict.fromkeys(SIDES, 0)
 
     def subscribe(self) -> None:
-        """Begin to listen to the cameras."""
+        """Subscribe to the cameras."""
         self._begin_anew()
         self.subscriptions = [
             OfferedSubscription(self.node, what, f'{side}/{topic}', partial(callback, side))
@@ -103,23 +105,23 @@ class Pairing:
                 *([(CameraInfo, 'camera_info', self.on_info)] if self._infos else []))]
 
     def close(self) -> None:
-        """Listen no more."""
+        """Unsubscribe from the cameras."""
         for subscription in self.subscriptions:
             subscription.close()
         self.subscriptions = []
 
     @property
     def tasks(self) -> dict[str, Task]:
-        """Return what is told on ``/diagnostics``, by task."""
+        """Return the tasks reported on ``/diagnostics``, by name."""
         return {'left camera': partial(self._camera, 'left'),
                 'right camera': partial(self._camera, 'right'), 'pairs': self._pairs}
 
     def on_info(self, side: str, msg: CameraInfo) -> None:
-        """Keep the size of a calibration, to check the images by."""
+        """Keep the image size of a calibration, to check images against it."""
         self.sides[side].size = (msg.height, msg.width)
 
     def on_image(self, side: str, msg: Any) -> None:
-        """Take an image; give out the pairs that are now certain."""
+        """Process an image; pass on the pairs that are now certain."""
         ns, of = stamp_ns(msg.header.stamp), self.sides[side]
         try:
             grey = self._grey(side, msg)
@@ -146,7 +148,7 @@ class Pairing:
         """
         Return the pixels of an image.
 
-        :raises InputError: it cannot be decoded, or is not of the calibration's size.
+        :raises InputError: it cannot be decoded, or does not have the calibrated size.
         """
         topic, size = f'{side}/image_raw', self.sides[side].size
         grey = grey_from_message(msg, topic)
@@ -173,7 +175,7 @@ class Pairing:
             self._known_unpaired[side] = count
 
     def _reset(self, side: str, ns: int) -> None:
-        """Forget unpaired images: time has jumped back."""
+        """Drop unpaired images, because time has jumped back."""
         self.node.get_logger().warning(f'{side} stamp jumped back from {self.sides[side].last_ns} '
                                        f'to {ns} ns: starting anew')
         self.matcher.reset()
@@ -183,7 +185,7 @@ class Pairing:
             of.gaps.restart()
         self.resets += 1
 
-    # -- what is told -----------------------------------------------------------------------
+    # -- diagnostics ------------------------------------------------------------------------
 
     def _camera(self, side: str) -> State:
         of, state = self.sides[side], State('images come')

@@ -1,11 +1,11 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-``pairing_peer_node``: what ``bench`` times the live nodes beside, with nothing of theirs.
+``pairing_peer_node``: the node that ``bench`` compares the live nodes with; it shares no code.
 
-It pairs the images of both cameras by their stamps and answers each pair with its header: at once,
-which is what the way through DDS and Python costs whoever wants pairs, or when it has matched the
-views densely, as is usual. Who matches takes the newest pair when he is done with the one before.
+It pairs the images of both cameras by their stamps and answers each pair with its header. It does
+so at once, which gives the cost of DDS and Python alone, or after it has matched the views
+densely, as is usual. Matching takes the newest pair each time it is done with the previous one.
 """
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ from .common import Parameters, RELIABLE, run, stamp_ns
 from ..core.errors import InputError, StereoSpeedError
 from ..io.topics import SIDES
 
-_WAITING = 10  # unpaired images that are kept of each side
+_WAITING = 10  # number of unpaired images kept per side
 _DISPARITIES, _BLOCK_PX = 64, 5
 
 
 class MatchingError(StereoSpeedError):
-    """Pairs are no longer matched."""
+    """The matching thread has ended."""
 
 
 class PairingPeerNode(Node):
@@ -42,7 +42,7 @@ class PairingPeerNode(Node):
         self._waiting: dict[str, dict[int, Image]] = {side: {} for side in SIDES}
         self._newest: Optional[tuple[Image, Image]] = None
         self._came, self._closed = threading.Condition(), False
-        self._failed: Optional[Exception] = None  # whoever matches
+        self._failed: Optional[Exception] = None  # error of the matching thread
         self._answers = self.create_publisher(Header, 'answers', RELIABLE)
         for side in SIDES:
             self.create_subscription(Image, f'{side}/image_raw', partial(self._image, side),
@@ -53,10 +53,10 @@ class PairingPeerNode(Node):
             self._matching.start()
 
     def _info(self, msg: CameraInfo) -> None:
-        """Take a calibration, as who matches does; here the images stay as they are."""
+        """Receive a calibration, as any stereo node must; images are not rectified here."""
 
     def _image(self, side: str, msg: Image) -> None:
-        if self._failed is not None:  # answers would cease, with nobody told why
+        if self._failed is not None:  # otherwise answers would stop without an error
             raise MatchingError(f'pairing_peer_node: matching: found that it ended by '
                                 f'{self._failed!r}, wanted each pair matched')
         ns = stamp_ns(msg.header.stamp)
@@ -76,11 +76,11 @@ class PairingPeerNode(Node):
     def _try_match(self) -> None:
         try:
             self._match()
-        except Exception as error:  # what it may be is OpenCV's affair
+        except Exception as error:  # OpenCV may raise anything
             self._failed = error
 
     def _match(self) -> None:
-        """Match the newest pair, again and again."""
+        """Match the newest pair, repeatedly, until closed."""
         matcher = cv2.StereoSGBM.create(minDisparity=0, numDisparities=_DISPARITIES,
                                         blockSize=_BLOCK_PX, mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY)
         while True:

@@ -1,9 +1,9 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-``repeating_replay_node``: plays a bag again and again, as a camera pair that never stops.
+``repeating_replay_node``: plays a bag repeatedly, as a camera pair that never stops.
 
-Other than with ``loop`` of ``replay_node``, stamps go on rising from one round to the next.
+Unlike with ``loop`` of ``replay_node``, stamps continue to rise from one round to the next.
 """
 from __future__ import annotations
 

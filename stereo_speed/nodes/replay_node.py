@@ -3,8 +3,8 @@
 """
 ``replay_node``: plays a bag as the camera pair would.
 
-Images keep their header stamps and are published in recorded order, at the pace of those stamps
-times ``rate``, each after a ``/clock`` of its time.
+Images keep their header stamps and are published in recorded order, at the pace of their stamps
+times ``rate``, each after a ``/clock`` message with its stamp.
 """
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from ..io.images import grey_from_message
 
 _ACK_WAIT = Duration(seconds=10)
 _POLL_S = 0.02
-_SETTLE_S = 0.5  # without another subscriber: all have been discovered
+_SETTLE_S = 0.5  # time without a new connection after which all have been discovered
 
 
 class ReplayNode(Node):
@@ -71,9 +71,9 @@ class ReplayNode(Node):
 
     def play(self) -> None:
         """
-        Play the bag, once or for ever.
+        Play the bag, once or endlessly.
 
-        :raises InputError: nobody subscribes in time, or nothing is left to play.
+        :raises InputError: subscribers are missing for too long, or there is nothing to play.
         """
         if self.wait:
             self._wait_for_subscribers()
@@ -83,12 +83,12 @@ class ReplayNode(Node):
                                'a start within the bag')
             if not self.loop:
                 break
-        # Leave only when all has arrived, or it would be lost with this process.
+        # Leave only after everything has arrived, or it would be lost with this process.
         for output in self.outputs.values():
             output.wait_for_all_acked(_ACK_WAIT)
 
     def _play_once(self) -> int:
-        """Publish each message when it is due; how many were published."""
+        """Publish each message when it is due; return how many were published."""
         count, clock_ns, begun = 0, 0, time.monotonic()
         with closing(ahead(self._due())) as due:
             for due_s, message, msg in due:
@@ -109,7 +109,7 @@ class ReplayNode(Node):
                 yield due_s, message, self._message(message)
 
     def messages(self) -> Iterator[BagMessage]:
-        """Yield what is played, in the order it was recorded."""
+        """Yield the messages to play, in recorded order."""
         return self.bag.messages()
 
     def send(self, side: str, kind: str, msg: Any, due_s: float) -> None:
@@ -118,13 +118,13 @@ class ReplayNode(Node):
 
         :param side: left or right.
         :param kind: image or camera_info.
-        :param msg: ready to be published.
-        :param due_s: when, since ``start``, in the time of the bag.
+        :param msg: the message, ready to be published.
+        :param due_s: time since ``start`` in the bag, s.
         """
         self.outputs[side, kind].publish(msg)
 
     def _message(self, message: BagMessage) -> Any:
-        """Turn a message of the bag into one of rclpy."""
+        """Return a message of the bag as one of rclpy."""
         if message.kind == 'camera_info':
             return _camera_info(message)
         header = message.msg.header
@@ -143,11 +143,11 @@ class ReplayNode(Node):
 
     def _wait_for_subscribers(self) -> None:
         """
-        Wait until all subscribers hear, other topics are connected, and this stays for a while.
+        Wait until all subscribers and the other topics are connected, and this does not change.
 
-        Nodes are discovered one by one: the first on a topic need not be the last.
+        Nodes are discovered one by one, so the first subscriber of a topic need not be the last.
 
-        :raises InputError: somebody is missing for too long.
+        :raises InputError: a connection is missing for too long.
         """
         now = since = time.monotonic()
         end, known = now + self.wait_s, self._connections()
@@ -162,7 +162,7 @@ class ReplayNode(Node):
                 known, since = connections, now
 
     def _lonely(self) -> list[str]:
-        """Return the topics that lack a subscriber that hears, or their publisher."""
+        """Return the topics that lack a connected subscriber, or a publisher."""
         out = [o.topic_name for o in self.outputs.values()
                if not o.get_subscription_count()
                or o.get_subscription_count() < self.count_subscribers(o.topic_name)]
@@ -170,7 +170,7 @@ class ReplayNode(Node):
                       if not self.count_publishers(topic) or not self.count_subscribers(topic)]
 
     def _connections(self) -> list[int]:
-        """Return the numbers of all who are connected, to see when they change."""
+        """Return the numbers of connections, to detect changes."""
         return [n for o in self.outputs.values()
                 for n in (o.get_subscription_count(), self.count_subscribers(o.topic_name))] + [
             n for topic in self.wait_for
@@ -189,7 +189,7 @@ class ReplayNode(Node):
 
 
 def _camera_info(message: BagMessage) -> CameraInfo:
-    """Copy a calibration; ROS 1 bags name its matrices in capitals."""
+    """Return a copy of a calibration; ROS 1 bags name its matrices in capitals."""
     m = message.msg
     out = CameraInfo(height=m.height, width=m.width, distortion_model=m.distortion_model,
                      binning_x=m.binning_x, binning_y=m.binning_y)

@@ -1,14 +1,14 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-The live rig against its site, at start and at intervals, in a process of its own.
+Checks the live rig against its site, at start and at intervals, in a process of its own.
 
-Lines and background of some pairs are looked at as refining a site does. Where what has moved
-changes speeds beyond doubt by more than the self-test allows, or the right camera has turned,
-nothing is measured and ``/diagnostics`` has an ERROR. The rig is looked at again at once: where
-two looks in a row find it alike, it is measured with as they found it; where a later look finds
-it right again, as before. What a look cannot tell changes nothing. One that fails is made again
-after a minute.
+A look compares lines and background of some pairs with the site, as refining a site does. If the
+rig has moved so that speeds certainly change by more than the self-test allows, or the right
+camera has certainly turned, nothing is measured and ``/diagnostics`` has an ERROR. The rig is then
+looked at again at once. If two looks in a row find the same stance, measuring continues with that
+stance; if a later look finds the rig right again, it continues as before. A look without a result
+changes nothing. A failed look is repeated after a minute.
 """
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ from ..pipeline.config import SiteConfig
 from ..pipeline.look_process import LookProcess
 from ..site.refine.rig_state import MOST_SHARE, RigState, Stance
 
-# A look that takes longer has failed: it hangs, for a tenth of a core is enough in minutes.
+# Time after which a look has failed: it must hang, as a tenth of a core suffices in minutes.
 _LONGEST_S = 1800.0
-_AGAIN_S = 60.0  # after a look that has failed: of the rig nothing is known yet
+_AGAIN_S = 60.0  # time until a failed look is repeated
 
 
 class RigWatch:
     """
-    Gathers pairs for a look at the rig, and knows whether it may be measured with.
+    Gathers pairs for looks at the rig, and decides whether the node may measure.
 
     :param p: declares the parameters.
-    :param log: of the node.
+    :param log: logger of the node.
     :param make: starts the process of a look; may raise OSError.
     :param clock: steady time, s.
     """
@@ -54,27 +54,27 @@ class RigWatch:
         self.newest: Optional[RigState] = None
         self.looks, self.failure, self.corrected = 0, '', ''
         self._used: Optional[Stance] = None
-        self._suspected: Optional[Stance] = None  # as the newest look found a rig that is off
+        self._suspected: Optional[Stance] = None  # stance found by the newest look, if it is off
         self._correction: Optional[Stance] = None
         self._config = SiteConfig()
         self._due_s = self._next_s = self._begun_s = 0.0
         self._lock = threading.RLock()
-        self._process: Optional[LookProcess] = None  # of a look for which pairs are gathered
+        self._process: Optional[LookProcess] = None  # process of the look under way
         self._gathered, self._ready, self._asked = 0, False, False
         self._followed: Optional[RigMotion] = None
 
     @property
     def withholds(self) -> bool:
-        """Return whether nothing may be measured: the rig has moved."""
+        """Return whether nothing may be measured, because the rig has moved."""
         return self.newest is not None and self.newest.is_off
 
     def begin(self, place: MeasuringSite, config: SiteConfig, corrected: str = '') -> None:
         """
-        Look at the rig anew: it is measured with another one from now on.
+        Start with a new site or rig.
 
-        :param place: the site as it is measured at.
-        :param config: what is known of roads, and how lines are found.
-        :param corrected: what was wrong with the site as it was read; empty for nothing.
+        :param place: the site that is measured at from now on.
+        :param config: priors of roads, and how lines are found.
+        :param corrected: what was wrong with the site as read; empty if nothing was.
         """
         self.close()
         self._used = Stance(place.site, place.rig, dict(place.lanes))
@@ -83,28 +83,28 @@ class RigWatch:
         self._due_s = self._next_s = 0.0
 
     def pop_correction(self) -> Optional[Stance]:
-        """Return how two looks found a rig that has moved, once; None where they have not."""
+        """Return, once, the stance that two looks have confirmed; None if there is none."""
         correction, self._correction = self._correction, None
         return correction
 
     def take(self, pair: StereoPair, followed: Optional[RigMotion] = None) -> None:
         """
-        Take the next pair, and begin a look that is due.
+        Process the next pair, and begin a look that is due.
 
-        :param pair: as it came.
-        :param followed: how the rig has turned, as what measures knows and allows for.
+        :param pair: the pair as received.
+        :param followed: rotation of the rig that measuring already follows and allows for.
         """
         if not self.interval_s or self._used is None:
             return
         with self._lock:
             try:
                 self._go_on(pair, followed)
-            except Exception as error:  # of the other process, whatever it was
+            except Exception as error:  # any error of the other process
                 self._failed(error)
 
     def _go_on(self, pair: StereoPair, followed: Optional[RigMotion]) -> None:
         """
-        Do what the next pair allows: begin a look, give it the pair, and what ``_advance`` does.
+        Begin a look if one is due, give it the pair if it needs one, and advance it.
 
         :raises OSError: its process has ended, or cannot be started.
         :raises LookProcessError: the look has failed.
@@ -120,7 +120,7 @@ class RigWatch:
 
     def _advance(self, now_s: float) -> None:
         """
-        Have the pairs looked at once they and the process are there, and take in what is found.
+        Start the look once its pairs and its process are ready, and collect its result.
 
         :raises OSError: its process has ended.
         :raises LookProcessError: the look has failed.
@@ -146,14 +146,14 @@ class RigWatch:
 
     def poll(self) -> None:
         """
-        Do what needs no further pair; any thread may ask.
+        Advance a look that needs no further pair; any thread may call this.
 
-        A stream may have ended before the process of a look was ready.
+        The stream may have ended before the process of the look was ready.
         """
         with self._lock:
             try:
                 self._advance(self._clock())
-            except Exception as error:  # of the other process, whatever it was
+            except Exception as error:  # any error of the other process
                 self._failed(error)
 
     def _failed(self, error: Exception) -> None:
@@ -162,16 +162,16 @@ class RigWatch:
         self._end(min(_AGAIN_S, self.interval_s))
 
     def _end(self, wait_s: float) -> None:
-        """Let go of a look, and set when the next one is due."""
+        """End a look, and set when the next one is due."""
         self.close()
-        # what is wrong is looked at again at once
+        # a rig that is off is looked at again at once
         self._due_s = self._clock() + (0.0 if self.withholds else wait_s)
 
     def _learn(self, found: RigState) -> None:
-        """Take in what a look has found."""
+        """Register the result of a look."""
         self.looks += 1
         if found.share is None and self.withholds:
-            self.log.info(found.text)  # what was wrong may be so still
+            self.log.info(found.text)  # without a result, the rig may still be off
             return
         self.newest = found
         self._suspected = found.stance if found.is_off else None
@@ -179,16 +179,16 @@ class RigWatch:
         (self.log.error if found.is_off else self.log.info)(found.text)
 
     def close(self) -> None:
-        """End a look that is under way."""
+        """Abort a look that is under way."""
         with self._lock:
             process, self._process = self._process, None
             self._gathered, self._ready, self._asked = 0, False, False
-        if process is not None:  # which may take a while to end: all others go first
+        if process is not None:  # in a thread, as its low priority may delay its end
             threading.Thread(target=process.close, args=(0.0,), name='ends a look',
                              daemon=True).start()
 
     def state(self) -> State:
-        """Return its state for ``/diagnostics``."""
+        """Return the state of the rig for ``/diagnostics``."""
         self.poll()
         fine = 'no look at the rig asked for'
         if self.interval_s:

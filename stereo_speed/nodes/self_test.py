@@ -1,9 +1,9 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-The self-test of a node that measures: at start and at intervals, in a process of its own.
+The self-test of a measuring node: at start and at intervals, in a process of its own.
 
-Until the first one is passed, and from one that fails until one that is passed, nothing is
+Before the first test has passed, and after a failed test until the next one passes, nothing is
 measured and ``/diagnostics`` has an ERROR.
 """
 from __future__ import annotations
@@ -26,18 +26,18 @@ from ..core.errors import InputError
 from ..pipeline.config import PipelineConfig
 from ..pipeline.self_test import off_percent
 
-_LONGEST_S = 300.0  # a test that takes longer has failed
+_LONGEST_S = 300.0  # time after which a test has failed
 _FILES = ('site.yaml', 'truth.csv', 'bag')
 
 
 class SelfTestWatch:
     """
-    Runs ``self-test`` with the parameters of the node, and knows whether it may measure.
+    Runs ``self-test`` with the parameters of the node, and decides whether it may measure.
 
-    :param node: that measures.
+    :param node: the measuring node.
     :param p: declares the parameters.
-    :param config: of its pipeline.
-    :raises InputError: a folder without a stored pass.
+    :param config: parameters of its pipeline.
+    :raises InputError: the folder does not contain a stored pass.
     """
 
     def __init__(self, node: Node, p: Parameters, config: PipelineConfig) -> None:
@@ -48,7 +48,7 @@ class SelfTestWatch:
                                 '[s]', 10.0, 1e6)
         self.log, self.folder, self.fault = node.get_logger(), folder, ''
         self.passed = self.failed = 0
-        self.newest: Optional[dict[str, Any]] = None  # of those passed, for records
+        self.newest: Optional[dict[str, Any]] = None  # the last passed test, for records
         self._process: Optional[subprocess.Popen[str]] = None
         self._begun_s = 0.0
         self._due_s = time.monotonic()
@@ -73,7 +73,7 @@ class SelfTestWatch:
         return bool(self.fault)
 
     def poll(self) -> None:
-        """Begin a test that is due, and take in what came of one."""
+        """Begin a test that is due, or collect the result of one under way."""
         now_s = time.monotonic()
         if not self.folder:
             return
@@ -105,7 +105,7 @@ class SelfTestWatch:
             self.log.error(f'{self.fault}: nothing is measured')
 
     def state(self) -> State:
-        """Return its state for ``/diagnostics``."""
+        """Return the state of the self-test for ``/diagnostics``."""
         state = State('passed' if self.folder else 'no self-test asked for',
                       values={'passed': self.passed, 'failed': self.failed})
         if self.fault:
@@ -113,7 +113,7 @@ class SelfTestWatch:
         return state
 
     def close(self) -> None:
-        """End a test that is under way."""
+        """Abort a test that is under way."""
         if self._process is not None:
             self._process.kill()
             self._process.communicate()
@@ -123,7 +123,7 @@ class SelfTestWatch:
 
 
 def _parameters(config: PipelineConfig) -> dict[str, Any]:
-    """Return what ``--config`` reads."""
+    """Return the parameters in the form that ``--config`` reads."""
     return {**asdict(config.shared), **asdict(config.site),
             'trackers': {config.tracker: asdict(config.tracker_settings)},
             'detectors': {config.detector: asdict(config.detector_settings)}}

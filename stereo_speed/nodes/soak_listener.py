@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A user's node that hears every pair's tracks and every pass for hours, and keeps little."""
+"""A listener for the tracks of every pair and every pass, for hours, with little memory."""
 from __future__ import annotations
 
 import json
@@ -20,7 +20,7 @@ class SoakListener(DelayListener):
     """
     Listens on a context of its own until it is closed.
 
-    :param on_pass: called with each pass, as read from its JSON, and the places of its track.
+    :param on_pass: called with each pass, decoded from JSON, and the places of its track.
     """
 
     def __init__(self, on_pass: Callable[[dict[str, Any], list[Place]], None]) -> None:
@@ -28,7 +28,7 @@ class SoakListener(DelayListener):
         self._on_pass = on_pass
         self._places: dict[int, list[Place]] = {}
         self.pairs_ns: list[int] = []
-        self.delays_s: list[float] = []  # from sending a pair to its tracks
+        self.delays_s: list[float] = []  # times from sending a pair to its tracks
         self.reading_delays_s: list[float] = []
         self.readings = 0
         for kind, topic, callback, qos in (

@@ -17,11 +17,11 @@ from .messages import speed_of
 
 class SpeedNode(Node):
     """
-    Publish the speed of each confirmed track, one message per vehicle and pair.
+    Publishes the speed of each confirmed track, one message per vehicle and pair.
 
-    ``header.stamp`` is the pair's, ``header.frame_id`` is ``vehicle_<id>``, ``twist.linear.x`` is
-    in m/s and ``covariance[0]`` its variance.  A track that is not confirmed has no measurement:
-    the variance of its speed is unknown, and it is left out.
+    ``header.stamp`` is that of the pair, ``header.frame_id`` is ``vehicle_<id>``,
+    ``twist.linear.x`` is in m/s and ``covariance[0]`` is its variance.  Tracks that are not
+    confirmed have no measurement, which their variance shows, and are left out.
     """
 
     def __init__(self) -> None:

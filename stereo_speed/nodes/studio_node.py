@@ -1,9 +1,9 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-``studio_node``: the page of what is live: overlay, speeds, passes, and the health of every node.
+``studio_node``: a web page of live overlays, speeds and passes, and of the health of all nodes.
 
-It only listens. The address to open is printed; it is secret.
+It only subscribes. It prints the address to open, which is secret.
 """
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from ..studio.serve import served
 from ..studio.server import Studio
 from ..vision.grey import to_eight_bits
 
-PORT = 8766  # beside that of the command, so that both may run
+PORT = 8766  # differs from that of the command, so that both may run
 _JPEG_QUALITY = 75
 _WAKE_S = 0.5
 _PASS_FIELDS = ('track', 'lane', 'speed_mps', 'speed_std_mps', 'verdict', 'reason')
@@ -61,19 +61,20 @@ class StudioNode(Node):
         self.stack = ExitStack()
         sock = self.stack.enter_context(guard.bind(port))
         self.stack.enter_context(served(Studio(guard, live=self.live), sock))
-        # Python sees a signal when spinning returns to it, on a silent graph by this alone.
+        # Python handles signals only when spinning returns to it; this timer makes it return even
+        # without messages.
         self.create_timer(_WAKE_S, lambda: None,
                           clock=Clock(clock_type=ClockType.STEADY_TIME))
         print(f'open {guard.url}', flush=True)
 
     def on_speed(self, msg: TwistWithCovarianceStamped) -> None:
-        """Take the speed of a vehicle."""
+        """Show the speed of a vehicle."""
         self.live.add_reading(LiveReading(
             msg.header.frame_id, stamp_ns(msg.header.stamp), float(msg.twist.twist.linear.x),
             float(np.sqrt(max(msg.twist.covariance[0], 0.0)))))
 
     def on_pass(self, msg: String) -> None:
-        """Take a pass that is over; what is none is left out."""
+        """Show a finished pass; invalid messages are ignored."""
         try:
             data = json.loads(msg.data)
         except ValueError:
@@ -84,14 +85,14 @@ class StudioNode(Node):
         self.live.add_pass({key: data.get(key) for key in _PASS_FIELDS})
 
     def on_health(self, msg: DiagnosticArray) -> None:
-        """Take what nodes say of themselves."""
+        """Show the diagnostics of nodes."""
         for status in msg.status:
             level = status.level[0] if isinstance(status.level, bytes) else int(status.level)
             self.live.add_health(LiveHealth(
                 status.name, level, status.message, {v.key: v.value for v in status.values}))
 
     def on_overlay(self, view: str, msg: Image) -> None:
-        """Take an annotated image, unless one of that view came just now."""
+        """Show an annotated image, unless one of that view has just been shown."""
         now_s = time.monotonic()
         if now_s < self.next_s[view]:
             return
@@ -106,7 +107,7 @@ class StudioNode(Node):
 
 
 def _pixels(msg: Any) -> NDArray[np.uint8]:
-    """Return an image as OpenCV takes it: BGR as it is, anything else grey."""
+    """Return an image for OpenCV: BGR as it is, anything else as grey."""
     if msg.encoding == 'bgr8' and msg.step == 3 * msg.width:
         return np.frombuffer(bytes(msg.data), np.uint8).reshape(msg.height, msg.width, 3)
     return to_eight_bits(grey_from_message(msg, 'overlay'))

@@ -1,11 +1,11 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Subscriptions that take what the publisher offers: reliable where it is, best effort otherwise.
+Subscriptions that adapt to the publishers: reliable if these are, best effort otherwise.
 
-A reliable subscription hears nothing of a best-effort publisher, and a best-effort one loses large
-images of a reliable publisher. So it begins with best effort, which hears everybody, and becomes
-reliable as soon as all publishers of its topic are.
+A reliable subscription receives nothing from a best-effort publisher, and a best-effort one loses
+large images of a reliable publisher. So the subscription begins with best effort, which is
+compatible with all publishers, and becomes reliable as soon as all publishers of its topic are.
 """
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from .common import Parameters, qos_options
 from ..core.errors import InputError
 
 _DEPTH = 10
-_LOOK_S = 0.2  # between two looks at the publishers
+_LOOK_S = 0.2  # interval at which publishers are checked
 
 
 def image_kind(p: Parameters) -> tuple[type, str]:
     """
-    Declare ``image_transport``; return the class of image messages, and what ends their topic.
+    Declare ``image_transport``; return the class of image messages and the suffix of their topic.
 
-    :raises InputError: neither raw nor compressed.
+    :raises InputError: the value is neither raw nor compressed.
     """
     transport = p.get('image_transport', 'raw', "'raw' or 'compressed' images")
     if transport not in ('raw', 'compressed'):
@@ -42,12 +42,12 @@ class OfferedSubscription:
     """
     See the module's docstring.
 
-    Where ``qos_overrides.TOPIC.subscription.reliability`` is given, that holds.
+    The parameter ``qos_overrides.TOPIC.subscription.reliability``, if given, takes precedence.
 
     :param node: the node that subscribes.
     :param kind: class of the messages.
-    :param topic: its name, relative as a rule.
-    :param callback: takes a message.
+    :param topic: name of the topic, usually relative.
+    :param callback: called with each message.
     """
 
     def __init__(self, node: Node, kind: type, topic: str, callback: Callable[[Any], None]
@@ -60,7 +60,7 @@ class OfferedSubscription:
             qos_overriding_options=qos_options())
         self._looking: Optional[Timer] = None
         given = f'qos_overrides.{self.resolved}.subscription.reliability'
-        if given not in node._parameter_overrides:  # rclpy shows them nowhere else
+        if given not in node._parameter_overrides:  # rclpy has no public access to them
             self._looking = node.create_timer(_LOOK_S, self.adapt,
                                               clock=Clock(clock_type=ClockType.STEADY_TIME))
 
@@ -76,7 +76,7 @@ class OfferedSubscription:
         return bool(self.subscription.qos_profile.reliability is ReliabilityPolicy.RELIABLE)
 
     def adapt(self) -> None:
-        """Subscribe anew where the publishers offer something else than before."""
+        """Subscribe again if the publishers' reliability has changed."""
         offered = [p.qos_profile.reliability
                    for p in self.node.get_publishers_info_by_topic(self.resolved)]
         if not offered:

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A process that works for a node, what ails it, and its start anew."""
+"""A helper process of a node, with its fault and its restarts."""
 from __future__ import annotations
 
 import threading
@@ -11,22 +11,22 @@ from rclpy.impl.rcutils_logger import RcutilsLogger
 
 from ..core.helper_process import HelperProcess
 
-PAUSE_S, LONGEST_PAUSE_S = 2.0, 120.0  # from a failure to the next start; it doubles
-_START_S = 30.0  # that a start may take: a second, on a machine that is not busy
+PAUSE_S, LONGEST_PAUSE_S = 2.0, 120.0  # first and longest pause before a restart; it doubles
+_START_S = 30.0  # time-out of a start, which takes a second on an idle machine
 
 P = TypeVar('P', bound=HelperProcess)
 
 
 class Worker(Generic[P]):
     """
-    The process, from ``start`` to ``close``; where it fails, it is started anew after a while.
+    Manages the process from ``start`` to ``close``; after a failure it is restarted.
 
-    ``fault`` says what ails it, and is empty while nothing does.  One thread starts, revives and
-    closes it; others ask for the process and tell that it has failed.
+    ``fault`` describes the present fault, and is empty while there is none.  One thread calls
+    ``start``, ``revive`` and ``close``; others use ``process`` and call ``failed``.
 
-    :param does: what it does, in words that follow the name of the node.
+    :param does: what the process does, in words that follow the name of the node.
     :param make: starts the process; may raise OSError.
-    :param log: of the node.
+    :param log: logger of the node.
     :param clock: steady time, s.
     """
 
@@ -41,16 +41,16 @@ class Worker(Generic[P]):
 
     @property
     def process(self) -> Optional[P]:
-        """Return the process; None while there is none that can be asked."""
+        """Return the process; None while none is ready."""
         return self._process
 
     def start(self) -> None:
-        """Begin to start it, where it can be."""
+        """Begin to start the process."""
         self.fault, self._pause_s = '', PAUSE_S
         self._begin()
 
     def wait(self) -> None:
-        """Wait until it can be asked, or will not be for now."""
+        """Wait until the process is ready, or has failed to start."""
         if self._starting is not None:
             try:
                 self._starting.wait()
@@ -60,7 +60,7 @@ class Worker(Generic[P]):
                 self._serve()
 
     def revive(self) -> None:
-        """See to a start that is under way or due; to be called now and then."""
+        """Advance a start that is under way, or begin one that is due; to be called regularly."""
         now_s = self._clock()
         if self._starting is None:
             if self.fault and now_s >= self._due_s:
@@ -76,9 +76,10 @@ class Worker(Generic[P]):
 
     def failed(self, process: P, why: str) -> None:
         """
-        Do without a process that cannot be asked any more.
+        Give up a process that is no longer usable, and restart it later.
 
-        :param process: another one than the present one is let be: it was let go long ago.
+        :param process: the process; ignored if it is not the present one.
+        :param why: the reason.
         """
         with self._lock:
             if process is not self._process:
@@ -108,7 +109,7 @@ class Worker(Generic[P]):
                 self._ail(str(error))
 
     def _serve(self) -> None:
-        """Have it asked from now on."""
+        """Make the started process available."""
         with self._lock:
             self._process, self._starting, self._since_s = self._starting, None, self._clock()
             again, self.fault = bool(self.fault), ''
@@ -123,7 +124,7 @@ class Worker(Generic[P]):
             starting.close(0.0)
 
     def _ail(self, why: str) -> None:
-        """Say what ails it, and when it is to be started anew."""
+        """Set and log the fault, and when the process is to be restarted."""
         self.fault = f'{self._does} without a process of its own: {why}'
         self._log.error(self.fault)
         self._due_s = self._clock() + self._pause_s

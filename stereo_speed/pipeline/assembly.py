@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""From a site, cameras, parameters and annotations to a pipeline, in one place."""
+"""Assembles a pipeline from a site, cameras, parameters and annotations."""
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
@@ -25,23 +25,23 @@ from ..site.refine.refiner import refine_site, RefinedSite
 from ..steadying.config import SteadyingConfig
 from ..steadying.steadier import Reference, rest_of, Steadier
 
-MakeDetector = Callable[[StereoRig, Mapping[str, LanePath], Any], Detector]  # of its settings
+MakeDetector = Callable[[StereoRig, Mapping[str, LanePath], Any], Detector]  # last, its settings
 
 
 @dataclass(frozen=True, eq=False)
 class MeasuringSite:
     """
-    A site as it is measured at.
+    A site, ready to be measured at.
 
     :param site: as read, or as refined.
-    :param rig: the cameras as they stand: corrected as the site says.
+    :param rig: the cameras with the site's correction of the rig applied.
     :param lanes: lane name to lane path.
-    :param refined: how it was refined; None where it was not.
-    :param not_refined: why it could not be, though it was asked for: it is measured at as it was
-        read; empty otherwise.
-    :param reference: the pair that the rig's sway is measured against, with how the rig rests;
-        None for the first pair that is measured.
-    :param corrected: whether lines and rig are as later looks found them, and not as read.
+    :param refined: result of the refinement; None where there was none.
+    :param not_refined: why a requested refinement failed, so that the site is used as read; empty
+        otherwise.
+    :param reference: the pair that the rig's sway is measured against, with the rig's rest
+        position; None to use the first measured pair.
+    :param corrected: whether lines and rig come from later checks of the rig, not from the file.
     """
 
     site: Site
@@ -61,10 +61,10 @@ class MeasuringSite:
 
         :param site: as read.
         :param rig: the cameras as calibrated.
-        :param refine_by: pairs to refine the site by, and to take it at its word where they do
-            not serve; None takes it at its word anyhow.
-        :param config: what is known of roads, and how to refine.
-        :raises SiteError: lines that leave no usable road.
+        :param refine_by: pairs to refine the site by; where that fails, the site is used as read.
+            None to use it as read without refinement.
+        :param config: priors of roads, and how to refine.
+        :raises SiteError: the lines give no usable road.
         """
         not_refined = ''
         if refine_by is not None:
@@ -85,7 +85,7 @@ class MeasuringSite:
                  solving: Optional[SolvingBeside] = None, detect: Optional[MakeDetector] = None,
                  seed: int = 0, where: str = 'init file') -> SpeedPipeline:
         """
-        Return a pipeline that measures here, with the tolerances that the site gives.
+        Return a pipeline that measures at this site, with the tolerances that the site gives.
 
         The arguments are those of :func:`make_pipeline`.
         """
@@ -97,10 +97,10 @@ class MeasuringSite:
 def steadied_pairs(rig: StereoRig, pairs: Sequence[StereoPair], config: SteadyingConfig
                    ) -> tuple[list[StereoPair], Optional[Reference]]:
     """
-    Return pairs as the rig would have taken them at rest, and what that was measured against.
+    Return pairs as the rig would have taken them at rest, and the reference of its sway.
 
-    :param pairs: some, spread over a while.
-    :param config: how the sway is found; where it is not to be, they stay as they are.
+    :param pairs: a few pairs, spread over some time.
+    :param config: how the sway is found; where it is disabled, pairs are returned unchanged.
     """
     reference = _reference(rig, pairs, config)
     if reference is None:
@@ -111,14 +111,14 @@ def steadied_pairs(rig: StereoRig, pairs: Sequence[StereoPair], config: Steadyin
 
 def _reference(rig: StereoRig, pairs: Sequence[StereoPair], config: SteadyingConfig
                ) -> Optional[Reference]:
-    """Return what the sway of a rig is measured against, by the pairs a site is refined by."""
+    """Return the reference of a rig's sway from the pairs that a site is refined by."""
     if not (config.enabled and pairs):
         return None
     return rest_of(Steadier(rig, _each_pair(config)), pairs)
 
 
 def _each_pair(config: SteadyingConfig) -> SteadyingConfig:
-    """Return parameters that look at each of a few pairs, far apart in time."""
+    """Return parameters that have every pair looked at, for a few pairs far apart in time."""
     return replace(config, look_interval_s=0.0)
 
 
@@ -131,17 +131,19 @@ def make_pipeline(rig: StereoRig, lanes: Mapping[str, LanePath], config: Pipelin
     """
     Return a pipeline with the tracker and the detector that the parameters name.
 
-    :param rig: the cameras as they stand.
+    :param rig: the cameras, corrected as the site says.
     :param lanes: lane name to lane path.
     :param config: names and parameters.
-    :param annotations: fronts as a person annotated them; None has the vehicles detected.
-    :param reference: what the rig's sway is measured against; None for the first pair.
-    :param conclusions: measures passes that are over; None measures them at once.
-    :param solving: solves for vehicles beside dense pairs; None has each wait for its solution.
-    :param detect: makes the detector; None takes the class that the parameters name.
-    :param seed: of all randomness.
-    :param where: where the annotations come from, for errors.
-    :raises InputError: an annotation outside the images, no lane, what cannot be loaded.
+    :param annotations: fronts that a person annotated; None to have vehicles detected.
+    :param reference: reference of the rig's sway; None for the first pair.
+    :param conclusions: measures passes that are over; None to measure them at once.
+    :param solving: thread that solves for vehicles where pairs come faster than
+        ``effort.solve_interval_s``; None to make each reading wait for its solution.
+    :param detect: makes the detector; None for the class that the parameters name.
+    :param seed: seed of all randomness.
+    :param where: source of the annotations, for error messages.
+    :raises InputError: an annotation outside the images, no lane, or a tracker or detector that
+        cannot be loaded.
     """
     start = partial(TRACKERS.load(config.tracker).start, settings=config.tracker_settings)
     make = detect or DETECTORS.load(config.detector)

@@ -1,12 +1,13 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-When a pass that is over is measured: at once, or beside the pairs that follow.
+Ways to measure a pass that is over: at once, or beside the pairs that follow.
 
-Measuring a whole pass takes as long as some pairs do.  What is measured at once comes in the same
-order whenever it is run.  Live, other vehicles' readings would wait for it; offline, who can tell
-what came of the pairs a little later has it measured beside and told in the same order.  A pass
-that cannot be measured has its error raised where results are asked for.
+Measuring a whole pass takes as long as some pairs do.  ``AtOnce`` gives results in the same order
+in every run, but live, the readings of other vehicles would have to wait: ``Beside`` measures in
+another thread.  Offline, ``Later`` does too and keeps the order, where results of pairs may be
+reported a little later.  The error of a pass that cannot be measured is raised where results are
+asked for.
 """
 from __future__ import annotations
 
@@ -20,7 +21,7 @@ Measure = Callable[[], PassResult]
 
 
 class OnlyHereError(Exception):
-    """A pass cannot be measured in another process: what it holds cannot be told to one."""
+    """A pass cannot be measured in another process, because it cannot be pickled."""
 
 
 def _nothing() -> None:
@@ -33,25 +34,25 @@ def _here(measure: Measure) -> PassResult:
 
 
 class Conclusions(Protocol):
-    """Measures passes that are over; a pipeline has one of its own."""
+    """Measures passes that are over; each pipeline has its own."""
 
     def add(self, measure: Measure, failed: Callable[[], object] = _nothing) -> None:
         """
         Take in a pass.
 
-        :param measure: measures it and touches nothing else.
-        :param failed: told where it is not to be waited for, perhaps in another thread.
+        :param measure: measures the pass, and changes nothing else.
+        :param failed: called where ``done`` will not return the pass, perhaps in another thread.
         """
 
     def done(self, *, everything: bool = False) -> list[PassResult]:
         """
         Return results that were not returned before, in the order in which the passes ended.
 
-        :param everything: wait for those that are not ready.
+        :param everything: whether to wait for those that are not ready.
         """
 
     def close(self) -> None:
-        """Give up what is not ready."""
+        """Discard passes that are not ready."""
 
 
 class AtOnce:
@@ -74,7 +75,7 @@ class AtOnce:
         return ready
 
     def close(self) -> None:
-        """Give up what was not returned."""
+        """Discard results that were not returned."""
         self._ready = []
 
 
@@ -82,27 +83,27 @@ class Beside:
     """
     Measures passes in a thread of its own, one after the other.
 
-    Their results are those of :class:`AtOnce`, a few pairs later.  ``waiting`` tells how many are
-    still to come, so that who closes an instrument can wait for them.
+    Results are those of :class:`AtOnce`, a few pairs later.  ``waiting`` is the number of passes
+    still to come, so that an instrument can wait for them before it closes.
 
-    :param most: passes that may wait; who adds one more waits for the first of them, for each
-        holds its images.
-    :param failed: takes the error of a pass that could not be measured, which then has no result;
-        without it the error is raised where results are asked for, and who asks again is given
-        the others.
-    :param measured: where they are measured; in that thread, if it is not told.
+    :param most: number of passes that may wait; adding another one blocks until the first is
+        measured, as each holds its images.
+    :param failed: called with the error of a pass that could not be measured, which then has no
+        result; None to raise the error where results are asked for, and return the other results
+        at the next call.
+    :param measured: called in that thread to measure a pass, for example in another process.
     """
 
     def __init__(self, most: int = 8, failed: Optional[Callable[[Exception], object]] = None,
                  measured: Callable[[Measure], PassResult] = _here) -> None:
         self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix='passes')
         self._waiting: deque[Future[PassResult]] = deque()
-        self._ready: list[PassResult] = []  # of those before one whose error was raised
+        self._ready: list[PassResult] = []  # kept while a later error is raised
         self._most, self._failed, self._measure = most, failed, measured
 
     @property
     def waiting(self) -> int:
-        """Return how many passes were taken in and not returned."""
+        """Return the number of passes that were taken in and not yet returned."""
         return len(self._waiting) + len(self._ready)
 
     def add(self, measure: Measure, failed: Callable[[], object] = _nothing) -> None:
@@ -133,7 +134,7 @@ class Beside:
         return ready
 
     def close(self) -> None:
-        """Give up what has not begun, and wait for what has."""
+        """Cancel passes that have not begun, and wait for the one that has."""
         self._thread.shutdown(cancel_futures=True)
         self._waiting.clear()
         self._ready = []
@@ -141,12 +142,12 @@ class Beside:
 
 class Later:
     """
-    Has passes measured in a thread of its own; who runs the pipeline asks for their results.
+    Measures passes in a thread of its own; the loop that runs the pipeline collects the results.
 
-    The pipeline is told of none: ``pop`` gives out, after each pair, those that were over with it.
+    The pipeline gets none of them: after each pair, ``pop`` returns those that ended with it.
 
-    :param measured: where they are measured; in that thread, if it is not told.
-    :param most: passes that may wait, as in :class:`Beside`.
+    :param measured: called in that thread to measure a pass, as in :class:`Beside`.
+    :param most: number of passes that may wait, as in :class:`Beside`.
     """
 
     def __init__(self, measured: Callable[[Measure], PassResult] = _here, most: int = 8) -> None:
@@ -156,7 +157,7 @@ class Later:
         self._measure, self._most = measured, most
 
     def add(self, measure: Measure, failed: Callable[[], object] = _nothing) -> None:
-        """Take in a pass, which the pipeline does not wait for, but where too many wait."""
+        """Take in a pass, which the pipeline does not wait for unless too many are waiting."""
         self._waiting = [future for future in self._waiting if not future.done()]
         if len(self._waiting) >= self._most:
             wait(self._waiting[:1])
@@ -165,15 +166,15 @@ class Later:
         failed()
 
     def pop(self) -> list[Future[PassResult]]:
-        """Return the passes that were taken in since the last call, as they are to come."""
+        """Return the futures of the passes that were taken in since the last call."""
         new, self._new = self._new, []
         return new
 
     def done(self, *, everything: bool = False) -> list[PassResult]:
-        """Return the results that nobody has asked for, the stream being over; before, none."""
+        """Return the results not popped yet, if all are asked for at the stream's end."""
         return [future.result() for future in self.pop()] if everything else []
 
     def close(self) -> None:
-        """Give up what has not begun, and wait for what has."""
+        """Cancel passes that have not begun, and wait for the one that has."""
         self._thread.shutdown(cancel_futures=True)
         self._new, self._waiting = [], []

@@ -1,12 +1,12 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Which tracker and detector measure, and all their parameters.
+The choice of tracker and detector, and all parameters of a pipeline.
 
-In a parameters file those that all trackers share stand at the top; those of one tracker or
-detector alone stand under its name, in ``trackers`` or ``detectors``; those of the road and of the
-refinement of a site stand in ``road`` and ``site_refinement``; those of enforcement, which decide
-on passes and measure nothing, in ``enforcement``.
+In a parameters file, the parameters that all trackers share are at the top level.  Those of one
+tracker or detector are under its name in ``trackers`` or ``detectors``.  Those of the road and of
+the refinement of a site are in ``road`` and ``site_refinement``.  Those of enforcement, which
+decides on passes and measures nothing, are in ``enforcement``.
 """
 from __future__ import annotations
 
@@ -23,29 +23,29 @@ from ..site.refine.config import RefineConfig
 from ..steadying.config import SteadyingConfig
 
 
-ENFORCEMENT = 'enforcement'  # section of a parameters file that is none of a pipeline's
+ENFORCEMENT = 'enforcement'  # section of a parameters file that no pipeline uses
 
 
 @dataclass(frozen=True)
 class SiteConfig:
-    """What decides the paths of the lanes of a site, and how the rig stands there."""
+    """Parameters that decide the lane paths of a site and the orientation of the rig there."""
 
-    road: RoadPrior = section(RoadPrior, 'what is known of any road and rig beforehand')
-    site_refinement: RefineConfig = section(RefineConfig, 'refinement of a site by images')
+    road: RoadPrior = section(RoadPrior, 'priors of any road and rig')
+    site_refinement: RefineConfig = section(RefineConfig, 'refinement of a site by its images')
     steadying: SteadyingConfig = section(
-        SteadyingConfig, 'rotation of the cameras in each pair, by what stands still')
+        SteadyingConfig, 'rotation of the cameras in each pair, from the static background')
 
 
 @dataclass(frozen=True)
 class PipelineConfig:
     """
-    Everything one can set of a pipeline.
+    All settings of a pipeline.
 
     :param shared: parameters that all trackers share.
     :param tracker: name of the tracker.
     :param detector: name of the detector.
-    :param trackers: settings of trackers alone, by name; others have their defaults.
-    :param detectors: settings of detectors alone, by name.
+    :param trackers: settings of single trackers, by name; the others have their defaults.
+    :param detectors: settings of single detectors, by name.
     :param site: parameters of the road and of the refinement of a site.
     :raises InputError: an unknown name.
     """
@@ -63,7 +63,7 @@ class PipelineConfig:
 
     @property
     def tracker_settings(self) -> ConfigRecord:
-        """Return the settings of the chosen tracker alone."""
+        """Return the settings of the chosen tracker."""
         return _settings(TRACKERS, self.tracker, self.trackers)
 
     @property
@@ -77,7 +77,7 @@ class PipelineConfig:
         return replace(self, shared=replace(self.shared, **given))
 
     def summary(self) -> dict[str, Any]:
-        """Return what decided a run, as JSON values."""
+        """Return all settings of a run, as JSON values."""
         return {'parameters': asdict(self.shared),
                 'tracker': self.tracker,
                 'tracker_parameters': asdict(self.tracker_settings),
@@ -97,7 +97,7 @@ def load_pipeline_config(path: Optional[Union[str, Path]], *, tracker: str = 'co
     :raises InputError: an unreadable file, an unknown key or name, a value out of bounds.
     """
     data = {} if path is None else dict(read_yaml_mapping(path))
-    data.pop(ENFORCEMENT, None)  # of whoever decides on passes; read there
+    data.pop(ENFORCEMENT, None)  # read by the room of that name
     trackers, detectors = (_sections(registry, data.pop(f'{registry.kind}s', {}), path)
                            for registry in (TRACKERS, DETECTORS))
     of_site = {f.name: data.pop(f.name) for f in fields(SiteConfig) if f.name in data}
@@ -106,7 +106,7 @@ def load_pipeline_config(path: Optional[Union[str, Path]], *, tracker: str = 'co
 
 
 def _sections(registry: Registry[Any], data: object, where: object) -> dict[str, ConfigRecord]:
-    """Return the settings that a section of a file gives, by name."""
+    """Return the settings, by name, that a section of a file contains."""
     if not isinstance(data, Mapping):
         raise InputError(where, f'{registry.kind}s', type(data).__name__,
                          f'a mapping of names of {registry.kind}s')

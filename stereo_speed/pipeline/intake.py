@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What is made of what trackers say: which of it is doubted, which is a reading, in which lane."""
+"""Handles the updates of trackers: which are doubted, which are readings, in which lane."""
 from __future__ import annotations
 
 import math
@@ -14,7 +14,7 @@ from ..detection.protocol import Detection
 
 class Intake:
     """
-    Feeds tracks, and takes in what their trackers say.
+    Feeds tracks, and handles the updates of their trackers.
 
     :param config: parameters that all trackers share.
     """
@@ -25,19 +25,19 @@ class Intake:
     def feed(self, track: Track, pair: StereoPair,
              particles: Optional[int] = None) -> Optional[TrackUpdate]:
         """
-        Feed a track, and place its vehicle in a lane.
+        Feed a pair to a track, and assign its vehicle to a lane.
 
-        :param particles: number of particles that its tracker was told; None where it was not.
+        :param particles: number of particles that its tracker was told to use; None if not told.
         """
         return self.take(track, pair, particles, track.feed(pair))
 
     def take(self, track: Track, pair: StereoPair, particles: Optional[int],
              update: Optional[TrackUpdate]) -> Optional[TrackUpdate]:
         """
-        Take in what a track says of a pair; return it with the lane.
+        Register a track's update for a pair; return it with the lane.
 
         :param particles: as for :meth:`feed`.
-        :param update: what its tracker says.
+        :param update: from its tracker; None if it has none for the pair.
         """
         hurried = track.hurried
         if update is None:
@@ -55,7 +55,7 @@ class Intake:
         return update
 
     def expect(self, track: Track, update: TrackUpdate) -> TrackUpdate:
-        """Return what is expected of a track, with the lane, until it says more of the pair."""
+        """Register a predicted update until the track is fed the pair; return it with the lane."""
         if track.doubted or not track.confirmed:
             update = update.unconfirmed()
         track.last = track.lanes.carried(self._as_sure(update))
@@ -63,9 +63,9 @@ class Intake:
 
     def same_speed(self, update: TrackUpdate, front: Detection, change_mps: float = 0.0) -> bool:
         """
-        Return whether track and detector, each by itself, saw one speed.
+        Return whether the independent speeds of track and detector agree.
 
-        :param change_mps: by which the speed may have changed since.
+        :param change_mps: how much the speed may have changed since the detection.
         """
         if front.speed_mps is None:
             return True
@@ -74,15 +74,15 @@ class Intake:
         return abs(update.speed_mps - front.speed_mps) < limit
 
     def _as_sure(self, update: TrackUpdate) -> TrackUpdate:
-        """Return an update that is no reading where the speed is not known well enough."""
+        """Return an update, tentative where its speed is too uncertain for a reading."""
         return update if is_sure(update, self.config.visibility) else update.unconfirmed()
 
     def _is_doubtful(self, track: Track, update: TrackUpdate) -> bool:
         """
-        Return whether a young track sees another speed than its detector saw, or none.
+        Return whether a young track contradicts its detector's speed, or does not move.
 
-        After a while the vehicle may have changed its speed, but by no more than it can brake.
-        What a detector saw move beside a vehicle may be road that this has uncovered.
+        As time passes the vehicle may have changed its speed, but by no more than braking allows.
+        What seemed to move beside a vehicle may be road that the vehicle has uncovered.
         """
         if track.detection is None or update.state is not TrackState.CONFIRMED:
             return False

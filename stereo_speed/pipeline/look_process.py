@@ -1,10 +1,10 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-The process in which the rig is looked at, beside the pairs that are measured, which go first.
+The process that checks the rig, at lower priority than the pairs that are measured.
 
-Its pairs come one by one into memory that it shares, spread over a while as they are gathered:
-all of them at once, through a pipe, kept the readings of that moment waiting.
+Pairs are copied one by one into shared memory as they are gathered: sending all of them at once
+through a pipe delayed the readings of that moment.
 """
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ from ..core.records import RigMotion, StereoPair
 from ..core.shared_pair import SharedPair
 from ..site.refine.rig_state import RigState, Stance
 
-_TURN_S = 5.0  # that the pipe may stand still: what goes through it is small
-# With the processor: what measures goes first, and where that has all of it a tenth of a core is
-# left; with 15 it was a thirtieth.
+_TURN_S = 5.0  # time-out of the pipe, whose messages are small
+# Niceness: measuring goes first, but a tenth of a fully used core is left; at 15 it was a
+# thirtieth.
 _PATIENCE = 10
 
 
 class LookProcessError(Exception):
-    """A look came to nothing."""
+    """A look at the rig has failed."""
 
 
 @dataclass(frozen=True, eq=False)
 class Look:
-    """What ``look_at_rig`` takes, but for the images."""
+    """The arguments of ``look_at_rig``, with images in shared memory."""
 
     used: Stance
     pairs: Sequence[SharedPair]
@@ -48,7 +48,7 @@ class LookProcess(HelperProcess):
     """
     The process, for one look; see the module's docstring.
 
-    :param patience: with the processor.
+    :param patience: niceness of the process.
     """
 
     def __init__(self, patience: int = _PATIENCE) -> None:
@@ -56,7 +56,7 @@ class LookProcess(HelperProcess):
         self._pairs: list[SharedPair] = []
 
     def lay(self, pair: StereoPair) -> None:
-        """Lay a pair into the shared memory, for the look that will be asked for."""
+        """Copy a pair into the shared memory, for the look that follows."""
         begin = self._pairs[-1].end if self._pairs else 0
         shared = SharedPair.of(pair, begin)
         shared.lay(pair, self.memory(shared.end))
@@ -65,7 +65,7 @@ class LookProcess(HelperProcess):
     def look(self, used: Stance, config: SiteConfig, followed: Optional[RigMotion],
              suspected: Optional[Stance]) -> None:
         """
-        Have the pairs so far looked at, as ``look_at_rig`` does; not before it is ready.
+        Start ``look_at_rig`` on the pairs so far; only once the process is ready.
 
         :raises OSError: the process has ended.
         """
@@ -73,7 +73,7 @@ class LookProcess(HelperProcess):
 
     def found(self) -> Optional[RigState]:
         """
-        Return what the look has found; None while it is under way.
+        Return the result of the look; None while it is under way.
 
         :raises OSError: the process has ended.
         :raises LookProcessError: the look has failed.
@@ -87,7 +87,7 @@ class LookProcess(HelperProcess):
 
 
 def _answer(look: Look, memory: mmap) -> Union[RigState, str]:
-    """Return what a look finds, or why it fails, whatever the reason."""
+    """Return the result of a look, or its error as text."""
     try:
         return look_at_rig(look.used, [shared.pair(memory) for shared in look.pairs],
                            look.config, look.followed, look.suspected)
@@ -96,16 +96,16 @@ def _answer(look: Look, memory: mmap) -> Union[RigState, str]:
 
 
 def main(pipe_fd: int, memory_fd: int) -> None:
-    """Look at what comes through a pipe, until it is closed."""
+    """Answer requests that come through a pipe, until it is closed."""
     leave_ending_to_parent()
-    cv2.setNumThreads(1)  # what measures has the other cores
+    cv2.setNumThreads(1)  # leaves the other cores to measuring
     pipe: Connection[Any, Any] = Connection(pipe_fd)
     try:
         pipe.send('ready')
         while True:
             look = pipe.recv()
             pipe.send(_answer(look, mmap(memory_fd, 0, prot=PROT_READ)))
-    except (EOFError, OSError):  # who started this is gone
+    except (EOFError, OSError):  # the parent has ended
         pass
 
 

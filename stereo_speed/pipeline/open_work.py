@@ -1,12 +1,13 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Readings that wait for no solution, and the work that they do not wait for.
+Work in progress beside the pairs: solutions that readings do not wait for, and new tracks.
 
-A track that must solve for a pair does so beside those that come, which is its turn: until that
-is taken in, updates tell where the vehicle is expected.  Tracks are begun beside the pairs too.  A
-track that doubles another one while it has its turn ends when that is over.  What came of all this
-is taken in between two pairs, in the thread of the pairs, so that no track changes under one.
+A track that must solve for a pair does so in another thread while further pairs come; this is its
+turn.  Until the result is taken in, updates give the predicted place of the vehicle.  Tracks are
+started in that thread too.  A track found to be a duplicate during its turn ends after the turn.
+Results are taken in between two pairs, by the thread of the pairs, so that no track changes while
+a pair is processed.
 """
 from __future__ import annotations
 
@@ -30,11 +31,11 @@ from ..tracking.protocol import CarriesOn
 @dataclass(frozen=True, eq=False)
 class _Beginning:
     """
-    A track that is being begun.
+    A track that is being started.
 
-    :param front: that it is begun at.
-    :param search: that found it.
-    :param begun: the track, and what it says of the pair of the search; None where it is none.
+    :param front: the front that it starts from.
+    :param search: the search that found the front.
+    :param begun: the track, and its update for the pair of the search; None if it does not start.
     """
 
     front: Detection
@@ -45,10 +46,10 @@ class _Beginning:
 @dataclass(frozen=True)
 class Ended:
     """
-    What ended with work that was taken in.
+    What ended when finished work was taken in.
 
-    :param doubles: tracks of vehicles that others hold, which have said all.
-    :param errors: each has cost a track.
+    :param doubles: duplicate tracks whose turns are over.
+    :param errors: errors of the work; each has ended a track.
     """
 
     doubles: Sequence[Track]
@@ -59,10 +60,11 @@ class OpenWork:
     """
     See the module's docstring.
 
-    :param solving: works; None where each pair waits for its solutions, and nothing is ever open.
-    :param roster: the tracks there are; those begun are added, those that fail taken out.
-    :param intake: takes in what trackers say.
-    :param starter: begins tracks.
+    :param solving: thread that does the work; None where each pair waits for its solutions, so
+        that no work is ever open.
+    :param roster: the tracks; new ones are added to it, failed ones removed.
+    :param intake: handles updates of trackers.
+    :param starter: starts tracks.
     """
 
     def __init__(self, solving: Optional[SolvingBeside], roster: Roster, intake: Intake,
@@ -74,44 +76,44 @@ class OpenWork:
 
     @property
     def is_possible(self) -> bool:
-        """Return whether there is somebody who works."""
+        """Return whether there is a thread to do the work."""
         return self._solving is not None
 
     @property
     def double_numbers(self) -> set[int]:
-        """Return the numbers of tracks that are of the roster no more and still to end."""
+        """Return the numbers of duplicate tracks that have left the roster and are yet to end."""
         return {track.tracker.track for track in self._doubles}
 
     @property
     def beginnings(self) -> list[tuple[Detection, int]]:
-        """Return the fronts that tracks are being begun at, and the stamps of their pairs."""
+        """Return the fronts at which tracks are being started, with the stamps of their pairs."""
         return [(one.front, one.search.pair.stamp_ns) for one in self._beginnings]
 
     def held_up(self) -> AbstractContextManager[None]:
-        """Hold the work up while a pair is in hand."""
+        """Return a context that pauses the work while a pair is processed."""
         return self._worker.held_up()
 
     def follow(self, pair: StereoPair, particles: int) -> list[Optional[TrackUpdate]]:
         """
-        Have the tracks fed a pair, now or beside.
+        Have the tracks fed a pair, at once or in the thread beside.
 
-        :param particles: number of particles of each.
-        :return: where each vehicle is by what is known of it, in the order of the roster.
+        :param particles: number of particles of each track.
+        :return: the update, or its prediction, of each track, in the order of the roster.
         """
         return [self._carried(track, pair, particles) for track in self._roster.tracks]
 
     def begin(self, fronts: Iterable[Detection], search: Search) -> None:
-        """Have tracks begun at fronts that a search has found."""
+        """Have tracks started at fronts that a search has found."""
         self._beginnings += [_Beginning(front, search, self._worker.submit(
             partial(self._starter.at, front, search.pair), urgent=False)) for front in fronts]
 
     def end_later(self, double: Track) -> None:
-        """Take over a track that has its turn and is of the roster no more."""
+        """Take over a duplicate track that has left the roster during its turn."""
         self._doubles.append(double)
 
     def take(self, wait_before_ns: float) -> Ended:
         """
-        Take in what is ready.
+        Take in finished work.
 
         :param wait_before_ns: work for pairs with earlier stamps is waited for.
         """
@@ -133,12 +135,12 @@ class OpenWork:
         return Ended(ended, errors)
 
     def drop_beginnings(self) -> None:
-        """Give up tracks that are being begun: nothing was told of them."""
+        """Drop tracks that are being started; none of their readings are published yet."""
         beginnings, self._beginnings = self._beginnings, []
         self._give_up(one.begun for one in beginnings)
 
     def drop(self) -> None:
-        """Give up everything."""
+        """Drop all open work."""
         self.drop_beginnings()
         self._give_up(track.turn.said for track in [*self._roster.tracks, *self._doubles]
                       if track.turn is not None)
@@ -146,13 +148,13 @@ class OpenWork:
 
     @property
     def _worker(self) -> SolvingBeside:
-        """Return who works; asked for only where there is work."""
+        """Return the thread that does the work; called only where there is one."""
         if self._solving is None:
             raise RuntimeError('nobody works beside the pairs')
         return self._solving
 
     def _carried(self, track: Track, pair: StereoPair, particles: int) -> Optional[TrackUpdate]:
-        """Return where a vehicle is by what is known of it; arguments as for :meth:`follow`."""
+        """Return the update or prediction of one track; arguments as for :meth:`follow`."""
         tracker = track.tracker
         if track.ended:
             return None
@@ -175,7 +177,7 @@ class OpenWork:
         return self._intake.expect(track, expected)
 
     def _take_turn(self, track: Track, turn: Turn, errors: list[Exception]) -> None:
-        """Take in what a track says of the pairs of its turn, which is over."""
+        """Take in a track's updates for the pairs of its finished turn."""
         track.turn, roster = None, self._roster
         try:
             said = turn.said.result()
@@ -200,10 +202,10 @@ class OpenWork:
         if track in roster.tracks and not (
                 track.confirmed or track.detection is None or track.ended
                 or all(holds(update) for _, update in said)):
-            roster.tracks.remove(track)  # as what misses a pair is
+            roster.tracks.remove(track)  # as any unconfirmed track that misses a pair
 
     def _take_beginning(self, one: _Beginning, errors: list[Exception]) -> None:
-        """Take in a track that was begun, if it was."""
+        """Add a started track to the roster, or the error of starting it to ``errors``."""
         try:
             begun = one.begun.result()
         except Exception as error:
@@ -215,7 +217,7 @@ class OpenWork:
             one.search.seen.append(begun[1])
 
     def _give_up(self, futures: Iterable[Future[Any]]) -> None:
-        """Have done with work, whatever comes of it."""
+        """Cancel work, or wait for it where it has begun, and ignore its results."""
         for future in futures:
             if not future.cancel():
                 self._worker.wait(future)

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What is left to do once a pass is over: its result, doubted by what its times and rig leave."""
+"""Concludes a pass: its result, with the uncertainty of its times and of the rig added."""
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
@@ -20,15 +20,15 @@ from ..steadying.doubt import SpeedDoubt
 @dataclass(frozen=True, eq=False)
 class PassEnd:
     """
-    Measures a pass that is over; perhaps in another process, so it holds all that it takes.
+    Measures a pass that is over; holds all it needs, as it may run in another process.
 
-    :param track: that is over.
+    :param track: the track that has ended.
     :param lanes: lane name to lane path.
     :param config: parameters that all trackers share.
-    :param doubt: of the rig.
-    :param lag_share: 1-sigma of its speed by the time between the views, as a share.
-    :param rig_shares: of its speed by lane, which a turned camera leaves uncertain.
-    :param reason: why it is rejected whatever comes out; None where it is not.
+    :param doubt: uncertainty due to the rig.
+    :param lag_share: 1-sigma of the speed due to the view lag, as a share of it.
+    :param rig_shares: lane name to 1-sigma of the speed due to a turned camera, as a share of it.
+    :param reason: why the pass is rejected in any case; None to let the measurement decide.
     """
 
     track: Track
@@ -58,7 +58,7 @@ class PassEnd:
         return self.doubt.result(result, self.rig_shares.get(result.lane, 0.0))
 
     def _no_vehicle(self, result: PassResult) -> Optional[Reason]:
-        """Return why what was found by itself is none; None where it is, or a person says so."""
+        """Return why a detected front is no vehicle; None if it is one or was annotated."""
         if self.track.lies:
             return Reason.VIEWS_DISAGREE
         if self.track.detection is None or result.vehicle is None:
@@ -66,7 +66,7 @@ class PassEnd:
         return Reason.IMPLAUSIBLE if is_edge(result.vehicle, self.config.classes) else None
 
     def _timed(self, result: PassResult) -> PassResult:
-        """Return the result with the doubt of its stamps; rejected where that is too great."""
+        """Return the result with the uncertainty of its stamps; rejected if that is too large."""
         if (self.track.clock_stepped or self.track.unaware) and result.speed_mps is not None:
             return result.rejected(Reason.STAMPS_UNCERTAIN)
         if not self.lag_share:

@@ -1,10 +1,10 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-The process in which passes that are over are measured, beside the pairs that follow.
+The process that measures passes that are over, beside the pairs that follow.
 
-What is Python takes turns with what else is Python in a process, on however many cores: a pass
-that is measured in a thread keeps the readings of the other vehicles waiting.
+Because of Python's global interpreter lock, a pass measured in a thread would delay the readings
+of the other vehicles, however many cores there are.
 """
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ from ..core.compiled import warm_up
 from ..core.helper_process import HelperProcess, leave_ending_to_parent
 from ..core.passes import PassResult
 
-_LEAST_BYTES = 1 << 16  # what is smaller goes through the pipe
-_ALIGNED = 64  # bytes, as arrays of numpy are
-_PATIENCE = 10  # of the processor: readings come first
+_LEAST_BYTES = 1 << 16  # smaller buffers go through the pipe
+_ALIGNED = 64  # bytes, the alignment of numpy arrays
+_PATIENCE = 10  # niceness, so that readings come first
 
 
 class PassProcessError(Exception):
-    """The process is of no more use: it has ended, or does not answer."""
+    """The process is no longer usable: it has ended, or does not answer."""
 
 
 class PassProcess(HelperProcess):
     """
     The process; see the module's docstring.
 
-    :param answer_s: that a pass may take; it takes some tenths of a second.
+    :param answer_s: time-out of a pass, s; measuring one takes some tenths of a second.
     :param fork: as in :class:`HelperProcess`.
     """
 
@@ -47,10 +47,10 @@ class PassProcess(HelperProcess):
         """
         Return the result of a pass.
 
-        :param measure: measures it; it is pickled, with all that it holds.
-        :raises PassProcessError: there is no telling.
-        :raises OnlyHereError: it cannot be pickled; the next one may be.
-        :raises Exception: what measuring it has raised.
+        :param measure: measures the pass; it is pickled, with all that it holds.
+        :raises PassProcessError: the process has failed.
+        :raises OnlyHereError: the pass cannot be pickled; others may be.
+        :raises Exception: the error that measuring the pass has raised.
         """
         try:
             answer = self._answer(measure)
@@ -63,7 +63,7 @@ class PassProcess(HelperProcess):
         return answer
 
     def _answer(self, measure: Measure) -> Union[PassResult, Exception]:
-        """Return the result of a pass, or what measuring it has raised."""
+        """Return the result of a pass, or the error that measuring it has raised."""
         images: list[memoryview] = []
 
         def inline(buffer: pickle.PickleBuffer) -> bool:
@@ -74,13 +74,13 @@ class PassProcess(HelperProcess):
             return True
         try:
             text = pickle.dumps(measure, protocol=5, buffer_callback=inline)
-        except Exception as error:  # whatever a tracker of another package raises then
+        except Exception as error:  # a tracker of another package may raise anything
             raise OnlyHereError(str(error)) from error
         answer: Union[PassResult, Exception] = self.answered((self._shared(images), text))
         return answer
 
     def _shared(self, images: Sequence[memoryview]) -> list[tuple[int, int]]:
-        """Lay images into the shared memory; return where each begins and ends."""
+        """Copy images into the shared memory; return the first byte and the end of each."""
         places, end = [], 0
         for image in images:
             begin = -(-end // _ALIGNED) * _ALIGNED
@@ -96,12 +96,12 @@ def measured_beside(process: Optional[PassProcess], measure: Measure,
                     failed: Callable[[PassProcess, str], object],
                     only_here: Callable[[str], object]) -> PassResult:
     """
-    Return the result of a pass by a process, or by this one where that cannot measure it.
+    Return the result of a pass from a process, or measure it here where that fails.
 
-    :param process: None where there is none.
+    :param process: the process; None if there is none.
     :param measure: measures the pass.
-    :param failed: told of the process that is of no more use, and why.
-    :param only_here: told why this pass cannot be measured by another process.
+    :param failed: called with a process that is no longer usable, and why.
+    :param only_here: called with the reason why another process cannot measure this pass.
     """
     if process is not None:
         try:
@@ -115,7 +115,7 @@ def measured_beside(process: Optional[PassProcess], measure: Measure,
 
 def _answer(request: tuple[Sequence[tuple[int, int]], bytes], memory: memoryview
             ) -> Union[PassResult, Exception]:
-    """Return the result of a pass, or why it has none."""
+    """Return the result of a pass, or the error that prevents it."""
     places, text = request
     images = [memory[begin:end] for begin, end in places]
     try:
@@ -129,7 +129,7 @@ def _answer(request: tuple[Sequence[tuple[int, int]], bytes], memory: memoryview
 
 
 def _pickled(answer: Union[PassResult, Exception]) -> bytes:
-    """Return an answer as bytes; an error that cannot be pickled by its name."""
+    """Return a pickled answer; an error that cannot be pickled becomes a ``RuntimeError``."""
     try:
         return pickle.dumps(answer, protocol=5)
     except Exception as error:
@@ -137,7 +137,7 @@ def _pickled(answer: Union[PassResult, Exception]) -> bytes:
 
 
 def main(pipe_fd: int, memory_fd: int) -> None:
-    """Measure what comes through a pipe, until it is closed."""
+    """Measure passes that come through a pipe, until it is closed."""
     leave_ending_to_parent()
     cv2.setNumThreads(1)
     warm_up()
@@ -146,9 +146,9 @@ def main(pipe_fd: int, memory_fd: int) -> None:
         pipe.send('ready')
         while True:
             request = pipe.recv()
-            memory = mmap(memory_fd, 0, MAP_PRIVATE)  # all of it, as large as it is by now
+            memory = mmap(memory_fd, 0, MAP_PRIVATE)  # mapped anew, as it may have grown
             pipe.send_bytes(_pickled(_answer(request, memoryview(memory))))
-    except (EOFError, OSError):  # who started this is gone
+    except (EOFError, OSError):  # the parent has ended
         pass
 
 

@@ -4,8 +4,8 @@
 The one pipeline: pairs in, track updates and pass results out.
 
 The live nodes, ``replay`` and the tests all run this object, so the same pairs and seed give the
-same speeds everywhere, but where live pairs come so fast that solutions are made beside them, or a
-machine that does not keep up has pairs hurried or skipped.
+same speeds everywhere.  Live results can differ in two cases: pairs come so fast that vehicles are
+solved for in a thread beside them, or a machine that is too slow has pairs hurried or skipped.
 """
 from __future__ import annotations
 
@@ -42,24 +42,26 @@ from ..steadying.view_lag import ViewLag
 from ..tracking.initialise import check_annotation
 from ..tracking.protocol import SharesParticles
 
-_SOLVED_S = 0.5  # of stamps, at most, until solutions are waited for
-_INTERVALS = 5  # that tell the usual one, whatever is lost of the pairs
-_WORSE = 1.5  # times what a track takes its stamps for: twenty intervals tell it to a fifth
+_SOLVED_S = 0.5  # age, by stamps, from which an unfinished solution is waited for
+_INTERVALS = 5  # number of latest intervals whose median is the usual one, despite lost pairs
+# Ratio to the stamp 1-sigma a track assumes at which it is told a larger one; twenty intervals
+# estimate it to within a fifth.
+_WORSE = 1.5
 
 TellReadings = Callable[[Sequence[TrackUpdate]], object]
 
 
 def _nobody(readings: Sequence[TrackUpdate]) -> None:
-    """Tell readings to nobody."""
+    """Ignore readings."""
 
 
 @dataclass(frozen=True)
 class Step:
     """
-    What came of one pair.
+    The results of one pair.
 
-    :param updates: of the tracks that followed their vehicles in it.
-    :param passes: that are over and measured since the last pair.
+    :param updates: those of the tracks that were fed it.
+    :param passes: those measured since the last pair.
     """
 
     updates: list[TrackUpdate]
@@ -68,7 +70,7 @@ class Step:
 
 @dataclass
 class _State:
-    """What a jump of time makes the pipeline forget, beside its tracks."""
+    """State, besides the tracks, that is discarded when time jumps back."""
 
     last_ns: Optional[int] = None
     started: set[int] = field(default_factory=set)  # numbers of the annotations used
@@ -77,7 +79,7 @@ class _State:
 
 class SpeedPipeline:
     """
-    Start a track at each annotated or detected front, feed it the pairs, collect its result.
+    Starts a track at each annotated or detected front, feeds it the pairs, collects its result.
 
     ``assembly.make_pipeline`` makes one from names and parameters.
 
@@ -85,16 +87,16 @@ class SpeedPipeline:
     :param lanes: lane name to lane path.
     :param config: parameters that all trackers share.
     :param start: starts a tracker.
-    :param annotations: fronts as a person annotated them.
-    :param detector: finds further vehicles; None leaves it at the annotated ones.
-    :param steadier: finds how the rig stands in each pair; None takes it to stand still.
-    :param conclusions: measures what is over; None measures it at once.
-    :param solving: solves for vehicles beside the pairs, where these come faster than vehicles are
-        solved for; None has each reading wait for its solution.
+    :param annotations: fronts that a person annotated.
+    :param detector: finds further vehicles; None to measure annotated ones only.
+    :param steadier: estimates how the rig has rotated in each pair; None for a rigid mount.
+    :param conclusions: measures passes that are over; None to measure them at once.
+    :param solving: thread that solves for vehicles where pairs come faster than
+        ``effort.solve_interval_s``; None to make each reading wait for its solution.
     :param seed: seed of all randomness; each track draws from its own stream, so that tracks do
-        not disturb one another.
-    :param where: where the annotations come from, for errors.
-    :raises InputError: an annotation outside the images, no lane.
+        not affect one another.
+    :param where: source of the annotations, for error messages.
+    :raises InputError: an annotation outside the images, or no lane.
     """
 
     def __init__(self, rig: StereoRig, lanes: Mapping[str, LanePath], config: TrackerConfig,
@@ -113,7 +115,7 @@ class SpeedPipeline:
         self._doubt = SpeedDoubt(rig, lanes, config)
         self._conclusions = AtOnce() if conclusions is None else conclusions
         self._search = VehicleSearch(rig, detector, config.association)
-        self._concluding: set[int] = set()  # numbers of the tracks that it has
+        self._concluding: set[int] = set()  # numbers of the tracks whose passes are being measured
         self.view_lag, self.stamp_watch = ViewLag(rig), StampWatch()
         self._roster, self._intake = Roster(config.association.same_vehicle_m), Intake(config)
         self._starter = Starter(
@@ -123,7 +125,7 @@ class SpeedPipeline:
 
     @property
     def next_track(self) -> int:
-        """Return the number of the next track; who goes on from another pipeline sets its."""
+        """Return the number of the next track; set it to continue another pipeline's numbers."""
         return self._starter.next_track
 
     @next_track.setter
@@ -132,20 +134,20 @@ class SpeedPipeline:
 
     @property
     def uneven_stamps_s(self) -> Optional[float]:
-        """Return the 1-sigma that uneven stamps are taken to have, s; None where they are even."""
+        """Return the 1-sigma assumed for uneven stamps, s; None where they are even."""
         return self._starter.stamp_std_s
 
     def process(self, pair: StereoPair, hurried: bool = False,
                 readings: TellReadings = _nobody) -> Step:
         """
-        Take in the next pair.
+        Process the next pair.
 
-        :param hurried: whether to do little with it, for others wait: vehicles are followed, but
-            one is solved for where its last solution is old, and new ones are searched for where
-            none were for long.
-        :param readings: told those readings that are known before new vehicles are searched for,
-            in one or two turns; the step has them too.
-        :raises InputError: its stamp is not after the one before.
+        :param hurried: whether to do less because other pairs are waiting: vehicles are followed,
+            but at most one is solved for, if its last solution is old, and new ones are searched
+            for only after a while without a search.
+        :param readings: called once or twice with the readings that are known before the search
+            for new vehicles; the returned step contains them too.
+        :raises InputError: the stamp is not later than that of the last pair.
         """
         last_ns, roster = self._state.last_ns, self._roster
         if last_ns is not None and pair.stamp_ns <= last_ns:
@@ -166,11 +168,11 @@ class SpeedPipeline:
             self._search.expect(pair, roster.tracks)
         particles = self._share_out(pair, hurried=hurried, dense=dense, beside=beside)
         self._see_drift()
-        if self.view_lag.concerned:  # what this pair shows of the lag counts, too
+        if self.view_lag.concerned:  # readings need the lag estimate that includes this pair
             readings = _nobody
         follow = self._followed_beside if beside else self._followed
         updates = follow(pair, particles, readings)
-        # Where others wait, so does what was found.
+        # In a hurried pair, detections are left for a later one.
         takes = answered and (searches or not hurried)
         found = self._take_answer(pair, beside=beside) if takes else []
         self._search.see_gone(pair, roster.tracks)
@@ -190,9 +192,9 @@ class SpeedPipeline:
 
     def _in_time(self, pair: StereoPair) -> StereoPair:
         """
-        Take in the stamps of a pair; return it with that of the right view as it is known to be.
+        Register the stamps of a pair; return it with the best known stamp of the right view.
 
-        :raises InputError: images of another size.
+        :raises InputError: the images do not have the calibrated size.
         """
         self._state.last_ns = pair.stamp_ns
         self._check_size(pair)
@@ -203,17 +205,17 @@ class SpeedPipeline:
 
     def _share_out(self, pair: StereoPair, *, hurried: bool, dense: bool, beside: bool) -> int:
         """
-        Tell tracks whether it is their turn, and how many particles they have.
+        Tell tracks whether they may solve for a pair, and how many particles they have.
 
-        What a track was told before it began what it is still at holds until that is over.  Where
-        nobody waits for solutions, each has them as if it was alone: they queue by themselves, and
-        the older one is, the less is known of the pairs since.
+        A track that is still being solved for keeps what it was told before.  Where no reading
+        waits for a solution, each track is treated as if it were alone: solutions queue in their
+        thread anyway, and delaying them would only make the predictions older.
 
-        :param pair: that they are to be fed.
-        :param hurried: whether others wait.
+        :param pair: the pair that they are to be fed next.
+        :param hurried: whether other pairs are waiting.
         :param dense: whether pairs come faster than vehicles are solved for.
-        :param beside: whether vehicles are solved for beside the pairs.
-        :return: the particles of each.
+        :param beside: whether vehicles are solved for in the thread beside the pairs.
+        :return: number of particles of each track.
         """
         tracks = self._roster.tracks
         free = [track for track in tracks if track.turn is None]
@@ -228,9 +230,9 @@ class SpeedPipeline:
 
     def _tell_others(self, pair: StereoPair, seen: Sequence[TrackUpdate]) -> None:
         """
-        Have the traces of the tracks tell what the others say of a pair.
+        Add to each track's trace what the other tracks report for a pair.
 
-        Who is being solved for tells them when it is over.
+        Updates of a track that is still being solved for are added when its turn is over.
         """
         unsaid = {t.tracker.track for t in self._roster.tracks if t.turn is not None}
         for track in self._roster.tracks:
@@ -239,13 +241,13 @@ class SpeedPipeline:
     def _followed(self, pair: StereoPair, particles: int, readings: TellReadings
                   ) -> list[Optional[TrackUpdate]]:
         """
-        Feed a pair to the tracks there are, and tell their readings.
+        Feed a pair to all tracks, and publish their readings.
 
-        Those that are not solved for come first: their readings wait for no solution.  What is
-        told is not taken back: of doubles the other one ends.
+        Tracks that need no solution come first, so that their readings do not wait for one.  A
+        published reading is not withdrawn: of two tracks on one vehicle, the other one ends.
 
-        :param particles: number of particles of each.
-        :return: what each says, in their order.
+        :param particles: number of particles of each track.
+        :return: the update of each track, in the order of the roster.
         """
         feed, tracks = self._intake.feed, list(self._roster.tracks)
         interval_s = self._solve_interval_s()
@@ -266,7 +268,7 @@ class SpeedPipeline:
     def _followed_beside(self, pair: StereoPair, particles: int, readings: TellReadings
                          ) -> list[Optional[TrackUpdate]]:
         """
-        Tell where the vehicles are by what is known of them, and have the tracks fed the pair.
+        Publish predicted readings, and have the tracks fed the pair beside.
 
         Arguments and result are those of ``_followed``.
         """
@@ -279,24 +281,24 @@ class SpeedPipeline:
 
     def _take_open(self, wait_before_ns: float = math.inf) -> None:
         """
-        Take in what was worked on beside the pairs, as far as it is ready.
+        Collect the finished results of the thread beside the pairs.
 
         :param wait_before_ns: work for pairs with earlier stamps is waited for.
         """
         ended = self._open.take(wait_before_ns)
         for track in ended.doubles:
             self._conclude(track, Reason.DUPLICATE)
-        for error in ended.errors:  # as for a pass that cannot be measured
+        for error in ended.errors:  # raised where results are collected, as for a failed pass
             self._conclusions.add(partial(_raised, error))
 
     def _readings(self, updates: Iterable[Optional[TrackUpdate]]) -> list[TrackUpdate]:
-        """Return those updates that are readings of tracks that go on."""
+        """Return the updates that are readings, of tracks that have not ended."""
         going_on = {t.tracker.track for t in self._roster.tracks if not t.ended}
         return [u for u in self._told(updates)
                 if u.state is TrackState.CONFIRMED and u.track in going_on]
 
     def _see_stamps(self) -> None:
-        """Have the tracks take in how uneven the stamps are."""
+        """Tell the tracks how uneven the stamps are."""
         self._starter.stamp_std_s = uneven_s = self._times.uneven_s()
         for track in self._roster.tracks:
             if uneven_s is not None and uneven_s > _WORSE * (
@@ -305,17 +307,17 @@ class SpeedPipeline:
 
     @property
     def _times(self) -> TimeDoubt:
-        """Return the doubt of its times as they are known now."""
+        """Return the uncertainty of the stream's times as known now."""
         return TimeDoubt(self.config, self.stamp_watch, self.view_lag)
 
     def _see_drift(self) -> None:
-        """Have the tracks take in how far the right camera is taken to have turned."""
+        """Tell the tracks the estimated rotation of the right camera."""
         if self.steadier is not None:
             for track in self._roster.tracks:
                 track.see_drift(self.steadier.drift.corrected_rad)
 
     def _told(self, updates: Iterable[Optional[TrackUpdate]]) -> list[TrackUpdate]:
-        """Return the updates of tracks that there are, with the doubt of their times and rig."""
+        """Return the updates of existing tracks, with the uncertainty of times and rig added."""
         tracks = {track.tracker.track: track for track in self._roster.tracks}
         times = self._times
         told = [times.told(u, tracks[u.track])
@@ -327,9 +329,9 @@ class SpeedPipeline:
 
     def concluded(self, *, everything: bool = False) -> list[PassResult]:
         """
-        Return passes that were measured since the last pair, where this is done beside the pairs.
+        Return the passes that have been measured since the last call.
 
-        :param everything: wait for all that are over.
+        :param everything: whether to wait for all passes that are over.
         """
         passes = self._conclusions.done(everything=everything)
         self._concluding.difference_update(result.track for result in passes)
@@ -343,12 +345,12 @@ class SpeedPipeline:
 
     def is_idle(self) -> bool:
         """
-        Return whether another pipeline could go on from this one as this one would itself.
+        Return whether another pipeline could continue from here with the same results.
 
-        No vehicle is in view or has just left it, and the views have one stamp.  What a detector
-        remembers of the pairs so far does not count: another one begins without it, and may
-        detect the next vehicle some pairs later or earlier.  Where only a search under way is
-        left to tell, its answer is waited for: it tells the same in whichever process it is.
+        This requires that no vehicle is in view or has just left it, and that the views have one
+        stamp.  The detector's memory of earlier pairs is ignored: a new detector starts without
+        it, and may detect the next vehicle some pairs later or earlier.  If only a search under
+        way is left, its answer is waited for, so that the result does not depend on its timing.
         """
         left_lately = self._search.has_lately_gone(self._state.last_ns)
         if self.open_tracks or self._open.beginnings or left_lately or self.view_lag.concerned:
@@ -357,12 +359,12 @@ class SpeedPipeline:
         return self._search.under_way is None or not self._search.under_way.found
 
     def go_on_from(self, other: SpeedPipeline) -> None:
-        """Take over from an idle pipeline: its numbers, how the rig stands, stamps so far."""
+        """Take over track numbers, the state of the rig and stamps from an idle pipeline."""
         self.next_track, self.steadier = other.next_track, other.steadier
         self.stamp_watch, self._state.last_ns = other.stamp_watch, other._state.last_ns
 
     def look(self, pair: StereoPair) -> None:
-        """Take in stamps, and how the rig stood, of a pair that is measured already."""
+        """Update stamps and the state of the rig from a pair that is already measured."""
         self.stamp_watch.add(pair.stamp_ns)
         self._state.last_ns = pair.stamp_ns
         if self.steadier is not None:
@@ -370,10 +372,9 @@ class SpeedPipeline:
 
     def finish(self) -> list[PassResult]:
         """
-        End all tracks, the stream being over, and return their results.
+        End all tracks at the end of the stream, and return their results.
 
-        What was found in the last pair, and not followed in another, is no vehicle as far as is
-        known: nothing was told of it.
+        A front found in the last pair was not followed into another one, so it is discarded.
         """
         self._open.drop_beginnings()
         self._take_open()
@@ -382,7 +383,7 @@ class SpeedPipeline:
         return self.concluded(everything=True)
 
     def reset(self) -> None:
-        """Forget all tracks and the time, as after a jump back; numbers are not reused."""
+        """Discard all tracks and times, as after a jump back in time; numbers are not reused."""
         self._open.drop()
         self._roster.tracks, self._state = [], _State()
         self.stamp_watch.restart()
@@ -392,9 +393,9 @@ class SpeedPipeline:
 
     def _end_by_step(self) -> None:
         """
-        End the passes of detected vehicles, for the clock has stepped: they are found anew.
+        End the passes of detected vehicles after a step of the clock: they are detected again.
 
-        What a person marked is not found again, and is followed on, without a speed.
+        An annotated vehicle would not be, so it is followed on, without a speed.
         """
         self._take_open()
         for track in list(self._roster.tracks):
@@ -405,7 +406,7 @@ class SpeedPipeline:
                     self._conclude(track)
         self._search.take()
         if self.detector is not None:
-            self.detector.reset()  # its earlier pairs have the clock of before
+            self.detector.reset()  # its earlier pairs have stamps from before the step
 
     def _start_annotated(self, pair: StereoPair) -> None:
         """
@@ -416,15 +417,15 @@ class SpeedPipeline:
         for number, front in enumerate(self._annotations):
             if front.frame == pair.index and number not in self._state.started:
                 self._state.started.add(number)
-                self._take_open()  # numbers are given in order
+                self._take_open()  # so that tracks are numbered in order
                 self._roster.tracks.append(self._starter.at_mark(front, pair))
 
     def _is_dense(self, stamp_ns: int) -> bool:
         """
-        Return whether pairs come faster than vehicles are solved for: none waits for its search.
+        Return whether pairs come faster than vehicles are solved for.
 
-        Where readings wait for no solution, it is the usual interval that decides: else a pair
-        that is lost would have all wait.
+        If so, no pair waits for its search.  Where readings do not wait for solutions, the median
+        interval decides; otherwise one lost pair would make everything wait.
         """
         last_ns = self._state.last_ns
         if last_ns is None:
@@ -435,11 +436,11 @@ class SpeedPipeline:
         return usual_s < self.config.effort.solve_interval_s
 
     def _solve_interval_s(self) -> float:
-        """Return the time between two solutions of a track, which share the effort there is."""
+        """Return the time between two solutions of a track, as all tracks share the effort."""
         return solve_interval_s(self.config, max(len(self._roster.tracks), 1))
 
     def _detect(self, pair: StereoPair) -> list[Optional[TrackUpdate]]:
-        """Start tracks at fronts that are detected; return what they say of the pair."""
+        """Detect fronts and start tracks at them; return their updates for the pair."""
         search = self._search.of(pair, self._roster.tracks)
         fronts = self._starter.new(search, self._search.answer(search))
         return [update for _, update in self._begun(fronts, search)]
@@ -448,10 +449,11 @@ class SpeedPipeline:
         """
         Start tracks at fronts that were detected in an earlier pair, and feed them this one.
 
-        The earlier pair has the others' updates of then, and theirs has what was found in it.
-        What has gone meanwhile is no vehicle as far as is known: nothing was told of it.
+        Traces of new and existing tracks get each other's updates for the earlier pair.  A new
+        track that misses this pair is discarded, as nothing has been published of it.
 
-        :param beside: whether they are begun beside the pairs, and fed from the next one on.
+        :param beside: whether they are started in the thread beside the pairs, and fed from the
+            next pair on.
         """
         search = self._search.take()
         if search is None:
@@ -471,7 +473,7 @@ class SpeedPipeline:
         return list(updates.values())
 
     def _begun(self, fronts: Iterable[Detection], search: Search) -> list[Begun]:
-        """Start tracks at fronts that a search has found; return those that could be."""
+        """Start tracks at fronts that a search has found; return those that started."""
         begun = []
         for front in fronts:
             one = self._starter.at(front, search.pair)
@@ -482,7 +484,7 @@ class SpeedPipeline:
 
     def _drop_doubles(self, stamp_ns: int, told: Container[int] = ()) -> None:
         """
-        End one of two tracks that hold the same vehicle, once it has said all.
+        End one of two tracks that hold the same vehicle, once its turn is over.
 
         The parameters are those of :meth:`.roster.Roster.drop_doubles`.
         """
@@ -505,8 +507,8 @@ class SpeedPipeline:
         """
         Measure the passes that are over.
 
-        A vehicle that left the view before it was confirmed is rejected; what was lost, or had
-        just come when the stream ended, was no vehicle as far as is known.
+        A vehicle that left the view before it was confirmed is rejected.  An unconfirmed track
+        that was lost, or had just started when the stream ended, gives no pass.
         """
         tracks = self._roster.tracks
         for track in [t for t in tracks if everything or t.ended]:
@@ -518,9 +520,9 @@ class SpeedPipeline:
 
     def _conclude(self, track: Track, reason: Optional[Reason] = None) -> None:
         """
-        Have the whole pass of a track measured, which is over.
+        Have the whole pass of an ended track measured.
 
-        :param reason: why it is rejected whatever comes out; None where it is not.
+        :param reason: why the pass is rejected in any case; None to let the measurement decide.
         """
         lag_share = 0.0 if track.last is None else self._times.lag_share(track, track.last)
         rig_shares = {} if self.steadier is None else self._doubt.shares(
@@ -533,5 +535,5 @@ class SpeedPipeline:
 
 
 def _raised(error: Exception) -> PassResult:
-    """Raise an error, where a pass is measured."""
+    """Raise an error in the place of a pass."""
     raise error

@@ -1,11 +1,11 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Trackers and detectors by name: those of this package, and those that other packages offer.
+Trackers and detectors by name: those of this package, and those of other packages.
 
-Another package offers one through an entry point of the group ``stereo_speed.trackers`` or
-``stereo_speed.detectors`` that leads to its class.  A class is imported only when it is asked for,
-so that measuring with one does not load the others.
+Another package provides one through an entry point of the group ``stereo_speed.trackers`` or
+``stereo_speed.detectors`` that names its class.  A class is imported only when it is used, so that
+measuring with one does not load the others.
 """
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ class Registry(Generic[Kind]):
     """
     Classes of one kind by name.
 
-    :param kind: what they are, for messages.
-    :param group: entry-point group of those of other packages.
-    :param own: name to ``module:class`` of those of this package.
+    :param kind: ``tracker`` or ``detector``, for messages and keys.
+    :param group: entry-point group for classes of other packages.
+    :param own: name to ``module:class`` for classes of this package.
     """
 
     kind: str
@@ -42,7 +42,7 @@ class Registry(Generic[Kind]):
         """
         Return the ``module:class`` of every name, those of this package first.
 
-        :raises InputError: two packages offer one name.
+        :raises InputError: two packages use the same name.
         """
         found = dict(self.own)
         for point in sorted(entry_points(group=self.group), key=lambda p: (p.name, p.value)):
@@ -60,7 +60,7 @@ class Registry(Generic[Kind]):
         """
         Check a name.
 
-        :raises InputError: nothing of that name.
+        :raises InputError: an unknown name.
         """
         if name not in self.targets:
             raise InputError(where, self.kind, name, ', '.join(self.names))
@@ -69,7 +69,7 @@ class Registry(Generic[Kind]):
         """
         Return the class of a name.
 
-        :raises InputError: nothing of that name, or its module cannot be imported.
+        :raises InputError: an unknown name, or a class that cannot be imported.
         """
         self.check(name)
         module, _, attribute = self.targets[name].partition(':')
@@ -82,11 +82,11 @@ class Registry(Generic[Kind]):
 
     def settings(self, name: str, data: object, where: object) -> ConfigRecord:
         """
-        Return the settings of what has a name, from a mapping of parameters.
+        Return the settings of a tracker or detector from a mapping of parameters.
 
         :param data: parameter to value; the others keep their defaults.
-        :param where: file, for errors.
-        :raises InputError: nothing of that name, an unknown key, a value out of bounds.
+        :param where: file, for error messages.
+        :raises InputError: an unknown name or key, or a value out of bounds.
         """
         kind: type[ConfigRecord] = getattr(self.load(name), 'Settings', NoParameters)
         return record_of(kind, data, where, f'{self.kind}s.{name}.')

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A look at the rig of a node that measures, by some of its pairs."""
+"""A check of the rig while a node measures, by some of its pairs."""
 from __future__ import annotations
 
 from typing import Optional, Sequence
@@ -15,13 +15,13 @@ def look_at_rig(used: Stance, pairs: Sequence[StereoPair], config: SiteConfig,
                 followed: Optional[RigMotion] = None, suspected: Optional[Stance] = None
                 ) -> RigState:
     """
-    Return how a rig stands against what is measured with, however it sways.
+    Return the state of a rig relative to the stance in use, with its sway removed.
 
-    :param used: what is measured with.
-    :param pairs: some, spread over a while.
-    :param config: what is known of roads, how lines are found, and the rig steadied.
-    :param followed: how the rig has turned meanwhile, as what measures knows and allows for.
-    :param suspected: how an earlier look found it.
+    :param used: the stance that measuring uses.
+    :param pairs: a few pairs, spread over some time.
+    :param config: priors of roads, how lines are found, and how the rig is steadied.
+    :param followed: rotation of the rig since, which measuring already follows and allows for.
+    :param suspected: the stance that an earlier look found.
     """
     steady, _ = steadied_pairs(used.rig, pairs, config.steadying)
     return rig_state(used, steady, config.site_refinement, config.road, followed, suspected)

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The tracks that there are: which of them hold one vehicle, and which go without a pass."""
+"""The roster of tracks: finds duplicates, and drops tracks that end without a pass."""
 from __future__ import annotations
 
 from typing import Container, Sequence
@@ -11,9 +11,9 @@ from .search import Search
 from .track import holds, place_m, Track
 from ..core.records import Array, TrackUpdate
 
-Begun = tuple[Track, TrackUpdate]  # a new track, and what it says of the pair it was found in
+Begun = tuple[Track, TrackUpdate]  # a new track, and its update for the pair it was found in
 
-_APART = 2.0  # times the distance of doubles: what a solution changes of a place is less
+_APART = 2.0  # in distances of duplicates; a solution moves a predicted place by less
 
 
 class Roster:
@@ -22,7 +22,7 @@ class Roster:
 
     ``tracks`` are in the order in which they were added.
 
-    :param same_vehicle_m: distance within which two tracks hold one vehicle.
+    :param same_vehicle_m: distance below which two tracks are taken to hold one vehicle.
     """
 
     def __init__(self, same_vehicle_m: float) -> None:
@@ -30,14 +30,14 @@ class Roster:
         self._near_m = same_vehicle_m
 
     def introduce(self, search: Search, begun: Sequence[Begun]) -> None:
-        """Have the traces of the pair of a search tell of the tracks that were begun in it."""
+        """Add new tracks' updates for the pair of a search to all traces, and others to theirs."""
         new, found = [track for track, _ in begun], [update for _, update in begun]
         for track in self.tracks:
             track.add_others(
                 search.pair.stamp_ns, [*search.seen, *found] if track in new else found)
 
     def is_apart(self, update: TrackUpdate) -> bool:
-        """Return whether no other track can hold the same vehicle, wherever it is by now."""
+        """Return whether no other track, predicted to now, can hold the same vehicle."""
         near_m = _APART * self._near_m
         return not any(
             t.last is not None and t.tracker.track != update.track
@@ -45,7 +45,7 @@ class Roster:
             for t in self.tracks)
 
     def drop_missing(self) -> None:
-        """End tracks that miss a pair before they are confirmed; a vehicle is found again."""
+        """End tracks that miss a pair before they are confirmed; real vehicles are found again."""
         self.tracks = [
             t for t in self.tracks if t.confirmed or t.detection is None
             or t.ended or holds(t.last) or t.turn is not None]
@@ -54,12 +54,12 @@ class Roster:
         """
         End one of two tracks that hold the same vehicle.
 
-        That which does not see it ends, and the younger if both do.
+        The one that does not see the vehicle ends, or the younger one if both see it.
 
-        :param stamp_ns: of the pair in hand.
-        :param told: numbers of tracks whose readings of this pair are told, which stay: the other
-            one was expected elsewhere.
-        :return: those that have ended and were confirmed.
+        :param stamp_ns: stamp of the current pair.
+        :param told: numbers of tracks whose readings of this pair are published already; they
+            stay.
+        :return: the ended tracks that were confirmed.
         """
         held: list[Array] = []
         ended: list[Track] = []

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""From a stream of pairs to the results of a run: the one loop that does it."""
+"""The one loop from a stream of pairs to the results of a run."""
 from __future__ import annotations
 
 from collections import deque
@@ -15,53 +15,53 @@ from ..core.passes import PassResult
 from ..core.records import StereoPair, TrackUpdate
 
 Observer = Callable[[StereoPair, Step], None]
-# Pairs that may wait for passes to be measured before they are told, each with its images: these
-# take as long as some forty pairs, and longer beside other programs.
+# Number of pairs, held with their images, whose report may wait for passes to be measured; a pass
+# takes as long as some forty pairs, and longer beside other programs.
 MOST_UNTOLD = 80
-MOST_UNTOLD_BYTES = 128 << 20  # of their images: 80 pairs of 1024 x 768, and fewer of larger
-# A run that has a sink holds so many updates, for pictures: 60 MB.
+MOST_UNTOLD_BYTES = 128 << 20  # limit for their images: 80 pairs of 1024 x 768, fewer if larger
+# Number of updates that a run with a sink holds, for pictures; 60 MB.
 KEPT_UPDATES = 40_000
 
 
 class Sink(Protocol):
-    """Takes the updates of a run as they come, so that they need not all be held."""
+    """Takes the updates of a run as they come, so that not all have to be held in memory."""
 
     def add(self, updates: Sequence[TrackUpdate], passes: Sequence[PassResult],
             open_tracks: Collection[int]) -> None:
         """
-        Take in what came of one pair.
+        Take in the results of one pair.
 
-        :param updates: of the pair.
-        :param passes: that are over since the last pair.
+        :param updates: updates of the pair.
+        :param passes: passes that have been measured since the last pair.
         :param open_tracks: numbers of the tracks whose passes are still to come.
         """
 
 
 class Relay(Protocol):
-    """Has one pipeline go on from another, and keeps what came of the pairs."""
+    """Lets one pipeline continue from another, and keeps the results of pairs."""
 
     def ends(self, pair: StereoPair, pipeline: SpeedPipeline) -> bool:
-        """Return whether another pipeline is to go on after a pair."""
+        """Return whether another pipeline is to continue after a pair."""
 
     def begin(self, pipeline: SpeedPipeline, so_far: Run) -> SpeedPipeline:
-        """Return the pipeline that goes on from one; all pairs so far have been told."""
+        """Return the pipeline that continues from one; all pairs so far have been reported."""
 
     def tell(self, pair: StereoPair, step: Step, open_tracks: Collection[int]) -> None:
-        """Take in what came of a pair, in order; see :class:`Sink`."""
+        """Take in the results of a pair, in order; see :class:`Sink`."""
 
 
 @dataclass
 class Run:
     """
-    What a run has gathered.
+    The results of a run.
 
-    :param updates: track updates of what became a vehicle, in time order.
+    :param updates: updates of tracks that have a pass, in time order.
     :param passes: results of the passes, by track.
     :param stamps_ns: stamp of each pair.
     :param wall_s: time spent in the pipeline, s.
     :param cpu_s: processor time spent on pairs, s, without that for passes still open at the end.
-    :param kept: numbers of the tracks whose updates are here; of the other passes only the
-        first, the last and the greatest smoothed speed. None where all are here.
+    :param kept: numbers of the tracks whose updates are here; later passes keep only the first,
+        the last and the greatest smoothed speed.  None where all are here.
     """
 
     updates: list[TrackUpdate] = field(default_factory=list)
@@ -73,11 +73,11 @@ class Run:
 
     def add(self, step: Step, open_tracks: Collection[int], most_updates: Optional[int]) -> None:
         """
-        Take in what came of a pair.
+        Add the results of a pair.
 
         :param step: updates and passes.
         :param open_tracks: numbers of the tracks whose passes are still to come.
-        :param most_updates: how many to hold; None for all.
+        :param most_updates: number of updates to hold; None for all.
         """
         self.passes += step.passes if self.kept is None else map(_shortened, step.passes)
         if self.kept is not None:
@@ -90,7 +90,7 @@ class Run:
                 self.forget_others(self.kept)
 
     def forget_others(self, tracks: Collection[int]) -> None:
-        """Forget the updates of all tracks but some."""
+        """Discard the updates of all tracks except the given ones."""
         self.updates = [u for u in self.updates if u.track in tracks]
 
 
@@ -101,16 +101,16 @@ def run(pipeline: SpeedPipeline, pairs: Iterable[StereoPair],
     """
     Measure every pair of a stream.
 
-    :param pipeline: a fresh one.
-    :param pairs: in order of stamps.
-    :param observe: called with each pair and what came of it.
-    :param sink: takes all updates and passes as they come; without one all are held.
-    :param most_updates: how many updates to hold where there is a sink; passes are held without
-        their traces then, but those that end with the stream.
-    :param so_far: what came of earlier pairs, to be added to.
-    :param relay: keeps what came of the pairs, and has other pipelines go on.
-    :param later: measures the passes of the pipeline, if that does not.  What came of a pair is
-        told when its passes are measured, in the same order.
+    :param pipeline: a new pipeline.
+    :param pairs: pairs in order of stamps.
+    :param observe: called with each pair and its results.
+    :param sink: takes all updates and passes as they come; None to hold all of them.
+    :param most_updates: number of updates to hold where there is a sink; passes are then held
+        without their traces, except those that end with the stream.
+    :param so_far: results of earlier pairs, to which those of this run are added.
+    :param relay: keeps the results of pairs, and lets other pipelines continue.
+    :param later: measures the passes of the pipeline, where that does not do it itself.  The
+        results of a pair are reported when its passes are measured, in the same order.
     :raises InputError: a pair that cannot be used.
     """
     out = Run() if so_far is None else so_far
@@ -132,7 +132,7 @@ def run(pipeline: SpeedPipeline, pairs: Iterable[StereoPair],
     out.wall_s += time.perf_counter() - wall_s
     gather(out, last, () if sink is None else pipeline.open_tracks, sink, most_updates)
     out.passes.sort(key=lambda p: p.track)
-    # Of what the detector found, only what became a vehicle is reported.
+    # Detections that did not become a pass are not reported.
     out.forget_others({p.track for p in out.passes})
     return out
 
@@ -140,12 +140,12 @@ def run(pipeline: SpeedPipeline, pairs: Iterable[StereoPair],
 @dataclass(frozen=True, eq=False)
 class _Untold:
     """
-    What came of a pair, before it is told.
+    The results of a pair that are not reported yet.
 
     :param pair: the pair.
-    :param step: without the passes to come.
+    :param step: its results without the passes that are still being measured.
     :param open_tracks: numbers of the tracks whose passes are still to come after it.
-    :param passes: that are being measured.
+    :param passes: futures of its passes that are being measured.
     """
 
     pair: StereoPair
@@ -160,18 +160,18 @@ class _Untold:
 
     @property
     def image_bytes(self) -> int:
-        """Return the bytes of its images."""
+        """Return the size of its images in bytes."""
         return self.pair.left.nbytes + self.pair.right.nbytes
 
     def whole(self) -> Step:
-        """Return what came of it, with the passes that it has waited for."""
+        """Return its results with all of its passes, waiting for them where necessary."""
         return Step(self.step.updates, [
             *self.step.passes, *(one.result() for one in self.passes)])
 
 
 @dataclass(eq=False)
 class _Telling:
-    """Tells what came of the pairs, in their order; its parameters are those of :func:`run`."""
+    """Reports the results of pairs in their order; its parameters are those of :func:`run`."""
 
     out: Run
     observe: Optional[Observer]
@@ -179,10 +179,10 @@ class _Telling:
     most_updates: int
     relay: Optional[Relay]
     untold: deque[_Untold] = field(default_factory=deque)
-    untold_bytes: int = 0  # of their images
+    untold_bytes: int = 0  # size of their images
 
     def add(self, one: _Untold) -> None:
-        """Take in what came of the next pair; tell what can be told, and what has waited long."""
+        """Add the results of the next pair; report those complete, or waiting beyond limits."""
         self.untold.append(one)
         self.untold_bytes += one.image_bytes
         while self.untold and (
@@ -191,7 +191,7 @@ class _Telling:
             self._tell_first()
 
     def finish(self) -> None:
-        """Tell everything."""
+        """Report everything."""
         while self.untold:
             self._tell_first()
 
@@ -213,13 +213,13 @@ class _Telling:
 def gather(out: Run, step: Step, open_tracks: Collection[int], sink: Optional[Sink],
            most_updates: int = KEPT_UPDATES) -> None:
     """
-    Take in what came of a pair.
+    Add the results of a pair to a run.
 
-    :param out: the run it is added to.
+    :param out: the run.
     :param step: updates and passes.
     :param open_tracks: numbers of the tracks whose passes are still to come.
-    :param sink: takes them too; without one all are held.
-    :param most_updates: how many updates to hold where there is a sink.
+    :param sink: takes the results too; None to hold all updates.
+    :param most_updates: number of updates to hold where there is a sink.
     """
     if sink is None:
         out.add(step, (), None)
@@ -229,12 +229,12 @@ def gather(out: Run, step: Step, open_tracks: Collection[int], sink: Optional[Si
 
 
 def _untraced(step: Step) -> Step:
-    """Return what came of a pair without how its passes came about, which holds much."""
+    """Return the results of a pair without the traces of its passes, which are large."""
     return Step(step.updates, [replace(p, trace=None) for p in step.passes])
 
 
 def _shortened(result: PassResult) -> PassResult:
-    """Return a pass with no more of its profile than its row in a table needs."""
+    """Return a pass with only the part of its speed profile that its row in a table needs."""
     speeds = result.smoothed
     if not speeds:
         return result

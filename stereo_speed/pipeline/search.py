@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a pair is searched with for new vehicles: where those are that are known."""
+"""The search of pairs for new vehicles, which leaves out the places of known ones."""
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
@@ -14,8 +14,8 @@ from ..core.records import Array, StereoPair, TrackUpdate
 from ..detection.protocol import AnswersLater, Detection, Detector, LooksAhead, TrackedRegion
 from ..geometry.rig import StereoRig
 
-_ANSWERED_S = 0.5  # of stamps, at most, until an answer is waited for
-_UNSEARCHED_S = 0.3  # of stamps, at most: vehicles are in view for seconds
+_ANSWERED_S = 0.5  # age, by stamps, from which a missing answer is waited for
+_UNSEARCHED_S = 0.3  # longest time without a search; vehicles are in view for seconds
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,11 +23,11 @@ class Search:
     """
     A search of a pair.
 
-    :param pair: that is searched.
-    :param tracked: what the tracks held in it.
-    :param doubted: tracks that were doubted, and the middle (3,) of the front that each held.
-    :param found: in it; None while that is not known.
-    :param seen: updates of the tracks in it.
+    :param pair: the pair that is searched.
+    :param tracked: regions that tracks held in it.
+    :param doubted: tracks that were doubted, each with the centre (3,) of its front.
+    :param found: fronts found in it; None while the search is under way.
+    :param seen: updates of the tracks for the pair.
     """
 
     pair: StereoPair
@@ -43,10 +43,10 @@ class VehicleSearch:
     Has pairs searched for new vehicles.
 
     :param rig: the cameras.
-    :param detector: searches; None where only annotated vehicles are measured.
-    :param limits: how long a vehicle that has left may still show.
+    :param detector: finds vehicles; None where only annotated vehicles are measured.
+    :param limits: parameters; here, how long a vehicle that has left may still be visible.
     :param under_way: search whose answer is still to be taken.
-    :param gone: last updates of vehicles that left lately.
+    :param gone: last updates of vehicles that left recently.
     :param last_ns: stamp of the last pair that was searched.
     """
 
@@ -58,14 +58,14 @@ class VehicleSearch:
     last_ns: Optional[int] = None
 
     def is_ready(self, stamp_ns: int) -> bool:
-        """Return whether the answer under way has come, or is late; or there is none."""
+        """Return whether no search is under way, or its answer is there or overdue."""
         search, detector = self.under_way, self.detector
         return search is None or search.found is not None \
             or not isinstance(detector, AnswersLater) or detector.is_ready() \
             or (stamp_ns - search.pair.stamp_ns) * 1e-9 > _ANSWERED_S
 
     def is_due(self, stamp_ns: int, *, hurried: bool) -> bool:
-        """Return whether the next pair, of this stamp, is searched."""
+        """Return whether the next pair, of this stamp, is to be searched, and note its stamp."""
         due = not hurried or self.last_ns is None or (
             stamp_ns - self.last_ns) * 1e-9 >= _UNSEARCHED_S
         if due:
@@ -73,12 +73,12 @@ class VehicleSearch:
         return due
 
     def of(self, pair: StereoPair, tracks: Sequence[Track]) -> Search:
-        """Return what a pair is searched with that the tracks have been fed."""
+        """Return a search of a pair that the tracks have been fed."""
         return Search(pair, self._regions(pair, tracks), [
             (t, t.last.position_m) for t in tracks if t.doubted and t.last is not None])
 
     def expect(self, pair: StereoPair, tracks: Sequence[Track]) -> None:
-        """Have a pair searched ahead that the tracks are still to be fed."""
+        """Have a pair searched before the tracks are fed it."""
         if isinstance(self.detector, LooksAhead):
             self.settle()
             self._forget(pair)
@@ -89,8 +89,8 @@ class VehicleSearch:
         """
         Begin to search a pair; the answer is taken with a later one.
 
-        :param seen: updates of the tracks in it.
-        :param beginning: fronts that tracks are being started at, and the stamps of their pairs.
+        :param seen: updates of the tracks for it.
+        :param beginning: fronts at which tracks are being started, with the stamps of their pairs.
         """
         search = self.of(pair, tracks)
         search = replace(search, seen=list(seen), tracked=[
@@ -102,58 +102,60 @@ class VehicleSearch:
         self.under_way = search
 
     def take(self) -> Optional[Search]:
-        """Return the search under way, whose answer is taken."""
+        """Return the search under way, which then is under way no more; None without one."""
         search, self.under_way = self.under_way, None
         return search
 
     def answer(self, search: Search) -> Sequence[Detection]:
-        """Return what is found in a pair."""
+        """Return the fronts that a search finds, waiting for them where necessary."""
         if search.found is not None:
             return search.found
         return [] if self.detector is None else self.detector.update(search.pair, search.tracked)
 
     def settle(self) -> None:
-        """Have the answer of the search under way, to be taken with the next pair."""
+        """Wait for the answer of the search under way, and keep it for the next pair."""
         if self.under_way is not None:
             self.under_way = replace(self.under_way, found=self.answer(self.under_way))
 
     def see_gone(self, pair: StereoPair, tracks: Sequence[Track]) -> None:
         """
-        Take in what has left by a pair.
+        Remember the vehicles that have left the view by a pair.
 
-        What was lost, and so coasted before it ended, may be found again; what left may not.
+        A vehicle that left must not be found again; one that was lost, and so coasted before its
+        track ended, may be.
         """
         self._forget(pair)
         self.gone += [t.last for t in tracks if t.last is not None and t.ended
                       and holds(t.last) and t.is_vehicle]
 
     def has_lately_gone(self, stamp_ns: Optional[int]) -> bool:
-        """Return whether a vehicle has just left by a stamp."""
+        """Return whether a vehicle has left the view shortly before a stamp."""
         return any(((stamp_ns or 0) - u.stamp_ns) * 1e-9 < self.limits.gone_s for u in self.gone)
 
     def reset(self) -> None:
-        """Forget all pairs."""
+        """Discard all state, including that of the detector."""
         self.under_way, self.gone, self.last_ns = None, [], None
         if self.detector is not None:
             self.detector.reset()
 
     def _forget(self, pair: StereoPair) -> None:
-        """Forget vehicles that no longer show in a pair."""
+        """Forget vehicles that left too long before a pair to be visible in it."""
         self.gone = [u for u in self.gone
                      if (pair.stamp_ns - u.stamp_ns) * 1e-9 < self.limits.gone_s]
 
     def _regions(self, pair: StereoPair, tracks: Sequence[Track]) -> list[TrackedRegion]:
         """
-        Return what tracks hold in a pair that go on, and where vehicles are that have left.
+        Return the regions of a pair that tracks hold, and those of vehicles that have just left.
 
-        Where one is doubted the detector looks again: one of the two was mistaken.
+        Doubted tracks are left out, so that the detector looks there again: either it or the track
+        was mistaken.
         """
         held = [t.last for t in tracks if t.last is not None and not t.ended and not t.doubted]
         return [self._region(replace(u, s_m=u.s_m + ahead_m(u, pair.stamp_ns)))
                 for u in [*held, *self.gone]]
 
     def _region(self, update: TrackUpdate) -> TrackedRegion:
-        """Return what a track holds."""
+        """Return the region that a track holds by its update."""
         across, up = np.ptp(update.quad_left_px, axis=0)
         scale = float(update.position_m[2]) / self.rig.left.K[[0, 1], [0, 1]]
         return TrackedRegion(
@@ -163,7 +165,7 @@ class VehicleSearch:
 
 
 def _front_region(front: Detection, found_ns: int, stamp_ns: int) -> TrackedRegion:
-    """Return what a front holds that was found in one pair, at a later stamp."""
+    """Return the region predicted for a later stamp of a front found in one pair."""
     ahead = (front.speed_mps or 0.0) * (stamp_ns - found_ns) * 1e-9
     return TrackedRegion(
         lane=front.lane, s_m=front.s_m + ahead, lateral_m=front.lateral_m, width_m=front.width_m,

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A stored pass of known speed through the very pipeline, which tells whether it is sound."""
+"""The self-test: the pipeline in use measures a stored pass of known speed."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -16,19 +16,19 @@ from ..core.records import StereoPair
 from ..geometry.rig import StereoRig
 from ..site.file import Site
 
-LIMIT_SHARE = 0.01  # OIML R 91, 7.5: within 1 % of the speed that is simulated
+LIMIT_SHARE = 0.01  # OIML R 91, 7.5: within 1 % of the simulated speed
 _PASSED = re.compile(r'self-test passed: ([+-]\d+\.\d+) % off')
 
 
 @dataclass(frozen=True)
 class SelfTest:
     """
-    What came of a self-test.
+    The result of a self-test.
 
     :param known_mps: speed of the stored pass, m/s.
-    :param first_mps: as measured; None where it was rejected.
-    :param second_mps: as estimated a second time; None where there was no such estimate.
-    :param found: what is wrong, in a few words; empty where nothing is.
+    :param first_mps: measured speed, m/s; None where the pass was rejected.
+    :param second_mps: second estimate of the speed, m/s; None where there was none.
+    :param found: what is wrong, in a few words; empty if nothing is.
     """
 
     known_mps: float
@@ -43,7 +43,7 @@ class SelfTest:
 
     @property
     def line(self) -> str:
-        """Return what came of it as one line; :func:`off_percent` reads it."""
+        """Return the result as one line, which :func:`off_percent` reads."""
         if not self.passed or self.first_mps is None:
             return f'self-test failed: {self.found}'
         second = 'no second estimate' if self.second_mps is None else (
@@ -53,7 +53,7 @@ class SelfTest:
 
 
 def off_percent(line: str) -> Optional[float]:
-    """Return by how much the stored pass was off, from a line of one passed; None of another."""
+    """Return the speed error, %, from the line of a passed self-test; None for other lines."""
     found = _PASSED.match(line)
     return None if found is None else float(found[1])
 
@@ -61,13 +61,13 @@ def off_percent(line: str) -> Optional[float]:
 def self_test(site: Site, rig: StereoRig, pairs: Iterable[StereoPair], known_mps: float,
               config: PipelineConfig) -> SelfTest:
     """
-    Measure a stored pass, its vehicle found automatically, and compare with its known speed.
+    Measure a stored pass with its vehicle detected, and compare with its known speed.
 
-    :param site: where it was recorded.
-    :param rig: that recorded it.
-    :param pairs: with one vehicle.
-    :param known_mps: its mean speed.
-    :param config: of the instrument: its own tracker, detector and parameters.
+    :param site: the site where it was recorded.
+    :param rig: the rig that recorded it.
+    :param pairs: its pairs, which show one vehicle.
+    :param known_mps: its mean speed, m/s.
+    :param config: tracker, detector and parameters of the instrument.
     :raises InputError: a stored pass that cannot be used.
     """
     if not known_mps > 0:

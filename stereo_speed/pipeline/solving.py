@@ -1,11 +1,11 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Solutions beside the pairs: no reading waits for one.
+Solutions in a thread beside the pairs, so that no reading waits for one.
 
-To solve for one vehicle takes as long as the readings of ten.  Live, at high rates, readings are
-those of the last solutions, carried on to the pair; the next ones are worked on in a thread that
-gives way to the pairs, and are taken in with the first pair after they are ready.
+Solving for one vehicle takes as long as the readings of ten.  Live, at high rates, readings are
+predicted from the last solutions.  The next solutions are computed in a thread that gives way to
+the pairs, and are taken in with the first pair after they are ready.
 """
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ from ..core.right_of_way import RightOfWay
 T = TypeVar('T')
 Said = list[tuple[StereoPair, Optional[TrackUpdate]]]
 
-_MOST_PASSED_OVER = 3  # urgent tasks that are done before one that is not
-_MOST_LATER = 8  # pairs: a solution that takes longer is late
+_MOST_PASSED_OVER = 3  # urgent tasks in a row while others wait
+_MOST_LATER = 8  # pairs kept during a turn; a solution that takes longer is late
 
 
 @dataclass(eq=False)
 class Turn:
     """
-    A pair that a track solves for while others come.
+    A turn: a track solves for a pair while further pairs come.
 
-    :param pair: that it solves for.
-    :param particles: number of particles that its tracker was told.
-    :param later: pairs that came meanwhile, which it is fed afterwards if they need no solution.
-    :param said: the pairs that it was fed in the end, and what it says of each.
-    :param expected: by the stamp of a pair, where the vehicle was expected when that came.
-    :param others: by the stamp of a pair, what other tracks say of it.
-    :param stamp_std_s: 1-sigma that stamps have turned out to have since, s; None where they are
-        as good as the track takes them to be.
+    :param pair: the pair that it solves for.
+    :param particles: number of particles that its tracker was told to use.
+    :param later: pairs that came since; the track is fed them afterwards if they need no solution.
+    :param said: the pairs that it was fed, each with its update, once the turn is over.
+    :param expected: stamp of a pair to the predicted update that was given for it.
+    :param others: stamp of a pair to the updates of other tracks for it.
+    :param stamp_std_s: larger 1-sigma of the stamps found during the turn, s; None if there is
+        none.
     """
 
     pair: StereoPair
@@ -50,19 +50,19 @@ class Turn:
 
 
 def later_pairs() -> deque[StereoPair]:
-    """Return a place for pairs that come during a turn."""
+    """Return an empty queue for the pairs that come during a turn."""
     return deque(maxlen=_MOST_LATER)
 
 
 @dataclass(eq=False)
 class _Task(Generic[T]):
-    """What is to be done, and what will come of it."""
+    """A piece of work and the future of its result."""
 
     work: Callable[[], T]
     future: Future[T] = field(default_factory=Future)
 
     def do(self) -> None:
-        """Do it, unless it was cancelled."""
+        """Do the work, unless it was cancelled."""
         if self.future.set_running_or_notify_cancel():
             try:
                 self.future.set_result(self.work())
@@ -71,22 +71,22 @@ class _Task(Generic[T]):
 
 
 class SolvingBeside:
-    """A thread that works on solutions, one after the other; a pipeline has one of its own."""
+    """A thread that computes solutions, one after the other; each pipeline has its own."""
 
     def __init__(self) -> None:
         self._way = RightOfWay()
         self._first: deque[_Task[Any]] = deque()
         self._then: deque[_Task[Any]] = deque()
-        self._passed_over = 0  # turns of those that are not urgent
+        self._passed_over = 0  # urgent tasks done in a row while others waited
         self._thread = ThreadPoolExecutor(
             max_workers=1, thread_name_prefix='solutions', initializer=self._way.give)
 
     def submit(self, task: Callable[[], T], *, urgent: bool = True) -> Future[T]:
         """
-        Return what a task will return, which begins when those before it are done.
+        Queue a task and return its future.
 
-        :param urgent: whether it goes before those that are not: readings of known vehicles get
-            old, and who waits for new ones is told of none before.
+        :param urgent: whether it goes before tasks that are not urgent.  Solutions of known
+            vehicles are urgent, as their published readings age; new tracks have none yet.
         """
         one = _Task(task)
         (self._first if urgent else self._then).append(one)
@@ -99,15 +99,15 @@ class SolvingBeside:
         (self._then if others else self._first).popleft().do()
 
     def held_up(self) -> AbstractContextManager[None]:
-        """Hold the thread up while a pair is in hand."""
+        """Return a context that pauses the thread while a pair is processed."""
         return self._way.held()
 
     def wait(self, future: Future[Any]) -> None:
-        """Wait until a task is done; not while holding it up, for it would give way."""
+        """Wait until a task is done; not to be called while the thread is paused."""
         wait([future])
 
     def close(self) -> None:
-        """Give up what has not begun, and wait for what has."""
+        """Cancel tasks that have not begun, and wait for the one that has."""
         for one in [*self._first, *self._then]:
             one.future.cancel()
         self._thread.shutdown()

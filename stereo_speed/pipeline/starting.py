@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""From fronts to tracks: where a vehicle is found or marked, one is started, once."""
+"""Starts one track for each vehicle that is detected or annotated."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -34,19 +34,18 @@ StartTracker = Callable[[TrackStart], Union[Tracker, Refusal]]
 @dataclass(eq=False)
 class Starter:
     """
-    Starts tracks; they share the particles there are with those of the roster.
+    Starts tracks, which share the budget of particles with those of the roster.
 
     :param rig: the cameras.
     :param lanes: lane name to lane path.
     :param config: parameters that all trackers share.
     :param start_tracker: starts a tracker.
-    :param seed: of all randomness.
-    :param intake: feeds them their first pairs.
-    :param roster: the tracks there are; who starts one adds it.
+    :param seed: seed of all randomness.
+    :param intake: feeds tracks their first pairs.
+    :param roster: the tracks; the caller adds new ones to it.
     :param view_lag: the time between the views.
     :param next_track: number of the next track.
-    :param stamp_std_s: 1-sigma that stamps are taken to have where they are less even than they
-        should be, s.
+    :param stamp_std_s: 1-sigma assumed for uneven stamps, s; None where they are even.
     """
 
     rig: StereoRig
@@ -73,9 +72,10 @@ class Starter:
 
     def new(self, search: Search, found: Sequence[Detection]) -> list[Detection]:
         """
-        Return what was found in a pair and is to start tracks.
+        Return the fronts found in a pair at which new tracks are to start.
 
-        A doubted track that is there goes on, and is doubted by what its detector sees now.
+        Where a doubted track is, none starts; that track goes on, and if its speed agrees with the
+        new detection, it is compared with that from now on.
         """
         new = []
         for front in found:
@@ -88,10 +88,10 @@ class Starter:
 
     def at(self, front: Detection, pair: StereoPair) -> Optional[Begun]:
         """
-        Return a track begun where a front was first seen; where that fails, where it is now.
+        Start a track in the earliest pair that shows a front or, if that fails, in the newest.
 
-        :param pair: that it was found in.
-        :return: with what it says of that; None where what looked like a front is none.
+        :param pair: the pair that the front was found in.
+        :return: the track and its update for that pair; None where no front can be followed.
         """
         starts: list[tuple[tuple[StereoPair, ...], Array, Array]] = [
             ((pair,), front.left_px, front.right_px)]
@@ -114,11 +114,11 @@ class Starter:
     def _start(self, front: InitialFront, pair: StereoPair, lane: LanePath,
                detection: Optional[Detection], newest: StereoPair) -> Union[Track, Refusal]:
         """
-        Return a track.
+        Return a new track, or why none can start.
 
         :param pair: the pair of the front.
-        :param detection: what found it; None where a person annotated it.
-        :param newest: the pair in hand.
+        :param detection: the detection of the front; None where a person annotated it.
+        :param newest: the current pair.
         """
         trace = PassTrace(
             self.next_track, self.seed, lane.name, front,
@@ -141,14 +141,14 @@ class Starter:
             drift_rad=np.array((pair.motion or RigMotion()).drift_rad))
 
     def _doubted_at(self, front: Detection, search: Search) -> Optional[Track]:
-        """Return the doubted track that holds what is detected in a pair; None where none does."""
+        """Return the doubted track that holds a detected front; None where none does."""
         near_m, centre_m = self.config.association.same_vehicle_m, self._centre_m(
             front, search.pair)
         return next((track for track, at_m in search.doubted if track in self.roster.tracks
                      and np.linalg.norm(at_m - centre_m) < near_m), None)
 
     def _lane_of(self, front: InitialFront, pair: StereoPair) -> LanePath:
-        """Return the lane whose path a front of a pair is nearest to, across the road."""
+        """Return the lane whose path is nearest to a front, measured across the road."""
         centre_m = self._centre_m(front, pair)
 
         def across_m(lane: LanePath) -> float:
@@ -158,6 +158,6 @@ class Starter:
         return min(self.lanes.values(), key=across_m)
 
     def _centre_m(self, front: Union[InitialFront, Detection], pair: StereoPair) -> Array:
-        """Return the middle (3,) of a front of a pair, left optical frame, m."""
+        """Return the centre (3,) of a front in a pair, left optical frame, m."""
         return self.rig.as_taken(pair.motion).triangulate(
             front.left_px.mean(axis=0), front.right_px.mean(axis=0))

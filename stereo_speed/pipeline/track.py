@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A track, and what the pipeline keeps of it."""
+"""A track, and what the pipeline stores with it."""
 from __future__ import annotations
 
 from collections import deque
@@ -29,29 +29,28 @@ from ..tracking.upright import Upright
 @dataclass(eq=False)
 class Track:
     """
-    A track and what the pipeline keeps of it.
+    A track and what the pipeline stores with it.
 
     :param tracker: follows the vehicle.
     :param lanes: assigns it to lanes.
-    :param detection: what it was started by; None where a person annotated it.
+    :param detection: the detection that started it; None where a person annotated the front.
     :param found_ns: stamp of the pair that it was detected in.
-    :param trace: gathers how its pass comes about.
-    :param size: measures the vehicle.
-    :param upright: says whether it stands on the road or lies on it.
-    :param second: estimates its speed by other evidence; None where that is not asked for.
+    :param trace: records how the pass came about.
+    :param size: measures the vehicle's size.
+    :param upright: decides whether the front stands on the road or lies on it.
+    :param second: second estimate of the speed; None where it is disabled.
     :param last: its newest update.
-    :param confirmed: whether it ever was.
-    :param doubted: whether it goes at another speed than its detector saw.
-    :param lag_changes_s: of the time between the views, before it began.
-    :param clock_stepped: whether the clock of the stamps has stepped since.
-    :param stamp_std_s: 1-sigma that its stamps are taken to have, where they are known to be less
-        even than they should be.
-    :param unaware: whether its tracker took no notice of how uneven they have become.
+    :param confirmed: whether it has ever been confirmed.
+    :param doubted: whether it is doubted: its speed contradicts the detector's, or it lies.
+    :param lag_changes_s: sum of the changes of the time between the views when it began, s.
+    :param clock_stepped: whether the clock of the stamps has stepped since it began.
+    :param stamp_std_s: 1-sigma assumed for its stamps, s; None for the configured one.
+    :param unaware: whether its tracker could not be told that stamps have become uneven.
     :param hurried: whether its tracker was told to do little with the newest pair.
-    :param unhurried_ns: stamp of the last pair in which it was not; None before there was one.
-    :param turn: the pair that its tracker is fed meanwhile; None while there is none.
-    :param drift_rad: (3,) how far the right camera was taken to have turned in its first pair.
-    :param drift_change_rad: (3,) the greatest change of that in its pairs so far, either way.
+    :param unhurried_ns: stamp of the last pair in which it was not hurried; None if there is none.
+    :param turn: the pair that its tracker is solving for beside the others; None if there is none.
+    :param drift_rad: (3,) estimated rotation of the right camera in its first pair.
+    :param drift_change_rad: (3,) largest absolute change of that rotation in its pairs so far.
     """
 
     tracker: Tracker
@@ -77,20 +76,20 @@ class Track:
 
     @property
     def lies(self) -> bool:
-        """Return whether what was found by itself lies; what a person marked is their word."""
+        """Return whether a detected front lies on the road; annotated ones are not questioned."""
         return self.detection is not None and self.upright.lies
 
     @property
     def ended(self) -> bool:
-        """Return whether its pass is over, as far as is known."""
+        """Return whether its pass is known to be over."""
         return self.turn is None and self.tracker.ended
 
     def feed(self, pair: StereoPair) -> Optional[TrackUpdate]:
-        """Feed a pair to its tracker, and to what else gathers evidence; return what it says."""
+        """Feed a pair to the tracker and the other estimators; return the tracker's update."""
         return self.gather(pair, self.tracker.update(pair))
 
     def gather(self, pair: StereoPair, update: Optional[TrackUpdate]) -> Optional[TrackUpdate]:
-        """Return what the tracker says of a pair, once the others have taken in the pair."""
+        """Feed a pair to the other estimators, with the tracker's update, and return that."""
         if update is not None and holds(update):
             self.size.take(pair, update)
             self.upright.take(pair, update)
@@ -100,15 +99,15 @@ class Track:
 
     def solve(self, pair: StereoPair, later: deque[StereoPair]) -> Said:
         """
-        Have its tracker solve for a pair, then feed it those that came since.
+        Have its tracker solve for a pair, then feed it the later pairs that need no solution.
 
-        :return: those that it was fed, with what it says of them.
+        :return: the pairs that it was fed, each with its update.
         """
         said = [(pair, self.feed(pair))]
         while later and isinstance(self.tracker, CarriesOn):
             pair, last = later.popleft(), said[-1][1]
             if last is not None and last.state is TrackState.COASTING:
-                said.append((pair, self.feed(pair)))  # which seldom looks for it
+                said.append((pair, self.feed(pair)))  # cheap: most pairs are not searched for it
                 continue
             update = self.tracker.carry(pair)
             if update is None:
@@ -117,7 +116,7 @@ class Track:
         return said
 
     def add_others(self, stamp_ns: int, updates: Sequence[TrackUpdate]) -> None:
-        """Take in what other tracks say of a pair, for its trace."""
+        """Add the updates of other tracks for a pair to the trace."""
         turn = self.turn
         if turn is None or stamp_ns < turn.pair.stamp_ns:
             self.trace.add_others(stamp_ns, updates)
@@ -126,10 +125,10 @@ class Track:
 
     def see_stamps(self, stamp_std_s: float) -> None:
         """
-        Take in that stamps are worse than they were taken for.
+        Take in that stamps are less even than assumed.
 
-        Its turn, if it has one, goes on with what was known when it began: what it says of those
-        pairs has no other 1-sigma, and no pair has to wait until its tracker can be told.
+        A turn under way keeps the 1-sigma that it began with, so that no pair has to wait until
+        the tracker can be told.
         """
         self.unaware |= not isinstance(self.tracker, DoubtsStamps)
         if self.turn is not None:
@@ -142,15 +141,15 @@ class Track:
             self.second.config = replace(self.second.config, stamp_std_s=stamp_std_s)
 
     def see_drift(self, drift_rad: Array) -> None:
-        """Take in how far the right camera is taken to have turned, which may come and go."""
+        """Record the largest change of the right camera's estimated rotation."""
         self.drift_change_rad = np.maximum(
             self.drift_change_rad, np.abs(drift_rad - self.drift_rad))
 
     def waited_s(self, stamp_ns: int) -> float:
         """
-        Return for how long it has not been solved for; infinite where it must be.
+        Return the time since it was last solved for, s; infinite if it must be solved for now.
 
-        :param stamp_ns: of the pair in hand.
+        :param stamp_ns: stamp of the current pair.
         """
         if isinstance(self.tracker, TellsAge):
             return self.tracker.unsolved_s(stamp_ns)
@@ -163,10 +162,10 @@ class Track:
     @cached_property
     def is_vehicle(self) -> bool:
         """
-        Return whether what this track followed to its end is told as a pass.
+        Return whether this track, once ended, counts as a vehicle and gives a pass.
 
-        It was confirmed, or marked by a person, or it left the view before it could be confirmed.
-        What was lost before, as in a gap of the stream, is no vehicle as far as is known.
+        It does if it was confirmed, was annotated by a person, or left the view before it could be
+        confirmed.  One that was lost unconfirmed, as in a gap of the stream, does not.
         """
         return self.confirmed or self.detection is None or (
             holds(self.last) and self.tracker.result().end is TrackEnd.LEFT_VIEW)
@@ -175,9 +174,9 @@ class Track:
 def start_of(trace: PassTrace, rig: StereoRig, lane: LanePath, config: TrackerConfig,
              pair: StereoPair) -> TrackStart:
     """
-    Return what a tracker starts from, or started from when the pass was measured first.
+    Return the start of a tracker, either of a new one or, by its trace, of an earlier one.
 
-    :param trace: how the pass began.
+    :param trace: record of how the pass began.
     :param rig: the cameras.
     :param lane: the lane of its first front.
     :param config: parameters that all trackers share.
@@ -191,27 +190,27 @@ def start_of(trace: PassTrace, rig: StereoRig, lane: LanePath, config: TrackerCo
 
 
 def with_stamps(config: TrackerConfig, trace: PassTrace) -> TrackerConfig:
-    """Return the parameters of a track: its stamps may be worse than they should be."""
+    """Return the parameters with the stamp 1-sigma of a trace, where it has one."""
     return config if trace.stamp_std_s is None else replace(
         config, stamp_std_s=trace.stamp_std_s)
 
 
 def holds(update: Optional[TrackUpdate]) -> bool:
-    """Return whether a track saw its vehicle in a pair."""
+    """Return whether a track saw its vehicle in the pair of an update."""
     return update is not None and update.state is not TrackState.COASTING
 
 
 def is_sure(update: TrackUpdate, limits: VisibilityConfig) -> bool:
-    """Return whether the speed of a vehicle is known well enough to be a reading."""
+    """Return whether the speed is certain enough to be published as a reading."""
     return update.speed_std_mps <= max(
         limits.reading_std_mps, limits.reading_std_share * abs(update.speed_mps))
 
 
 def with_unnoticed(update: TrackUpdate, limits: VisibilityConfig) -> TrackUpdate:
     """
-    Return an update whose 1-sigma allows for a vehicle that brakes before this shows.
+    Return an update whose 1-sigma allows for braking that the images do not show yet.
 
-    Of all drivers few do, but what is told of the speed is told of this one.
+    Few drivers brake at any moment, but the 1-sigma must hold for this one.
     """
     told = replace(update, speed_std_mps=math.hypot(
         update.speed_std_mps, update.unnoticed_mps / limits.unnoticed_sigmas))
@@ -220,10 +219,10 @@ def with_unnoticed(update: TrackUpdate, limits: VisibilityConfig) -> TrackUpdate
 
 
 def ahead_m(update: TrackUpdate, stamp_ns: int) -> float:
-    """Return how far a vehicle goes until a later stamp by its speed, m."""
+    """Return how far a vehicle travels until a later stamp at its current speed, m."""
     return update.speed_mps * (stamp_ns - update.stamp_ns) * 1e-9
 
 
 def place_m(update: TrackUpdate, stamp_ns: int) -> Array:
-    """Return where (3,) a vehicle is at a later stamp by its speed, left optical frame, m."""
+    """Return the position (3,) predicted for a later stamp, left optical frame, m."""
     return update.position_m + ahead_m(update, stamp_ns) * update.axes[:, 0]

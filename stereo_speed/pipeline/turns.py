@@ -1,9 +1,9 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-What tracks share: particles, and the time to solve for them.
+How tracks share the effort: number of particles, and turns to be solved for.
 
-They are solved for one after the other where there is no time for all.
+Where there is no time to solve for all tracks in one pair, they take turns.
 """
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ..tracking.protocol import CanHurry, MOST_TIMES, OCCLUDED_TIMES, OLD_S
 
 
 def share_of(config: TrackerConfig, tracks: int) -> int:
-    """Return the particles of each of so many tracks."""
+    """Return the number of particles per track for a number of tracks."""
     wanted = config.particles
     if tracks == 1:
         return wanted
@@ -24,7 +24,7 @@ def share_of(config: TrackerConfig, tracks: int) -> int:
 
 
 def solve_interval_s(config: TrackerConfig, tracks: int) -> float:
-    """Return the time between two solutions of each of so many tracks, s."""
+    """Return the time between two solutions of one track for a number of tracks, s."""
     return config.effort.solve_interval_s * (config.particles / share_of(config, tracks))
 
 
@@ -33,12 +33,12 @@ def take_turns(tracks: Sequence[Track], stamp_ns: int, interval_s: float, *, hur
     """
     Tell tracks whether to do little with the next pair.
 
-    Of those that are to be solved for, that has its turn which has waited longest: a pair in
-    which all were would take as long as several.  Where pairs are rare, none gives way.
+    Of the tracks that are due to be solved for, the one that has waited longest has its turn:
+    solving for all in one pair would delay that pair.  At low rates no track gives way.
 
-    :param stamp_ns: of the pair.
-    :param interval_s: between two solutions of a track.
-    :param hurried: whether other pairs wait.
+    :param stamp_ns: stamp of the pair.
+    :param interval_s: time between two solutions of a track.
+    :param hurried: whether other pairs are waiting.
     :param dense: whether pairs come faster than vehicles are solved for.
     """
     waited_s = [track.waited_s(stamp_ns) for track in tracks]

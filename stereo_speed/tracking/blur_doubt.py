@@ -1,10 +1,10 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-What making both views equally sharp leaves in doubt of a pass.
+Uncertainty of a pass from making both views equally sharp.
 
-What a lens out of focus makes of a front, of lamps that clip first of all, is no blur of what a
-sharp one shows: states with less of it are as far off as these may be.
+The image of a lens out of focus, of clipped lamps most of all, is not just a blurred sharp image.
+The change of the states with less blur shows how large the error may be.
 """
 from __future__ import annotations
 
@@ -19,12 +19,13 @@ from ..core.records import Array
 def doubt_of_blur(posterior: Posterior, others: Sequence[Optional[Posterior]], share: float,
                   unknown_mps: float) -> Array:
     """
-    Return what blurring adds to the covariance (4 n, 4 n) of a pass of n pairs.
+    Return the covariance (4 n, 4 n) to add to a pass of n pairs for its blurring.
 
-    :param posterior: of the pass, and
-    :param others: with less of the blur, maybe of fewer pairs; None where it cannot be solved.
-    :param share: of each change that counts as a 1-sigma.
-    :param unknown_mps: 1-sigma, common to all speeds, where there is none to compare with.
+    :param posterior: posterior of the pass.
+    :param others: posteriors with less blur, possibly of fewer pairs; None for one that could not
+        be solved.
+    :param share: share of each change that counts as a 1-sigma.
+    :param unknown_mps: 1-sigma, common to all speeds, for a posterior that is missing, m/s.
     """
     doubt = np.zeros_like(posterior.covariance)
     for other in others:
@@ -38,7 +39,7 @@ def doubt_of_blur(posterior: Posterior, others: Sequence[Optional[Posterior]], s
 
 
 def _change(posterior: Posterior, other: Posterior) -> Array:
-    """Return how much the states (n, 4) change, in pairs that the other lacks as beside them."""
+    """Return the change (n, 4) of the states, interpolated for pairs that the other lacks."""
     at_s = (other.first_ns - posterior.first_ns) * 1e-9 + other.stamps_s
     both = np.flatnonzero(np.isin(_stamps_ns(posterior), _stamps_ns(other)))
     change = other.mean - posterior.mean[both]
@@ -46,5 +47,5 @@ def _change(posterior: Posterior, other: Posterior) -> Array:
 
 
 def _stamps_ns(posterior: Posterior) -> Array:
-    """Return the stamps (n,) of its pairs, ns."""
+    """Return the stamps (n,) of a posterior's pairs, ns."""
     return posterior.first_ns + np.rint(posterior.stamps_s * 1e9)

@@ -5,10 +5,10 @@ The path-constrained stereo particle filter of the 2012 paper, made to work at r
 
 The paper's elements: particles over the place of the front on the road's path and its speed
 (eq. 24, 25-27), the likelihood of both views and across them (eq. 12-18), the adaptive reference
-(eq. 14), resampling, posterior mean and covariance (eq. 3).  What is added: after each pair the
-particles, which find the vehicle but are metres apart at range, are moved by the photometric
-refinement of the whole pass (``window``) so that their mean and covariance are those of all
-images so far; depth and offsets stay unknowns instead of dying in the first pairs.
+(eq. 14), resampling, posterior mean and covariance (eq. 3).  The addition: particles find the
+vehicle, but are metres apart at long range.  After each pair the photometric refinement of the
+whole pass (``window``) moves them so that their mean and covariance are those of all images so
+far.  Depth and offsets thus stay unknowns of the pass instead of being fixed by the first pairs.
 """
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ from ..estimation.weights import (
     DegenerateWeightsError, mean_and_covariance, normalise_log_weights)
 from ..vision.haar import CELLS, PartGrid
 
-_JITTER = 1e-12  # keeps the covariance of particles that agree positive definite
-_DISTINCT_PER_DIM = 3  # distinct particles, per unknown, that still have a shape
+_JITTER = 1e-12  # keeps the covariance of equal particles positive definite
+_DISTINCT_PER_DIM = 3  # distinct particles per unknown below which the cloud has no shape
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,8 +47,8 @@ class _Cloud:
     Weighted particles.
 
     :param states: (N, 4) s, a, b in m and v in m/s.
-    :param log_weights: (N,).
-    :param stamp_ns: of the pair that they are of.
+    :param log_weights: (N,) logarithms of their weights, up to a constant.
+    :param stamp_ns: stamp of the pair that they belong to.
     """
 
     states: Array
@@ -76,9 +76,9 @@ class _Cloud:
     def ahead(self, stamp_ns: int, config: TrackerConfig, lateral_mps: float
               ) -> tuple[Array, Array]:
         """
-        Return the mean (4,) and the covariance (4, 4) that it will have (eq. 24-27).
+        Return the mean (4,) and the covariance (4, 4) predicted for a later pair (eq. 24-27).
 
-        :param stamp_ns: of the pair that it is to be of.
+        :param stamp_ns: stamp of that pair.
         :param config: rates of the random walks.
         :param lateral_mps: rate at which the vehicle crosses its path.
         """
@@ -90,14 +90,14 @@ class _Cloud:
 
 class ConstrainedTracker:
     """
-    Follow one vehicle along the path of its lane; see the module's docstring.
+    Follows one vehicle along the path of its lane; see the module's docstring.
 
     :param start: what the track starts from.
-    :param placed: where its first front stands.
+    :param placed: its first front, placed on the path.
     :param grid: samples of the front.
     """
 
-    Settings = NoParameters  # its parameters are those that all trackers share
+    Settings = NoParameters  # all its parameters are shared by all trackers
 
     @classmethod
     def start(cls, start: TrackStart,
@@ -125,11 +125,11 @@ class ConstrainedTracker:
         self.cloud = _Cloud(first_states(start, placed, s_std_m), np.zeros(self.config.particles),
                             start.pair.stamp_ns)
         self._particles_alone = start.particles_alone or self.config.particles
-        self._hurried, self._in_vain = False, 0  # looks for what is occluded
+        self._hurried, self._in_vain = False, 0  # failed attempts to see an occluded vehicle
         self.posterior: Optional[Posterior] = None
         self.reference: Optional[Reference] = None
-        self._again_ns: Optional[int] = None  # of the pair that showed it again, after others
-        self._astray_ns: Optional[int] = None  # of one that does not show it where it should be
+        self._again_ns: Optional[int] = None  # stamp of the pair that it was reacquired in
+        self._astray_ns: Optional[int] = None  # of a pair that does not show it where expected
         self._reported: Optional[TrackUpdate] = None
 
     @property
@@ -144,15 +144,15 @@ class ConstrainedTracker:
 
     @property
     def _own_interval_s(self) -> float:
-        """Return the time between solutions; who has a share of the particles has it of these."""
+        """Return the time between solutions, longer where others share the particles."""
         return self.config.effort.solve_interval_s * max(
             1.0, self._particles_alone / self.particles)
 
     def _solve_interval_s(self, stamp_ns: int) -> float:
         """
-        Return the age at which a solution is renewed.
+        Return the age at which a solution is renewed, s.
 
-        :param stamp_ns: of the next pair.
+        :param stamp_ns: stamp of the next pair.
         """
         interval_s = self._own_interval_s * self._patience(stamp_ns)
         if not self._hurried:
@@ -162,10 +162,10 @@ class ConstrainedTracker:
 
     def _patience(self, stamp_ns: int) -> float:
         """
-        Return how many times longer to wait until what is occluded is looked for again.
+        Return the factor by which to wait longer before looking for an occluded vehicle again.
 
-        The longer the more looks were in vain, until a solution is old, for it may brake; where
-        pairs are rare it is looked for in each.
+        It grows with the number of failed looks, until the solution is old, as the vehicle may
+        brake.  At low rates the vehicle is looked for in each pair.
         """
         last = self._reported
         if last is None or not _coasts(last) or (
@@ -174,22 +174,22 @@ class ConstrainedTracker:
         return max(1.0, min(1.0 + self._in_vain, OLD_S / self._own_interval_s))
 
     def share(self, particles: int) -> None:
-        """Go on with another number of particles, when tracks come and go."""
+        """Change the number of particles, when tracks come and go."""
         if particles != self.particles:
             ancestors = systematic(self.cloud.weights, particles, self.rng)
             self.cloud = replace(self.cloud, states=self.cloud.states[ancestors],
                                  log_weights=np.zeros(particles))
 
     def hurry(self, hurried: bool) -> None:
-        """Be told whether the next pairs are to cost little, for others have their turn."""
+        """Set whether to do little with the next pairs, because others have their turn."""
         self._hurried = hurried
 
     def doubt_stamps(self, stamp_std_s: float) -> None:
-        """Take all stamps of the pass to have another 1-sigma, s."""
+        """Assume another 1-sigma of all stamps of the pass, s."""
         self.window.doubt_stamps(stamp_std_s)
 
     def unsolved_s(self, stamp_ns: int) -> float:
-        """Return how old its last solution is, s; infinite where it can do no less than solve."""
+        """Return the age of its last solution, s; infinite where it must solve now."""
         if not (_coasts(self._reported) or self._goes_on(self._reported)):
             return math.inf
         return self.cloud.until_s(stamp_ns) / self._patience(stamp_ns)
@@ -226,15 +226,16 @@ class ConstrainedTracker:
         return update
 
     def carry(self, pair: StereoPair) -> Optional[TrackUpdate]:
-        """Take in a pair if the speed is known and needs no solution; None where it does."""
+        """Process a pair by prediction alone; None where it needs a solution."""
         return None if self.ended or _coasts(self._reported) else self._carried(pair)
 
     def expected(self, pair: StereoPair) -> Optional[TrackUpdate]:
         """
-        Return where the vehicle is in a pair by what is known before it.
+        Return the update predicted for a pair from earlier pairs; None where that is impossible.
 
-        What it looks at is replaced as a whole by a thread that takes in pairs, but for the blur
-        of one view in the first ones (``window``), which decides on nothing but whether it shows.
+        It may run while another thread processes pairs: that thread replaces all data read here
+        as a whole, except the blur of one view in the first pairs (``window``), which only affects
+        whether the vehicle is found to be visible.
         """
         last, posterior = self._reported, self.posterior
         if self.ended or last is None or posterior is None or pair.stamp_ns == self._astray_ns:
@@ -263,10 +264,10 @@ class ConstrainedTracker:
 
     def _carried(self, pair: StereoPair) -> Optional[TrackUpdate]:
         """
-        Return how the vehicle goes on since its last solution; None where it is to be solved for.
+        Return the update predicted from the last solution; None where a new one is needed.
 
-        Readings of a fast camera share nearly all the pairs that they rest on: what is known is
-        carried on to a pair that shows nothing else, and solved for with the next one.
+        Successive readings of a fast camera rest on nearly the same pairs.  So the solution is
+        predicted to a pair that agrees with it, and the pair is solved for with the next one.
         """
         posterior, last = self.posterior, self._reported
         after_s = self.cloud.until_s(pair.stamp_ns)
@@ -274,10 +275,10 @@ class ConstrainedTracker:
             return None
         if _coasts(last):
             moments = self._predicted(pair.stamp_ns).moments()
-            # It has a last look before its pass is over.
+            # Look for it once more before its pass ends.
             if self.life.is_lost_by(pair.stamp_ns) or self._is_out_of_view(pair, moments[0]):
                 return None
-            # A glance at where it should be is cheap, and nine full looks in ten are in vain.
+            # Checking the expected place is cheap, and nine full searches in ten fail.
             if after_s >= self.config.effort.solve_interval_s \
                     and self.window.shows(pair, moments[0]):
                 return None
@@ -286,23 +287,23 @@ class ConstrainedTracker:
             return None
         moments = posterior.ahead(after_s, self.config)
         if not self.window.keep(pair, moments[0]):
-            self._astray_ns = pair.stamp_ns  # whoever asks of this pair again need not look again
+            self._astray_ns = pair.stamp_ns  # so that this pair is not checked again
             return None
         state = self.life.seen(pair, self._quads(moments[0][None], pair)[0][0])
         return self._report(pair, state, moments)
 
     def _is_just_back(self, stamp_ns: int) -> bool:
         """
-        Return whether a vehicle that is seen again has not shown its speed yet.
+        Return whether a reacquired vehicle has not shown its speed yet.
 
-        What braked out of sight shows it in the second pair; nearer ones are as good as one.
+        Braking while hidden shows in the second pair; pairs closer in time count as one.
         """
         return self._again_ns is not None and (
             stamp_ns == self._again_ns
             or (stamp_ns - self._again_ns) * 1e-9 < self.config.effort.solve_interval_s)
 
     def _goes_on(self, last: Optional[TrackUpdate]) -> bool:
-        """Return whether a last update can be carried on to a pair: its speed is known."""
+        """Return whether the last update can be predicted to a pair, as its speed is known."""
         return last is not None and last.state is TrackState.CONFIRMED \
             and self.posterior is not None and len(self.posterior.stamps_s) >= 2
 
@@ -312,7 +313,7 @@ class ConstrainedTracker:
         """
         Return the cloud moved along the path by a random-walk speed, with drift (eq. 24-27).
 
-        :param stamp_ns: of the pair that it is to be of.
+        :param stamp_ns: stamp of the pair to predict to.
         """
         dt_s = self.cloud.until_s(stamp_ns)
         if dt_s <= 0:
@@ -331,7 +332,7 @@ class ConstrainedTracker:
         """
         Return the particles moved to the posterior of all images so far, and this posterior.
 
-        :param reacquires: whether the front was not wholly seen in the pair before.
+        :param reacquires: whether the front was not wholly seen in the previous pair.
         :return: None when the vehicle is not seen.
         """
         cloud = self._weighed(pair)
@@ -374,7 +375,7 @@ class ConstrainedTracker:
         return 0.0 if self.posterior is None else float(self.posterior.lateral_mps[-1])
 
     def _heading_rad(self) -> float:
-        """Return the heading of the vehicle against its path: it drives where it points."""
+        """Return the heading of the vehicle against its path, which follows from its motion."""
         return 0.0 if self.posterior is None else float(self.posterior.heading_rad[-1])
 
     def _quads(self, states: Array, pair: StereoPair, lag_s: float = 0.0
@@ -403,14 +404,14 @@ class ConstrainedTracker:
 
     def _report(self, pair: StereoPair, state: TrackState, moments: tuple[Array, Array]
                 ) -> TrackUpdate:
-        """Return what is said of a pair, which is the newest; arguments as for ``_said``."""
+        """Return the update of the newest pair and keep it; arguments as for ``_said``."""
         self._reported = self._said(pair, state, moments)
         return self._reported
 
     def _said(self, pair: StereoPair, state: TrackState, moments: tuple[Array, Array]
               ) -> TrackUpdate:
         """
-        Return what is to be said of a pair.
+        Return the update of a pair.
 
         :param moments: mean (4,) and covariance (4, 4) of s, a, b, v.
         """
@@ -430,17 +431,17 @@ class ConstrainedTracker:
             quad_right_px=right[0], unnoticed_mps=self._unnoticed_mps(pair.stamp_ns))
 
     def _unnoticed_mps(self, stamp_ns: int) -> float:
-        """Return by how much the speed may be wrong at a stamp while braking does not show."""
+        """Return the error of the speed at a stamp from braking that does not show yet, m/s."""
         return 0.0 if self.posterior is None else self.posterior.unnoticed_mps(stamp_ns)
 
 
 def _coasts(update: Optional[TrackUpdate]) -> bool:
-    """Return whether the vehicle was not wholly seen in a pair."""
+    """Return whether an update is of a pair that did not show the whole front."""
     return update is not None and update.state is TrackState.COASTING
 
 
 def may_follow(update: TrackUpdate, last: TrackUpdate, config: TrackerConfig) -> bool:
-    """Return whether tyres can have changed one speed to the other, as far as both are sure."""
+    """Return whether an acceleration within limits explains two speeds, given their 1-sigmas."""
     change = abs(update.speed_mps - last.speed_mps)
     sure = change - config.visibility.speed_change_sigmas * math.hypot(
         update.speed_std_mps, last.speed_std_mps)
@@ -451,15 +452,15 @@ def may_follow(update: TrackUpdate, last: TrackUpdate, config: TrackerConfig) ->
 def transport(states: Array, moments: tuple[Array, Array], target: tuple[Array, Array],
               rng: np.random.Generator) -> Array:
     """
-    Return particles carried affinely from one mean and covariance to another.
+    Return particles mapped affinely from one mean and covariance to another.
 
-    The map L_to L_from^-1 of the Cholesky factors keeps each particle's relative place, so the
-    shape of the cloud survives.  Where resampling has left too few distinct particles to span
-    the state there is no shape to keep, and the target is drawn from anew.
+    The map L_to L_from^-1 of the Cholesky factors keeps each particle's relative place, and so the
+    shape of the cloud.  Where resampling has left too few distinct particles to span the state,
+    new ones are drawn from the target.
 
     :param states: (N, D).
     :param moments: their mean (D,) and covariance (D, D).
-    :param target: those that they are to have.
+    :param target: mean (D,) and covariance (D, D) to map them to.
     """
     n, dim = states.shape
     goal = np.linalg.cholesky(0.5 * (target[1] + target[1].T) + _JITTER * np.eye(dim))

@@ -1,15 +1,15 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-The vehicle's front: a plane across the road's path, and where it is seen.
+The vehicle's front: a plane across the road's path, and its projection into both views.
 
 A pose is (s, a, b): arc length along the path, offset to the left of travel and offset above the
 path, all in m.  The front's plane passes through C(s) and holds the path's normal P and binormal
 B, so its normal is the tangent T (2012, Section IV-B).  A point of the front has fixed
 coordinates (x, y) on that plane, and lies at C(s) + (a + x) P(s) + (b + y) B(s).
 
-A vehicle that changes lanes points where it drives: its front's plane is rotated about B by the
-heading psi of its motion, and the point lies at
+A vehicle that changes lanes points in the direction of its motion: the plane of its front is
+rotated about B by the heading psi of that motion, and the point lies at
 C(s) + a P + x (cos psi P - sin psi T) + (b + y) B.
 """
 from __future__ import annotations
@@ -35,7 +35,7 @@ def plane_points(path: Path, poses: Array, plane_xy_m: Array, heading_rad: float
     :param poses: (N, 3) s, a, b in m.
     :param plane_xy_m: (M, 2) coordinates on the plane along P and B, m.
     :param heading_rad: psi, heading of the vehicle against the path, positive to the left.
-    :param relief_m: (M,) how far the points stand out of the plane, forward.
+    :param relief_m: (M,) how far the points stand out of the plane, positive forward, m.
     :return: (N, M, 3), left optical frame, m.
     """
     s_m = poses[:, 0]
@@ -57,7 +57,7 @@ def rotated(frame: Array, heading_rad: float) -> Array:
 
 def onto_cross_plane(path: Path, camera: Camera, s_m: float, uv_px: Array) -> Array:
     """
-    Return where the rays of pixels of the left camera meet the plane across the path at ``s_m``.
+    Return the intersections of left rays with the plane across the path at ``s_m``.
 
     :param uv_px: (M, 2) raw pixels of the left camera.
     :return: (M, 2) coordinates along P and B measured from the path, m.
@@ -86,12 +86,12 @@ class Front:
         """
         Return the projected corners of the front: the 2-D sub-states of both views (eq. 11).
 
-        The plane moves rigidly, so these are the quads that the homographies of eq. 5 and 8
-        carry along; projecting in 3-D also holds for distorted lenses.
+        The plane moves rigidly, so these quads equal those of the homographies of eq. 5 and 8;
+        projecting in 3-D is also right for distorted lenses.
 
-        :param poses: (N, 3).
+        :param poses: (N, 3) s, a, b, m.
         :param heading_rad: heading of the vehicle against the path.
-        :param right_poses: (N, 3) where the right view was exposed at another time.
+        :param right_poses: (N, 3) poses in the right view, if that was exposed at another time.
         :return: (N, 4, 2) left and right raw pixels, NaN behind the camera.
         """
         points = plane_points(self.path, poses, self.corners_m, heading_rad)
@@ -113,8 +113,8 @@ class Front:
         """
         Return the speed over ground of the front, m/s.
 
-        Off the path on a bend it travels on another radius than the path; across the path it
-        travels while it changes lanes.
+        Beside the path on a bend, the front travels on another radius than the path.  During a
+        lane change it also travels across the path.
 
         :param pose: (3,) s, a, b, m.
         :param speed_mps: speed along the path.
@@ -127,7 +127,8 @@ class Front:
         """
         Return the metres (N,) travelled on the road per metre of the path: 1 - kappa a on a bend.
 
-        A front stands above the road, and over a crest goes further than the wheels below it.
+        The scale is taken on the road, because over a crest the front above it travels further
+        than the wheels.
         """
         step = np.array([0.05, 0.0, 0.0])
         on_road = poses * np.array([1.0, 1.0, 0.0])

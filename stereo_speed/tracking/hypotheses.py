@@ -1,9 +1,9 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-What may have happened in a pass: ways to drive, scatters of the disparities, onsets.
+Hypotheses of a pass: motion models, scatters of the disparities, onsets of speed changes.
 
-The images weigh all of it by their evidence.
+They are weighed by the evidence of the images.
 """
 from __future__ import annotations
 
@@ -19,21 +19,23 @@ from .photometry import scatters_px
 from ..core.config import TrackerConfig
 from ..core.records import Array
 
-# Who cruises may brake for this long unnoticed: at 6 m/s^2 it is then 27 cm behind, several times
-# what a pair tells of a place.  Who brakes for longer is one whose speed walks the most.
+# Longest time for which braking may go unnoticed under a cruising hypothesis: at 6 m/s^2 a vehicle
+# is then 27 cm behind, several times the position error of one pair.  Longer braking is left to
+# the hypotheses whose speed has the largest random walk.
 _UNNOTICED_S = 0.3
-_NOTICED_S = 1.0  # at last: who brakes then is 3 m behind
+_NOTICED_S = 1.0  # braking for longer is surely noticed; at 6 m/s^2 a vehicle is then 3 m behind
 
 
 @dataclass(frozen=True)
 class Hypothesis:
     """
-    What may have happened in a pass.
+    One hypothesis of what happened in a pass.
 
-    :param motion: how the vehicle drives.
-    :param more_px: scatter of the disparities beyond what is usual, px.
+    :param motion: motion model of the vehicle.
+    :param more_px: scatter of the disparities beyond the usual one, 1-sigma, px.
     :param share: prior probability.
-    :param onsets: share, of its own, of those who have begun to change their speed for a while.
+    :param onsets: factor on the rate of onsets that began more than ``_UNNOTICED_S`` ago; 0 for
+        none of them.
     """
 
     motion: MotionModel
@@ -43,12 +45,12 @@ class Hypothesis:
 
     @property
     def kin(self) -> tuple[float, bool, float]:
-        """Return what it has in common with those like it but for how the speed walks."""
+        """Return the properties that hypotheses share which differ only in how speed changes."""
         return self.more_px, self.motion.changes_lanes, self.motion.ride_std_m
 
 
 def hypotheses_of(config: TrackerConfig) -> list[Hypothesis]:
-    """Return all that may have happened."""
+    """Return all hypotheses that a configuration allows for."""
     models = motion_models(config)
     return [Hypothesis(motion, more_px, motion.share * share, _onset_share(motion, models))
             for more_px, share in scatters_px(config.noise) for motion in models
@@ -57,10 +59,11 @@ def hypotheses_of(config: TrackerConfig) -> list[Hypothesis]:
 
 def _onset_share(motion: MotionModel, models: Sequence[MotionModel]) -> float:
     """
-    Return the share of those who have been changing their speed, of those who keep it like this.
+    Return the factor on the rate of longer onsets under one motion model.
 
-    Who brakes does not do so as evenly as who cruises: whoever has for a while is one of those
-    whose speed walks the most.
+    Braking is less even than cruising.  So a vehicle that has been braking for a while is counted
+    to the model with the largest random walk of the speed, which then stands for all models like
+    it; the factor of the other models is 0.
     """
     alike = [m for m in models if m.speed_rate_std is not None and (
         m.changes_lanes, m.ride_std_m) == (motion.changes_lanes, motion.ride_std_m)]
@@ -72,12 +75,12 @@ def _onset_share(motion: MotionModel, models: Sequence[MotionModel]) -> float:
 
 def with_onset_to_come(hypotheses: Sequence[Hypothesis], weights: Array) -> Array:
     """
-    Return the greatest weights that hypotheses may have once their onsets are put in.
+    Return the greatest weights that hypotheses may reach once their onsets are included.
 
-    A vehicle that keeps its speed until it brakes is explained about as well as one that changes
-    its speed all the time, and before its onset is known not at all.
+    If a vehicle keeps its speed and then brakes, a hypothesis with an onset explains it about as
+    well as one whose speed changes all the time; without the onset it does not explain it at all.
 
-    :param weights: of the hypotheses before that.
+    :param weights: weights of the hypotheses without onsets.
     """
     changing = {h.kin: float(w)
                 for h, w in zip(hypotheses, weights) if h.motion.speed_rate_std is None}
@@ -87,9 +90,9 @@ def with_onset_to_come(hypotheses: Sequence[Hypothesis], weights: Array) -> Arra
 
 def of_kin(hypotheses: Sequence[Hypothesis], weights: Array) -> Array:
     """
-    Return the greatest weights of hypotheses and those like them but for how the speed walks.
+    Return for each hypothesis the greatest weight among those that differ only in the speed.
 
-    An observation that is not yet in place looks like one who brakes, and says nothing of that.
+    An observation that is not yet in place looks like braking, but is no evidence for it.
     """
     greatest: dict[tuple[float, bool, float], float] = {}
     for h, weight in zip(hypotheses, weights):
@@ -99,13 +102,13 @@ def of_kin(hypotheses: Sequence[Hypothesis], weights: Array) -> Array:
 
 class PassOnsets:
     """
-    What vehicles that keep their speed may do to a pass when they begin to change it.
+    Adds onsets of speed changes to the answers of hypotheses that keep the speed.
 
-    :param config: how often they do, and how.
+    :param config: rate, duration and size of speed changes.
     :param motion: prior of the pass.
     :param times_s: (n,) stamps, s.
-    :param state: (n, 4) s, a, b and speed where the pass is solved.
-    :param hypotheses: all that are asked for.
+    :param state: (n, 4) s, a, b and speed at which the pass is linearised.
+    :param hypotheses: all hypotheses that are solved for.
     """
 
     def __init__(self, config: TrackerConfig, motion: PassMotion, times_s: Array, state: Array,
@@ -119,7 +122,7 @@ class PassOnsets:
             times_s, state, rate), rate) for rate in rates}
 
     def __call__(self, answer: Moments, hypothesis: Hypothesis) -> Moments:
-        """Return the answer of a hypothesis with the onsets put in."""
+        """Return the answer of a hypothesis with onsets included."""
         rate = hypothesis.motion.speed_rate_std
         if not (self._occur and self._changes) or rate is None:
             return answer
@@ -132,12 +135,12 @@ class PassOnsets:
     def unnoticed(self, answers: Sequence[Moments], hypotheses: Sequence[Hypothesis], newest: int,
                   most_mps2: float) -> Unnoticed:
         """
-        Return by how much the newest speed may be wrong while a change of it does not show.
+        Return the possible errors of the newest speed while a change of speed does not show yet.
 
-        :param answers: those of hypotheses without onsets.
-        :param hypotheses: the likely ones: who takes any of them for true is to be right.
-        :param newest: index of that speed.
-        :param most_mps2: greatest acceleration.
+        :param answers: answers of hypotheses without onsets.
+        :param hypotheses: the likely hypotheses; the errors cover each of them.
+        :param newest: index of the newest speed.
+        :param most_mps2: greatest acceleration, m/s^2.
         """
         return Unnoticed.any_of([unnoticed(
             answer, self._changes[walk_rate(one.motion.speed_rate_std)].newest(_NOTICED_S),

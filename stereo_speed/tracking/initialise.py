@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""How a track starts: from a front in both views to its place on the path, and first particles."""
+"""The start of a track: places a front, seen in both views, on the path; draws particles."""
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
@@ -19,8 +19,8 @@ from ..vision.ncc import ncc
 from ..vision.sampling import sample_quads
 
 _SEARCH_STEP_PX = 0.2  # step of the depth search, in disparity
-_TIME_STEPS = 4  # fixed-point iterations that bring two quads of different times together
-_HALF_STEP_M = 0.5  # either way along the path, for slopes
+_TIME_STEPS = 4  # fixed-point iterations that refer two quads of different times to one time
+_HALF_STEP_M = 0.5  # half step along the path of central differences
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,11 +47,11 @@ class Placement:
 @dataclass(frozen=True)
 class _Depth:
     """
-    The depth that two quads give by themselves.
+    The depth that follows from two quads alone.
 
-    :param s_m: arc length on the path, m, and
-    :param s_std_m: its 1-sigma.
-    :param slope_px: change of the disparity per metre of it, px/m.
+    :param s_m: arc length on the path, m.
+    :param s_std_m: 1-sigma of the arc length, m.
+    :param slope_px: change of the disparity per metre of arc length, px/m.
     """
 
     s_m: float
@@ -63,7 +63,7 @@ def check_annotation(rig: StereoRig, front: InitialFront, where: str) -> None:
     """
     Check that an annotated front lies in both images.
 
-    :raises InputError: names the side.
+    :raises InputError: it does not; the error names the view.
     """
     for side, camera, quad in (('left_image', rig.left, front.left_px),
                                ('right_image', rig.right, front.right_px)):
@@ -75,16 +75,16 @@ def check_annotation(rig: StereoRig, front: InitialFront, where: str) -> None:
 
 def place_front(start: TrackStart, grid: PartGrid) -> Union[Placement, Refusal]:
     """
-    Return where the first front stands on the path, or why it is none.
+    Return the place of the first front on the path, or why there is no front.
 
-    The quads give the depth to a few per cent; along the ray of the left one the left-right NCC
-    then says where the right view really agrees.
+    The quads give the depth to a few per cent.  The left-right NCC along the rays of the left quad
+    then refines it.
 
     :param start: what the track starts from.
     :param grid: samples of the front.
     """
     start = replace(start, rig=start.rig.as_taken(start.pair.motion))
-    # How far the vehicle goes until the right view is exposed.
+    # Distance that the vehicle travels until the right view is exposed.
     speed_mps = start.expected_mps if start.seen_mps is None else start.seen_mps
     later_m = speed_mps * start.pair.right_lag_s
     if later_m:
@@ -104,11 +104,11 @@ def first_states(start: TrackStart, placed: Placement, s_std_m: float) -> Array:
     """
     Return the first particles (N, 4) of s, a, b, v on the ray of the front's centre.
 
-    Their speeds scatter about the expected one; a share of them covers what limits do not foresee.
+    Their speeds scatter about the expected one; a share of them covers all other speeds.
 
     :param start: what the track starts from.
-    :param placed: where the front stands.
-    :param s_std_m: 1-sigma of their arc lengths.
+    :param placed: the placed front.
+    :param s_std_m: 1-sigma of their arc lengths, m.
     """
     config, rng, expected = start.config, start.rng, start.expected_mps
     n = config.particles
@@ -134,7 +134,7 @@ def _at_one_time(rig: StereoRig, path: Path, front: InitialFront, later_m: float
     for _ in range(_TIME_STEPS):
         centre = rig.triangulate(front.left_px.mean(axis=0), right.mean(axis=0))
         if not np.isfinite(centre).all():
-            break  # refused with its reason
+            break  # the caller refuses it with the reason
         s_m = path.arc_length(centre)
         ahead = centre + path.position(s_m + later_m) - path.position(s_m)
         right = front.right_px - (rig.project(ahead)[1] - rig.project(centre)[1])
@@ -142,10 +142,10 @@ def _at_one_time(rig: StereoRig, path: Path, front: InitialFront, later_m: float
 
 
 def _depth_of_quads(start: TrackStart) -> Union[_Depth, Refusal]:
-    """Return the depth by triangulation of the centres, if the quads can be of one front."""
+    """Return the depth by triangulation of the centres, or a refusal if they do not match."""
     rig, path, front = start.rig, start.lane.path, start.front
     most_px = start.config.start.most_gap_px
-    # Far corners triangulate metres apart in depth; the mean of the pixels does not mind.
+    # At long range, single corners triangulate metres apart; the mean pixel is more precise.
     left_px, right_px = front.left_px.mean(axis=0), front.right_px.mean(axis=0)
     centre = rig.triangulate(left_px, right_px)
     if not np.isfinite(centre).all() or centre[2] <= 0:
@@ -171,7 +171,7 @@ def _depth_of_quads(start: TrackStart) -> Union[_Depth, Refusal]:
 
 def _sharpened(start: TrackStart, grid: PartGrid, depth: _Depth, later_m: float
                ) -> tuple[float, float]:
-    """Return the most likely arc length by the correlation of the views, and the NCC there."""
+    """Return the arc length of highest posterior by the views' NCC, and the NCC there."""
     reach_m = start.config.start.search_sigmas * depth.s_std_m
     candidates = depth.s_m + np.arange(-reach_m, reach_m, _SEARCH_STEP_PX / abs(depth.slope_px))
     scores = _cross_scores(start, grid, candidates, later_m)
@@ -192,7 +192,7 @@ def _cross_scores(start: TrackStart, grid: PartGrid, candidates: Array, later_m:
         for s in candidates])
     left = sample_quads(start.pair.left, left_px[None], grid)
     scores = np.zeros(len(candidates))
-    seen = np.isfinite(quads).all(axis=(1, 2))  # others lie behind the right camera
+    seen = np.isfinite(quads).all(axis=(1, 2))  # the others lie behind the right camera
     if seen.any():
         scores[seen] = ncc(sample_quads(start.pair.right, quads[seen], grid), left[0])
     return scores

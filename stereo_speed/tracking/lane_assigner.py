@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""In which lane a vehicle is: that of each reading, and from which to which a pass went."""
+"""Assigns vehicles to lanes: each reading to one, each pass to its first and last."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -19,7 +19,7 @@ class LaneAssigner:
     Follows one track through the lanes of a site.
 
     :param lanes: lane name to lane path.
-    :param limits: when it changes lanes, and when it is off the road.
+    :param limits: parameters; here, when a track changes lanes or is off the road.
     """
 
     def __init__(self, lanes: Mapping[str, LanePath], limits: VerdictConfig) -> None:
@@ -28,7 +28,7 @@ class LaneAssigner:
         self.pairs = self.off_road = 0
 
     def place(self, update: TrackUpdate) -> TrackUpdate:
-        """Return an update with the lane a vehicle is in, and its place by that lane's path."""
+        """Return an update with the lane of the vehicle, and its place along that lane's path."""
         places = {name: _place(lane, update) for name, lane in self.lanes.items()}
         nearest = min(places, key=lambda name: abs(places[name][1]))
         self.current = self.current or update.lane
@@ -44,14 +44,14 @@ class LaneAssigner:
         return replace(update, lane=self.current, s_m=s_m, lateral_m=lateral_m)
 
     def carried(self, update: TrackUpdate) -> TrackUpdate:
-        """Return an update of a pair still to come with the place by the lane it is in now."""
+        """Return a predicted update with the vehicle's present lane, and its place along it."""
         if self.current in ('', update.lane):
             return update
         s_m, lateral_m = _place(self.lanes[self.current], update)
         return replace(update, lane=self.current, s_m=s_m, lateral_m=lateral_m)
 
     def conclude(self, result: PassResult) -> PassResult:
-        """Return a pass with its first and last lane; reject one off the road."""
+        """Return a pass with its first and last lane; rejected if it was off the road."""
         result = replace(result, lane=self.first or result.lane,
                          lane_to=self.current or result.lane)
         most_off = self.limits.off_road_share * self.pairs

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The life of a track, the same for every tracker: confirmed, coasting, lost or out of view."""
+"""The life cycle of a track, shared by all trackers: confirmed, coasting, lost, out of view."""
 from __future__ import annotations
 
 from typing import Optional
@@ -14,11 +14,11 @@ from ..core.records import Array, StereoPair, TrackState
 
 class TrackLife:
     """
-    In which pairs a vehicle was seen, and what follows from it by ``VisibilityConfig``.
+    Records in which pairs a vehicle was seen, and derives its state by ``VisibilityConfig``.
 
-    ``first_ns`` is the stamp of the first pair and ``stamps_ns`` are those of the pairs it was
-    wholly seen in; ``extent_px`` is the greatest extent of its front in the left view, and ``end``
-    is how its pass ended, None until then.
+    ``first_ns`` is the stamp of the first pair.  ``stamps_ns`` are the stamps of the pairs that
+    showed the whole front.  ``extent_px`` is the greatest extent of the front in the left view.
+    ``end`` is how the pass ended, None until then.
 
     :param start: what the track starts from.
     """
@@ -31,7 +31,7 @@ class TrackLife:
         self.first_ns = self._last_ns = self._seen_ns = start.pair.stamp_ns
 
     def advance_s(self, pair: StereoPair) -> float:
-        """Go on to a pair; return the time since the last one, s."""
+        """Advance to a pair; return the time since the last one, s."""
         passed_s = (pair.stamp_ns - self._last_ns) * 1e-9
         self._last_ns = pair.stamp_ns
         return passed_s
@@ -40,8 +40,8 @@ class TrackLife:
         """
         End the pass if a front is not wholly in both images; return whether it is over.
 
-        :param left_px: (4, 2) its corners in the left view, and
-        :param right_px: (4, 2) in the right one.
+        :param left_px: (4, 2) corners of the front in the left view.
+        :param right_px: (4, 2) corners of the front in the right view.
         """
         if not self.is_in_view(left_px, right_px):
             self.end = TrackEnd.LEFT_VIEW
@@ -53,9 +53,9 @@ class TrackLife:
 
     def seen(self, pair: StereoPair, left_px: Array) -> TrackState:
         """
-        Take in a pair that shows the whole front.
+        Register a pair that shows the whole front.
 
-        :param left_px: (4, 2) its corners in the left view.
+        :param left_px: (4, 2) corners of the front in the left view.
         :return: the state of the track.
         """
         self._seen_ns = pair.stamp_ns
@@ -66,9 +66,9 @@ class TrackLife:
 
     def coasts(self, pair: StereoPair, *, partly_seen: bool = False) -> bool:
         """
-        Take in a pair that does not show the whole front; end the pass if this lasts too long.
+        Register a pair that does not show the whole front; end the pass if this lasts too long.
 
-        :param partly_seen: whether it shows a part of the front.
+        :param partly_seen: whether the pair shows a part of the front.
         :return: whether the track goes on.
         """
         if partly_seen:
@@ -78,7 +78,7 @@ class TrackLife:
         return self.end is None
 
     def is_lost_by(self, stamp_ns: int) -> bool:
-        """Return whether a front that a pair does not show is lost: unseen for too long."""
+        """Return whether a front that a pair does not show has been unseen for too long."""
         unoccluded_ns = self.stamps_ns[-1] if self.stamps_ns else self.first_ns
         return (stamp_ns - self._seen_ns) * 1e-9 > self.limits.lost_after_s \
             or (stamp_ns - unoccluded_ns) * 1e-9 > self.limits.occluded_for_s
@@ -86,9 +86,9 @@ class TrackLife:
 
 def extent_px(quad_px: Array) -> float:
     """
-    Return the width or the height of a quad (4, 2) in an image, whichever is the greater, px.
+    Return the width or the height of a quad (4, 2) in an image, whichever is greater, px.
 
-    What is found of a motorcycle is half a metre wide, and higher than that: it shows as much as a
-    car's bumper that is twice as wide.
+    The front of a motorcycle is half a metre wide but higher than that, and so shows as much as a
+    car's bumper of twice the width.
     """
     return float(np.ptp(quad_px, axis=0).max())

@@ -3,7 +3,7 @@
 """
 Likelihood of a batch of particles in both views (2012, eq. 12-18).
 
-All particles are sampled by one ``cv2.remap`` a view, their features are matrix products.
+All particles are sampled by one ``cv2.remap`` per view; their features are matrix products.
 """
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from ..vision.ncc import ncc
 from ..vision.sampling import Patches, sample_quads
 
 _IMPOSSIBLE = -np.inf
-_LEAST_PX = 1.0  # a front narrower or lower than this shows no texture
+_LEAST_PX = 1.0  # least width and height of a front that shows any texture
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +44,7 @@ class Reference:
 @dataclass(frozen=True, eq=False)
 class Scores:
     """
-    What the images say of each particle.
+    Scores of particles by the images.
 
     :param log_likelihood: (N,) logarithm of eq. 12; -inf where the front is not seen.
     :param cross_ncc: (N,) left-right NCC (eq. 17).
@@ -64,7 +64,7 @@ def score(left_image: NDArray[Any], right_image: NDArray[Any], quads: tuple[Arra
     Return the scores of all particles, in one batch.
 
     :param quads: (N, 4, 2) corners in the left and the right view, px; NaN where not seen.
-    :param reference: None scores the cross-view term alone (the first pair).
+    :param reference: reference features; None to score the cross-view term alone (first pair).
     """
     size_px = np.min([np.ptp(q, axis=1) for q in quads], axis=(0, 2))
     seen = np.isfinite(size_px) & (size_px >= _LEAST_PX)

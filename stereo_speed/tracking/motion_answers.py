@@ -1,13 +1,13 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-What each model of motion makes of what the images say: a kernel.
+The solution of a pass under each motion model, given the information of the images: a kernel.
 
-In plain numpy each model is one system of normal equations, as ``motion_prior`` writes it down.
-The loop solves the same in parts.  The motion along the path, across it and above it are made once
-for all models that share them, whatever the images say.  In each of these, what the images do not
-see is eliminated: speeds and accelerations, and the errors of the path.  What is left for each
-model are the poses alone.
+In plain numpy each model is one system of normal equations, as ``motion_prior`` defines it.  The
+loop solves the same in parts.  The equations of motion along the path, across it and above it are
+set up once for all models that share them.  In each of these parts, the unknowns that images do
+not observe are eliminated: speeds, accelerations and the errors of the path.  Only the poses
+remain for each model.
 """
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from ..estimation.gaussian import condition, NormalEquations
 
 class Answers(NamedTuple):
     """
-    Answers of m models of motion about poses, speeds and errors of the path of n observations.
+    Answers of m motion models: poses, speeds and errors of the path of n observations.
 
-    :param log_evidence: (m,) of the images, up to what all models share.
+    :param log_evidence: (m,) of the images, up to a constant that all models share.
     :param means: (m, 4 n + 3).
-    :param covariances: (m, 4 n + 3, 4 n + 3) where these are asked for.
+    :param covariances: (m, 4 n + 3, 4 n + 3), or empty if not requested.
     """
 
     log_evidence: Array
@@ -39,16 +39,16 @@ class Answers(NamedTuple):
 def answers(motion: PassMotion, times_s: Array, state: Array, models: Sequence[MotionModel],
             said: Sequence[int], H: Array, right: Array, *, covariances: bool = False) -> Answers:
     """
-    Return what models of motion make of what the images say.
+    Return the answers of motion models to the equations of the images.
 
     :param motion: priors of a pass.
     :param times_s: (n,) stamps, s.
-    :param state: (n, 4) s, a, b and speed as known so far; for what is not linear.
-    :param said: (m,) for each model, which of what the images may say it is held to.
+    :param state: (n, 4) s, a, b and speed to linearise at.
+    :param said: (m,) index of the equations of the images that each model is combined with.
     :param H: (k, 3 n, 3 n) information of the images about the poses, or (k, 4 n, 4 n) about the
-        poses and then the speeds, and
-    :param right: (k, 3 n) or (k, 4 n) information times measurement, of all that they may say.
-    :param covariances: whether to return these.
+        poses and then the speeds; one for each of k scatters of the disparities.
+    :param right: (k, 3 n) or (k, 4 n) information times measurement.
+    :param covariances: whether to return covariances.
     :raises numpy.linalg.LinAlgError: the equations cannot be solved.
     """
     begun = motion.beginning(len(times_s))
@@ -71,16 +71,16 @@ def plain_answers(H: Array, right: Array, begun: Array, begun_right: Array, log_
 
     :param H: (k, 3 n, 3 n) information of the images about the poses, or (k, 4 n, 4 n).
     :param right: (k, 3 n) information times measurement, or (k, 4 n).
-    :param begun: (5 n + 3, 5 n + 3) information about how the pass begins.
+    :param begun: (5 n + 3, 5 n + 3) prior information about the beginning of the pass.
     :param begun_right: (5 n + 3,) information times measurement.
     :param log_rows: as that of ``NormalEquations``.
-    :param times_s: (n,).
-    :param state: (n, 4).
-    :param models: (m, 3) rate of the speed, NaN where the acceleration has one; whether it
-        changes lanes; ride, m.
-    :param said: (m,) which H and right each is held to.
+    :param times_s: (n,) stamps, s.
+    :param state: (n, 4) s, a, b and speed to linearise at.
+    :param models: (m, 3) random walk of the speed, NaN where that of the acceleration is used;
+        whether lanes are changed; ride, m.
+    :param said: (m,) index of the H and right that each model is combined with.
     :param processes: those of ``Processes``.
-    :param covariances: whether to return these, else the array of them is empty.
+    :param covariances: whether to return covariances; else their array is empty.
     """
     start = NormalEquations(0)
     start.H, start.g, start.log_rows = begun, begun_right, log_rows
@@ -98,9 +98,11 @@ def plain_answers(H: Array, right: Array, begun: Array, begun_right: Array, log_
 @inlined
 def _add_rows(equations, rows, covariance, band):  # type: ignore
     """
-    Add rows whose errors belong together to the first unknowns of equations; both are used up.
+    Add rows with correlated errors to the first unknowns of equations.
 
-    :param band: entries left of the diagonal of the covariance that may not be 0.
+    Rows and covariance are overwritten.
+
+    :param band: number of entries left of the covariance's diagonal that can be nonzero.
     :return: logarithm of the determinant of the rows' information.
     """
     log_rows = 0.0
@@ -132,9 +134,10 @@ def _eliminate(equations, count):  # type: ignore
     """
     Eliminate the first unknowns of equations, in place; the last row is their right-hand side.
 
-    Only lower triangles are used.  What is eliminated leaves its Cholesky factor in its columns.
+    Only lower triangles are used.  The columns of eliminated unknowns then hold their Cholesky
+    factor.
 
-    :return: logarithm of the determinant of that.
+    :return: logarithm of the determinant of the eliminated block.
     """
     size, log_det = len(equations), 0.0
     for j in range(count):
@@ -144,7 +147,7 @@ def _eliminate(equations, count):  # type: ignore
         pivot = np.sqrt(pivot)
         equations[j, j] = pivot
         log_det += 2 * np.log(pivot)
-        # Four rows at once: each entry of row j is read once for all of them.
+        # Four rows at once, so that each entry of row j is read once for all of them.
         whole = j + 1 + (size - j - 1) // 4 * 4
         for i in range(j + 1, whole, 4):
             p = q = r = s = 0.0
@@ -190,12 +193,12 @@ def _inverse(factor, count):  # type: ignore
 @inlined
 def _given(equations, count, kept):  # type: ignore
     """
-    Return what is known of the first unknowns that were eliminated, given those that were not.
+    Return the conditional moments of the first eliminated unknowns, given those that are left.
 
-    :param count: of those eliminated.
-    :param kept: of these that are asked for.
-    :return: (kept, left) factors of those left, (kept,) means where these are 0, (kept, kept)
-        covariance.
+    :param count: number of eliminated unknowns.
+    :param kept: number of these that are asked for.
+    :return: (kept, left) coefficients of the unknowns that are left, (kept,) means where these
+        are 0, and (kept, kept) covariance.
     """
     inverse = _inverse(equations, count)
     left = len(equations) - count - 1
@@ -213,7 +216,7 @@ def _given(equations, count, kept):  # type: ignore
 
 @inlined
 def _steady(times, error, rate):  # type: ignore
-    """Return equations of speeds, places and right-hand side, and the logarithm of their rows."""
+    """Return equations of speeds, places and right-hand side, and the rows' log determinant."""
     n = len(times)
     equations, log_rows = np.zeros((2 * n + 1, 2 * n + 1)), 0.0
     rows, covariance = np.zeros((n - 1, 2 * n)), np.zeros((n - 1, n - 1))
@@ -235,7 +238,7 @@ def _steady(times, error, rate):  # type: ignore
 
 @inlined
 def _changing(times, error, rate, first_std):  # type: ignore
-    """Return equations of speeds, accelerations, places and right-hand side, and the logarithm."""
+    """Return equations of speeds, accelerations, places; then as :func:`_steady`."""
     n = len(times)
     equations = np.zeros((3 * n + 1, 3 * n + 1))
     rows = np.zeros((3 * n - 3, 3 * n))
@@ -261,9 +264,9 @@ def _changing(times, error, rate, first_std):  # type: ignore
 @inlined
 def _across(times, ways, drift, across_std, persists):  # type: ignore
     """
-    Return equations of an error of heading, offsets and right-hand side, and the logarithm.
+    Return equations of the heading error, offsets and right-hand side, and the log determinant.
 
-    :param across_std: of a rate that persists; 0 where there is none.
+    :param across_std: drift due to a persistent rate, m/sqrt(s); 0 for none.
     """
     n = len(times)
     equations = np.zeros((n + 2, n + 2))
@@ -289,9 +292,9 @@ def _across(times, ways, drift, across_std, persists):  # type: ignore
 @inlined
 def _above(times, ways, moves, ride, drift):  # type: ignore
     """
-    Return equations of an error of heading and one of crossfall, offsets and right-hand side.
+    Return equations of the errors of heading and crossfall, offsets and right-hand side.
 
-    :return: with the logarithm of the determinant of the rows.
+    :return: the equations, and the logarithm of the determinant of the rows.
     """
     n = len(times)
     equations = np.zeros((n + 3, n + 3))
@@ -315,7 +318,7 @@ def _answers(H, right, begun, begun_right, log_rows, times, state, models,  # ty
     least, least_error = processes[6], processes[7]
     error = np.maximum(stamp_std * np.abs(state[:, 3]), least_error) ** 2
     ways, moves = state[1:, 0] - state[:-1, 0], state[1:, 1] - state[:-1, 1]
-    # what models share: along, across and above the path
+    # parts that models share: motion along, across and above the path
     kinds = np.empty((count, 3), np.int64)
     parts = [np.zeros((1, 1))]
     by, means, own = [np.zeros((1, 1))], [np.zeros(1)], [np.zeros((1, 1))]
@@ -366,7 +369,7 @@ def _answers(H, right, begun, begun_right, log_rows, times, state, models,  # ty
     size = 4 * n + 3
     evidence, out = np.empty(count), np.empty((count, size))
     covariance = np.zeros((count if covariances else 0, size, size))
-    first = np.array([3 * n, 4 * n, 4 * n + 1])  # of what was eliminated
+    first = np.array([3 * n, 4 * n, 4 * n + 1])  # first index of each part's eliminated unknowns
     for m in range(count):
         total = np.zeros((3 * n + 1, 3 * n + 1))
         for i in range(3 * n):
@@ -400,7 +403,7 @@ def _answers(H, right, begun, begun_right, log_rows, times, state, models,  # ty
                 out[m, first[axis] + i] = entry
         if covariances:
             inverse = _inverse(total, 3 * n)
-            root = np.zeros((size, 3 * n))  # whose product with its transpose is by the poses
+            root = np.zeros((size, 3 * n))  # root @ root.T: covariance due to that of the poses
             for i in range(3 * n):
                 for k in range(i, 3 * n):
                     root[i, k] = inverse[k, i]

@@ -1,18 +1,18 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-What is known of a pass without its images: where it begins, and how vehicles move.
+Priors of a pass before its images: where it begins, and how vehicles move.
 
 The unknowns of a pass of n observations are its poses (s, a, b of each), then the n speeds along
-the path, the two errors of its heading, that of the road's crossfall beside it and the n
+the path, the two errors of the path's heading, the error of the road's crossfall and the n
 accelerations: 5 n + 3 numbers.
 
-Every model of motion is a Gaussian prior over them.  *Cruising* and *steady*: the speed is a
-Wiener process, of a small rate and of the paper's (2012, eq. 24).  *Changing speed*: the
-acceleration is one.  *Changing lanes*: beside the drift across the path (eq. 27) there is a rate
-that persists, an Ornstein-Uhlenbeck process.  Each on a smooth ride, where the height above the
-path is known to millimetres and so the rows of the images tell the range, or on a rough one.  The
-images then say which it was, by their evidence.
+Every motion model is a Gaussian prior over them.  *Cruising* and *steady*: the speed is a Wiener
+process, with a small rate and with the paper's (2012, eq. 24).  *Changing speed*: the acceleration
+is a Wiener process.  *Changing lanes*: in addition to the drift across the path (eq. 27) there is
+a persistent lateral rate, an Ornstein-Uhlenbeck process.  Each model comes with a smooth ride,
+where the height above the path stays within millimetres so that image rows give the range, and
+with a rough ride.  The evidence of the images then decides between them.
 """
 from __future__ import annotations
 
@@ -29,26 +29,26 @@ from ..estimation.gaussian import NormalEquations
 
 Indices = NDArray[np.intp]
 
-LEAST_RATE = 1e-3  # no process is noiseless
+LEAST_RATE = 1e-3  # least noise rate of any process
 _LEAST_CROSSFALL = 1e-6
-LEAST_STAMP_ERROR_M = 1e-6  # nor is a way known better, or the equations cannot be solved
-_RATE_WINDOW_S = 0.35  # lateral rates are slopes over this time either way
-_RATE_OBSERVATIONS = 3  # a lateral rate comes from this many observations at least
-_MOVING_MPS = 2.0  # what is slower has no heading of its own
+LEAST_STAMP_ERROR_M = 1e-6  # keeps the equations solvable where stamps are exact
+_RATE_WINDOW_S = 0.35  # lateral rates are slopes over this time before and after
+_RATE_OBSERVATIONS = 3  # least number of observations for a lateral rate
+_MOVING_MPS = 2.0  # below this speed a heading does not follow from motion
 
 
 @dataclass(frozen=True, eq=False)
 class PassPrior:
     """
-    What is known of a pass before its observations.
+    The prior of a pass before its observations.
 
-    :param s_m: arc length of the front in its first pair, m, and
-    :param s_std_m: its 1-sigma.
+    :param s_m: arc length of the front in its first pair, m.
+    :param s_std_m: 1-sigma of that arc length, m.
     :param offset_m: (2,) offsets a, b at ``s_m`` of the ray through the front's centre in the
         first left view, which defines the centre, m.
-    :param offset_slope: (2,) their change per metre of s.
-    :param speed_mps: expected speed, m/s, and
-    :param speed_std_mps: its 1-sigma.
+    :param offset_slope: (2,) change of these offsets per metre of s.
+    :param speed_mps: expected speed, m/s.
+    :param speed_std_mps: 1-sigma of the speed, m/s.
     :param heading_std_rad: (2,) 1-sigma of the path's heading across and up.
     """
 
@@ -64,13 +64,13 @@ class PassPrior:
 @dataclass(frozen=True)
 class MotionModel:
     """
-    One way to drive.
+    One motion model.
 
     :param share: prior probability.
     :param speed_rate_std: random walk of the speed, m/s/sqrt(s); None where the acceleration
-        is one.
-    :param changes_lanes: whether it also has a rate across the path that persists.
-    :param ride_std_m: bouncing above the path, m, and climbing, m/sqrt(s).
+        is a random walk instead.
+    :param changes_lanes: whether there is also a persistent rate across the path.
+    :param ride_std_m: 1-sigma of the height above the path, m, and of its drift, m/sqrt(s).
     """
 
     share: float
@@ -80,7 +80,7 @@ class MotionModel:
 
 
 def motion_models(config: TrackerConfig) -> list[MotionModel]:
-    """Return the models of motion that a configuration allows for, at least one."""
+    """Return the motion models that a configuration allows for, at least one."""
     p, c = config.manoeuvre_probability, config
     drives = (((1 - p) ** 2 * c.cruise_share, c.cruise_rate_std, False),
               ((1 - p) ** 2 * (1 - c.cruise_share), c.speed_rate_std, False),
@@ -96,9 +96,9 @@ def motion_models(config: TrackerConfig) -> list[MotionModel]:
 @dataclass(frozen=True)
 class StateIndex:
     """
-    Where the unknowns of a pass are.
+    Indices of the unknowns of a pass.
 
-    :param observations: their number n.
+    :param observations: number n of observations.
     """
 
     observations: int
@@ -125,12 +125,12 @@ class StateIndex:
 
     @property
     def steady(self) -> int:
-        """Return the number of unknowns where there are no accelerations, which come last."""
+        """Return the number of unknowns without the accelerations, which come last."""
         return 4 * self.observations + 3
 
     @property
     def crossfall_error(self) -> int:
-        """Return the index of the error of the road's crossfall beside the path."""
+        """Return the index of the error of the road's crossfall."""
         return 4 * self.observations + 2
 
     @property
@@ -141,17 +141,19 @@ class StateIndex:
 
 class Processes(NamedTuple):
     """
-    What scatters in a pass: standard deviations of its processes, but for those of its models.
+    Standard deviations of the processes of a pass that are common to all motion models.
+
+    Compiled loops take the last two from here, as they would not notice a changed constant of this
+    module.
 
     :param stamp_std_s: of each stamp, s.
-    :param jerk_rate: of the acceleration's random walk, m/s^2/sqrt(s).
-    :param acceleration_mps2: of the first acceleration.
+    :param jerk_rate: of the random walk of the acceleration, m/s^2/sqrt(s).
+    :param acceleration_mps2: of the first acceleration, m/s^2.
     :param drift_across_m: of the drift across the path, m/sqrt(s).
-    :param manoeuvre_across_m: of the drift that a persistent rate makes, m/sqrt(s), and
-    :param manoeuvre_s: the time for which that persists.
-    :param least_rate: below which no rate is, nor the first acceleration, and
-    :param least_stamp_error_m: below which no way is known by its stamps, m: compiled loops take
-        these from here, for they would not notice that a constant of this module has changed.
+    :param manoeuvre_across_m: of the drift due to a persistent rate over long times, m/sqrt(s).
+    :param manoeuvre_s: correlation time of that rate, s.
+    :param least_rate: lower limit of all rates and of ``acceleration_mps2``.
+    :param least_stamp_error_m: lower limit of the position error due to stamps, m.
     """
 
     stamp_std_s: float
@@ -168,7 +170,7 @@ class PassMotion:
     """
     The priors of a pass at the stamps of its observations.
 
-    :param prior: how it begins.
+    :param prior: prior of its beginning.
     :param config: rates of the random walks.
     :param stamp_std_s: 1-sigma of each stamp, s.
     """
@@ -178,33 +180,33 @@ class PassMotion:
         self.processes = Processes(
             stamp_std_s, config.jerk_rate_std, config.acceleration_std_mps2,
             config.drift_across_std_m, config.manoeuvre_across_std_m, config.manoeuvre_across_s)
-        self._begun = NormalEquations(0)  # the same for each number of observations
+        self._begun = NormalEquations(0)  # cached; depends on the number of observations only
 
     def equations(self, times_s: Array, state: Array,
                   models: Sequence[MotionModel]) -> list[NormalEquations]:
         """
-        Return all that is known without the images, for each way to drive.
+        Return the normal equations of the prior, for each motion model.
 
-        Those of a model without accelerations end before these.
+        The equations of a model without accelerations leave these unknowns out.
 
         :param times_s: (n,) stamps, s.
-        :param state: (n, 4) s, a, b and speed as known so far; for what is not linear.
-        :param models: ways to drive; what they share is made once.
+        :param state: (n, 4) s, a, b and speed to linearise at.
+        :param models: motion models; parts that they share are computed once.
         """
         return normal_equations(
             self.beginning(len(times_s)), self.processes, times_s, state, models)
 
     def way_information(self, times_s: Array, state: Array, rate: float) -> Array:
         """
-        Return the information (n - 1, n - 1) of the ways between pairs, given the speeds, 1/m^2.
+        Return the information (n - 1, n - 1) of distances between pairs, given the speeds, 1/m^2.
 
-        :param rate: random walk of the speed.
+        :param rate: random walk of the speed, m/s/sqrt(s).
         """
         return np.asarray(np.linalg.inv(_way_covariance(
             self.processes, np.diff(times_s), np.abs(state[:, 3]), rate)))
 
     def beginning(self, observations: int) -> NormalEquations:
-        """Return how the pass begins, and what is static in it."""
+        """Return the normal equations of the pass's beginning and of its static unknowns."""
         p, at, noise = self.prior, StateIndex(observations), self.config.noise
         if len(self._begun.g) == at.size:
             return self._begun
@@ -223,7 +225,7 @@ class PassMotion:
 
 def normal_equations(begun: NormalEquations, processes: Processes, times_s: Array, state: Array,
                      models: Sequence[MotionModel]) -> list[NormalEquations]:
-    """Return what :meth:`PassMotion.equations` does, of a pass that has begun so."""
+    """Return :meth:`PassMotion.equations`, given those of the beginning of the pass."""
     along = {rate: _along(processes, times_s, state, rate)
              for rate in {m.speed_rate_std for m in models}}
     if len(times_s) < 2:
@@ -243,7 +245,7 @@ def normal_equations(begun: NormalEquations, processes: Processes, times_s: Arra
 
 def _along(processes: Processes, times_s: Array, state: Array, rate: Optional[float]
            ) -> NormalEquations:
-    """Return the motion along the path; a rate of None is a changing speed."""
+    """Return the equations of motion along the path; a rate of None means changing speed."""
     at = StateIndex(len(times_s))
     normal = NormalEquations(at.size)
     if rate is None:
@@ -259,21 +261,21 @@ def _along(processes: Processes, times_s: Array, state: Array, rate: Optional[fl
 
 
 def _stamp_covariance(processes: Processes, speed_mps: Array) -> Array:
-    """Return the covariance (n - 1, n - 1) of ways between stamps that are wrong."""
+    """Return the covariance (n - 1, n - 1) of distances between stamps due to stamp errors."""
     step = np.diff(np.eye(len(speed_mps)), axis=0)
     error_m = np.maximum(processes.stamp_std_s * speed_mps, processes.least_stamp_error_m)
     return np.asarray(step @ np.diag(np.square(error_m)) @ step.T)
 
 
 def _way_covariance(processes: Processes, dt: Array, speed_mps: Array, rate: float) -> Array:
-    """Return the covariance (n - 1, n - 1) of the ways of a Wiener process, given its values."""
+    """Return the covariance (n - 1, n - 1) of distances, given the speeds, a Wiener process."""
     return np.asarray(np.diag(rate ** 2 * dt ** 3 / 12)
                       + _stamp_covariance(processes, speed_mps))
 
 
 def _across(processes: Processes, times_s: Array, state: Array, changes_lanes: bool
             ) -> NormalEquations:
-    """Return the drift across the path (eq. 27), and the rate of a change of lanes."""
+    """Return the equations of the drift across the path (eq. 27) and of lane changes."""
     moves = np.diag(max(processes.drift_across_m, processes.least_rate) ** 2 * np.diff(times_s))
     if changes_lanes:
         moves += persistent_moves(times_s, processes.manoeuvre_across_m, processes.manoeuvre_s)
@@ -283,9 +285,9 @@ def _across(processes: Processes, times_s: Array, state: Array, changes_lanes: b
 def _above(processes: Processes, times_s: Array, state: Array, ride_m: float
            ) -> NormalEquations:
     """
-    Return the drift above the path (eq. 27).
+    Return the equations of the drift above the path (eq. 27).
 
-    The road carries the vehicle: it drifts little, and bounces on its springs.
+    The road carries the vehicle, so it drifts little, but it bounces on its springs.
     """
     step = np.diff(np.eye(len(times_s)), axis=0)
     drift = np.diag(max(ride_m, processes.least_rate) ** 2 * np.diff(times_s))
@@ -294,9 +296,9 @@ def _above(processes: Processes, times_s: Array, state: Array, ride_m: float
 
 def _beside(state: Array, axis: int, moves: Array) -> NormalEquations:
     """
-    Return moves across (axis 0) or above (1) the path, whose own heading has an error.
+    Return equations of moves across (axis 0) or above (1) the path, whose heading has an error.
 
-    :param moves: (n - 1, n - 1) their covariance, m^2.
+    :param moves: (n - 1, n - 1) covariance of the moves, m^2.
     """
     n = len(state)
     at = StateIndex(n)
@@ -311,14 +313,14 @@ def _beside(state: Array, axis: int, moves: Array) -> NormalEquations:
 
 def persistent_moves(times_s: Array, across_std_m: float, persists_s: float) -> Array:
     """
-    Return the covariance of the moves that an Ornstein-Uhlenbeck rate makes.
+    Return the covariance of the moves that result from an Ornstein-Uhlenbeck rate.
 
-    The rate has the covariance r^2 exp(-|t - t'| / T); integrated over both intervals.  Over long
-    times the moves are those of a drift of sqrt(2 T) r.
+    The rate has the covariance r^2 exp(-|t - t'| / T), which is integrated over both intervals.
+    Over long times the moves are those of a drift of sqrt(2 T) r.
 
     :param times_s: (n,) times of the observations, s.
-    :param across_std_m: that drift, m/sqrt(s).
-    :param persists_s: T, s.
+    :param across_std_m: the drift sqrt(2 T) r, m/sqrt(s).
+    :param persists_s: correlation time T, s.
     :return: (n - 1, n - 1), m^2.
     """
     dt = np.diff(times_s) / persists_s
@@ -335,7 +337,8 @@ def _steady(normal: NormalEquations, processes: Processes, dt: Array, speed_mps:
     """
     Add speed as a Wiener process.
 
-    Given both ends, the way between them scatters by q dt^3 / 12 about their mean.
+    Given the speeds at both ends, the distance has the variance q dt^3 / 12 about that of their
+    mean.
     """
     n = len(dt) + 1
     at = StateIndex(n)
@@ -348,13 +351,13 @@ def _steady(normal: NormalEquations, processes: Processes, dt: Array, speed_mps:
 
 
 def walk_rate(rate: float) -> float:
-    """Return the rate of a random walk, m/s/sqrt(s), as it is counted with: none is 0."""
+    """Return the rate of a random walk, m/s/sqrt(s), not less than the least rate."""
     return max(rate, LEAST_RATE)
 
 
 def _changing_speed(normal: NormalEquations, processes: Processes, dt: Array,
                     speed_mps: Array) -> None:
-    """Add acceleration as a Wiener process; way, speed and acceleration scatter together."""
+    """Add acceleration as a Wiener process, with distance, speed and acceleration correlated."""
     n = len(dt) + 1
     k, rate = np.arange(n - 1), max(processes.jerk_rate, processes.least_rate)
     at = StateIndex(n)
@@ -377,8 +380,8 @@ def lateral_rates(times_s: Array, offset_m: Array) -> Array:
     """
     Return the rates at which a front moves across its path.
 
-    Each is the slope there of a parabola through the observations around it; differences of
-    neighbours would be late by half an interval at the newest one, and noisy at high frame rates.
+    Each is the slope of a parabola fitted to the observations around it.  Differences of
+    neighbours would lag by half an interval at the newest one, and be noisy at high frame rates.
 
     :param times_s: (n,) s.
     :param offset_m: (n,) offsets from the path, m.
@@ -391,12 +394,12 @@ def lateral_rates(times_s: Array, offset_m: Array) -> Array:
 
 
 def rates_by_offsets(times_s: Array) -> Array:
-    """Return by how much each rate (n, n) of :func:`lateral_rates` changes with each offset."""
+    """Return the derivatives (n, n) of the rates of :func:`lateral_rates` by the offsets, 1/s."""
     return np.column_stack([lateral_rates(times_s, one) for one in np.eye(len(times_s))])
 
 
 def plain_slopes(times_s: Array, offset_m: Array) -> Array:
-    """Return the slopes (n,) of parabolas through three observations or more (n,)."""
+    """Return the slopes (n,) of parabolas fitted to n >= 3 observations."""
     apart = times_s - times_s[:, None]  # row k: as seen from observation k
     nearest = np.sort(np.abs(apart), axis=1)
     reach = np.maximum(nearest[:, _RATE_OBSERVATIONS - 1], _RATE_WINDOW_S) + 1e-9
@@ -409,7 +412,7 @@ def plain_slopes(times_s: Array, offset_m: Array) -> Array:
 
 @kernel(plain_slopes, '(f8[::1], f8[::1])')
 def slopes(times: Any, offsets: Any) -> Any:
-    """Return slopes; arguments as :func:`plain_slopes`."""
+    """Return the slopes; arguments are those of :func:`plain_slopes`."""
     n = len(times)
     out = np.empty(n)
     for k in range(n):
@@ -436,12 +439,12 @@ def slopes(times: Any, offsets: Any) -> Any:
 
 def headings(state: Array, rates_mps: Array, path_scale: Array) -> Array:
     """
-    Return the headings of a vehicle that drives where it points.
+    Return the headings of a vehicle that points in the direction of its motion.
 
     :param state: (n, 4) s, a, b, speed along the path.
     :param rates_mps: (n,) lateral rates.
     :param path_scale: (n,) metres travelled per metre of the path.
-    :return: (n,) rad against the path; 0 for what hardly moves.
+    :return: (n,) rad against the path; 0 at low speed.
     """
     along = np.abs(state[:, 3]) * path_scale
     return np.where(along > _MOVING_MPS, np.arctan2(rates_mps, along), 0.0)

@@ -1,10 +1,10 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-One observation of the front: its patch in both views at a pose, and how it changes with that.
+One observation of the front: its patch in both views at a pose, and derivatives by the pose.
 
-Particles are sampled coarsely and fast; the refinement needs observations that are right to
-hundredths of a pixel, so they go through the exact lens model and cubic B-splines.
+Particles are sampled coarsely and fast.  The refinement needs observations that are accurate to
+hundredths of a pixel, so these use the exact lens model and cubic B-splines.
 """
 from __future__ import annotations
 
@@ -27,41 +27,40 @@ from ..core.right_of_way import give_way
 from ..geometry.rig import StereoRig
 from ..vision.sampling import low_pass_crop, Patches
 
-# Given corners are a pixel off, and what lies beyond the front's edges moves otherwise: only the
-# inner share of the quad is sampled.
+# Inner share of the quad that is sampled: its corners are a pixel off, and the background beyond
+# the front's edges moves differently.
 _INNER = 0.94
-_STEP_M = 1e-4  # of the differences of the geometry: a curved way bends by far less over it
-_STEPS: Array = _STEP_M * np.eye(4, 3, -1)  # none, and one along each axis of a pose
-_BLUR_STEPS = 0.6  # low-pass of every observation, in grid steps, so that near and far compare
-_BORDER_PX = 3  # image around the samples that the low-pass and the splines need
-_NOTHING: Patches = np.zeros((0, 0), np.float32)  # of an image is clipped
+_STEP_M = 1e-4  # step of numerical derivatives of the geometry; a curved path is straight over it
+_STEPS: Array = _STEP_M * np.eye(4, 3, -1)  # no step, and one along each axis of a pose
+_BLUR_STEPS = 0.6  # 1-sigma of the low-pass in grid steps, so that near and far are comparable
+_BORDER_PX = 3  # border around the samples that the low-pass and the splines need
+_NOTHING: Patches = np.zeros((0, 0), np.float32)  # mask of an image without clipped pixels
 
 
 @dataclass(frozen=True, eq=False)
 class Observation:
     """
-    A linearised observation of the front in one pair; equal to itself alone.
+    A linearised observation of the front in one pair; instances compare by identity.
 
-    :param pose: (3,) s, a, b where it was taken, m.
-    :param heading_rad: heading of the vehicle against the path it was taken with.
-    :param relief: (M,) relief of the front it was taken with, m at the nodes.
+    :param pose: (3,) s, a, b at which it was taken, m.
+    :param heading_rad: heading of the vehicle against the path at which it was taken.
+    :param relief: (M,) relief of the front at the nodes with which it was taken, m.
     :param patches: (2, G) left and right patch, zero mean and unit variance.
     :param jacobian: (2, 3, G) derivatives of the patches by the pose, 1/m.
     :param relief_jacobian: (2, G) derivatives of each sample by its own relief, 1/m.
-    :param outlines: (2, G) how each patch changes when the outlines of what is clipped in it move
-        outwards, of unit length; 0 where nothing is.  The derivatives have no part along it.
-    :param apart_jacobian: (3, G) derivatives of the left patch less the right one by the pose,
-        1/m,
-        by the mean slope of both: the noise of each slope, times all that a view moves, would
-        pass for what moves the views apart.
+    :param outlines: (2, G) change of each patch when the outlines of clipped areas move outwards,
+        scaled to unit length; 0 without clipped areas.  The derivatives are orthogonal to it.
+    :param apart_jacobian: (3, G) derivatives of the left minus the right patch by the pose, 1/m.
+        Both use the mean image gradient of the views: with separate gradients, their noise times
+        the common motion of the views would look like a change of disparity.
     :param apart_relief: (G,) the same by the relief of each sample, 1/m.
-    :param pixels: pixels the patch covers in the image, at most one a grid sample.
-    :param shift_px: (2, 3) speed of the front's centre in each view by the pose, px/m.
-    :param disparity_px: (3,) change of its disparity by the pose, px/m.
-    :param velocity_mps: (3,) rates of the pose it was taken with, m/s.
-    :param lag_s: by which the right view is later, s.
-    :param skew_px: how far the front moves in the right view between the two stamps where these
-        are not taken at their word, px.
+    :param pixels: number of pixels that the patch covers, at most one per grid sample.
+    :param shift_px: (2, 3) motion of the front's centre in each view per pose, px/m.
+    :param disparity_px: (3,) change of its disparity per pose, px/m.
+    :param velocity_mps: (3,) rates of the pose with which it was taken, m/s.
+    :param lag_s: how much later the right view was exposed, s.
+    :param skew_px: motion of the front in the right view during the difference of stamps that is
+        taken for an error, px.
     """
 
     pose: Array
@@ -82,7 +81,7 @@ class Observation:
 
     @property
     def right_m(self) -> float:
-        """Return how far it had gone along the path when the right view was exposed, m."""
+        """Return the distance along the path until the right view was exposed, m."""
         return self.lag_s * float(self.velocity_mps[0])
 
     @property
@@ -93,16 +92,16 @@ class Observation:
 
 class ObservationSampler:
     """
-    Makes observations of one front: fixed grid on its plane, any pose, any pair.
+    Makes observations of one front, on a fixed grid of its plane, for any pose and pair.
 
     :param rig: the cameras.
     :param front: the front.
     :param unit_xy: (G, 2) grid samples in the unit square.
     :param grid_shape: rows and columns of the grid.
-    :param noise: what is clipped, and how far that reaches.
+    :param noise: parameters; here, of clipped areas.
 
-    ``blur_px`` is the 1-sigma of a blur of the left and of the right view, px, that makes the
-    sharper one as sharp as the other: see :mod:`.sharpness`.  That was seen where the front
+    ``blur_px`` is the 1-sigma of the blur of the left and the right view that makes the sharper
+    one as blurred as the other, px: see :mod:`.sharpness`.  It was estimated when the front
     covered ``blurred_at_px`` pixels in a view.
     """
 
@@ -118,10 +117,10 @@ class ObservationSampler:
 
     def less_blurred(self) -> list[ObservationSampler]:
         """
-        Return samplers that blur both views evenly, and not at all, if this one blurs.
+        Return two samplers, one that blurs evenly and one without blur, if this one blurs.
 
-        How what is out of focus looks is known by a blur of the other view alone: between these
-        lies what may be wrong with that.
+        Blur is only a model of a view out of focus; the differences between these samplers bound
+        the error of the model.
         """
         if not any(self.blur_px):
             return []
@@ -135,7 +134,7 @@ class ObservationSampler:
         Return an observation with its derivatives; None where the front is not in both images.
 
         :param pose: (3,) s, a, b at the left stamp, m.
-        :param velocity_mps: (3,) their rates, for the right view where it was exposed later.
+        :param velocity_mps: (3,) their rates, m/s, for a right view that was exposed later.
         :param heading_rad: heading of the vehicle against the path.
         :param relief: (M,) relief of the front at its nodes, m.
         """
@@ -170,13 +169,13 @@ class ObservationSampler:
                         blurs_px: Sequence[tuple[float, float]]
                         ) -> Optional[tuple[Array, float]]:
         """
-        Return the patches (n, 2, G) of both views with each of n blurs of the two, 1-sigmas, px.
-
-        The second number is that of the pixels that they cover in a view.
+        Return the patches of both views with each of n trial blurs.
 
         :param pose: (3,) as for :meth:`observe`.
         :param velocity_mps: (3,) as for :meth:`observe`.
-        :return: None where the front is not in both images.
+        :param blurs_px: 1-sigmas of the left and the right view, px, of each trial.
+        :return: (n, 2, G) patches and the number of pixels that they cover in a view; None where
+            the front is not in both images.
         """
         rig, where = self.rig.as_taken(pair.motion), self._plane_m[:self._count]
         poses = np.stack([pose, pose + pair.right_lag_s * velocity_mps])
@@ -200,11 +199,12 @@ class ObservationSampler:
     def _cropped(self, image: NDArray[Any], bounds: Array, sigma: Sequence[float]
                  ) -> tuple[Patches, Patches, Patches]:
         """
-        Return what samples need of one view, low-passed to the grid's spacing.
+        Return the part of a view that the samples need, low-passed to the grid's spacing.
 
-        :param bounds: (2, 2) the least and the greatest of their pixels.
+        :param bounds: (2, 2) least and greatest pixel of the samples.
         :param sigma: 1-sigma of the low-pass down and across, px.
-        :return: the part of the view; where it is clipped, (0, 0) for nowhere; (2,) its origin.
+        :return: the part of the view; the mask of its clipped areas, (0, 0) if there are none; and
+            its origin (2,), px.
         """
         crop, origin = low_pass_crop(image, bounds[0] - _BORDER_PX, bounds[1] + _BORDER_PX, 1.0)
         near = _clipped(crop, image.dtype, self.noise)
@@ -221,10 +221,10 @@ def _blurred(image: Patches, sigma: Sequence[float]) -> Patches:
 
 def _clipped(crop: Patches, dtype: np.dtype[Any], noise: NoiseConfig) -> Optional[Patches]:
     """
-    Return where an image is clipped or near that, as ones; None where nothing is.
+    Return a mask of clipped pixels and those near them; None if there are none.
 
-    Light from a lamp spreads by some pixels in the lens, and much of that is clipped, too: as
-    seen from afar, the lamp is the larger beside the front.
+    Light from a lamp spreads by some pixels in the lens, and much of that is clipped too: the
+    further away the front, the larger the lamp relative to it.
     """
     most = noise.clipped_share * np.iinfo(dtype).max
     if not crop.max() >= most:

@@ -12,7 +12,7 @@ from ..core.compiled import inlined, kernel
 from ..core.records import Array
 from ..vision.sampling import Patches
 
-_LEAST_SCALE = 1e-6  # grey levels: a patch without contrast must not divide by zero
+_LEAST_SCALE = 1e-6  # grey levels; avoids a division by zero for a patch without contrast
 _LEAST_OUTLINE = 1e-9
 
 
@@ -20,10 +20,10 @@ def plain_points(positions: Array, frames: Array, beside: Array, on_vehicle: Arr
     """
     Return points (N, M, 3) of a front for many poses.
 
-    :param positions: (N, 3) of the path.
-    :param frames: (N, 3, 3) of the path.
+    :param positions: (N, 3) positions on the path.
+    :param frames: (N, 3, 3) frames of the path there.
     :param beside: (N, 2) offsets of each pose to the left and up, m.
-    :param on_vehicle: (M, 3) the points ahead, to the left and above the front's centre, m.
+    :param on_vehicle: (M, 3) coordinates ahead, to the left and above the front's centre, m.
     """
     offset = on_vehicle[None] + np.concatenate(
         [np.zeros((len(beside), 1)), beside], axis=1)[:, None]
@@ -32,7 +32,7 @@ def plain_points(positions: Array, frames: Array, beside: Array, on_vehicle: Arr
 
 @kernel(plain_points, '(f8[:,::1], f8[:,:,::1], f8[:,::1], f8[:,::1])')
 def points(positions: Any, frames: Any, beside: Any, on_vehicle: Any) -> Any:
-    """Return points; arguments as :func:`plain_points`."""
+    """Return the points; arguments are those of :func:`plain_points`."""
     out = np.empty((len(positions), len(on_vehicle), 3))
     for i in range(len(positions)):
         for d in range(3):
@@ -46,15 +46,15 @@ def points(positions: Any, frames: Any, beside: Any, on_vehicle: Any) -> Any:
 
 class Spread(NamedTuple):
     """
-    How the samples of both views lie and move, and how large the front is in them.
+    Pixels and motion of the samples in both views, and the size of the front there.
 
     :param at: (2, 2, G) columns and rows of the samples, px.
-    :param motion: (2, 6, G, 2) derivatives of the samples by s, a and b, px/m, and of those of the
-        left view less those of the right one.
-    :param centre: (2, 3, 2) means of the first three.
-    :param bounds: (2, 2, 2) of the samples, least and greatest, px.
-    :param apart: (2, 2) distance of neighbours, down and across, px.
-    :param area: (2,) of the quad of the corners, px^2.
+    :param motion: (2, 6, G, 2) derivatives of the samples by s, a and b, px/m, followed by those
+        of the left view minus those of the right one.
+    :param centre: (2, 3, 2) means over the samples of the first three, px/m.
+    :param bounds: (2, 2, 2) least and greatest pixel of the samples, px.
+    :param apart: (2, 2) mean distance of neighbours, down and across, px.
+    :param area: (2,) area of the quad of the corners, px^2.
     """
 
     at: Array
@@ -68,14 +68,14 @@ class Spread(NamedTuple):
 def plain_spread(left: Array, right: Array, rows: int, columns: int, step_m: float
                  ) -> tuple[Array, ...]:
     """
-    Return what :class:`Spread` holds.
+    Return the fields of :class:`Spread`.
 
-    :param left: (4, G + 4, 2) pixels of samples and corners at a pose in the left view, and a step
-        further along each of its axes.
-    :param right: (4, G + 4, 2) the same in the right one.
-    :param rows: of the grid of samples.
-    :param columns: of it.
-    :param step_m: the step.
+    :param left: (4, G + 4, 2) pixels of samples and corners in the left view, at a pose and one
+        step further along each of its axes.
+    :param right: (4, G + 4, 2) the same in the right view.
+    :param rows: number of rows of the grid of samples.
+    :param columns: number of columns of that grid.
+    :param step_m: the step, m.
     """
     uv, samples = np.stack([left, right]), rows * columns
     motion = (uv[:, 1:, :samples] - uv[:, :1, :samples]) / step_m
@@ -91,7 +91,7 @@ def plain_spread(left: Array, right: Array, rows: int, columns: int, step_m: flo
 
 @kernel(plain_spread, '(f8[:,:,::1], f8[:,:,::1], i8, i8, f8)')
 def spread(left: Any, right: Any, rows: Any, columns: Any, step_m: Any) -> Any:
-    """Return how samples lie; arguments as :func:`plain_spread`."""
+    """Return the fields of :class:`Spread`; arguments are those of :func:`plain_spread`."""
     samples = rows * columns
     at, motion, centre = np.empty((2, 2, samples)), np.empty((2, 6, samples, 2)), np.zeros(
         (2, 3, 2))
@@ -138,7 +138,7 @@ def spread(left: Any, right: Any, rows: Any, columns: Any, step_m: Any) -> Any:
 
 
 class Views(NamedTuple):
-    """What both views add to an observation, as documented there."""
+    """The fields of an ``Observation`` that come from the images, as documented there."""
 
     patches: Array
     jacobian: Array
@@ -151,12 +151,12 @@ class Views(NamedTuple):
 def plain_views(left: Patches, left_near: Patches, right: Patches, right_near: Patches,
                 origins: Array, at: Array, motion: Array) -> tuple[Array, ...]:
     """
-    Return what :class:`Views` holds.
+    Return the fields of :class:`Views`.
 
-    :param left: (h, w) a crop of the left view, low-passed.
-    :param left_near: (h, w) where it is clipped, low-passed as well; (0, 0) where nothing is.
+    :param left: (h, w) crop of the left view, low-passed.
+    :param left_near: (h, w) low-passed mask of its clipped areas; (0, 0) if there are none.
     :param right: as ``left``, of the right view.
-    :param right_near: as ``left_near``, of it.
+    :param right_near: as ``left_near``, of the right view.
     :param origins: (2, 2) columns and rows of the images where the crops begin.
     :param at: (2, 2, G) as of :class:`Spread`.
     :param motion: (2, 6, G, 2) as of :class:`Spread`.
@@ -172,15 +172,15 @@ def plain_views(left: Patches, left_near: Patches, right: Patches, right_near: P
 def plain_view(smooth: Patches, near: Patches, u: Array, v: Array, motion: Array
                ) -> tuple[Array, Array, Array, Array]:
     """
-    Return the patch of a view, its derivatives by pose and relief, and its outline.
+    Return the patch of a view, its derivatives by pose and relief, and its change by outlines.
 
-    :param smooth: (h, w) a crop of the view, low-passed.
-    :param near: (h, w) where it is clipped, low-passed as well; (0, 0) where nothing is.
-    :param u: (G,) columns of the samples.
-    :param v: (G,) rows of the samples.
-    :param motion: (3 k, G, 2) derivatives of the samples' places, px/m, of which those that are
-        numbered 0, 3, … are by s.
-    :return: (G,), (3 k, G), (k, G) those by s before the patch is normalised, (G,).
+    :param smooth: (h, w) crop of the view, low-passed.
+    :param near: (h, w) low-passed mask of its clipped areas; (0, 0) if there are none.
+    :param u: (G,) columns of the samples in the crop.
+    :param v: (G,) rows of the samples in the crop.
+    :param motion: (3 k, G, 2) derivatives of the samples' pixels, px/m; numbers 0, 3, … are by s.
+    :return: (G,) the patch, (3 k, G) its derivatives, (k, G) those by s before the patch is
+        normalised, (G,) its change when the outlines of clipped areas move outwards.
     """
     at, spline = np.stack([v, u]), ndimage.spline_filter(smooth, 3, np.float64)
     values = ndimage.map_coordinates(spline, at, order=3, mode='nearest', prefilter=False)
@@ -204,11 +204,11 @@ def _between(image: Patches, at: Array) -> Array:
 
 def normalised_change(jacobian: Array, patches: Array) -> Array:
     """
-    Return the derivatives of patches that are kept at zero mean and unit variance.
+    Return the derivatives of patches that are normalised to zero mean and unit variance.
 
-    :param jacobian: (..., 3, G) derivatives of the grey values before, per their deviation.
-    :param patches: (..., G).
-    :return: (..., 3, G), without any part along a constant or the patch itself.
+    :param jacobian: (..., 3, G) derivatives before, divided by the standard deviation.
+    :param patches: (..., G) normalised patches.
+    :return: (..., 3, G), orthogonal to a constant and to the patch itself.
     """
     jacobian = jacobian - jacobian.mean(axis=-1, keepdims=True)
     along = jacobian @ patches[..., None] / patches.shape[-1]
@@ -271,7 +271,7 @@ def _slope_across(image, i, j):  # type: ignore
 
 @inlined
 def _settle(change, patch):  # type: ignore
-    """Take the parts along a constant and along the patch away from a row."""
+    """Remove the components along a constant and along the patch from a row."""
     samples = len(patch)
     mean = 0.0
     for g in range(samples):
@@ -288,9 +288,9 @@ def _settle(change, patch):  # type: ignore
 
 @inlined
 def _view(smooth, near, left, top, at, motion, patch, outline, change, alone):  # type: ignore
-    """Put what :func:`plain_view` returns of one view into the last four arrays."""
+    """Write the results of :func:`plain_view` for one view into the last four arrays."""
     height, width = smooth.shape
-    spline = _down(_down(smooth))  # as high and wide as the crop again, turned over twice
+    spline = _down(_down(smooth))  # transposed twice, so again of the shape of the crop
     samples, rows = len(patch), len(motion)
     wu, wv = np.empty(4), np.empty(4)
     mean = 0.0
@@ -310,7 +310,7 @@ def _view(smooth, near, left, top, at, motion, patch, outline, change, alone):  
                 for b in range(4):
                     row += wu[b] * spline[i + a - 1, j + b - 1]
                 value += wv[a] * row
-        else:  # what lies outside repeats the border
+        else:  # the border is repeated outside the crop
             for a in range(4):
                 k, row = min(max(i + a - 1, 0), height - 1), 0.0
                 for b in range(4):
@@ -366,7 +366,7 @@ def _view(smooth, near, left, top, at, motion, patch, outline, change, alone):  
 @kernel(plain_views, '(f4[:,::1], f4[:,::1], f4[:,::1], f4[:,::1], f8[:,::1], f8[:,:,::1], '
         'f8[:,:,:,::1])')
 def views(left, left_near, right, right_near, origins, at, motion):  # type: ignore
-    """Return what both views show; arguments as :func:`plain_views`."""
+    """Return the fields of :class:`Views`; arguments are those of :func:`plain_views`."""
     samples = at.shape[2]
     patches, outlines = np.empty((2, samples)), np.zeros((2, samples))
     change, alone = np.empty((2, 6, samples)), np.empty((2, 2, samples))

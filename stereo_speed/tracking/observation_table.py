@@ -1,10 +1,10 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-What the photometry asks of observations, side by side, so that all are taken at once.
+A table of what the photometry needs of observations, so that arrays cover all of them at once.
 
-An observation stays the same for as long as it is used.  What follows from it alone is written
-down when it is first seen, and no array is put together anew for each solution.
+Observations do not change.  What follows from one alone is computed when it is first used, and no
+array is assembled anew for each solution.
 """
 from __future__ import annotations
 
@@ -20,35 +20,36 @@ from .relief import NodeSums
 from ..core.config import NoiseConfig
 from ..core.records import Array
 
-LEAST_SQUARE = 1e-12  # px^2/m^2, of disparities that tell no place
-_MORE = 8  # rows, at least, that a table grows by
+LEAST_SQUARE = 1e-12  # px^2/m^2, lower limit for disparities that do not depend on the place
+_MORE = 8  # least number of rows that a table grows by
 
 
 class Columns(NamedTuple):
     """
-    What is known of each observation; as a table, each array has one more axis in front.
+    The values of an observation; in a table, each array has one more axis in front.
 
-    Of a pose k numbers are unknown: s, a, b, and where the views are exposed apart the rates of
-    s and a, and how far down the right view is off its epipolar line.
+    Each observation has k unknowns: s, a, b and, where the views have two stamps, the rates of s
+    and a, and how far down the right view is off its epipolar line.  The last five fields are the
+    equations of the agreement of the two views.
 
-    :param pose: (k,) those that it was taken at, m, m/s and px.
-    :param right_s: by which the right view is later, and
-    :param right_m: how much higher the front is in it where that is off its line, m/px.
-    :param patches: (2, G).
-    :param both: (G,) mean of the two.
-    :param across: their correlation.
-    :param jacobian: (2, 3, G), 1/m.
-    :param relief_jacobian: (2, G), 1/m.
-    :param outlines: (2, G).
+    :param pose: (k,) unknowns at which it was taken, m, m/s and px.
+    :param right_s: how much later the right view was exposed, s.
+    :param right_m: change of b in the right view per px off its epipolar line, m/px.
+    :param patches: (2, G) left and right patch.
+    :param both: (G,) mean of the two patches.
+    :param across: correlation of the two patches.
+    :param jacobian: (2, 3, G) derivatives of the patches by the pose, 1/m.
+    :param relief_jacobian: (2, G) derivatives of the patches by the relief, 1/m.
+    :param outlines: (2, G) change by moving outlines, of unit length, or 0.
     :param relief: (G,) relief that it was taken with at each sample, m.
-    :param pixels: that it counts with.
-    :param shift_px: by which the front moves in the left view per metre of a, px/m.
+    :param pixels: number of pixels that it counts with.
+    :param shift_px: motion of the front in the left view per metre of a, px/m.
     :param disparity_px: change of the disparity per metre of s, px/m.
-    :param poses: (k, k) what the views, compared, say of the pose,
-    :param mixed: (k, m) of the pose and the relief, and
-    :param nodes: (m, m) of the relief.
-    :param right: (k,) information times measurement of the pose, and
-    :param nodes_right: (m,) of the relief.
+    :param poses: (k, k) information of the unknowns.
+    :param mixed: (k, m) information between the unknowns and the relief.
+    :param nodes: (m, m) information of the relief.
+    :param right: (k,) information times measurement of the unknowns.
+    :param nodes_right: (m,) information times measurement of the relief.
     """
 
     pose: Array
@@ -73,11 +74,11 @@ class Columns(NamedTuple):
 
 class ObservationTable:
     """
-    Rows of observations; those that are not asked for any more make room for others.
+    A table with one row per observation; rows no longer used are overwritten.
 
     :param basis: (m, G) share of the relief's nodes in each sample.
-    :param noise: how precise observations are.
-    :param apart: whether views are exposed apart.
+    :param noise: precision of observations.
+    :param apart: whether the views have two stamps.
     """
 
     def __init__(self, basis: Array, noise: NoiseConfig, *, apart: bool = False) -> None:
@@ -87,7 +88,7 @@ class ObservationTable:
         self._columns: list[Array] = []
 
     def take(self, observations: Sequence[Observation]) -> tuple[Columns, NDArray[np.int64]]:
-        """Return a table that has all of these observations, and their rows in it."""
+        """Return a table that contains all of the observations, and their rows in it."""
         kept = {o: self._rows[o] for o in observations if o in self._rows}
         taken = set(kept.values())
         free = (k for k in count() if k not in taken)
@@ -111,14 +112,14 @@ class ObservationTable:
 
     def _row(self, observation: Observation) -> Columns:
         """
-        Return what is known of one observation; its two patches, compared, say where it is.
+        Return the values of one observation, with the equations of its two patches.
 
-        Their information is bounded by the usual scatter of a disparity.
+        Their information is limited by the usual scatter of a disparity.
         """
         o, noise, relief = observation, self.noise, observation.relief @ self.basis
         parts, pose = o.apart_jacobian, o.pose
         up_m = -1 / max(float(o.shift_px[1, 2]), LEAST_SQUARE)
-        if self.apart:  # a faster vehicle has gone further until the right view
+        if self.apart:  # a faster vehicle travels further until the right view is exposed
             goes, lies = o.lag_s * o.jacobian[1, :2], up_m * o.jacobian[1, 2]
             parts, pose = np.vstack([parts, -goes, -lies]), np.append(
                 pose, [*o.velocity_mps[:2], 0.0])

@@ -1,15 +1,15 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Vehicles that keep their speed until they brake or accelerate, and then keep it again.
+Onsets: vehicles that keep their speed, then brake or accelerate, then keep their speed again.
 
-A driver brakes at once, and stops braking at once, and the newest pairs show little of it: in a
-tenth of a second at 6 m/s^2 a vehicle falls behind by 3 cm and loses 1.3 mph.  So the speed may
-begin to change, and end to, at any pair, and where pairs are rare between them.  The acceleration
-meanwhile is one more unknown, constant and eliminated.  It enters nothing but the random walk of
-the speeds and the ways between them, so that all onsets follow from the answer without any in
-closed form: what one does that ends is what one does that does not, less what one would that
-begins then.
+Braking begins and ends abruptly, and the newest pairs show little of it: in a tenth of a second at
+6 m/s^2 a vehicle falls behind by 3 cm and loses 1.3 mph.  So a change of speed may begin and end
+at any pair and, where pairs are far apart, between pairs.  Its acceleration is one more unknown,
+which is constant and eliminated.  It affects only the random walk of the speeds and the distances
+between pairs, so the answers for all onsets follow in closed form from the answer without one.
+The effect of a change that ends is that of one which begins at its onset, minus that of one which
+begins at its end, both without an end.
 """
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ from .motion_prior import StateIndex
 from ..core.records import Array
 from ..estimation.gaussian import Conditioned
 
-_PART_S = 0.1  # in which times are taken as one: half of it at 6 m/s^2 is less than 1 cm
-_PARTS_OF_MOST = np.arange(1, 5) / 4  # less of an acceleration shows later
-_MOST_PARTS = 4  # of an interval out of sight: pairs of times, and so the cost, grow as the square
+_PART_S = 0.1  # resolution of onset times; half of it at 6 m/s^2 makes less than 1 cm
+_PARTS_OF_MOST = np.arange(1, 5) / 4  # shares of the greatest acceleration; less shows later
+_MOST_PARTS = 4  # parts, at most, of an interval without pairs; the cost grows as their square
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,9 +34,9 @@ class Moments:
     """
     Moments of a mixture of Gaussians.
 
-    :param mean: of the unknowns.
-    :param covariance: of them.
-    :param log_evidence: of all its members together.
+    :param mean: mean of the unknowns.
+    :param covariance: covariance of the unknowns.
+    :param log_evidence: logarithm of the evidence of all its members together.
     """
 
     mean: Array
@@ -47,11 +47,11 @@ class Moments:
 @dataclass(frozen=True)
 class Onsets:
     """
-    How vehicles that keep their speed begin to change it.
+    Statistics of speed changes of vehicles that keep their speed.
 
-    :param per_s: how often, 1/s.
-    :param lasts_s: mean time for which they do, s.
-    :param std_mps2: 1-sigma of the acceleration meanwhile.
+    :param per_s: rate of onsets, 1/s.
+    :param lasts_s: mean duration of a change, s.
+    :param std_mps2: 1-sigma of the acceleration during it, m/s^2.
     """
 
     per_s: float
@@ -62,17 +62,19 @@ class Onsets:
 @dataclass(frozen=True, eq=False)
 class Changes:
     """
-    What accelerations of 1 m/s^2 do that begin at one of m times and do not end.
+    Effects of accelerations of 1 m/s^2 that begin at one of m times and do not end.
 
-    The times are those of the pairs and some between them, and the last, which counts for one that
-    has not ended yet.
+    The times are those of the pairs and some between them.  The last one, at the newest pair,
+    stands for a change that has not ended yet.  With the effect d of an acceleration on the
+    differences of speeds and on the distances, their Jacobian J by the unknowns, and their
+    information W:
 
-    :param pull: (m, k) on all unknowns, of the walk of the speeds and the ways between them.
-    :param own: (m, m) information of them, and of each with each.
-    :param lasts_s: (m,) until the last pair.
-    :param gaps_s: (m,) time that each stands for.
-    :param none: (m, m) where one would end before it begins.
-    :param long_s: from the first pair to the last.
+    :param pull: (m, k) d' W J of each time, for all unknowns.
+    :param own: (m, m) d' W d of each two times.
+    :param lasts_s: (m,) time from each until the last pair, s.
+    :param gaps_s: (m,) time interval that each stands for, s.
+    :param none: (m, m) whether a change would end (column) no later than it begins (row).
+    :param long_s: time from the first pair to the last, s.
     """
 
     pull: Array
@@ -83,7 +85,7 @@ class Changes:
     long_s: float
 
     def newest(self, seconds: float) -> Changes:
-        """Return those that began no longer ago."""
+        """Return the changes that began no longer ago than a time."""
         few = slice(int(np.argmax(self.lasts_s <= seconds)), None)
         return replace(self, pull=self.pull[few], own=self.own[few, few],
                        lasts_s=self.lasts_s[few], gaps_s=self.gaps_s[few],
@@ -92,11 +94,12 @@ class Changes:
 
 def changes(times_s: Array, at: StateIndex, ways: Array, rate: float) -> Changes:
     """
-    Return what accelerations do to the unknowns of a pass.
+    Return the effects of accelerations on the unknowns of a pass.
 
     :param times_s: (n,) stamps, s.
-    :param at: where the unknowns are.
-    :param ways: (n - 1, n - 1) information of the ways from pair to pair, given the speeds, 1/m^2.
+    :param at: indices of the unknowns.
+    :param ways: (n - 1, n - 1) information of the distances from pair to pair, given the speeds,
+        1/m^2.
     :param rate: random walk of the speed, m/s/sqrt(s).
     """
     gained_s, behind_s2, between_s = _gained(times_s)
@@ -114,16 +117,17 @@ def changes(times_s: Array, at: StateIndex, ways: Array, rate: float) -> Changes
 
 def _gained(times_s: Array) -> tuple[Array, Array, Array]:
     """
-    Return what an acceleration of 1 m/s^2 that begins at each of m times adds in each interval.
+    Return the effect of 1 m/s^2 from each of m times on in each interval between pairs.
 
-    :return: (m, n - 1) speed, s; (m, n - 1) by how much the way exceeds that of the mean of the
-        speeds at its ends, s^2; (m,) time that each stands for, s.
+    :return: (m, n - 1) speed gained, s; (m, n - 1) distance beyond that of the mean of the speeds
+        at both ends, s^2; (m,) time that each of the m times stands for, s.
     """
     gaps_s = np.diff(times_s)
     parts = np.clip(np.rint(gaps_s / _PART_S), 1, _MOST_PARTS).astype(int)
     interval = np.repeat(np.arange(len(gaps_s)), parts)
     rows = np.arange(len(interval))
-    gone = (rows - np.repeat(np.cumsum(parts) - parts, parts)) / parts[interval]  # share of it
+    # share of the interval that has passed
+    gone = (rows - np.repeat(np.cumsum(parts) - parts, parts)) / parts[interval]
     own_s = gaps_s[interval]
     gained_s, behind_s2 = np.zeros((2, len(rows) + 1, len(gaps_s)))
     gained_s[:-1] = np.where(np.arange(len(gaps_s)) > interval[:, None], gaps_s, 0.0)
@@ -135,24 +139,26 @@ def _gained(times_s: Array) -> tuple[Array, Array, Array]:
 def with_onsets(steady: Union[Conditioned, Moments], may: Changes, onsets: Onsets,
                 rate_factor: Union[float, Array] = 1.0) -> Moments:
     """
-    Return what is known when a vehicle may begin to change its speed, and end to.
+    Return the answer for a vehicle that may begin, and end, to change its speed.
 
-    :param steady: what is known when it does not: its speed is a Wiener process.
-    :param may: what that does.
-    :param onsets: how it does.
-    :param rate_factor: of how often they do, where others are counted to these; maybe (m,).
+    :param steady: the answer without changes, where the speed is a Wiener process.
+    :param may: effects of changes.
+    :param onsets: statistics of changes.
+    :param rate_factor: factor on the rate of onsets, above 1 where those of other hypotheses are
+        counted here; a number or (m,).
     """
     mean, covariance = steady.mean, steady.covariance
     moves = may.pull @ covariance
     told = may.pull @ mean
-    # What is known of the walk lessens what it tells, to nothing at most but for rounding.
+    # Uncertain unknowns reduce the information about an acceleration, at most to 0 but for
+    # rounding.
     tells = np.maximum(_between(may.own - moves @ may.pull.T), 0.0)
     known = tells + 1 / onsets.std_mps2 ** 2
     told = told[:, None] - told
     accelerations = told / known
     begins = np.log(rate_factor * onsets.per_s * may.gaps_s) - may.lasts_s / onsets.lasts_s
     ends = np.log(may.gaps_s / onsets.lasts_s) + may.lasts_s / onsets.lasts_s
-    ends[-1] = 0.0  # has not ended yet
+    ends[-1] = 0.0  # the change has not ended yet
     log_share = begins[:, None] + ends - 0.5 * np.log(known * onsets.std_mps2 ** 2) \
         + 0.5 * told * accelerations
     log_share[may.none] = -np.inf
@@ -171,26 +177,26 @@ def with_onsets(steady: Union[Conditioned, Moments], may: Changes, onsets: Onset
 @dataclass(frozen=True, eq=False)
 class Unnoticed:
     """
-    By how much a speed may be wrong that has begun to change, before it shows.
+    Errors of the newest speed while a change of speed does not show yet.
 
-    :param speed_mps: (k,) error of the newest speed, one for each change that may be, m/s, and
-    :param rate_mps2: (k,) by which it grows until more is known, m/s^2.
+    :param speed_mps: (k,) error of the newest speed for each possible change, m/s.
+    :param rate_mps2: (k,) rate at which it grows until the next pair, m/s^2.
     """
 
     speed_mps: Array
     rate_mps2: Array
 
     def after(self, seconds: float) -> float:
-        """Return the greatest error some time after the newest speed, m/s."""
+        """Return the greatest error a time after the newest speed, m/s."""
         return float((self.speed_mps + seconds * self.rate_mps2).max())
 
     @classmethod
     def any_of(cls, several: Sequence[Unnoticed], most_mps2: float) -> Unnoticed:
         """
-        Return all that may be wrong by any of several views of it.
+        Return the errors under several hypotheses together.
 
-        :param most_mps2: greatest acceleration, which may begin with the newest pair whatever
-            the view.
+        :param most_mps2: greatest acceleration, m/s^2, which may begin at the newest pair under
+            any hypothesis.
         """
         return cls(np.concatenate([[0.0], *(one.speed_mps for one in several)]),
                    np.concatenate([[most_mps2], *(one.rate_mps2 for one in several)]))
@@ -199,20 +205,20 @@ class Unnoticed:
 def unnoticed(steady: Union[Conditioned, Moments], may: Changes, onsets: Onsets, newest: int,
               most_mps2: float) -> Unnoticed:
     """
-    Return what changes of the speed do to what is known of it, as they are noticed by and by.
+    Return the errors of the newest speed due to changes that are noticed only gradually.
 
-    Who brakes is told from who keeps the speed by what the pairs have shown since, which at first
-    is nothing: the answer of :func:`with_onsets` is that of most drivers.  Here it is asked what
-    it would be, but for noise, with each onset there may be.
+    Pairs distinguish braking from a constant speed only by what they show since its onset, which
+    at first is nothing: :func:`with_onsets` then answers as for most drivers.  This function finds
+    for each possible onset, without noise, how far off that answer would be.
 
-    :param steady: what is known when there is none.
-    :param may: what each does.
-    :param onsets: how drivers do; where they never do, nothing is noticed.
+    :param steady: the answer without changes.
+    :param may: effects of changes.
+    :param onsets: statistics of changes; with a rate of 0 none is ever noticed.
     :param newest: index of the newest speed.
-    :param most_mps2: greatest acceleration.
+    :param most_mps2: greatest acceleration, m/s^2.
     """
     moves = may.pull @ steady.covariance
-    shows = may.own - moves @ may.pull.T  # of each, for each that it is taken for
+    shows = may.own - moves @ may.pull.T  # evidence of each true onset for each assumed one
     known = np.maximum(np.diag(shows), 0.0)[:-1] + 1 / onsets.std_mps2 ** 2
     with np.errstate(divide='ignore'):
         before = np.log(onsets.per_s * may.gaps_s[:-1]) - may.lasts_s[:-1] / onsets.lasts_s \
@@ -229,6 +235,6 @@ def unnoticed(steady: Union[Conditioned, Moments], may: Changes, onsets: Onsets,
 
 
 def _between(products: Array) -> Array:
-    """Return the squares (m, m) of differences of vectors whose products (m, m) are known."""
+    """Return squared distances (m, m) of vectors from their inner products (m, m)."""
     own = np.diag(products)
     return np.asarray(own[:, None] + own - products - products.T)

@@ -1,10 +1,10 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-From a pass's posterior to its result: the speed, its uncertainty budget, and the verdict.
+The result of a pass from its posterior: the speed, its uncertainty budget, and the verdict.
 
-A pass that cannot be measured well is rejected with its reason, never guessed.  The budget is
-derived in ``docs/uncertainty.md``.
+A pass that cannot be measured well is rejected with its reason.  The budget is derived in
+``docs/uncertainty.md``.
 """
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ from ..road.lanes import LanePath
 def rig_share(rig: StereoRig, lane: LanePath, config: TrackerConfig,
               s_m: Optional[float] = None) -> float:
     """
-    Return the 1-sigma of the scale of all speeds by the rig, as a share.
+    Return the 1-sigma of the scale of all speeds due to the rig, as a share.
 
-    Focal length, baseline and the length of the path add to it: ranges, and so speeds along the
-    path, are proportional to the first two (Z = f b / d).
+    Focal length, baseline and the length of the path contribute to it: ranges, and so speeds along
+    the path, are proportional to the first two (Z = f b / d).
 
-    :param s_m: arc length of a live reading; None for the mean of a pass.
+    :param s_m: arc length of a live reading, m; None for the mean of a pass.
     """
     baseline = config.baseline_std_m / rig.baseline_m
     path = lane.scale_std if s_m is None else float(lane.scale_std_at(np.array(s_m)))
@@ -40,7 +40,7 @@ def rig_share(rig: StereoRig, lane: LanePath, config: TrackerConfig,
 def calibration_share(rig: StereoRig, lane: LanePath, config: TrackerConfig,
                       s_m: Optional[float] = None) -> float:
     """
-    Return the 1-sigma of the scale of all speeds by the rig and by the shape of the path.
+    Return the 1-sigma of the scale of all speeds due to the rig and to the shape of the path.
 
     :param s_m: as for :func:`rig_share`.
     """
@@ -48,20 +48,20 @@ def calibration_share(rig: StereoRig, lane: LanePath, config: TrackerConfig,
 
 
 def live_std(posterior_std_mps: float, speed_mps: float, calibration: float) -> float:
-    """Return the 1-sigma of a live reading, m/s: of its posterior, and of the calibration."""
+    """Return the 1-sigma of a live reading, m/s, from its posterior and the calibration."""
     return math.hypot(posterior_std_mps, calibration * speed_mps)
 
 
 @dataclass(frozen=True, eq=False)
 class Pass:
     """
-    All that a pass's result follows from.
+    The data from which the result of a pass follows.
 
     :param track: number of the track.
     :param lane: lane whose path it was measured along.
-    :param stamps_ns: stamps of the pairs it was wholly seen in; of the first pair if in none.
-    :param solved: from all its observations; None when it was never seen.
-    :param extent_px: greatest width or height of its front in a view.
+    :param stamps_ns: stamps of the pairs that show the whole front; of the first pair if none do.
+    :param solved: solution from all its observations; None when it was never seen.
+    :param extent_px: greatest width or height of its front in the left view, px.
     :param end: how its track ended.
     """
 
@@ -98,15 +98,15 @@ def conclude(found: Pass, rig: StereoRig, config: TrackerConfig) -> PassResult:
 
 
 def _interpolation(at_s: Array, known_s: Array) -> Array:
-    """Return shares (m, n) of known times in others, by linear interpolation of neighbours."""
+    """Return the weights (m, n) of known times in linear interpolation at other times."""
     return np.stack([np.interp(at_s, known_s, row) for row in np.eye(len(known_s))], axis=1)
 
 
 def _budget(solved: SolvedPass, mean: Array, calibration_mps: float) -> SpeedBudget:
     """
-    Return the variance of the mean ground speed, split by where it comes from.
+    Return the uncertainty of the mean ground speed, split by its sources.
 
-    :param mean: (n,) shares of the observations' speeds in the mean over the pass.
+    :param mean: (n,) weights of the observations' speeds in the mean over the pass.
     """
     share = solved.posterior.ground_ratio() * mean
 
@@ -126,7 +126,7 @@ def _rest(whole: float, part: float) -> float:
 
 def _reason(found: Pass, posterior: Posterior, speeds: Array, std_mps: float, share: float,
             config: TrackerConfig) -> Optional[Reason]:
-    """Return why a pass is rejected; None when it is measured."""
+    """Return why a pass is rejected; None if it is not."""
     limits = config.verdict
     if len(found.stamps_ns) < limits.least_pairs:
         return Reason.TOO_FEW_PAIRS

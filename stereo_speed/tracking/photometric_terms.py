@@ -1,10 +1,10 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-The sums over grey values that the photometric normal equations are made of.
+The sums over grey values that make up the photometric normal equations.
 
 Each is a kernel: a loop that is compiled where numba is installed, beside the same in plain
-numpy, which is the easier to read.
+numpy, which is easier to read.
 """
 from __future__ import annotations
 
@@ -17,20 +17,21 @@ from ..core.compiled import inlined, kernel
 from ..core.records import Array
 from ..estimation.student import student_weights
 
-_LEAST_VARIANCE = 1e-4  # of residuals, in those of a patch: identical patches prove little
-_ROUNDS = 3  # of texture, gains and weights, each of which follows from the others
-_STUDENT_ROUNDS = 3  # as student_weights
-_LEAST_MOTION = 1e-9  # information, 1/m^2: a patch without contrast tells of none
-_LEAST_SHARE = 1e-9  # of the greatest information: motions that look alike count as one
-_LEAST_SIZE = 1e-3  # outlines that are as parallel as this are one
+_LEAST_VARIANCE = 1e-4  # of residuals, relative to a patch; identical patches prove little
+_ROUNDS = 3  # iterations of texture, gains and weights, which depend on each other
+_STUDENT_ROUNDS = 3  # as in student_weights
+_LEAST_MOTION = 1e-9  # information added, 1/m^2, for patches without contrast
+_LEAST_SHARE = 1e-9  # share of the information added, for motions that look alike
+_LEAST_SIZE = 1e-3  # singular value below which the outlines of both views count as parallel
 
 
 class TemporalTerms(NamedTuple):
     """
-    Agreement of n observations with the texture they share, itself eliminated.
+    Agreement of n observations with their common texture, which is eliminated.
 
-    :param shared: (3 n, G) whose product with its transpose is what the texture takes away.
-    :param mixed: (3 n, G) information of poses and of the relief of each sample.
+    :param shared: (3 n, G) factor whose product with its transpose is the information that is
+        lost to the unknown texture.
+    :param mixed: (3 n, G) information between poses and the relief of each sample.
     :param relief: (G,) information of the relief of each sample.
     :param relief_right: (G,) information times measurement of the relief of each sample.
     :param blocks: (n, 3, 3) information of each pose.
@@ -51,17 +52,17 @@ def plain_temporal(rows: NDArray[np.int64], patches: Array, jacobian: Array, by_
     """
     Return the terms of :func:`temporal`, in plain numpy.
 
-    :param rows: (n,) those of the observations in tables of k.
-    :param patches: (k, 2, G); in place of two there may be any number of views.
+    :param rows: (n,) rows of the observations in tables of k.
+    :param patches: (k, 2, G); instead of two there may be any number of views.
     :param jacobian: (k, 2, 3, G) derivatives of the patches by the pose, 1/m.
-    :param by_relief: (k, 2, G) and by the relief of each sample, 1/m.
-    :param outlines: (k, 2, G) of unit length, or 0.
+    :param by_relief: (k, 2, G) derivatives of the patches by the relief of each sample, 1/m.
+    :param outlines: (k, 2, G) change by moving outlines, of unit length, or 0.
     :param relief: (k, G) relief that each observation was taken with, m.
-    :param pixels: (n,) pixels that each counts with, 0 for none.
-    :param shift_px: (k,) by which the front moves per metre of a, px/m.
-    :param dof: degrees of freedom of the residuals.
-    :param independent: share of the pixels whose noise is their own.
-    :param floor_px: error of matching that no number of samples averages away.
+    :param pixels: (n,) number of pixels that each counts with, 0 to leave it out.
+    :param shift_px: (k,) motion of the front per metre of a, px/m.
+    :param dof: degrees of freedom of the t distribution of the residuals.
+    :param independent: share of the pixels whose noise is independent.
+    :param floor_px: systematic error of matching, which does not average out over samples.
     """
     patches, jacobian, by_relief = patches[rows], jacobian[rows], by_relief[rows]
     outlines, relief, shift_px = outlines[rows], relief[rows], shift_px[rows]
@@ -81,7 +82,7 @@ def plain_temporal(rows: NDArray[np.int64], patches: Array, jacobian: Array, by_
     w = (independent * pixels / samples / variance)[:, None, None] * weights
     per_px = (w * np.square(jacobian[:, :, 1])).sum(axis=(1, 2)) / np.maximum(shift_px ** 2, 1e-9)
     w = w / (1 + floor_px ** 2 * per_px)[:, None, None]
-    # as they would be on a plane, to first order
+    # residuals as they would be on a plane, to first order
     flat = residual.reshape(patches.shape) - by_relief * relief[:, None]
     total = w.sum(axis=(0, 1))
     flat = flat - (w * flat).sum(axis=(0, 1)) / total
@@ -169,7 +170,7 @@ def _temporal(rows, patches, jacobian, by_relief, outlines, relief, pixels,  # t
                     b0 += w * j0 * r
                     b1 += w * j1 * r
                     b2 += w * j2 * r
-            # the pose that explains most, by Cholesky's factor
+            # the pose that explains most of the residual, by a Cholesky factor
             least = _LEAST_SHARE * (a00 + a11 + a22) + _LEAST_MOTION
             l00 = np.sqrt(a00 + least)
             l10, l20 = a01 / l00, a02 / l00
@@ -264,7 +265,7 @@ def _temporal(rows, patches, jacobian, by_relief, outlines, relief, pixels,  # t
 def temporal(rows: NDArray[np.int64], patches: Array, jacobian: Array, by_relief: Array,
              outlines: Array, relief: Array, pixels: Array, shift_px: Array, dof: float,
              independent: float, floor_px: float) -> TemporalTerms:
-    """Return how observations agree with their texture; arguments as :func:`plain_temporal`."""
+    """Return the agreement with the texture; arguments are those of :func:`plain_temporal`."""
     return TemporalTerms(*_temporal(rows, patches, jacobian, by_relief, outlines, relief, pixels,
                                     shift_px, dof, independent, floor_px))
 
@@ -273,11 +274,11 @@ class CrossTerms(NamedTuple):
     """
     Agreement of the two patches of one observation.
 
-    :param block: (k, k) information of the pose, and of the speed where that counts.
-    :param mixed: (k, G) of these and of the relief of each sample.
-    :param relief: (G,) of the relief of each sample.
-    :param right: (k,) information times measurement of these.
-    :param relief_right: (G,) of the relief of each sample.
+    :param block: (k, k) information of the pose, and of further unknowns if there are any.
+    :param mixed: (k, G) information between these and the relief of each sample.
+    :param relief: (G,) information of the relief of each sample.
+    :param right: (k,) information times measurement of the pose and further unknowns.
+    :param relief_right: (G,) information times measurement of the relief of each sample.
     """
 
     block: Array
@@ -292,15 +293,15 @@ def plain_cross(patches: Array, jacobian: Array, by_relief: Array, outlines: Arr
     """
     Return the terms of :func:`cross`, in plain numpy.
 
-    :param patches: (2, G).
-    :param jacobian: (k, G) derivatives of the left patch less the right one by the pose, 1/m, and
-        by whatever else counts.
-    :param by_relief: (G,) and by the relief of each sample, 1/m.
-    :param outlines: (2, G) of unit length, or 0.
-    :param relief: (G,) relief that it was taken with, m.
-    :param pixels: that it counts with.
-    :param dof: degrees of freedom of the residuals.
-    :param independent: share of the pixels whose noise is their own.
+    :param patches: (2, G) left and right patch.
+    :param jacobian: (k, G) derivatives of the left minus the right patch by the pose, 1/m, and by
+        further unknowns.
+    :param by_relief: (G,) the same derivatives by the relief of each sample, 1/m.
+    :param outlines: (2, G) change by moving outlines, of unit length, or 0.
+    :param relief: (G,) relief that the observation was taken with, m.
+    :param pixels: number of pixels that it counts with.
+    :param dof: degrees of freedom of the t distribution of the residuals.
+    :param independent: share of the pixels whose noise is independent.
     """
     left, right = patches
     size, basis = np.linalg.svd(outlines, full_matrices=False)[1:]
@@ -313,7 +314,7 @@ def plain_cross(patches: Array, jacobian: Array, by_relief: Array, outlines: Arr
         weights, variance = student_weights(
             _still(r, J[0], weights), weights, dof, _LEAST_VARIANCE)
     w = independent * pixels / len(left) / variance * weights[0]
-    # As the residual would be on a plane, to first order.
+    # The residual as it would be on a plane, to first order.
     weighted = w * (r[0] - by_relief * relief)
     return CrossTerms(block=(w * J) @ J.T, mixed=w * J * by_relief,
                       relief=w * np.square(by_relief), right=-J @ weighted,
@@ -329,7 +330,7 @@ def _cross(patches, jacobian, by_relief, outlines, relief, pixels,  # type: igno
            dof, independent):
     samples = patches.shape[1]
     left, right = patches[0], patches[1]
-    # the singular vectors of two rows, from the eigenvectors of their products
+    # singular vectors of the two rows, from the eigenvectors of their inner products
     basis, spans = np.zeros((2, samples)), 0
     a = b = c = 0.0
     for g in range(samples):
@@ -413,19 +414,19 @@ def _cross(patches, jacobian, by_relief, outlines, relief, pixels,  # type: igno
 
 def cross(patches: Array, jacobian: Array, by_relief: Array, outlines: Array, relief: Array,
           pixels: float, dof: float, independent: float) -> CrossTerms:
-    """Return how the patches of an observation agree; arguments as :func:`plain_cross`."""
+    """Return the agreement of two patches; arguments are those of :func:`plain_cross`."""
     return CrossTerms(*_cross(patches, jacobian, by_relief, outlines, relief, pixels, dof,
                               independent))
 
 
 def _settled(residual: Array, jacobian: Array, weights: Array) -> Array:
     """
-    Return residuals (n, 2, G) less what the pose that explains each best makes of it.
+    Return residuals (n, 2, G) minus the part that a change of pose explains.
 
-    For the reason of :func:`_still`.
+    The reason is that of :func:`_still`.
 
     :param jacobian: (n, 2, 3, G) derivatives by the pose.
-    :param weights: (n, 2, G) of the samples.
+    :param weights: (n, 2, G) weights of the samples.
     """
     weighted = jacobian * weights[:, :, None]
     information = np.einsum('nvag,nvbg->nab', weighted, jacobian)
@@ -437,13 +438,14 @@ def _settled(residual: Array, jacobian: Array, weights: Array) -> Array:
 
 def _still(residual: Array, motion: Array, weights: Array) -> Array:
     """
-    Return a residual (1, G) less what the motion that explains it best makes of it.
+    Return a residual (1, G) minus the part that a motion explains.
 
-    What is not yet in place differs most where it tells most of its place.  Were it weighed by
-    that, edges would count for nothing, and it would stay wherever it is.
+    A patch that is not yet in place has its largest residuals at edges, which determine the place.
+    If these residuals counted as outliers, edges would lose their weight, and the patch would
+    never move into place.
 
     :param motion: (G,) derivative by the motion.
-    :param weights: (1, G) of the samples.
+    :param weights: (1, G) weights of the samples.
     """
     weighted = weights[0] * motion
     moved = residual @ weighted / (weighted @ motion + _LEAST_MOTION)
@@ -452,9 +454,9 @@ def _still(residual: Array, motion: Array, weights: Array) -> Array:
 
 def beside(patches: Array, texture: Array, weights: Array) -> Array:
     """
-    Return patches (N, G) less the gain and the level of a texture (G,) that fit each best.
+    Return patches (N, G) minus a texture (G,) with the gain and level that fit each best.
 
-    :param weights: (N, G) of the samples.  What is an outlier has changed gain and level, too.
+    :param weights: (N, G) weights of the samples, so that outliers do not affect gain and level.
     """
     share = weights / weights.sum(axis=1, keepdims=True)
     deviation = texture - (share @ texture)[:, None]

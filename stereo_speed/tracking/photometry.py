@@ -1,24 +1,25 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-What the observations of a pass say of its poses: least squares on their grey values.
+The equations of the observations of a pass for its poses: least squares on grey values.
 
 - *Cross*: the left and the right patch of a pair agree (2012, eq. 16), which fixes the depth.
-- *Temporal*: every patch agrees with the one texture of the front, itself unknown and eliminated
-  by its weighted mean (variable projection), which fixes the motion.
+- *Temporal*: every patch agrees with the texture of the front, which fixes the motion.  The
+  texture is unknown, and eliminated by its weighted mean (variable projection).
 
-A grey value counts by its own evidence.  Lamps that clip keep their size in pixels while the front
-grows, reflections slide over the paint, dirt on the glass stays where it is: their residuals have
-heavy tails, and each is weighed by the t distribution, between the views and over time.
+Each grey value has its own weight.  Clipped lamps keep their size in pixels while the front grows,
+reflections slide over the paint, dirt on the glass stays in place: residuals have heavy tails, so
+they are weighted by the t distribution, between the views and over time.
 
-Noise is what the residuals show; below it lies a floor of systematic error (interpolation, relief,
-light) that no number of samples averages away, so that an observation is never believed beyond it.
-Edges of lamps that clip or compression shift what the views show, in each pair otherwise: by how
-much the disparities of a pass scatter is unknown, and weighed by evidence like the ways to drive.
+The noise is estimated from the residuals.  In addition there is a floor of systematic error
+(interpolation, relief, light) that does not average out over samples and limits the weight of an
+observation.  Edges of clipped lamps, and image compression, shift the disparity of each pair
+differently.  The scatter of the disparities of a pass is therefore unknown, and weighed by
+evidence like the motion models.
 
-A front that is occluded in part, by a pole or another vehicle, still looks much like itself, but
-what occludes it moves otherwise and would drag it along: such an observation agrees worse than the
-best do, between the views too, and counts for nothing.
+A front that is partly occluded, by a pole or another vehicle, still looks much like itself, but
+what occludes it moves differently and would drag it along.  Such an observation agrees worse than
+the best ones do, also between the views, and does not count.
 """
 from __future__ import annotations
 
@@ -42,12 +43,12 @@ from ..vision.ncc import ncc as correlation
 @dataclass(frozen=True, eq=False)
 class Equations:
     """
-    What images say of poses and relief, as normal equations.
+    Normal equations of the images for poses and relief.
 
     :param H: (k, k) information.
     :param right: (k,) information times measurement.
-    :param log_density: logarithm of the density of the measurements where the unknowns are 0, but
-        for what is the same for all scatters.
+    :param log_density: logarithm of the density of the measurements where the unknowns are 0, up
+        to a constant that is the same for all scatters.
     """
 
     H: Array
@@ -58,23 +59,24 @@ class Equations:
 @dataclass(frozen=True, eq=False)
 class Photometry:
     """
-    The observations of a pass as normal equations about their poses and the relief of the front.
+    The normal equations of a pass's observations for their poses and the relief of the front.
 
-    There are k = 3 n + m unknowns: s, a, b of each observation and the relief.  Where views are
-    exposed apart there are k = 5 n + m: before the relief come the speeds, for by these the front
-    has gone on in the right view, and behind it how far down each right view is off its epipolar
-    line, px.  That tells the time between the views (``steadying.view_lag``), and so no speed.
+    There are k = 3 n + m unknowns: s, a, b of each observation and the relief.  Where the views
+    have two stamps there are k = 5 n + m.  The speeds come before the relief, because the front
+    moves on until the right view is exposed.  After it comes how far down each right view is off
+    its epipolar line, px, which serves to find the time between the views
+    (``steadying.view_lag``) and must not influence the speed.
 
-    :param H: (k, k) information about them, were the disparities no further off than usual.
+    :param H: (k, k) information, for the usual scatter of disparities.
     :param right: (k,) information times measurement.
-    :param along: (n, k) the part of H that each disparity alone tells, by its own place.
-    :param along_right: (n,) the same of ``right``.
-    :param own_m: (n,) 1/m^2, information of the place along the path by each disparity.
+    :param along: (n, k) part of H from each disparity alone: its row for the place s.
+    :param along_right: (n,) the same part of ``right``.
+    :param own_m: (n,) information of each disparity about its place s, 1/m^2.
     :param disparity_px: (n,) change of the disparity along the path, px/m.
     :param cross_ncc: (n,) left-right NCC of each observation.
     :param texture_ncc: (n,) NCC of each observation with the texture.
-    :param limits: when an observation shows the vehicle, and the whole of it.
-    :param lines: number of right views whose line is unknown.
+    :param limits: parameters; here, when an observation shows the vehicle, and all of it.
+    :param lines: number of right views whose offset from the epipolar line is unknown.
     """
 
     H: Array
@@ -90,11 +92,11 @@ class Photometry:
 
     def scattered(self, more_px: float) -> Equations:
         """
-        Return the equations where disparities scatter by more than usual.
+        Return the equations for a larger scatter of disparities.
 
-        The scatter of each is one more unknown, eliminated here.
+        The additional error of each disparity is one more unknown, which is eliminated here.
 
-        :param more_px: 1-sigma of what is added to the usual scatter, px.
+        :param more_px: 1-sigma that is added to the usual scatter, px.
         """
         square = more_px ** 2
         if not square:
@@ -109,9 +111,9 @@ class Photometry:
 
     def apart(self, rates_per_s: Array) -> Photometry:
         """
-        Return this where the rates across the path are those of its poses.
+        Return the equations with the rates across the path expressed by the poses.
 
-        :param rates_per_s: (n, n) rates of a by all a, 1/s.
+        :param rates_per_s: (n, n) derivatives of the rates of a by all a, 1/s.
         """
         n = len(rates_per_s)
         unknowns = np.eye(len(self.right))
@@ -131,10 +133,10 @@ class Photometry:
     @cached_property
     def unoccluded(self) -> NDArray[np.bool_]:
         """
-        Return which observations (n,) agree about as well as the best do: nothing occludes.
+        Return which observations (n,) agree about as well as the best, so are not occluded.
 
-        What occludes lies nearer, so that the views disagree, too.  While they agree as well as
-        noise allows, it is light that has changed: a reflection, an exposure.
+        An occluding object is nearer than the front, so the views disagree too.  If the views
+        agree as well as noise allows, only the light has changed: a reflection, or the exposure.
         """
         cross, texture = (_lack(ncc, self.limits) for ncc in (self.cross_ncc, self.texture_ncc))
         deficit = self.limits.occlusion_deficit
@@ -142,35 +144,35 @@ class Photometry:
 
 
 def _lack(ncc: Array, limits: VisibilityConfig) -> Array:
-    """Return by how much observations (n,) lack more than noise makes the best ones lack."""
+    """Return 1 - NCC of observations (n,), minus what noise explains in the best ones."""
     return np.asarray(1 - ncc - _explained(ncc, limits))
 
 
 def _explained(ncc: Array, limits: VisibilityConfig) -> float:
-    """Return what observations (n,) may lack by noise, as the best of them show it."""
+    """Return the value of 1 - NCC that noise explains, judged by the best observations."""
     return limits.occlusion_noise_factor * float(
         np.quantile(1 - ncc, limits.occlusion_best_share))
 
 
 def views_agree(cross_ncc: float, others: Array, limits: VisibilityConfig) -> bool:
     """
-    Return whether the views of one more observation agree as well as noise lets the best do.
+    Return whether the views of another observation agree as well as noise allows.
 
-    :param cross_ncc: left-right NCC of it, and
-    :param others: (n,) of those so far.
-    :param limits: when an observation shows the vehicle, and the whole of it.
+    :param cross_ncc: its left-right NCC.
+    :param others: (n,) those of the observations so far.
+    :param limits: parameters; here, when an observation shows the vehicle, and all of it.
     """
     return cross_ncc >= limits.least_ncc and 1 - cross_ncc <= _explained(others, limits)
 
 
 def scatters_px(noise: NoiseConfig) -> list[tuple[float, float]]:
     """
-    Return the scatters that the disparities of a pass may have, and how likely each is.
+    Return the possible scatters of the disparities of a pass, with their prior probabilities.
 
-    Each is twice the one before.  The usual one counts like a number of observations beside those
-    of the pass, as an inverse gamma density.
+    Each is twice the previous one.  The prior is an inverse gamma density, in which the usual
+    scatter counts like a number of additional observations.
 
-    :return: 1-sigma beyond the usual one, px, and probability.
+    :return: 1-sigma beyond the usual scatter, px, and probability.
     """
     if not noise.match_floor_px:
         return [(0.0, 1.0)]
@@ -189,8 +191,8 @@ class PassPhotometry:
     Turns the observations of a pass into normal equations.
 
     :param basis: (G, m) share of the relief's nodes in each sample.
-    :param noise: how precise observations are.
-    :param limits: when they show the vehicle, and the whole of it.
+    :param noise: precision of observations.
+    :param limits: parameters; here, when an observation shows the vehicle, and all of it.
     """
 
     def __init__(self, basis: Array, noise: NoiseConfig, limits: VisibilityConfig) -> None:
@@ -204,11 +206,11 @@ class PassPhotometry:
         """
         Return the normal equations of the cross and the temporal terms.
 
-        :param counts: (n,) whether each observation does, one at least; None for all.
-        :param more_px: by how much the disparities scatter beyond what is usual, as far as is
-            known, px: the texture is believed no further.
-        :param rates_per_s: (n, n) rates of a by all a, 1/s, where views are exposed apart; None
-            where none are.
+        :param counts: (n,) whether each observation counts, at least one of them; None for all.
+        :param more_px: present estimate of the scatter of disparities beyond the usual one, px,
+            which is added to the floor of the texture's error.
+        :param rates_per_s: (n, n) derivatives of the rates of a by all a, 1/s, where the views
+            have two stamps; None where they do not.
         """
         counts = np.ones(len(observations), dtype=bool) if counts is None else counts
         if rates_per_s is None:
@@ -219,10 +221,10 @@ class PassPhotometry:
     def _equations(self, observations: Sequence[Observation], of: ObservationTable,
                    agree: _Agree, counts: NDArray[np.bool_], more_px: float) -> Photometry:
         """
-        Return the normal equations of what is unknown of each observation.
+        Return the normal equations of the unknowns of each observation.
 
-        :param of: table of views of one exposure, or of those exposed apart.
-        :param agree: how such observations agree with their texture.
+        :param of: table of observations, for views of one stamp or of two.
+        :param agree: computes the agreement of such observations with the texture.
         """
         table, rows = of.take(observations)
         m, (n, k) = len(self.basis), table.pose[rows].shape
@@ -253,7 +255,7 @@ class PassPhotometry:
         """
         Add the agreement with the texture to H and g; return each observation's NCC with it.
 
-        Of the relief and the poses together only the upper triangle of H is filled.
+        Of the block of H between poses and relief, only the one above the diagonal is filled.
         """
         n, noise = len(rows), self.noise
         texture_floor_px = math.hypot(noise.texture_floor_px, more_px)
@@ -262,7 +264,7 @@ class PassPhotometry:
         pixels[ncc < self.limits.least_ncc] = 0.0
         if n < 2 or not pixels.any():
             return ncc
-        # The texture is eliminated: what all observations would have in common says nothing.
+        # The texture is eliminated, so that what all observations have in common does not count.
         terms = agree(table, rows, pixels, noise, texture_floor_px)
         poses, nodes = slice(0, len(terms.right)), slice(len(terms.right), None)
         H[poses, poses] -= terms.shared @ terms.shared.T
@@ -277,11 +279,11 @@ class PassPhotometry:
 def _temporal(table: Columns, rows: NDArray[np.int64], pixels: Array, noise: NoiseConfig,
               floor_px: float) -> TemporalTerms:
     """
-    Return how observations agree with their texture.
+    Return the agreement of observations with their texture.
 
-    :param rows: (n,) those of the observations in the table.
-    :param pixels: (n,) that each counts with, 0 for none.
-    :param floor_px: error of matching that no number of samples averages away.
+    :param rows: (n,) rows of the observations in the table.
+    :param pixels: (n,) number of pixels that each counts with, 0 to leave it out.
+    :param floor_px: systematic error of matching, which does not average out over samples.
     """
     return temporal(
         rows, table.patches, table.jacobian, table.relief_jacobian, table.outlines, table.relief,
@@ -291,12 +293,12 @@ def _temporal(table: Columns, rows: NDArray[np.int64], pixels: Array, noise: Noi
 def _apart_temporal(table: Columns, rows: NDArray[np.int64], pixels: Array, noise: NoiseConfig,
                     floor_px: float) -> TemporalTerms:
     """
-    Return the same of views that are exposed apart.
+    Return the same for views that have two stamps.
 
-    Each view is an observation of its own, of a pose of its own: that of the right view is
-    further along by the lag times the speed, and off its epipolar line.
+    Each view is an observation with its own pose: that of the right view is further along by the
+    lag times the speed, and off its epipolar line.  Arguments are those of :func:`_temporal`.
 
-    :param rows: (n,) as the others, as of :func:`_temporal`.
+    :param rows: (n,) rows of the observations in the table.
     """
     k, _, samples = table.patches.shape
     alone = temporal(
@@ -305,15 +307,15 @@ def _apart_temporal(table: Columns, rows: NDArray[np.int64], pixels: Array, nois
         table.relief_jacobian.reshape(2 * k, 1, samples),
         table.outlines.reshape(2 * k, 1, samples), np.repeat(table.relief, 2, axis=0),
         np.repeat(pixels, 2), np.repeat(table.shift_px, 2), noise.tail_dof,
-        noise.independent_share, math.sqrt(2) * floor_px)  # of two views, that of their mean
+        noise.independent_share, math.sqrt(2) * floor_px)  # the mean of two views has floor_px
     n = len(rows)
-    to_views = np.zeros((n, 2, 3, 6))  # poses in both views by what is unknown
+    to_views = np.zeros((n, 2, 3, 6))  # derivatives of the poses of both views by the unknowns
     to_views[:, :, :, :3] = np.eye(3)
     to_views[:, 1, 0, 3] = to_views[:, 1, 1, 4] = table.right_s[rows]
     to_views[:, 1, 2, 5] = table.right_m[rows]
 
     def by_pose(of_views: Array) -> Array:
-        """Return (6 n, …) by what is unknown of what is by the poses in both views."""
+        """Return derivatives (6 n, …) by the unknowns from those by the poses of both views."""
         each = of_views.reshape(n, 2, 3, -1)
         return np.asarray(
             np.einsum('nvij,nvic->njc', to_views, each).reshape(6 * n, -1))
@@ -326,7 +328,7 @@ def _apart_temporal(table: Columns, rows: NDArray[np.int64], pixels: Array, nois
 
 
 def _add_blocks(H: Array, blocks: Array) -> None:
-    """Add blocks (n, k, k) on the diagonal of H (n k, n k), in place."""
+    """Add blocks (n, k, k) to the diagonal of H (n k, n k), in place."""
     n, k, _ = blocks.shape
     at = np.arange(n * k).reshape(n, k)
     H[at[:, :, None], at[:, None, :]] += blocks

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What is known of a pass from its images: mean and covariance of all states."""
+"""The posterior of a pass: mean and covariance of all its states."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -22,17 +22,17 @@ class Posterior:
     :param first_ns: stamp of the first pair, ns.
     :param stamps_s: (n,) time of each pair since the first, s.
     :param mean: (n, 4) s, a, b in m and the speed along the path in m/s.
-    :param covariance: (4 n, 4 n) of the rows of ``mean`` in order.
+    :param covariance: (4 n, 4 n) of the states, in the order of ``mean.ravel()``.
     :param lateral_mps: (n,) rates at which the front moves across the path, m/s.
     :param heading_rad: (n,) headings against the path.
     :param path_scale: (n,) metres that the front travels per metre of the path.
     :param cross_ncc: (n,) left-right NCC of each observation.
     :param unoccluded: (n,) whether the observation shows the whole front; others do not count.
-    :param seen: (n,) whether it shows the vehicle at all.
-    :param speed_rate_std: random walk of the speed, r.m.s. of those of the motion models by their
-        weights, m/s/sqrt(s).
-    :param unnoticed: by how much the newest speed may be wrong while braking does not show; None
-        where that is not known.
+    :param seen: (n,) whether the observation shows the vehicle at all.
+    :param speed_rate_std: random walk of the speed, weighted r.m.s. of those of the motion models,
+        m/s/sqrt(s).
+    :param unnoticed: errors of the newest speed due to braking that does not show yet; None where
+        they are not computed.
     """
 
     first_ns: int
@@ -61,16 +61,16 @@ class Posterior:
 
     def ahead(self, after_s: float, config: TrackerConfig) -> tuple[Array, Array]:
         """
-        Return the mean (4,) and the covariance (4, 4) some time after the newest pair.
+        Return the mean (4,) and the covariance (4, 4) predicted for a time after the newest pair.
 
-        The vehicle goes on as it does from the last pair but one to the last: it may brake.  What
-        it may do otherwise is the random walk of its speed and its drift (eq. 24, 27).
+        The speed continues to change as between the last two pairs, because the vehicle may be
+        braking.  The random walk of the speed and the drift are added (eq. 24, 27).
 
-        :param after_s: time since the newest of two pairs or more, s.
+        :param after_s: time since the newest of two or more pairs, s.
         :param config: rates of the random walks.
         """
         share = after_s / float(self.stamps_s[-1] - self.stamps_s[-2])
-        goes: Array = np.zeros((4, 8))  # by the last two states
+        goes: Array = np.zeros((4, 8))  # transition from the last two states
         goes[:, 4:] = np.eye(4)
         goes[0, [3, 7]] = after_s * np.array([-0.5 * share, 1 + 0.5 * share])
         goes[3, [3, 7]] = -share, 1 + share
@@ -78,7 +78,7 @@ class Posterior:
                        float(self.lateral_mps[-1]), walks(after_s, self.speed_rate_std, config))
 
     def unnoticed_mps(self, stamp_ns: int) -> float:
-        """Return by how much the speed may be wrong at a stamp while braking does not show."""
+        """Return the error of the speed at a stamp from braking that does not show yet, m/s."""
         after_s = max((stamp_ns - self.newest_ns) * 1e-9, 0.0)
         return 0.0 if self.unnoticed is None else self.unnoticed.after(after_s)
 
@@ -88,7 +88,7 @@ class Posterior:
         return np.asarray(np.copysign(np.hypot(along, self.lateral_mps), along))
 
     def ground_ratio(self) -> Array:
-        """Return the ground speeds (n,) per speed along the path, which carry over its sigma."""
+        """Return the ratios (n,) of ground speed to path speed, by which its 1-sigma scales."""
         along = self.mean[:, 3]
         return np.asarray(self.ground_speeds() / np.where(along == 0, 1.0, along))
 
@@ -96,13 +96,13 @@ class Posterior:
 def gone_on(known: tuple[Array, Array], goes: Array, after_s: float, lateral_mps: float,
             strays: Array) -> tuple[Array, Array]:
     """
-    Return the mean (4,) and the covariance (4, 4) of s, a, b, v some time later.
+    Return the mean (4,) and the covariance (4, 4) of s, a, b, v predicted for a later time.
 
-    :param known: mean (n,) and covariance (n, n) of what it goes on from.
-    :param goes: (4, n) how it does.
-    :param after_s: time until then, s.
+    :param known: mean (n,) and covariance (n, n) to predict from.
+    :param goes: (4, n) transition matrix.
+    :param after_s: time to predict over, s.
     :param lateral_mps: rate at which the vehicle crosses its path, m/s.
-    :param strays: (4, 4) covariance of what it may do otherwise.
+    :param strays: (4, 4) covariance of the process noise.
     """
     mean = goes @ known[0]
     mean[1] += after_s * lateral_mps
@@ -116,9 +116,9 @@ def walks(after_s: float, speed_rate_std: float, config: TrackerConfig, parts: f
 
     :param after_s: the time, s.
     :param speed_rate_std: random walk of the speed, m/s/sqrt(s).
-    :param config: rates of the others.
-    :param parts: the way varies by one in so many of (time times change of speed) squared: three
-        where the speed walks all the time, four where it changes once, evenly.
+    :param config: rates of the other random walks.
+    :param parts: ratio of (time times change of speed) squared to the variance of the distance: 3
+        for a random walk of the speed, 4 for one change at a constant rate.
     """
     walk = speed_rate_std ** 2 * after_s
     strays = np.diag([walk * after_s ** 2 / parts, config.drift_across_std_m ** 2 * after_s,
@@ -132,10 +132,10 @@ class SolvedPass:
     """
     A pass solved from all its keyframes.
 
-    :param posterior: of all of them.
-    :param occluded_ns: stamps of those that show the front occluded in part.
-    :param exact_stamps: (n, n) covariance of the speeds, were the stamps exact.
-    :param exact_path: (n, n) the same, were the path's heading exact as well.
+    :param posterior: posterior of all keyframes.
+    :param occluded_ns: stamps of the pairs in which the front is partly occluded.
+    :param exact_stamps: (n, n) covariance of the speeds if stamps were exact.
+    :param exact_path: (n, n) the same if the path's heading were exact as well.
     """
 
     posterior: Posterior

@@ -1,7 +1,7 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-What every tracker is: one front to start from, pairs in, updates out, one result at the end.
+The interface of trackers: one front to start from, pairs in, updates out, one result at the end.
 
 Trackers are found by name: those of this package in ``pipeline.registry``, those of other packages
 through the entry-point group ``stereo_speed.trackers``.  ``CONTRIBUTING.md`` shows how to add one.
@@ -20,16 +20,16 @@ from ..core.records import InitialFront, StereoPair, TrackUpdate
 from ..geometry.rig import StereoRig
 from ..road.lanes import LanePath
 
-# What pipeline and trackers go by where not every vehicle is solved for in every pair.
-OLD_S = 0.3  # of a solution: a vehicle that brakes is 0.3 m off by then, and 2 m/s slower
-OCCLUDED_TIMES = 3.0  # as old when pairs wait and it is occluded: most looks are in vain
-MOST_TIMES = 2.0  # as long, after which no vehicle gives way to another
+# Limits for pipeline and trackers where not every vehicle is solved for in every pair.
+OLD_S = 0.3  # age from which a solution is old; a braking vehicle is 0.3 m off and 2 m/s slower
+OCCLUDED_TIMES = 3.0  # factor on it in hurried pairs while occluded, as most looks fail then
+MOST_TIMES = 2.0  # multiple of the usual interval after which no vehicle gives way to another
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class TrackStart:
     """
-    All that a tracker starts from.
+    The data that a tracker starts from.
 
     :param rig: the cameras.
     :param lane: the lane whose path the front is nearest to.
@@ -38,9 +38,9 @@ class TrackStart:
     :param pair: the first pair; it is fed to the tracker as well.
     :param track: number of the track, never reused.
     :param rng: source of all randomness of the track.
-    :param seen_mps: speed as the detector saw it; None where it saw none.
-    :param particles_alone: number of particles that it has when it is the only track; None for
-        those of ``config``, which are its share among others.
+    :param seen_mps: speed by the detector, m/s; None where it gave none.
+    :param particles_alone: number of particles of a track that is alone; None for that of
+        ``config``, which is the share of the track among others.
     """
 
     rig: StereoRig
@@ -63,7 +63,7 @@ class TrackStart:
         """
         Return the 1-sigma of a Gaussian about the expected speed.
 
-        It is twice that of most particles, which leave the unforeseen speeds to a few others.
+        It is twice that of most particles, as a few other particles cover unexpected speeds.
         """
         return 2 * self.config.initial_speed_std * self.expected_mps
 
@@ -71,12 +71,12 @@ class TrackStart:
 @dataclass(frozen=True)
 class Refusal:
     """
-    Why no track starts: the images do not show one front in both views.
+    The reason why no track starts: the images do not show one front in both views.
 
-    :param where: pair at fault.
+    :param where: the pair.
     :param what: what is wrong there.
-    :param found: what was there.
-    :param wanted: what should have been there.
+    :param found: what was found.
+    :param wanted: what was expected.
     """
 
     where: str
@@ -91,10 +91,11 @@ class Refusal:
 
 class Tracker(Protocol):
     """
-    One vehicle followed through the pairs of its pass.
+    Follows one vehicle through the pairs of its pass.
 
-    Live, its result is asked for in another process, for which it is pickled when the pass is
-    over; one that cannot be pickled is asked in the node, where other vehicles may wait for it.
+    Live, the tracker is pickled when the pass is over, and its result is computed in another
+    process.  If it cannot be pickled, the node computes the result, and other vehicles may have to
+    wait.
     """
 
     @property
@@ -107,9 +108,9 @@ class Tracker(Protocol):
 
     def update(self, pair: StereoPair) -> Optional[TrackUpdate]:
         """
-        Take in one pair, in order of stamps.
+        Process one pair; pairs come in order of stamps.
 
-        :return: None once the pass has ended.
+        :return: the update; None once the pass has ended.
         """
 
     def result(self) -> PassResult:
@@ -118,7 +119,7 @@ class Tracker(Protocol):
 
 class TrackerType(Protocol):
     """
-    A class of trackers, as the registry finds it.
+    A class of trackers, as the registry loads it.
 
     ``Settings`` is the config record of its own parameters (:class:`..core.config.NoParameters`
     where it has none): a frozen dataclass of ``parameter`` fields.
@@ -137,48 +138,48 @@ class TrackerType(Protocol):
 
 @runtime_checkable
 class SharesParticles(Protocol):
-    """A tracker whose number of particles can change under way."""
+    """A tracker whose number of particles can change during a pass."""
 
     def share(self, particles: int) -> None:
-        """Go on with another number of particles, when tracks come and go."""
+        """Change the number of particles, when tracks come and go."""
 
 
 @runtime_checkable
 class DoubtsStamps(Protocol):
-    """A tracker that takes in, under way, that its stamps are worse than it was told."""
+    """A tracker that can be told during a pass that its stamps are worse than assumed."""
 
     def doubt_stamps(self, stamp_std_s: float) -> None:
         """
-        Take all stamps of the pass to have another 1-sigma.
+        Assume another 1-sigma of all stamps of the pass.
 
-        :param stamp_std_s: in place of that of its parameters, s.
+        :param stamp_std_s: replaces that of its parameters, s.
         """
 
 
 @runtime_checkable
 class CanHurry(Protocol):
-    """A tracker that can do less with a pair, at the cost of a greater 1-sigma."""
+    """A tracker that can do less with a pair, at the cost of a larger 1-sigma."""
 
     def hurry(self, hurried: bool) -> None:
-        """Be told whether the next pairs are to cost little, for others have their turn."""
+        """Set whether to do little with the next pairs, because others have their turn."""
 
 
 @runtime_checkable
 class CarriesOn(Protocol):
-    """A tracker that can tell of a pair before it has solved for it."""
+    """A tracker that can predict its update for a pair before it has solved for it."""
 
     def carry(self, pair: StereoPair) -> Optional[TrackUpdate]:
         """
-        Take in a pair as ``update`` does if that takes no solution.
+        Process a pair as ``update`` does, provided that it needs no solution.
 
-        :return: None where it does; then nothing has changed.
+        :return: the update; None where a solution is needed, and then nothing has changed.
         """
 
     def expected(self, pair: StereoPair) -> Optional[TrackUpdate]:
         """
-        Return where the vehicle is in a pair by what is known before it, while this is worked on.
+        Return the update predicted for a pair from earlier ones, while the pair is solved for.
 
-        It may be asked while another thread has the tracker take in other pairs.
+        It may be called while the tracker processes other pairs in another thread.
 
         :return: None where the speed is not known, or the pair does not show the vehicle there.
         """
@@ -187,16 +188,18 @@ class CarriesOn(Protocol):
 @runtime_checkable
 class TellsAge(Protocol):
     """
-    A tracker that knows how old its last solution is.
+    A tracker that knows the age of its last solution.
 
-    Of one that does not, the last is taken to be that of the last pair that it was not hurried in.
+    For other trackers, the last pair in which they were not hurried is taken for their last
+    solution.
     """
 
     def unsolved_s(self, stamp_ns: int) -> float:
         """
-        Return how old its last solution is, s; infinite where it can do no less than solve.
+        Return the age of its last solution, s; infinite where it must solve now.
 
-        Who has less need of one, as what is occluded and was looked for in vain, tells less.
+        A tracker that needs a solution less, such as one that often looked in vain for an occluded
+        vehicle, may return less.
 
-        :param stamp_ns: of the next pair.
+        :param stamp_ns: stamp of the next pair.
         """

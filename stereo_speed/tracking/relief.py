@@ -4,12 +4,12 @@
 The relief of a front: how far its parts stand out of its plane.
 
 Bumpers, grilles and lights lie centimetres apart in depth.  As a vehicle comes nearer they shift
-against each other, and on one plane this would be taken for motion: 5 cm cost 0.1 to 0.3 mph.  A
-front does not change its shape, so its relief is a static unknown of the pass.
+against each other, and on one plane this would be taken for motion: 5 cm cost 0.1 to 0.3 mph.  The
+shape of a front does not change, so its relief is a static unknown of the pass.
 
-Not all fronts are nearly planes: a rider sits most of a metre behind the fork, and held near it
-would be taken to scale and to turn otherwise than he does.  So the relief has heavy tails: what
-lies far off the plane, as the images show it, is hardly held to it.
+Not all fronts are nearly plane: a rider sits most of a metre behind the fork; forced close to the
+plane, his image would seem to scale and turn differently.  So the prior of the relief has heavy
+tails: parts that the images show far off the plane are hardly held to it.
 """
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ NODES = (8, 4)  # across and down the front
 
 def relief_basis(unit_xy: Array) -> Array:
     """
-    Return bilinear functions on a net of nodes over the front.
+    Return bilinear basis functions of a grid of nodes over the front.
 
     :param unit_xy: (G, 2) grid samples in the unit square.
     :return: (G, M) share of each of the M nodes in the relief at each sample; rows sum to 1.
@@ -39,13 +39,13 @@ def relief_basis(unit_xy: Array) -> Array:
 
 def node_weights(square_m2: Array, std_m: float, dof: float) -> Array:
     """
-    Return the shares of the usual information by which nodes are held to the plane.
+    Return the factors on the usual information that holds nodes to the plane.
 
-    It is the step of the t distribution's expectation maximisation: 1 for a node that lies as far
-    off as is usual.
+    They are a step of expectation maximisation for the t distribution: 1 for a node at the usual
+    distance from the plane.
 
-    :param square_m2: (M,) mean square of the relief of each node, as far as is known.
-    :param std_m: what is usual.
+    :param square_m2: (M,) posterior mean square of the relief of each node, m^2.
+    :param std_m: usual distance from the plane, m.
     :param dof: degrees of freedom of the t distribution.
     """
     return np.asarray((dof + 1) / (dof + square_m2 / std_m ** 2))
@@ -53,11 +53,11 @@ def node_weights(square_m2: Array, std_m: float, dof: float) -> Array:
 
 def node_variances(factor: tuple[Array, bool], gain: Array, poses: Array) -> Array:
     """
-    Return the variances (M,) of the relief where the poses are not known exactly.
+    Return the variances (M,) of the relief with uncertain poses.
 
-    :param factor: Cholesky's of the information (M, M) of the relief where they are.
-    :param gain: (M, k) change of the relief by the poses.
-    :param poses: (k, k) their covariance.
+    :param factor: Cholesky factor of the information (M, M) of the relief for known poses.
+    :param gain: (M, k) change of the relief per pose.
+    :param poses: (k, k) covariance of the poses.
     """
     known = cho_solve(factor, np.eye(len(gain)), check_finite=False)
     return np.asarray(np.diag(known) + ((gain @ poses) * gain).sum(axis=1))
@@ -65,9 +65,9 @@ def node_variances(factor: tuple[Array, bool], gain: Array, poses: Array) -> Arr
 
 class NodeSums:
     """
-    Sums over samples of weights times the shares of any two nodes.
+    Sums over samples of weights times the shares of each two nodes.
 
-    A sample has a share of four nodes at most, so almost all products of two shares are 0.
+    A sample has shares of four nodes at most, so almost all products of two shares are 0.
 
     :param basis: (m, G) share of each node in the relief at each sample.
     """

@@ -1,11 +1,11 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Whether what a track follows stands on the road or lies on it.
+Decides whether a tracked front stands on the road or lies on it.
 
-The edge of a shadow goes along with its vehicle, and where it crosses a line of the road its
-corner looks the same from pair to pair.  But it lies: through the front one sees the road farther
-away, and the right view shows that elsewhere than what stands there.
+The edge of a shadow moves along with its vehicle, and where it crosses a line of the road its
+corner looks the same from pair to pair.  But it lies on the road: where a front seems to be, the
+left view shows the road behind it, whose disparity differs from that of a standing front.
 """
 from __future__ import annotations
 
@@ -20,27 +20,28 @@ from ..geometry.rig import StereoRig
 from ..road.lanes import LanePath
 from ..vision.ncc import ncc
 
-_ACROSS, _UP = 24, 10  # samples of a front
-_INNER = 0.9  # share of its width and height that is looked at
-_ROAD_OFF_M = (-0.05, 0.0, 0.05)  # the road may be so much higher than its path says
-# Odds of 20 to 1 that it lies. A ratio of what is left over is that of the probabilities of two
-# samples, and a front has more, so the odds are no less. Without a margin, what views that tell
-# nothing show would often be taken to lie: the best of three roads meets one standing plane.
+_ACROSS, _UP = 24, 10  # numbers of samples of a front
+_INNER = 0.9  # share of its width and height that is sampled
+_ROAD_OFF_M = (-0.05, 0.0, 0.05)  # trial heights of the road against its path
+# Odds of 20 to 1 that the front lies.  The ratio of residuals is the likelihood ratio for two
+# independent samples; a front has more, so the odds are no less.  Without this margin,
+# uninformative views would often count as lying, as the best of three roads is compared with one
+# standing plane.
 _LIES = -math.log(20)
-_LEAST_DOUBT = 0.005  # no two views agree better than this, whatever their correlation
+_LEAST_DOUBT = 0.005  # added to 1 - NCC, as no two views agree better than this
 
 
 class Upright:
     """
-    Gathers what both views of the pairs of one track say.
+    Gathers the evidence of both views of the pairs of one track.
 
-    Either way the right view differs from the left one by noise of an unknown size, gain and
-    level: the logarithm of the ratio of what is left over is in proportion to the evidence.
+    Under both hypotheses the right view equals the left one up to gain, level and noise of unknown
+    size, so the evidence is proportional to the logarithm of the ratio of their residuals.
 
     :param rig: the cameras.
-    :param lane: the lane whose path its places are told by.
+    :param lane: the lane along whose path the places of the track are given.
 
-    ``evidence`` is that it stands; below 0 it may lie.
+    ``evidence`` is that for standing; below 0 the front may lie.
     """
 
     def __init__(self, rig: StereoRig, lane: LanePath) -> None:
@@ -49,17 +50,17 @@ class Upright:
         across, up = np.meshgrid(*(0.5 + _INNER * np.linspace(-0.5, 0.5, count)
                                    for count in (_ACROSS, _UP)))
         shares = across.ravel()[:, None], up.ravel()[:, None]
-        self._corners: Array = np.concatenate([  # of each sample by the corners, clockwise
+        self._corners: Array = np.concatenate([  # weights of the corners in samples, clockwise
             (1 - shares[0]) * (1 - shares[1]), shares[0] * (1 - shares[1]),
             shares[0] * shares[1], (1 - shares[0]) * shares[1]], axis=1)
 
     @property
     def lies(self) -> bool:
-        """Return whether it lies on the road rather than stands on it, by odds of 20 to 1."""
+        """Return whether the front lies on the road, by odds of 20 to 1."""
         return self.evidence < _LIES
 
     def take(self, pair: StereoPair, update: TrackUpdate) -> None:
-        """Take in a pair, and where the front is in it."""
+        """Add the evidence of a pair, with the update of the track for it."""
         rig, forward = self.rig.as_taken(pair.motion), update.axes[:, 0]
         rays = rig.left.rays(update.quad_left_px)
         depth = float(update.position_m @ forward) / (rays @ forward)
@@ -74,16 +75,16 @@ class Upright:
             self.evidence += math.log(min(lies) / stands)
 
     def _on_road(self, points: Array, s_m: float, off_m: float) -> Optional[Array]:
-        """Return where (n, 3) the left camera's rays through points meet the road; None if not."""
+        """Return where (n, 3) left rays through points meet the road; None if not all do."""
         up = self.lane.path.frame(np.array(s_m))[:, 2]
-        with np.errstate(divide='ignore'):  # along the road there is none
+        with np.errstate(divide='ignore'):  # a ray parallel to the road does not meet it
             share = (float(self.lane.path.position(np.array(s_m)) @ up) + off_m) / (points @ up)
         return points * share[:, None] if (np.isfinite(share) & (share > 0)).all() else None
 
     @staticmethod
     def _misfit(rig: StereoRig, pair: StereoPair, left: Optional[Array],
                 points: Optional[Array]) -> Optional[float]:
-        """Return how much of the left view the right one lacks at points (n, 3)."""
+        """Return the residual, 1 - NCC, of the right view at points (n, 3); None if not seen."""
         if left is None or points is None:
             return None
         right = _sampled(pair.right, rig.right.project(rig.to_right(points))[0])

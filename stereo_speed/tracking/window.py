@@ -3,12 +3,12 @@
 """
 Photometric refinement of a pass: all observations of a front as one least-squares problem.
 
-A filter that keeps only the newest reference drifts, and one that fixes the depth at the start is
-wrong by the error of that start.  Here the poses of all pairs so far, the speeds between them and
-the error of the path's heading are unknowns together.  What the images say of them comes from
-``photometry``, what is known without images from ``motion_prior``.
+A filter that keeps only the newest reference drifts, and one that fixes the depth at the start
+keeps the error of that start.  Here the poses and speeds in all pairs so far and the error of the
+path's heading are unknowns of one problem.  ``photometry`` gives the equations of the images,
+``motion_prior`` those of the prior.
 
-Gauss-Newton on this gives the mean and covariance of the newest state, from this pair and
+Gauss-Newton iterations give the mean and covariance of the newest state, from this pair and
 earlier ones only, and at the end of the pass the smoothed profile.  A live reading is solved from
 a window of keyframes; older ones become inactive until the pass is solved as a whole.
 """
@@ -39,30 +39,31 @@ from ..core.records import Array, StereoPair
 from ..core.right_of_way import give_way
 from ..estimation.weights import normalise_log_weights
 
-_FAR_PX = 0.5  # while observations move this far there are more iterations
-_MOST_JUDGEMENTS = 3  # rounds, at most, until it is settled which observations are occluded
-_MAX_MOVE_PX = 3.0  # a step beyond the patch's linear range is cut
+_FAR_PX = 0.5  # iterations go on while observations move further than this
+_MOST_JUDGEMENTS = 3  # rounds, at most, of deciding which observations are occluded
+_MAX_MOVE_PX = 3.0  # limit of a step, the linear range of a patch
 _HALF_WIDTH_M = 0.8  # lever by which a change of heading moves the edges of a front
-# How far a right view may be off its epipolar line: by more than any calibration leaves, so that
-# this tells nothing of the speed (`steadying.view_lag` has the lag from it).
+# 1-sigma of how far a right view may be off its epipolar line, more than any calibration error, so
+# that this does not influence the speed (`steadying.view_lag` finds the lag from it).
 _ACROSS_PX = 3.0
-_ANYWHERE_M = 10.0  # 1-sigma of a place that the views of later pairs alone tell
-_FEWEST_KEYFRAMES = 4  # of a pass, as many as the shortest that is measured has
-_BLUR_PAIRS = 4  # that say which view is the sharper one: as many as the shortest pass has
-_LIKELY = 0.01  # weight of a motion model that somebody may rely on
-_NEGLIGIBLE = 1e-4  # weight of a motion model that counts for nothing in this pair
+_ANYWHERE_M = 10.0  # 1-sigma of the first place where only the images are to determine it
+_FEWEST_KEYFRAMES = 4  # least number for a pass, that of the shortest measured one
+_BLUR_PAIRS = 4  # first pairs that decide which view is sharper, as many as the shortest pass has
+_LIKELY = 0.01  # least weight of a hypothesis that unnoticed braking must be covered for
+_NEGLIGIBLE = 1e-4  # weight below which a hypothesis is left out in this pair
 
 
 @dataclass(frozen=True)
 class _Effort:
     """
-    What is spent on an answer.
+    Computing effort of a solution.
 
-    :param iterations: usual number of them, and
-    :param most: number while poses still move far, as when a change of lanes is noticed.
-    :param near_px: fewer do where observations have moved by less than this, which are linear.
-    :param moved_px: an observation is made again when its samples have moved further than this, by
-        its pose and, in the r.m.s., by the relief.
+    :param iterations: usual number of iterations.
+    :param most: greatest number, while poses still move far, as when a lane change is noticed.
+    :param near_px: iterations stop early once observations move by no more than this, as they are
+        linear in that range.
+    :param moved_px: an observation is remade when its samples have moved further than this, by its
+        pose and, in the r.m.s., by the relief.
     """
 
     iterations: int
@@ -72,14 +73,14 @@ class _Effort:
 
 
 _LIVE = _Effort(iterations=2, most=4, near_px=0.20, moved_px=0.05)
-# From a poor guess of the newest, beside others that were solved for: it moves far, they do not.
+# The newest observation starts from a poor guess and moves far; the others are solved already.
 _REACQUIRED = _Effort(iterations=5, most=8, near_px=0.0, moved_px=0.10)
 _WHOLE_PASS = _Effort(iterations=8, most=8, near_px=0.0, moved_px=0.01)
 
 
 @dataclass(frozen=True, eq=False)
 class _Keyframe:
-    """A pair and what the sampler made of it."""
+    """A pair and the observation of the front in it."""
 
     pair: StereoPair
     observation: Observation
@@ -88,16 +89,16 @@ class _Keyframe:
 @dataclass(frozen=True, eq=False)
 class _Window:
     """
-    All that is known of a pass so far.
+    The state of a pass so far.
 
-    :param keyframes: the active ones, in order of stamps.
+    :param keyframes: active keyframes, in order of stamps.
     :param state: (n, 4) s, a, b and speed in each of them.
     :param relief: (m,) relief of the front at its nodes, m.
     :param inactive: pairs that wait for the end of the pass, in order of stamps.
     :param occluded_ns: stamps of the pairs, active or not, that do not count.
-    :param changing_lanes: probability that the vehicle does.
-    :param more_px: scatter of the disparities beyond what is usual, px.
-    :param relief_weights: (m,) shares of the usual information that hold nodes to the plane.
+    :param changing_lanes: probability that the vehicle changes lanes.
+    :param more_px: scatter of the disparities beyond the usual one, px.
+    :param relief_weights: (m,) factors on the usual information that holds nodes to the plane.
     """
 
     keyframes: tuple[_Keyframe, ...]
@@ -127,7 +128,7 @@ class _Window:
 
     @property
     def index(self) -> StateIndex:
-        """Return where the unknowns are, but for the relief."""
+        """Return the indices of the unknowns except the relief."""
         return StateIndex(len(self.keyframes))
 
     def counts(self) -> NDArray[np.bool_]:
@@ -141,7 +142,7 @@ class _Window:
             state=np.insert(self.state, k, state, axis=0))
 
     def deactivated(self, k: int, most: int) -> _Window:
-        """Return the window with keyframe ``k`` inactive, and at most so many of these."""
+        """Return the window with keyframe ``k`` inactive, and at most ``most`` inactive ones."""
         inactive = sorted((*self.inactive, self.keyframes[k].pair), key=lambda p: p.stamp_ns)
         if len(inactive) > most:
             del inactive[_least_gap(inactive)]
@@ -150,16 +151,16 @@ class _Window:
             state=np.delete(self.state, k, axis=0), inactive=tuple(inactive))
 
     def since(self, k: int) -> _Window:
-        """Return the window without its keyframes before number ``k``, where none is inactive."""
+        """Return the window, which has no inactive pairs, from keyframe ``k`` on."""
         return replace(self, keyframes=self.keyframes[k:], state=self.state[k:])
 
     def unshown(self, fewest: int) -> int:
-        """Return how many of the first do not count; 0 where fewer than so many follow."""
+        """Return how many leading keyframes do not count; 0 if fewer than ``fewest`` follow."""
         first = int(np.argmax(self.counts()))
         return first if first <= len(self.keyframes) - fewest else 0
 
     def judged(self, unoccluded: NDArray[np.bool_]) -> _Window:
-        """Return the window with what counts from now on, if anything would."""
+        """Return the window with a new choice of what counts, unless that left nothing."""
         if not unoccluded.any():
             return self
         elsewhere = self.occluded_ns.difference(pair.stamp_ns for pair in self.pairs)
@@ -170,17 +171,17 @@ class _Window:
 @dataclass(frozen=True, eq=False)
 class _Solution:
     """
-    Moments of the mixture of the hypotheses, and what the images say.
+    Moments of the mixture of the hypotheses, and the equations of the images.
 
-    :param mean: of the unknowns but for accelerations, in the order of ``StateIndex``.
-    :param relief: (m,) mean of the relief.
-    :param relief_square: (m,) mean of its square, by the likeliest hypothesis, m^2.
-    :param weights: of all hypotheses.
-    :param likely: weight and answer of each that counts.
-    :param photometry: what the images say.
-    :param speed_rate_std: random walk of the speed, r.m.s. by the weights, m/s/sqrt(s).
-    :param unnoticed: returns by how much the newest speed may be wrong while braking does not
-        show.
+    :param mean: mean of the unknowns except accelerations, in the order of ``StateIndex``.
+    :param relief: (m,) mean of the relief, m.
+    :param relief_square: (m,) mean square of the relief; variance by the likeliest hypothesis,
+        m^2.
+    :param weights: weights of all hypotheses.
+    :param likely: weight and answer of each hypothesis that counts.
+    :param photometry: equations of the images.
+    :param speed_rate_std: random walk of the speed, weighted r.m.s., m/s/sqrt(s).
+    :param unnoticed: returns the errors of the newest speed due to braking that does not show yet.
     """
 
     mean: Array
@@ -194,7 +195,7 @@ class _Solution:
 
     @cached_property
     def covariance(self) -> Array:
-        """Return the covariance of what ``mean`` is of."""
+        """Return the covariance of the unknowns of ``mean``."""
         return _total(w * (a.covariance + np.outer(a.mean - self.mean, a.mean - self.mean))
                       for w, a in self.likely)
 
@@ -204,8 +205,8 @@ class PhotometricWindow:
     Grows with every pair of a pass; see the module's docstring.
 
     :param sampler: makes observations of the front.
-    :param prior: what is known of the pass before them.
-    :param config: precision of the images, models of motion, effort.
+    :param prior: prior of the pass.
+    :param config: precision of the images, motion models, effort.
     """
 
     def __init__(self, sampler: ObservationSampler, prior: PassPrior, config: TrackerConfig
@@ -217,18 +218,18 @@ class PhotometricWindow:
         self.exact_motion = PassMotion(prior, config, 0.0)
         self.hypotheses = hypotheses_of(config)
         self._window = _Window((), np.zeros((0, 4)), np.zeros(nodes), np.ones(nodes))
-        self._agreement: Array = np.zeros(0)  # left-right NCC of what was solved for last
-        self._blurs: list[Array] = []  # what each of the first pairs says of the views' blurs
+        self._agreement: Array = np.zeros(0)  # left-right NCCs of the last solution
+        self._blurs: list[Array] = []  # log-likelihoods of the views' blurs, one per first pair
 
     def add(self, pair: StereoPair, guess: Array, *, reacquires: bool = False
             ) -> Optional[Posterior]:
         """
-        Take in a pair and refine everything.
+        Add a pair and refine everything.
 
-        A pair that does not show the whole front leaves no trace in later answers.
+        A pair that does not show the whole front does not influence later answers.
 
-        :param guess: (4,) s, a, b, v where the particles say the front is.
-        :param reacquires: whether the front was not wholly seen in the pair before.
+        :param guess: (4,) s, a, b, v by the particles.
+        :param reacquires: whether the front was not wholly seen in the previous pair.
         :return: None when the front is not wholly in both images at the guess.
         """
         if not self._window.keyframes:
@@ -246,16 +247,16 @@ class PhotometricWindow:
         return posterior
 
     def doubt_stamps(self, stamp_std_s: float) -> None:
-        """Take all stamps to have another 1-sigma, s, in the answers from now on."""
+        """Assume another 1-sigma of all stamps, s, from now on."""
         self.motion = PassMotion(self.motion.prior, self.config, stamp_std_s)
 
     def keep(self, pair: StereoPair, guess: Array) -> bool:
         """
-        Take in a pair that is solved for together with the next one.
+        Add a pair that will be solved for together with the next one.
 
-        :param guess: (4,) s, a, b, v where earlier pairs say the front is.
-        :return: whether it was taken in: it shows the whole front, and its views agree as those
-            of the pairs that were solved for do.
+        :param guess: (4,) s, a, b, v predicted from earlier pairs.
+        :return: whether it was added: it shows the whole front, and its views agree as well as
+            those of the pairs that were solved for.
         """
         observation = self._observed(pair, guess)
         if observation is None or not self._agrees(observation):
@@ -264,32 +265,32 @@ class PhotometricWindow:
         return True
 
     def shows(self, pair: StereoPair, guess: Array) -> bool:
-        """Return whether a pair shows the whole front at a guess (4,), by the views alone."""
+        """Return whether a pair shows the whole front at a guess (4,), judged by the views."""
         observation = self._observed(pair, guess)
         return observation is not None and self._agrees(observation)
 
     def _agrees(self, observation: Observation) -> bool:
-        """Return whether the views of an observation agree as those that were solved for do."""
+        """Return whether the views of an observation agree as well as in the last solution."""
         return views_agree(observation.cross_ncc, self._agreement, self.config.visibility)
 
     def _observed(self, pair: StereoPair, guess: Array) -> Optional[Observation]:
-        """Return the observation at a guess (4,) of s, a, b, v; None where it is not seen."""
+        """Return the observation at a guess (4,) of s, a, b, v; None if not in both images."""
         rate, heading = self._newest_drift()
         return self.sampler.observe(
             pair, guess[:3], np.array([guess[3], rate, 0.0]), heading, self._window.relief)
 
     def _grown(self, keyframe: _Keyframe, state: Array) -> _Window:
-        """Return the window with its newest keyframe and the state (4,) of it."""
+        """Return the window with a new keyframe and its state (4,)."""
         n, effort = len(self._window.keyframes), self.config.effort
         window = self._window.inserted(n, keyframe, state)
         if n + 1 <= effort.live_observations:
             return window
-        # Neither the first nor one of the newest two.
+        # Never deactivate the first keyframe or one of the newest two.
         return window.deactivated(_least_gap(window.pairs[:-1]),
                                   effort.pass_observations - effort.live_observations)
 
     def _judge_sharpness(self, pair: StereoPair, state: Array) -> None:
-        """Ask one more pair which view is the sharper one; arguments as for :meth:`add`."""
+        """Add a pair's evidence of which view is sharper; arguments as for :meth:`add`."""
         noise = self.config.noise
         seen = self.sampler.blurred_patches(pair, state[:3], np.array([state[3], 0.0, 0.0]),
                                             trial_blurs_px(noise))
@@ -302,9 +303,10 @@ class PhotometricWindow:
 
     def _as_sharp(self, window: _Window, posterior: Posterior) -> tuple[_Window, Posterior]:
         """
-        Return a solution with views made as sharp as each other, as its newest pair tells too.
+        Return the solution with equally sharp views, by the evidence of its newest pair too.
 
-        The first pairs alone are asked; where views are as sharp, the solution stays as it is.
+        Only the first pairs are used for this.  Where the blur does not change, neither does the
+        solution.
         """
         if not self._blurs or len(self._blurs) >= _BLUR_PAIRS or len(window.keyframes) < 2:
             return window, posterior
@@ -319,11 +321,11 @@ class PhotometricWindow:
         return window, posterior
 
     def solve_pass(self) -> SolvedPass:
-        """Return the pass solved from all keyframes, the inactive ones among them."""
+        """Return the pass solved from all keyframes, including inactive ones."""
         return self._solved(self._recalled(self._window))
 
     def _solved(self, window: _Window) -> SolvedPass:
-        """Return the pass solved from all keyframes of a window, of which none is inactive."""
+        """Return the pass solved from all keyframes of a window without inactive ones."""
         for _ in range(_MOST_JUDGEMENTS):
             occluded_ns = window.occluded_ns
             window, posterior = self._refined(window, _WHOLE_PASS)
@@ -332,7 +334,7 @@ class PhotometricWindow:
         unshown = window.unshown(_FEWEST_KEYFRAMES)
         if unshown:
             return self._begun_at(window, unshown)._solved(window.since(unshown))
-        # The observations that this answer rests on, should the judgement not have settled.
+        # The choice of observations that this answer rests on, in case it has not converged.
         window, at = replace(window, occluded_ns=occluded_ns), window.index
         covariance = self._solve(window, self.hypotheses, self.exact_motion).covariance
         doubt = self._doubt_of_blur(window, posterior)
@@ -344,10 +346,10 @@ class PhotometricWindow:
 
     def _begun_where_shown(self) -> Optional[Posterior]:
         """
-        Rest on no pair before the first that shows the whole front; return what is known then.
+        Drop the pairs before the first that shows the whole front; return the new posterior.
 
-        None where it is there already, or the newest pair would not count.  Once there are
-        inactive pairs, which may show it, this is left to the end of the pass.
+        Returns None if there are none, or if the newest pair would no longer count.  Once there
+        are inactive pairs, which may show the whole front, this is left to the end of the pass.
         """
         window = self._window
         unshown = window.unshown(self.config.visibility.confirm_pairs)
@@ -363,10 +365,10 @@ class PhotometricWindow:
 
     def _begun_at(self, window: _Window, k: int) -> PhotometricWindow:
         """
-        Return what solves a pass whose first ``k`` pairs do not show the whole front.
+        Return a window for a pass whose first ``k`` pairs do not show the whole front.
 
-        What was taken to be known beforehand, the front's place in the first pair and its centre,
-        was found where something hid it: it may be a metre off, and would count as speed.
+        Its prior does not use the place and centre found in the first pair: something hid part of
+        the front there, so they may be a metre off, which would count as speed.
         """
         s_m, *offset_m = window.state[k, :3]
         prior = replace(self.motion.prior, s_m=float(s_m), s_std_m=_ANYWHERE_M,
@@ -376,7 +378,7 @@ class PhotometricWindow:
         return other
 
     def _doubt_of_blur(self, window: _Window, posterior: Posterior) -> Array:
-        """Return what views made equally sharp add to the covariance (4 n, 4 n) of a pass."""
+        """Return the covariance (4 n, 4 n) to add to a pass for making views equally sharp."""
         share = self.config.noise.blur_doubt
         samplers = self.sampler.less_blurred() if share else []
         return doubt_of_blur(posterior, [self._sampled_by(sampler, window)
@@ -384,7 +386,7 @@ class PhotometricWindow:
                              share, self.motion.prior.speed_std_mps)
 
     def _sampled_by(self, sampler: ObservationSampler, window: _Window) -> Optional[Posterior]:
-        """Return the pass as another sampler shows it; None where it cannot be solved."""
+        """Return the pass solved with another sampler; None where it cannot be solved."""
         other = PhotometricWindow(sampler, self.motion.prior, self.config)
         other.motion = self.motion
         seen = other._seen_anew(window)
@@ -397,9 +399,9 @@ class PhotometricWindow:
 
     def _seen_anew(self, window: _Window) -> Optional[_Window]:
         """
-        Return a window with its observations made anew where they are, less those not seen there.
+        Return a window with its observations remade at their poses; those not in view are dropped.
 
-        None where the first is not, of which the prior is.
+        Returns None if that is the first one, to which the prior refers.
         """
         rates, _, heading = self._directions(window)
         seen = [self.sampler.observe(
@@ -410,7 +412,7 @@ class PhotometricWindow:
                 _Keyframe(k.pair, o) for k, o in zip(window.keyframes, seen) if o is not None))
 
     def _recalled(self, window: _Window) -> _Window:
-        """Return a window with the inactive pairs active, where the others say the front was."""
+        """Return a window with inactive pairs active again, at states interpolated in time."""
         times, known, first = window.times_s, window.state.T, window.pairs[0].stamp_ns
         for pair in window.inactive:
             at = (pair.stamp_ns - first) * 1e-9
@@ -423,7 +425,7 @@ class PhotometricWindow:
         return replace(window, inactive=())
 
     def _refined(self, window: _Window, effort: _Effort) -> tuple[_Window, Posterior]:
-        """Iterate Gauss-Newton; observations are made again only where their pose has moved."""
+        """Iterate Gauss-Newton; observations are remade only where their pose has moved."""
         all_: Sequence[Hypothesis] = self.hypotheses
         for done in range(1, effort.most + 1):
             solution = self._solve(window, all_, self.motion)
@@ -436,7 +438,7 @@ class PhotometricWindow:
             window, moved_px = self._moved(window, solution, effort)
             if moved_px <= (effort.near_px if done < effort.iterations else _FAR_PX):
                 break
-            # More iterations show no more of what is occluded where it stands.
+            # Further iterations do not help if the front is occluded where it is.
             if effort is _REACQUIRED and moved_px <= _FAR_PX \
                     and not solution.photometry.unoccluded[-1]:
                 break
@@ -444,7 +446,7 @@ class PhotometricWindow:
         return window, self._posterior(window, solution, effort)
 
     def _posterior(self, window: _Window, solution: _Solution, effort: _Effort) -> Posterior:
-        """Return the solution in the order of the pairs."""
+        """Return the posterior of a solution, ordered by pairs."""
         at, seen = window.index, solution.photometry
         order = np.column_stack([at.poses, at.speeds]).ravel()
         rates, path_scale, heading = self._directions(window)
@@ -459,16 +461,16 @@ class PhotometricWindow:
         """
         Solve for poses, speeds, accelerations and heading error at the present observations.
 
-        The evidence of the images for each hypothesis is Gaussian and closed; the answer is the
-        moments of the mixture, so that a steady pass is not made noisy for the sake of a braking
-        one, nor a braking one biased.
+        The evidence of each hypothesis has a closed Gaussian form.  The answer is the moments of
+        the mixture, so that allowing for braking neither makes a steady pass noisy nor biases a
+        braking one.
         """
         give_way()
         apart = any(pair.right_lag_s for pair in window.pairs)
         seen = self.photometry(window.observations, window.counts(), window.more_px,
                                rates_by_offsets(window.times_s) if apart else None)
         give_way()
-        # The relief is the same whatever the motion: it is eliminated once.
+        # The relief does not depend on the motion model, so it is eliminated once.
         held = np.append(window.relief_weights / self.config.noise.relief_std_m ** 2,
                          np.full(seen.lines, 1 / _ACROSS_PX ** 2))
         said = {more_px: _without_relief(
@@ -507,10 +509,10 @@ class PhotometricWindow:
     def _answers(self, window: _Window, hypotheses: Sequence[Hypothesis], motion: PassMotion,
                  said: Mapping[float, _PoseEquations], *, covariances: bool) -> list[Moments]:
         """
-        Return the answers of hypotheses, as they are listed.
+        Return the answers of hypotheses, in their order.
 
-        :param said: what the images say, by the scatter.
-        :param covariances: whether these are asked for; else they are empty.
+        :param said: scatter of the disparities to the equations of the images.
+        :param covariances: whether to compute covariances; else they are empty.
         """
         levels, all_ = list(said), said.values()
         found = answers(
@@ -525,8 +527,9 @@ class PhotometricWindow:
         """
         Return the lateral rates, path scales and headings (n,) of the present state.
 
-        A vehicle that keeps its lane points along it.  Taken from its lateral rates, a wrong
-        heading would foreshorten the front, which looks like another range, and so feed on itself.
+        Headings are scaled by the probability of a lane change, as a vehicle that keeps its lane
+        points along it.  From lateral rates alone, a wrong heading would foreshorten the front,
+        which looks like another range, and so reinforce itself.
         """
         rates = lateral_rates(window.times_s, window.state[:, 1])
         path_scale = self.sampler.front.path_scale(window.state[:, :3])
@@ -534,7 +537,7 @@ class PhotometricWindow:
             window.state, rates, path_scale)
 
     def _newest_drift(self) -> tuple[float, float]:
-        """Return the newest lateral rate and heading, for the next observation."""
+        """Return the newest lateral rate, m/s, and heading, rad, for the next observation."""
         if len(self._window.keyframes) < 2:
             return 0.0, 0.0
         rates, _, heading = self._directions(self._window)
@@ -542,7 +545,7 @@ class PhotometricWindow:
 
     def _moved(self, window: _Window, solution: _Solution, effort: _Effort
                ) -> tuple[_Window, float]:
-        """Return the window at a solution, and how far the observations made again moved, px."""
+        """Return the window at a solution, and how far the remade observations have moved, px."""
         at = window.index
         state = np.column_stack([solution.mean[at.poses], solution.mean[at.speeds]])
         noise = self.config.noise
@@ -553,10 +556,10 @@ class PhotometricWindow:
         seen = window.observations
         changes = state[:, :3] - np.array([o.pose for o in seen])
         turned = np.abs(heading - [o.heading_rad for o in seen])
-        # Where only some nodes have moved, most samples have not.
+        # The r.m.s., because most samples have not moved where only some nodes have.
         reshaped = np.sqrt(np.square(
             window.relief - np.array([o.relief for o in seen])).mean(axis=1))
-        # By the way between exposures the front moves in the right view, along and across.
+        # Change of the distance that the front moves between exposures, along and across.
         gone_m = np.abs([pair.right_lag_s for pair in window.pairs] * (
             np.stack([state[:, 3], rates]) - np.transpose([o.velocity_mps[:2] for o in seen])))
         per_m = np.array([o.shift_px for o in seen])  # (n, 2, 3)
@@ -578,7 +581,7 @@ class PhotometricWindow:
 
 
 def _least_gap(pairs: Sequence[StereoPair]) -> int:
-    """Return the index of the pair, not the first or last of many, that leaves the least gap."""
+    """Return the index of the pair, not the first or last, whose removal leaves the least gap."""
     times = np.array([pair.stamp_ns for pair in pairs])
     return 1 + int(np.argmin(times[2:] - times[:-2])) if len(times) > 2 else len(times) - 1
 
@@ -586,12 +589,15 @@ def _least_gap(pairs: Sequence[StereoPair]) -> int:
 @dataclass(frozen=True, eq=False)
 class _PoseEquations(Equations):
     """
-    What images say of the poses alone, and of the speeds where views are exposed apart.
+    Equations of the images for the poses alone, and the speeds where views have two stamps.
 
-    :param alone: (m,) relief where the poses are 0.
-    :param gain: (m, k) its change by them, but for its sign.
-    :param factor: Cholesky's of its information (m, m) where the poses are known.
-    :param nodes: that are the relief's; behind them are lines of right views.
+    The m eliminated unknowns are the nodes of the relief, then how far right views are off their
+    epipolar lines.
+
+    :param alone: (m,) eliminated unknowns where the poses are 0.
+    :param gain: (m, k) their decrease per unit of the poses.
+    :param factor: Cholesky factor of their information (m, m) where the poses are known.
+    :param nodes: number of nodes of the relief.
     """
 
     alone: Array
@@ -601,25 +607,25 @@ class _PoseEquations(Equations):
 
     @property
     def unknowns(self) -> Indices:
-        """Return the indices (k,) of what they tell of."""
+        """Return the indices (k,) of the unknowns of these equations."""
         return np.arange(len(self.right))
 
     def relief(self, poses: Array) -> Array:
-        """Return the relief that poses (k,) lead to."""
+        """Return the relief for given poses (k,)."""
         return np.asarray(self.alone - self.gain @ poses)[:self.nodes]
 
     def relief_variances(self, poses: Array) -> Array:
-        """Return the variances (m,) of the relief, by the covariance (k, k) of the poses."""
+        """Return the variances of the relief, given the covariance (k, k) of the poses."""
         return node_variances(self.factor, self.gain, poses)[:self.nodes]
 
 
 def _without_relief(said: Equations, held: Array, nodes: int) -> _PoseEquations:
     """
-    Return what images say of the poses alone.
+    Return the equations of the images for the poses alone.
 
-    :param said: what they say of poses and relief.
-    :param held: (m,) information of the relief at each node before them, 1/m^2, and of the lines.
-    :param nodes: of the relief.
+    :param said: their equations for poses, relief and lines of right views.
+    :param held: (m,) prior information of each node of the relief, 1/m^2, and of the lines.
+    :param nodes: number of nodes of the relief.
     """
     n = len(said.right) - len(held)
     own = said.H[n:, n:] + np.diag(held)
@@ -634,7 +640,7 @@ def _without_relief(said: Equations, held: Array, nodes: int) -> _PoseEquations:
 
 
 def _given_heading(covariance: Array, at: StateIndex) -> Array:
-    """Return the covariance (n, n) of the speeds, were the path's heading known."""
+    """Return the covariance (n, n) of the speeds if the path's heading were known."""
     shared = covariance[np.ix_(at.speeds, at.heading_error)]
     error = covariance[np.ix_(at.heading_error, at.heading_error)]
     return np.asarray(covariance[np.ix_(at.speeds, at.speeds)]
