@@ -58,7 +58,7 @@ class DistanceField:
         self._layers = np.stack([self.signed_px, along_x, along_y], axis=-1)
 
     def accessible(self, xy_px: Array) -> NDArray[np.bool_]:
-        """Return which points (..., 2) are accessible; all points outside the image count as so."""
+        """Return which points (..., 2) are accessible; points outside the image count as such."""
         column = np.rint(xy_px[..., 0]).astype(np.intp)
         row = np.rint(xy_px[..., 1]).astype(np.intp)
         within = (column >= 0) & (row >= 0) & (column < self.width) & (row < self.height)
