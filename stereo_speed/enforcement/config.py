@@ -65,7 +65,7 @@ class EvidenceConfig(CheckedRecord):
     pictures: int = parameter(
         3, 2, 20, '', 'number of whole pairs kept, evenly spread over the pass')
     crop_margin: float = parameter(
-        1.0, 0.0, 20.0, '', 'margin, as a share of the size of the front, of the crops that are kept '
+        1.0, 0.0, 20.0, '', 'margin, as a share of the front size, of the crops that are kept '
         'for measuring again; whole images are kept where crops do not suffice')
     most_recompute_mps: float = parameter(
         0.01, 0.0, 1.0, 'm/s', 'no record where measuring again from the kept images differs '
