@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What tests share: a pass on a bend, roads as picked, small bags, a ROS graph of their own."""
+"""Shared fixtures: a pass on a bend, clicked roads, small bags, a private ROS graph."""
 from __future__ import annotations
 
 from contextlib import ExitStack

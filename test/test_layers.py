@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The layering: imports point down only, and outside libraries stay in their rooms."""
+"""The layers: imports only point down, and reserved libraries stay in their rooms."""
 from __future__ import annotations
 
 import ast

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What processes of the tests of the runner do."""
+"""The work of the jobs in the runner's tests, for worker processes."""
 from __future__ import annotations
 
 import os

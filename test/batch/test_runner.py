@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Jobs run once each, over processes, through failures, crashes and cut lines."""
+"""Jobs run once each in worker processes, through failures, crashes and truncated lines."""
 from __future__ import annotations
 
 from collections import deque

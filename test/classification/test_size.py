@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Sizes of drawn vehicles, from their pairs and where they are in them."""
+"""Sizes of simulated vehicles, from their pairs and their positions in them."""
 from __future__ import annotations
 
 from dataclasses import replace

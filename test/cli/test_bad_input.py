@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Bad input: exit 2, one line that names the file and the field, nothing that looks complete."""
+"""Bad input: exit status 2, one line with file and field, and no output that looks complete."""
 from __future__ import annotations
 
 import math

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The command line's frame: exit status, one-line errors, lazy commands."""
+"""The common part of the command line: exit status, one-line errors, lazy imports."""
 from __future__ import annotations
 
 import argparse

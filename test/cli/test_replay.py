@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""``replay`` on the sample: its files, its table, and the same bytes again."""
+"""``replay`` on the sample: its files, its table, and identical bytes when repeated."""
 from __future__ import annotations
 
 import csv

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Vehicles found elsewhere: boxes from a file, through ``replay``."""
+"""Vehicles detected by another program: boxes from a file, through ``replay``."""
 from __future__ import annotations
 
 import csv

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A replay that reads ahead has for each pass the images that one in turn has."""
+"""A replay that reads ahead records the same images for each pass as one that does not."""
 from __future__ import annotations
 
 from types import SimpleNamespace

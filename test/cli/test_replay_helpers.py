@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A replay that has processes help it writes what it would have written alone."""
+"""A replay with helper processes writes the same files as one without."""
 from __future__ import annotations
 
 from dataclasses import replace

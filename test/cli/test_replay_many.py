@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""``replay-many``: the bytes of ``replay``, over processes and a cluster, through kills."""
+"""``replay-many`` writes the bytes of ``replay``, over processes and a cluster, through kills."""
 from __future__ import annotations
 
 import json

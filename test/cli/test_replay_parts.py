@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A long replay that is interrupted goes on, and writes what it would have written."""
+"""A long replay resumes after an interruption, and writes the same files."""
 from __future__ import annotations
 
 import argparse

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What ``replay --report --video`` writes beside the tables."""
+"""The files that ``replay --report --video`` writes beside the tables."""
 from __future__ import annotations
 
 import re

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""``self-test`` with the sample, whose speed is known, and with a speed that is not its own."""
+"""``self-test`` with the sample's known speed, and with a wrong speed."""
 from __future__ import annotations
 
 import csv

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""``site`` from end to end on the sample, and what it refuses."""
+"""``site`` end to end on the sample, and bad input."""
 from __future__ import annotations
 
 import numpy as np

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""``stats`` and ``verify-against`` over runs as ``replay`` writes them."""
+"""``stats`` and ``verify-against`` over runs of ``replay``."""
 from __future__ import annotations
 
 import csv

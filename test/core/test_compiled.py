@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Which kernels are in use is decided by what is installed and asked for, and told."""
+"""Kernels are chosen by installed packages and by request, and the choice is reported."""
 from __future__ import annotations
 
 import ast

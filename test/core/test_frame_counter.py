@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Numbers of frames from their stamps: with jitter and drops, by hand, and after a jump."""
+"""Frame numbers from stamps: with jitter and drops, by hand, and after a jump."""
 from __future__ import annotations
 
 import numpy as np

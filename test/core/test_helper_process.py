@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A process that helps, where it cannot be had."""
+"""Helper processes that cannot be started."""
 from __future__ import annotations
 
 import os

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Threads that give way: they stop where they are asked to, and no longer than that."""
+"""Threads that give way stop when they are asked to, and no longer than needed."""
 from __future__ import annotations
 
 import threading

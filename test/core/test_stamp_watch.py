@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Steps of the clock are told from missing images, from jitter and from uneven exposures."""
+"""Steps of the clock are distinguished from lost images, jitter and uneven exposures."""
 import numpy as np
 import pytest
 from stereo_speed.core.stamp_watch import StampWatch

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Which pairs of a pass show its vehicle where it was measured, and what is gathered of them."""
+"""The pairs of a trace that show the vehicle, and the content of a trace."""
 from __future__ import annotations
 
 import numpy as np

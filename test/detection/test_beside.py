@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The detector in a process of its own: the same as in turn, and no harm when it dies."""
+"""The detector in a separate process: same results as in sequence, and survival of its death."""
 from __future__ import annotations
 
 from dataclasses import astuple, replace

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What of a window moves: middles and widths without symmetry, and parts of something wider."""
+"""The moving part of a window: centres and widths without symmetry, and parts of wider objects."""
 from __future__ import annotations
 
 from dataclasses import replace

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Fronts in views that are not equally sharp, of which little is seen, or of several kinds."""
+"""Fronts in views of unequal sharpness, of which little is visible, or of several kinds."""
 from __future__ import annotations
 
 from dataclasses import replace

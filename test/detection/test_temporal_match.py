@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Where a drawn front was in an earlier pair, and how much of it looks as it did there."""
+"""The position of a drawn front in an earlier pair, and its similarity there."""
 from __future__ import annotations
 
 from dataclasses import replace

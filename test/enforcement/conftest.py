@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""One record of the sample's vehicle, and small ones made of it."""
+"""One record of the sample's vehicle, and small records derived from it."""
 from __future__ import annotations
 
 from dataclasses import replace

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Measured, considered and limit speed; what is no violation, and why."""
+"""Measured, considered and limit speed; passes that are no violation, and the reasons."""
 from __future__ import annotations
 
 from dataclasses import fields, replace

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""From a pass to a record: what it holds, how it is measured again, when there is none."""
+"""From a pass to a record: its content, its recomputation, and passes without a record."""
 from __future__ import annotations
 
 from dataclasses import fields, replace

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Writers of small records stopped at random steps, with files torn, as ``tamper`` does it."""
+"""Writers stopped at random steps, with torn files, as in ``tamper``."""
 from __future__ import annotations
 
 import os

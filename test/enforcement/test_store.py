@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Records are whole or not there, whatever the disk does and wherever the writer is stopped."""
+"""Records are complete or absent, whatever the disk does and wherever the writer stops."""
 from __future__ import annotations
 
 import errno

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Whatever is changed, removed, added, moved or cut is found and named."""
+"""Every change, removal, addition, move and truncation is detected and named."""
 from __future__ import annotations
 
 import json

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Lens models: what each promises, and closed forms."""
+"""Lens models: their invariants, and closed forms."""
 from __future__ import annotations
 
 import math

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What ``bench`` times live nodes beside, with the sample in place of traffic, over real DDS."""
+"""The live benchmark and its peers, with the sample in place of traffic, over real DDS."""
 from __future__ import annotations
 
 import pytest

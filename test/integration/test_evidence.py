@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Violations over real DDS: ``evidence_node`` beside the others, as a user runs it."""
+"""Violations over real DDS: ``evidence_node`` with the other nodes."""
 from __future__ import annotations
 
 import json

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The lifecycle of a node that measures, as a lifecycle manager drives it."""
+"""The lifecycle of a measuring node, driven by a lifecycle manager."""
 from __future__ import annotations
 
 import json

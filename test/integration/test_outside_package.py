@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Trackers and detectors of another package, installed as any package and run by name."""
+"""Trackers and detectors of another installed package, run by name."""
 from __future__ import annotations
 
 import csv

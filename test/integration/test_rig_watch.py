@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The live rig against its site: a node looks at it in a process of its own."""
+"""The live rig against its site: a node checks it in a separate process."""
 from __future__ import annotations
 
 import json

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The self-test of ``tracker_node``: an ERROR and no readings until it is passed."""
+"""The self-test of ``tracker_node``: ERROR and no readings until it has passed."""
 from __future__ import annotations
 
 import pytest

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The page beside the live nodes: real processes over DDS, a real browser."""
+"""The page with the live nodes: real processes over DDS, a real browser."""
 from __future__ import annotations
 
 from pathlib import Path

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Reading ahead changes neither what comes nor its order."""
+"""Reading ahead changes neither the items nor their order."""
 from __future__ import annotations
 
 import threading

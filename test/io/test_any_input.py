@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Whatever a YAML file or the bytes of an image hold, there is a result or one clear line."""
+"""Any YAML file and any image bytes give a result or one clear line."""
 from __future__ import annotations
 
 from hypothesis import given, HealthCheck, settings, strategies as st

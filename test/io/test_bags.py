@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Tiny bags of every kind: written, read, equal; and every way they can be broken."""
+"""Tiny bags of every kind: written, read, compared; and every kind of fault."""
 import hashlib
 import logging
 import shutil

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Damaged images are told, made-up sizes are refused, and chatter goes where it belongs."""
+"""Damaged images are detected, false sizes refused, and decoder output sorted from other lines."""
 from __future__ import annotations
 
 import os

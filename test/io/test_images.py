@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Every encoding against OpenCV, through messages of both ROS versions' fields."""
+"""Every encoding against OpenCV, with messages of both ROS versions."""
 from array import array
 from types import SimpleNamespace
 

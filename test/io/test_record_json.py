@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What goes into a line comes out of it, to the last bit."""
+"""Records survive the round trip through JSON to the last bit."""
 from __future__ import annotations
 
 import dataclasses

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""``tracks.csv`` grown on the way is that written at once, and holds few rows in memory."""
+"""``tracks.csv`` written during the run equals one written at once, with little memory."""
 from __future__ import annotations
 
 from dataclasses import replace

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""One video as a folder, as a file and as bags reads the same; what cannot be read is named."""
+"""A video reads the same as a folder, a file and bags; unreadable ones are named."""
 import cv2
 import numpy as np
 import pytest

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The background: worked by hand, what a target hides, and what is learnt of it later."""
+"""The background: worked by hand, occlusion by a target, and learning afterwards."""
 from __future__ import annotations
 
 from types import SimpleNamespace

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Stops and starts: how often, and what comes of them."""
+"""Stops and starts: their frequency, and their effect."""
 from __future__ import annotations
 
 from dataclasses import replace

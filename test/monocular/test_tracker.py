@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The monocular tracker on a synthetic road: kept, occluded, lost, left, and in strides."""
+"""The monocular tracker on a synthetic road: targets kept, occluded, lost, departed; strides."""
 from __future__ import annotations
 
 from dataclasses import replace

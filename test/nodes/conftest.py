@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Nodes in the process of a test."""
+"""Nodes that run in the process of a test."""
 from __future__ import annotations
 
 from contextlib import contextmanager, ExitStack

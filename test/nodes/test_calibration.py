@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What is believed of the calibrations that come."""
+"""Acceptance of received calibrations."""
 from __future__ import annotations
 
 from copy import deepcopy

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""How nodes start and end, in this process."""
+"""Start and end of nodes, in this process."""
 from __future__ import annotations
 
 import os

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The shipped configuration and launch files say what the code does."""
+"""The shipped configuration and launch files agree with the code."""
 from __future__ import annotations
 
 import ast

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""``environment_node`` as a real process over real DDS, against the command on the same frames."""
+"""``environment_node`` as a real process over DDS, against the command on the same frames."""
 from __future__ import annotations
 
 import csv

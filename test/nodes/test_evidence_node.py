@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""``evidence_node`` in this process, on a disk that fills up and is emptied again."""
+"""``evidence_node`` in this process, on a disk that fills up and is cleared again."""
 from __future__ import annotations
 
 from collections import namedtuple

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Static frames by hand, and what messages say of what is not known."""
+"""Static frames by hand, and messages with unknown values."""
 from __future__ import annotations
 
 from dataclasses import replace

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Levels go up with a fault and back after it; logs are kept short; what is missing is counted."""
+"""Levels rise with a fault and fall after it; logs stay short; missing items are counted."""
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor

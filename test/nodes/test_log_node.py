@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A fault of the disk is told until something was written again."""
+"""A disk fault is reported until a write succeeds again."""
 from __future__ import annotations
 
 import sqlite3

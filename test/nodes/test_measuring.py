@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a node that measures says of itself as its states change, in this process."""
+"""Diagnostics of a measuring node as its states change, in this process."""
 from __future__ import annotations
 
 from types import SimpleNamespace

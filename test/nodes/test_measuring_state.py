@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What is counted of pairs and stamps turns into levels, and back."""
+"""Counts of pairs and stamps raise diagnostic levels, and lower them again."""
 from __future__ import annotations
 
 from types import SimpleNamespace

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Whether the views are crossed: nothing is told before it is known, nobody waits later."""
+"""Detection of swapped views: no reading before it is decided, no delay afterwards."""
 from __future__ import annotations
 
 import threading

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a measuring node tells of itself, held in this process."""
+"""Messages of a measuring node, captured in this process."""
 from __future__ import annotations
 
 from collections import defaultdict

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The pair's message gives back what was put into it, and shows as a plain image."""
+"""The pair's message restores its images, and displays as a plain image."""
 from __future__ import annotations
 
 import numpy as np

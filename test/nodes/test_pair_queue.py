@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What is skipped when the machine does not keep up, and what is not."""
+"""Pairs that are skipped when the machine does not keep up, and pairs that are not."""
 from __future__ import annotations
 
 import threading

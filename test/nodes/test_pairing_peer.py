@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The peer that live nodes are timed beside does not go on in silence when its matching fails."""
+"""The benchmark's peer node reports a failing matcher instead of going on silently."""
 from __future__ import annotations
 
 import pytest

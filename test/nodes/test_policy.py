@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The security policy allows what the nodes have in the graph, and nothing else."""
+"""The security policy allows exactly what the nodes use in the graph."""
 from __future__ import annotations
 
 from importlib import import_module

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A rig that has moved is not measured with until it is right again, or known anew."""
+"""A moved rig stops the measurement until it is back in place, or its motion is known."""
 from __future__ import annotations
 
 import math

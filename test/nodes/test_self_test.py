@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Nothing may be measured from the start of a node until its self-test is passed."""
+"""Nothing is measured after the start of a node until its self-test has passed."""
 from __future__ import annotations
 
 from datetime import datetime, timezone

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The page of what is live, as a real process that listens to real messages."""
+"""The live page, as a real process that listens to real messages."""
 from __future__ import annotations
 
 import http.cookiejar

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A subscription takes what the publishers of its topic offer."""
+"""Subscriptions are compatible with the publishers of their topics."""
 from __future__ import annotations
 
 import pytest

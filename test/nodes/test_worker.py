@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A process that works for a node: what ails it, and when it is started anew."""
+"""A node's worker process: its failures, and its restarts."""
 from __future__ import annotations
 
 import pytest

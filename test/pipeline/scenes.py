@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Two vehicles side by side, and what finds them when it is told to."""
+"""Two vehicles side by side, and a detector that finds them on request."""
 from __future__ import annotations
 
 from dataclasses import replace

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""From a site file to a pipeline: tolerances, corrections and refinement all arrive."""
+"""From a site file to a pipeline: tolerances, corrections and refinement are all applied."""
 from __future__ import annotations
 
 import numpy as np

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Passes measured beside the pairs: the same results in the same order, and nobody waits."""
+"""Passes measured in the background: same results in the same order, without delay of pairs."""
 from __future__ import annotations
 
 from dataclasses import replace

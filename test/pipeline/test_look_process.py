@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A look at the rig in another process finds what one here finds, and is no burden."""
+"""A rig check in another process has the same result as here, at little cost."""
 from __future__ import annotations
 
 from dataclasses import replace

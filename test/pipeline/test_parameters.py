@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Every parameter changes something, and whatever is legal runs."""
+"""Every parameter has an effect, and all legal values run."""
 from __future__ import annotations
 
 from dataclasses import astuple, dataclass, Field, field, replace

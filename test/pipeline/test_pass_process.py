@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Passes measured in a process of its own: the same results, and no harm when it dies."""
+"""Passes measured in a separate process: same results, and survival of its death."""
 from __future__ import annotations
 
 from functools import partial

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The pipeline's own part: tracks that begin and end by themselves, their lanes and particles."""
+"""The pipeline's own part: automatic start and end of tracks, their lanes and particles."""
 from __future__ import annotations
 
 from dataclasses import replace

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The loop: what it gathers, in which order, and what it leaves out."""
+"""The loop over pairs: what it gathers, in which order, and what it drops."""
 from __future__ import annotations
 
 from concurrent.futures import Future

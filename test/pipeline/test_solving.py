@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Solutions beside the pairs: readings wait for none, and what comes of a pass is the same."""
+"""Background solving: readings do not wait, and the result of a pass is the same."""
 from __future__ import annotations
 
 from collections import deque

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A rig that sways measures as one that stands still, and a camera that turns does not matter."""
+"""A swaying rig measures like one at rest, and a turning camera does not matter."""
 from __future__ import annotations
 
 from dataclasses import replace

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Whose turn it is where there is no time to solve for all vehicles, worked by hand."""
+"""Which vehicle is solved for when there is no time for all, worked by hand."""
 from __future__ import annotations
 
 import math

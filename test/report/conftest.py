@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A small scene to draw: a parallel rig, a straight lane towards it, one vehicle's pass."""
+"""A small scene to draw: a parallel rig, a straight lane, one vehicle's pass."""
 from __future__ import annotations
 
 from types import SimpleNamespace

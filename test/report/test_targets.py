@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Annotated frames and drawings of maps: what is drawn where, and what stays as it was."""
+"""Annotated frames and drawings of maps: drawn pixels, and unchanged ones."""
 from __future__ import annotations
 
 import numpy as np

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The start of the fit, from exact picks."""
+"""The initial guess of the fit, from exact picks."""
 from __future__ import annotations
 
 import numpy as np

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The joint fit against made-up roads of known shape."""
+"""The joint fit against synthetic roads of known shape."""
 from __future__ import annotations
 
 from dataclasses import replace

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The family of roads: hand-worked shapes, and interpolation between nodes."""
+"""The family of roads: shapes worked by hand, and interpolation between nodes."""
 from __future__ import annotations
 
 import numpy as np

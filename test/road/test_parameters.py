@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Every parameter of what is known of roads changes some lane."""
+"""Every parameter of the road prior changes some lane."""
 from __future__ import annotations
 
 from functools import lru_cache

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Paths: straight lines, circles and what every path must keep."""
+"""Paths: straight lines, circles and the invariants of every path."""
 from __future__ import annotations
 
 import numpy as np

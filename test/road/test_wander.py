@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Lines that wander: chances by hand, evidence against the dense Gaussian, residuals."""
+"""Wandering lines: probabilities by hand, evidence against the dense Gaussian, residuals."""
 from __future__ import annotations
 
 from dataclasses import replace

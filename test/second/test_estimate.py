@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The second estimate of a pass with truth: where it agrees, and what it finds."""
+"""The second estimate of a pass with truth: its agreement, and what it detects."""
 from __future__ import annotations
 
 from dataclasses import astuple, replace

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Corners of a textured board whose place in both views is known exactly."""
+"""Corners of a textured board whose positions in both views are known exactly."""
 from __future__ import annotations
 
 import cv2

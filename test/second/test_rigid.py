@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Places of a body whose corners project with known noise."""
+"""Positions of a body whose corners project with known noise."""
 from __future__ import annotations
 
 import tracemalloc

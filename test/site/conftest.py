@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Files of sites, as the tests of their reading write them."""
+"""Site files for the tests of reading them."""
 from __future__ import annotations
 
 import copy

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Lane paths of sites: picked, surveyed and mixed lines, and what is refused."""
+"""Lane paths of sites: picked, surveyed and mixed lines, and errors."""
 from __future__ import annotations
 
 import numpy as np

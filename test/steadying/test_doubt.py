@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a right camera that has turned does to what is told."""
+"""The effect of a turned right camera on the reported uncertainty."""
 from __future__ import annotations
 
 from dataclasses import replace

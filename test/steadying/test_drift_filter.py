@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The right camera's rotation from pair to pair: noise, turns and slow creeping."""
+"""The right camera's rotation from pair to pair: noise, turns and slow drift."""
 from __future__ import annotations
 
 import numpy as np

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Both cameras together: sway of the rig, drift of the right one, and what is unknown."""
+"""Both cameras together: sway of the rig, drift of the right one, and unknown rotations."""
 from __future__ import annotations
 
 from dataclasses import replace

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The time between the views is found in drawn fronts that move, whatever the stamps say."""
+"""The time between the views is found from moving drawn fronts, whatever the stamps are."""
 from __future__ import annotations
 
 import cv2

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Cameras in each other's place show in the images; so do cameras that show nothing."""
+"""Swapped cameras are detected in the images; so are cameras that show nothing."""
 from __future__ import annotations
 
 from dataclasses import replace

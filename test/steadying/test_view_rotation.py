@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The rotation of one camera, against images of it that are drawn exactly."""
+"""The rotation of one camera, against exactly drawn images."""
 from __future__ import annotations
 
 import numpy as np

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What tests of the page share: the sample opened, a server that runs, and a plain client."""
+"""Shared fixtures of the page's tests: the opened sample, a running server, a plain client."""
 from __future__ import annotations
 
 from contextlib import contextmanager

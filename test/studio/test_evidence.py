@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Records under review: figures, files, verification, and nothing outside of them."""
+"""Records under review: figures, files, verification, and no access outside of them."""
 from __future__ import annotations
 
 import json

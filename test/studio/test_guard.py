@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Who may talk to the server, and what an answer may do in a browser."""
+"""Access to the server, and what its responses allow in a browser."""
 from __future__ import annotations
 
 import re

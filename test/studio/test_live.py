@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What is live: the newest of everything, and how old it is."""
+"""Live data: the latest of everything, and its age."""
 from __future__ import annotations
 
 import pytest

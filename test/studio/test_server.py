@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The server: steps and files over HTTP, what pages are told, runs."""
+"""The server: steps and files over HTTP, messages to pages, runs."""
 from __future__ import annotations
 
 import asyncio

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A verification by hand, and the numbers of passes that the rules name."""
+"""A verification by hand, and the numbers of passes in the rules."""
 from __future__ import annotations
 
 import json

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The tracker's compiled loops against the same in plain numpy and scipy."""
+"""The tracker's compiled kernels against plain numpy and scipy."""
 from __future__ import annotations
 
 import cv2

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The models of motion, against a Kalman smoother, closed forms and quadrature."""
+"""The motion models against a Kalman smoother, closed forms and quadrature."""
 from __future__ import annotations
 
 import numpy as np

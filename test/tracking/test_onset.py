@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Vehicles that keep their speed until they brake, beside each onset solved by itself."""
+"""Vehicles of constant speed until they brake, against solving each onset separately."""
 from __future__ import annotations
 
 import numpy as np

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Observations as normal equations: in a linear world that is known, and by hand."""
+"""Observations as normal equations: in a known linear world, and by hand."""
 from __future__ import annotations
 
 from dataclasses import replace

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The relief of a front: its functions, and what it is worth."""
+"""The relief of a front: its functions, and its effect."""
 from __future__ import annotations
 
 from dataclasses import replace

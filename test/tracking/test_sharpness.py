@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Which view is the sharper one: views blurred by known amounts."""
+"""Which view is sharper, for views blurred by known amounts."""
 from __future__ import annotations
 
 from dataclasses import replace

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What stands and what lies, in images of either that are drawn by their closed forms."""
+"""Upright and lying patches are told apart, in images drawn by their closed forms."""
 from __future__ import annotations
 
 import math

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The verdict on a pass, and how a track ends, whatever the images are."""
+"""The verdict on a pass, and the end of a track, independent of the images."""
 from __future__ import annotations
 
 import numpy as np

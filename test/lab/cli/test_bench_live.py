@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What ``bench`` says of live nodes where it cannot time them, and whose time it counts."""
+"""The live benchmark where nodes cannot be timed, and the processes whose time counts."""
 from __future__ import annotations
 
 from contextlib import contextmanager, ExitStack, nullcontext

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Bags that go round, and the tables of what they cost."""
+"""Repeated bags, and the tables of their cost."""
 from __future__ import annotations
 
 import pytest

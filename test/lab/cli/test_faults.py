@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What nodes say is held against the right vehicle and the right time, by hand."""
+"""Output of nodes is compared with the right vehicle and time, by hand."""
 from __future__ import annotations
 
 from types import SimpleNamespace

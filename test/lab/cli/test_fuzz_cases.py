@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Damaged input is refused in one line or taken; and what judges that sees what it is to see."""
+"""Damaged input is refused in one line or accepted, and the fuzzer's judge detects violations."""
 from __future__ import annotations
 
 import os

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Passes drawn at random, summed up by hand."""
+"""Summaries of random passes, worked by hand."""
 from __future__ import annotations
 
 import numpy as np

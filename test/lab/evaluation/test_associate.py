@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Tracks and vehicles are matched one to one by their places."""
+"""Tracks and vehicles are matched one to one by their positions."""
 from __future__ import annotations
 
 from itertools import permutations

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the benchmark tells: each job counts after its first run, and every kernel is there."""
+"""The benchmark: jobs are timed after their first run, and every kernel is included."""
 from __future__ import annotations
 
 import sys

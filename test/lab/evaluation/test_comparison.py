@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Trackers side by side, by hand."""
+"""The comparison of trackers, worked by hand."""
 from __future__ import annotations
 
 import pytest

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The paper's tables as data, what is run for them, and what comes out."""
+"""The paper's tables as data, the runs for them, and the results."""
 from __future__ import annotations
 
 import csv

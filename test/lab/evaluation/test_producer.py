@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Items from another process: the same, in order, with what goes wrong there."""
+"""Items from another process: the same, in order, with its exceptions."""
 from __future__ import annotations
 
 import importlib

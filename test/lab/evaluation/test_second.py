@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Both estimates of passes, summed up by hand, and one pass through the command."""
+"""Summaries of both estimates, worked by hand, and one pass through the command."""
 from __future__ import annotations
 
 import csv

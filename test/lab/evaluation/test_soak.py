@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The judge of long live runs, by vehicles and samples made up by hand."""
+"""The scoring of long live runs, with synthetic vehicles and samples."""
 from __future__ import annotations
 
 import mmap

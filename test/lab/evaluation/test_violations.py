@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Records of simulated traffic beside the truth: what is wrong is told, what is right is not."""
+"""Records of simulated traffic against the truth: wrong ones are found, right ones pass."""
 from __future__ import annotations
 
 from dataclasses import replace

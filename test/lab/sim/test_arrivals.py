@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Traffic flow: nobody touches, nobody brakes harder than tyres can, plans are kept."""
+"""Traffic flow: no collisions, no braking beyond the limit, and planned manoeuvres happen."""
 from __future__ import annotations
 
 from dataclasses import replace

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Recordings as they would be had the rig swayed, or a camera been knocked or out of focus."""
+"""Recordings transformed as if the rig swayed, or a camera were displaced or out of focus."""
 from __future__ import annotations
 
 import cv2

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Lenses, clipping and faults of cameras; what a wet road and glossy paint mirror."""
+"""Lenses, clipping and camera faults; reflections of wet roads and glossy paint."""
 from __future__ import annotations
 
 from dataclasses import replace

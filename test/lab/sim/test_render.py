@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What is drawn lies where the geometry says, to a small part of a pixel."""
+"""Rendered objects agree with the geometry to a small part of a pixel."""
 from __future__ import annotations
 
 from dataclasses import replace

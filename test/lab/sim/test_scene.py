@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Exposures, places and truth of a scene: by hand, and against each other."""
+"""Exposures, positions and truth of a scene: by hand, and for consistency."""
 from __future__ import annotations
 
 from dataclasses import replace

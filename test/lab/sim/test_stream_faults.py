@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Faults put into a stream: each does what it says, and only while it holds."""
+"""Faults in a stream: each has its effect, and only while it is active."""
 from __future__ import annotations
 
 import numpy as np

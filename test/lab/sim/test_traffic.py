@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A stream of traffic: repeatable, its truth consistent with itself; sequences with everything."""
+"""A stream of traffic: repeatable, with consistent truth; sequences with all features."""
 from __future__ import annotations
 
 import csv

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Roads drawn by closed forms, and simulated passes with rough clicks and their true lines."""
+"""Roads drawn by closed forms, and simulated passes with inexact clicks and true lines."""
 from __future__ import annotations
 
 from dataclasses import dataclass

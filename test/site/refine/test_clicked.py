@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Which markings cannot be what was clicked."""
+"""Markings that cannot be the clicked ones."""
 from __future__ import annotations
 
 from dataclasses import replace

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a camera has rotated: decisions, and honest uncertainty over many rigs."""
+"""Rotation of a camera: decisions, and consistent uncertainty over many rigs."""
 from __future__ import annotations
 
 import numpy as np

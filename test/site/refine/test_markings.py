@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Lane markings and kerbs in drawn views, whose place is known exactly."""
+"""Lane markings and kerbs in drawn views, at exactly known positions."""
 from __future__ import annotations
 
 from dataclasses import replace

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Every parameter of the refinement changes something that it finds or says."""
+"""Every parameter of the refinement changes some result or message."""
 from __future__ import annotations
 
 from dataclasses import replace

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A rig that has moved since its site was refined shows in its own images."""
+"""A rig that has moved since its site was refined is detected in its images."""
 from __future__ import annotations
 
 from dataclasses import replace

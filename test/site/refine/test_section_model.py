@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Cross-sections made from exact pixel coverage, found again."""
+"""Cross-sections rendered with exact pixel coverage are recovered."""
 from __future__ import annotations
 
 import numpy as np
