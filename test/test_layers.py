@@ -101,7 +101,7 @@ def imports_of(source: str, module: str, is_package: bool) -> Iterator[tuple[str
 
 
 def is_room(name: str) -> bool:
-    """Tell whether a name is that of a folder of the package."""
+    """Return whether a name is that of a folder of the package."""
     return any(room.split('.')[0] == name for room in RANK)
 
 
@@ -122,12 +122,12 @@ def faults(source: str, module: str, is_package: bool = False) -> list[str]:
 
 
 def in_laboratory(room: str) -> bool:
-    """Tell whether a room belongs to the laboratory."""
+    """Return whether a room belongs to the laboratory."""
     return room.partition('.')[0] == LABORATORY
 
 
 def dotted(path: Path) -> str:
-    """Give the dotted name, below the package, of a source file."""
+    """Return the dotted name of a source file, below the package."""
     parts = path.relative_to(ROOT).with_suffix('').parts
     return '.'.join(parts[:-1] if len(parts) > 1 and parts[-1] == '__init__' else parts)
 

@@ -21,20 +21,20 @@ from stereo_speed.core.errors import InputError
 
 @pytest.fixture
 def work(monkeypatch):
-    """Give the worker from a module that processes of their own can import."""
+    """Return the worker from a module that worker processes can import."""
     monkeypatch.syspath_prepend(str(Path(__file__).parent))
     return importlib.import_module('squaring').work
 
 
 def jobs_of(count, trace='', **changes):
-    """Make jobs; a change to one is given by its key."""
+    """Make jobs; changes to some are given by their keys."""
     plain = [{'n': n, 'trace': str(trace)} for n in range(count)]
     return [Job(key=f'job{n}', parameters={**row, **changes.get(f'job{n}', {})})
             for n, row in enumerate(plain)]
 
 
 def squares(results):
-    """List what came out."""
+    """Return the values of results."""
     return [None if r.value is None else r.value['square'] for r in results]
 
 
@@ -114,7 +114,7 @@ class StandIn:
 
 
 def deal(groups, turns):
-    """Hand out the jobs of groups to two workers that ask in this order."""
+    """Hand out the jobs of groups to two workers that ask in a given order."""
     queue = deque(deque(Job(key=key, parameters={}) for key in group) for group in groups)
     pool = [StandIn(), StandIn()]
     for turn in turns:

@@ -16,7 +16,7 @@ from stereo_speed.site.file import load_site
 
 @pytest.fixture(scope='module')
 def run(tmp_path_factory, sample):
-    """Give the function that replays the sample into a new folder."""
+    """Return a function that replays the sample into a new folder."""
     def replay(*more: str) -> Path:
         out = tmp_path_factory.mktemp('run')
         assert main(['replay', str(sample / 'bag'), '--site', str(sample / 'site.yaml'),

@@ -13,7 +13,7 @@ from stereo_speed.core.units import MPH_MPS
 
 
 def written(path, boxes):
-    """Write boxes by stamp as a file."""
+    """Write boxes by stamp to a file."""
     with path.open('w', newline='') as file:
         rows = csv.writer(file)
         rows.writerow(['stamp_ns', 'left_px', 'top_px', 'width_px', 'height_px', 'score'])

@@ -41,7 +41,7 @@ def bag(sample, tmp_path_factory):
 
 @pytest.fixture
 def in_parts(monkeypatch):
-    """Make parts short."""
+    """Use short parts."""
     monkeypatch.setattr(replay, 'PART_PAIRS', 10)
 
 
@@ -50,7 +50,7 @@ def files(folder):
 
 
 def interrupt(monkeypatch, pairs):
-    """Let Ctrl-C come after so many pairs of a run."""
+    """Raise a KeyboardInterrupt after some pairs of a run."""
     def some(stream, **_):
         for number, pair in enumerate(stream):
             if number == pairs:

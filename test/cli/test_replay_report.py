@@ -12,7 +12,7 @@ from stereo_speed.cli.main import main
 
 @pytest.fixture(scope='module')
 def outs(sample, tmp_path_factory):
-    """Return the folders of two runs that are alike."""
+    """Return the folders of two identical runs."""
     out = tmp_path_factory.mktemp('report')
     for name in ('a', 'b'):
         assert main(['replay', str(sample / 'bag'), '--site', str(sample / 'site.yaml'), '--init',

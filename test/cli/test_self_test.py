@@ -13,7 +13,7 @@ from stereo_speed.pipeline.self_test import off_percent
 
 @pytest.fixture()
 def stored(sample, tmp_path):
-    """Return a function that stores the sample with speeds that are off by a factor."""
+    """Return a function that stores the sample with its true speeds multiplied by a factor."""
     def store(factor):
         with (sample / 'truth.csv').open(newline='') as file:
             rows = list(csv.DictReader(file))

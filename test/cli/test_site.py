@@ -33,7 +33,7 @@ def test_refine_writes_a_site_that_can_be_used(sample, short_bag, tmp_path, caps
 
 @pytest.mark.slow
 def test_check_changes_nothing(edited, short_bag, tmp_path, capsys):
-    """On a site of one line, for it takes as long as there are lines."""
+    """On a site of one line, because the time grows with the lines."""
     def one_line(data):
         data['lines'] = {'edge_right': data['lines']['edge_right']}
         data['lanes'] = [{'name': 'lane_0', 'path': 'edge_right', 'speed_limit': '55 mph'}]

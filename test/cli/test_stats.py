@@ -26,7 +26,7 @@ def result(track, kmh, lane='near'):
 
 @pytest.fixture()
 def runs(tmp_path):
-    """Write two runs below one folder, and give it."""
+    """Write two runs below one folder, and return it."""
     lanes = {'near': {'speed_limit_mps': 60 * KMH_MPS}, '<far>': {'speed_limit_mps': None}}
     write_run(tmp_path / 'runs' / 'a', [], [result(1, 50), result(2, 70), result(3, None)],
               {'lanes': lanes})

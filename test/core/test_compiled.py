@@ -27,7 +27,7 @@ TYPES = '(f8[:,::1], f8)'
 
 
 def plain_total(values, more):
-    """Sum in the easy way."""
+    """Sum in plain Python."""
     return 'plain', float(np.sum(values)) + more
 
 
@@ -178,7 +178,7 @@ def fresh_process(sample):
 
 
 def test_constants_of_a_loop_stand_in_its_own_file():
-    """Compiled code is kept until that file changes: a constant from elsewhere would go stale."""
+    """Compiled code is cached until that file changes; constants from elsewhere might be stale."""
     package = Path(compiled.__file__).parents[1]
     files = [path for path in package.rglob('*.py') if '@kernel(' in path.read_text()]
     assert files

@@ -13,7 +13,7 @@ _LONG_S = 30.0  # more than a busy machine takes
 
 @pytest.fixture
 def passing():
-    """Return a function that starts a thread which gives way once; it returns what it sets."""
+    """Return a function that starts a thread which gives way once, and returns its event."""
     threads = []
 
     def begin(way):

@@ -11,7 +11,7 @@ BOX = np.array([[0.0, 0], [10, 0], [10, 8], [0, 8]])
 
 
 def said(ns, track=0, off_px=0.0, state=TrackState.CONFIRMED):
-    """Return what a track says of a pair."""
+    """Return a track's update for a pair."""
     return TrackUpdate(ns, track, 'near', state, 20.0, 0.1, 5.0, 0.0, np.zeros(3), np.eye(3),
                        np.eye(3), BOX + off_px, BOX)
 

@@ -32,7 +32,7 @@ def bound_m(found, drive):
 
 
 def held(found):
-    """Return the place of a detection as a track that holds it would."""
+    """Return the region of a track that follows a detection."""
     return TrackedRegion(
         lane=found.lane, s_m=found.s_m, lateral_m=found.lateral_m, width_m=found.width_m,
         height_m=found.height_m, left_px=found.left_px, right_px=found.right_px)
@@ -75,7 +75,7 @@ def test_where_it_was_is_reported_too(straight):
 
 
 def hidden(pair, row, rig):
-    """Occlude 0.5 m about the middle of a front by a post, in both views."""
+    """Occlude 0.5 m around the middle of a front by a post, in both views."""
     centre = np.array([row[k] for k in 'xyz'], float)
     views = []
     for view, (left, right) in zip(
@@ -127,13 +127,13 @@ def test_what_stands_still_is_no_vehicle(straight):
 
 
 def test_one_view_alone_finds_nothing(straight):
-    """What moves but is at no depth, such as what both cameras see alike, is none."""
+    """Motion without a consistent depth, such as equal content in both cameras, is no vehicle."""
     drive = straight._replace(pairs=[replace(p, right=p.left) for p in straight.pairs])
     assert first_pair_found(drive)[1] == []
 
 
 def test_who_recalls_what_another_remembers_goes_on_as_that_would(traffic):
-    """At any pair, in the middle of a round too."""
+    """A detector that takes over another's memory at any pair continues identically."""
     one, found = PlaneSweepDetector(traffic.rig, traffic.lanes, DetectorConfig()), 0
     for pair in traffic.pairs[:12]:
         other = PlaneSweepDetector(traffic.rig, traffic.lanes, DetectorConfig())
@@ -268,7 +268,7 @@ def box_of(row, drive, rng):
 
 
 def boxes_by_arrival(drive, rng):
-    """Return boxes by the pair before which they come: up to 3 late, some missing, some false."""
+    """Return boxes by the pair before which they arrive: up to 3 late, some missing or false."""
     out = {}
     for k, pair in enumerate(drive.pairs):
         boxes = [box_of(row, drive, rng) for row in drive.truth[pair.stamp_ns]
@@ -280,7 +280,7 @@ def boxes_by_arrival(drive, rng):
 
 
 def errors_by_vehicle(drive, done):
-    """Return the live errors of each measured pass, by the vehicle that it followed."""
+    """Return the live errors of each measured pass, by its vehicle."""
     out = {}
     for track in [p.track for p in done.passes if p.verdict == 'measured']:
         updates = [u for u in done.updates if u.track == track]

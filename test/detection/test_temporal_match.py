@@ -36,7 +36,7 @@ def before(**changes):
 
 
 def bound_m(sampler, px=0.5):
-    """Return how far along the lane a shift in the left view by half a pixel is."""
+    """Return the displacement along the lane for a shift of half a pixel in the left view."""
     rates = sampler.geometry.rates(np.array([AT.s_m - STEP_M]))
     return px / float(np.abs(rates.px_per_m * rates.climb)[0])
 

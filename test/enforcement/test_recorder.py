@@ -114,7 +114,7 @@ def test_speed_is_measured_again_from_the_folder_alone(written):
 
 @pytest.mark.slow
 def test_speed_of_other_images_is_another_one(evidence):
-    """One pair's images in the place of another's: the recomputation tells."""
+    """With one pair's images replaced by another's the recomputation differs."""
     raw = evidence / NAME / 'raw'
     for side in ('left', 'right'):
         image = cv2.imread(str(raw / f'0005_{side}.png'), cv2.IMREAD_GRAYSCALE)
@@ -136,7 +136,7 @@ def test_whole_images_are_kept_where_crops_are_too_small(sample, tmp_path):
 
 
 def frozen(sample):
-    """Return a ring in which the right camera has sent one image of the pass twice."""
+    """Return a ring in which the right camera has repeated an image during the pass."""
     ring, (first, second) = ImageRing(1 << 30, 10 ** 12), sample.result.trace.pairs[3:5]
     for pair in sample.result.trace.pairs:
         ring.add('left', pair.stamp_ns, sample.ring.get('left', pair.stamp_ns))
@@ -210,7 +210,7 @@ def test_parameters_are_read_from_a_file(sample, tmp_path):
 
 @pytest.fixture(scope='module')
 def recorded(sample):
-    """Give what is recorded of the sample by some parameters, but for its lists of parameters."""
+    """Return the record of the sample for some parameters, without its lists of parameters."""
     result = sample.result
     decision, _ = decide(result, 45 * 0.44704, EnforcementConfig().decision)
     images = [tuple(sample.ring.get(side, ns) for side, ns in zip(

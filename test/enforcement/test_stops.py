@@ -16,7 +16,7 @@ from stereo_speed.lab.evaluation.tamper import Outcome, stopped_writers
 
 @pytest.fixture
 def folder(tmp_path, small):
-    """Give two small records."""
+    """Return a folder with two small records."""
     with EvidenceStore(tmp_path / 'evidence') as store:
         for number in (1, 2):
             store.add(f'r{number}', *small(f'r{number}', number))

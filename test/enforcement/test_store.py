@@ -44,12 +44,12 @@ class Steps:
 
 
 def full():
-    """Fail as a disk without space does."""
+    """Fail like a full disk."""
     raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
 def names(folder):
-    """Return the names of the records that a folder holds."""
+    """Return the names of the records in a folder."""
     return sorted(p.name for p in folder.iterdir() if p.is_dir())
 
 
@@ -77,7 +77,7 @@ def test_a_disk_that_fills_at_any_step_leaves_no_half_record(tmp_path, small, mo
 
 
 def write_until_killed(folder, records, at):
-    """Write records, and end without notice at a step."""
+    """Write records, and end the process at a step without cleaning up."""
     patch = pytest.MonkeyPatch()
     with EvidenceStore(folder) as store:
         Steps(patch, at, lambda: os.kill(os.getpid(), signal.SIGKILL))

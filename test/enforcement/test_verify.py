@@ -33,7 +33,7 @@ def three(request, tmp_path, small):
 
 
 def faults(folder, trusted=()):
-    """Return what is wrong, as one text."""
+    """Return the faults as one text."""
     found = verify(folder, trusted=trusted)
     assert found.sound == (not found.faults)
     return '; '.join(found.faults)
@@ -48,7 +48,7 @@ def test_what_was_written_is_sound(three, written):
 
 @pytest.mark.slow
 def test_every_byte_of_small_records_counts(three):
-    """All of the chain, the head and a seal; the record by a sample."""
+    """All bytes of chain, head and a seal, and a sample of those of the record."""
     folder, trusted = three
     rng = np.random.default_rng(1)
     for path in [*folder.glob('*.json*'), folder / 'r3' / 'seal.json',
@@ -132,7 +132,7 @@ def test_a_head_kept_apart_tells_an_older_copy(tmp_path, small):
 
 
 def test_records_made_anew_are_found_by_their_signature(three, small):
-    """Who has no key can hash everything anew, and is found out."""
+    """Without the key one can recompute all hashes, but not the signatures."""
     folder, trusted = three
     if not trusted:
         return

@@ -23,7 +23,7 @@ STARTUP_S, RECORD_S = 60.0, 180.0
 
 
 def _same(live, offline, where):
-    """Assert equality of what JSON holds; numbers to rounding, which differs by process."""
+    """Assert equality of JSON values; numbers up to rounding, which differs between processes."""
     if isinstance(offline, dict):
         assert live.keys() == offline.keys(), where
         for key in offline:

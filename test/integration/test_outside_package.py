@@ -32,13 +32,13 @@ def outside(tmp_path_factory):
 
 @pytest.fixture
 def environment(outside, monkeypatch):
-    """Let processes that the test starts find it, as if it was installed beside the others."""
+    """Let child processes find the package, as if it was installed with the others."""
     root = Path(__file__).resolve().parents[2]
     monkeypatch.setenv('PYTHONPATH', os.pathsep.join([str(root), str(outside)]))
 
 
 def replay(sample, out, *options):
-    """Run ``replay`` in a process of its own."""
+    """Run ``replay`` in a separate process."""
     return subprocess.run(
         [sys.executable, '-m', 'stereo_speed', 'replay', str(sample / 'bag'), '--site',
          str(sample / 'site.yaml'), '--out', str(out), '--no-plots', *options],

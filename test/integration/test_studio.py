@@ -35,7 +35,7 @@ SEEN = '() => Object.fromEntries(Object.entries(seen).map(([k, v]) => [k, [...v]
 
 @pytest.fixture
 def studio():
-    """Give the address of the page of a real ``studio_node``."""
+    """Return the address of the page of a real ``studio_node``."""
     with subprocess.Popen([sys.executable, '-m', 'stereo_speed', 'studio', '--live', '--port',
                            '0'], stdout=subprocess.PIPE, text=True) as process:
         try:

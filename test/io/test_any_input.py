@@ -29,7 +29,7 @@ quick = settings(max_examples=40, deadline=None, derandomize=True, database=None
 
 
 def loads(load, path, tree):
-    """Write a tree, read it, and check that what is refused is refused in one line."""
+    """Write a tree, read it, and check that a refusal is one line."""
     path.write_text(yaml.safe_dump(tree, allow_unicode=True), encoding='utf-8')
     try:
         load(path)

@@ -29,7 +29,7 @@ MEASURED = PassResult(
 
 
 def valid(text, schema):
-    """Return a message as read, after it was checked."""
+    """Validate a message, and return its content."""
     schema = json.loads(schema.read_text())
     jsonschema.Draft202012Validator.check_schema(schema)
     assert '\n' not in text

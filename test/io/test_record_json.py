@@ -17,7 +17,7 @@ FLOAT = st.floats(allow_nan=False, allow_infinity=False)
 
 
 def same(a, b):
-    """Compare records, arrays within them to the last bit."""
+    """Compare records, with arrays to the last bit."""
     if dataclasses.is_dataclass(a):
         return type(a) is type(b) and all(
             same(getattr(a, f.name), getattr(b, f.name)) for f in dataclasses.fields(a))

@@ -23,7 +23,7 @@ PASS = PassResult(track=0, lane='a', first_ns=0, last_ns=1, pairs=1, speed_mps=2
 
 
 def drive(rng, pairs):
-    """Make random traffic: of each pair its updates, the passes that end, the open tracks."""
+    """Make random traffic: for each pair its updates, the finished passes, and the open tracks."""
     alive, number, steps = {}, 0, []
     for k in range(pairs):
         if rng.random() < 0.4:

@@ -17,7 +17,7 @@ from stereo_speed.nodes.health import ERROR, OK, Refusals, State, WARN  # noqa: 
 
 
 class Clock:
-    """Steady time that passes when it is told to."""
+    """A monotonic clock that a test advances."""
 
     def __init__(self):
         self.s = 0.0

@@ -81,7 +81,7 @@ def camera(stand_in):
 
 
 def settle(camera):
-    """Let the node know its listeners: send frames of another time until all have heard of it."""
+    """Send frames of another time until all listeners have received one."""
     image, sent = next(frames()), []
 
     def heard_everywhere():
@@ -94,12 +94,12 @@ def settle(camera):
 
 
 def of_video(heard):
-    """Leave out what was heard before the video began."""
+    """Drop what was received before the video began."""
     return [m for m in heard if stamp_ns(m.header.stamp) < EARLIER_NS]
 
 
 def drawn(camera, number):
-    """Give the markers of a frame of the video, each time it was shown."""
+    """Return the markers of a frame of the video, each time it was published."""
     return [m.markers for m in camera.markers if m.markers
             and stamp_ns(m.markers[0].header.stamp) == number * PERIOD_NS]
 
@@ -196,7 +196,7 @@ def test_a_target_marked_late_is_followed_as_if_it_had_been_marked_in_time(
 
 
 def marked(*points):
-    """Give the message that marks some points."""
+    """Return the message that marks some points."""
     msg = PolygonStamped()
     msg.polygon.points = [Point32(x=float(x), y=float(y)) for x, y in points]
     return msg
@@ -252,7 +252,7 @@ def test_a_mark_whose_frame_never_came_is_told_for_a_while_and_counted_for_good(
 
 
 def test_dropped_repeated_and_missed_frames_are_reported_and_the_end_is_quiet(scene, camera):
-    """Frames 1 to 3, 3 again, then 5 to 8; target 4 is marked in frame 4, which never comes."""
+    """Frames 1 to 3, 3 again, then 5 to 8; target 4 is marked in frame 4, which never arrives."""
     (scene / 'two.yaml').write_text(
         (scene / 'targets.yaml').read_text() + f'- {{id: 4, frame: 4, box: {list(BOX)}}}\n')
     told = []

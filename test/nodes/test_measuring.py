@@ -17,7 +17,7 @@ from stereo_speed.pipeline.pass_process import PassProcessError  # noqa: E402
 
 
 class Failing:
-    """Stands for the process of the passes; keeps whether it was closed."""
+    """Stands in for the process of the passes; records whether it was closed."""
 
     def __init__(self, error):
         self.error, self.closed, self.asked = error, False, 0
@@ -36,7 +36,7 @@ class Failing:
 
 
 def given(node, error):
-    """Have a process that fails so measure the passes of a node; return it."""
+    """Give a node a failing process for its passes, and return it."""
     process, measuring = Failing(error), node.measuring
     measuring._passer = Worker('measures passes', lambda: process, measuring.log)
     measuring._passer.start(), measuring._passer.wait()

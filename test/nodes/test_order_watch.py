@@ -12,7 +12,7 @@ LONG_S = 30.0
 
 
 class Looks:
-    """Answers as told, each in its turn, once it may."""
+    """Returns given answers in order, as soon as it may."""
 
     def __init__(self, *answers):
         self.answers, self.now_s, self.may = list(answers), 0.0, threading.Event()

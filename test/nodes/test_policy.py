@@ -41,19 +41,19 @@ NODES = {
 
 @pytest.fixture(scope='module')
 def profiles():
-    """Give the profiles of the policy by node."""
+    """Return the profiles of the policy by node."""
     policy = ElementTree.parse(ROOT / 'config' / 'stereo_speed.policy.xml').getroot()
     return {profile.get('node'): profile for profile in policy.iter('profile')}
 
 
 def allowed(profile, what, kind):
-    """Give the names that a profile allows for topics or services, in the root namespace."""
+    """Return the names of topics or services that a profile allows, in the root namespace."""
     return {f'/{name.text.lstrip("/")}' for group in profile.iter(what)
             if group.get(kind) == 'ALLOW' for name in group}
 
 
 def found(node):
-    """Make a node active where it has a lifecycle; give what the graph says that it has."""
+    """Activate a node with a lifecycle, and return its topics and services in the graph."""
     getattr(node, 'begin', lambda: None)()
     of, end_s = (node.get_name(), node.get_namespace()), time.monotonic() + SETTLE_S
     made = [{one.topic_name for one in node.publishers},
@@ -93,7 +93,7 @@ def test_every_node_was_tried(profiles):
 
 
 def test_layouts_show_what_is_published(profiles):
-    """Also the lanes, which are told once."""
+    """Also the lanes, which are published once."""
     published = set().union(*(allowed(p, 'topics', 'publish') for p in profiles.values()))
     for layout in ('stereo_speed.rviz', 'stereo_speed.foxglove.json'):
         text = (ROOT / 'config' / layout).read_text()

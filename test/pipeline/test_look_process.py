@@ -26,7 +26,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture
 def process():
-    """Give a process that is ready, and end it."""
+    """Return a process that is ready, and end it afterwards."""
     out = LookProcess(patience=0)  # all tests are equal
     out.wait()
     yield out
@@ -35,7 +35,7 @@ def process():
 
 @pytest.fixture(scope='module')
 def seen():
-    """Give the stance of the sample, and five of its pairs."""
+    """Return the stance of the sample, and five of its pairs."""
     with StereoBag(SAMPLE / 'bag') as bag:
         rig, pairs = bag.rig, list(bag.pairs())
     place = MeasuringSite.of(load_site(SAMPLE / 'site.yaml'), rig)
@@ -43,7 +43,7 @@ def seen():
 
 
 def found(process):
-    """Wait for what a look finds."""
+    """Wait for the result of a check."""
     end_s = time.monotonic() + LONGEST_S
     while (state := process.found()) is None:
         assert time.monotonic() < end_s

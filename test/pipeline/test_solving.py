@@ -30,7 +30,7 @@ SPEEDS_MPS = 22.352, 20.117
 
 
 class WhenTold:
-    """Solves when it is told to, so that tests know what is late."""
+    """Solves on request, so that tests control what is late."""
 
     def __init__(self):
         self.tasks, self.waited, self.is_held_up = deque(), 0, False
@@ -42,13 +42,13 @@ class WhenTold:
 
     @contextmanager
     def held_up(self):
-        """Remember that it is: who waits for it now would wait for long."""
+        """Record the delay: waiting for it now would take long."""
         self.is_held_up = True
         yield
         self.is_held_up = False
 
     def wait(self, future):
-        """Do what comes until a task is done."""
+        """Run tasks until a given one is done."""
         assert not self.is_held_up
         self.waited += not future.done()
         while not future.done():
@@ -56,7 +56,7 @@ class WhenTold:
             self.go(1)
 
     def go(self, most=100):
-        """Do the next tasks, as a thread does."""
+        """Run the next tasks, as a thread would."""
         for _ in range(min(most, len(self.tasks))):
             future, task = self.tasks.popleft()
             if future.set_running_or_notify_cancel():
@@ -68,12 +68,12 @@ class WhenTold:
 
 @pytest.fixture(scope='module')
 def dense(tmp_path_factory):
-    """Two vehicles side by side at 30 pairs a second."""
+    """Two vehicles side by side at 30 pairs/s."""
     return two_abreast(tmp_path_factory.mktemp('dense'), fps=30.0, pairs=20)
 
 
 def marked(dense, solving, config=TrackerConfig()):
-    """Return a pipeline that both vehicles are annotated for."""
+    """Return a pipeline with both vehicles annotated."""
     sequence, lanes, marks = dense
     return SpeedPipeline(sequence.rig, lanes, config, start, annotations=marks, solving=solving)
 
@@ -105,7 +105,7 @@ def until_busy(pipeline, solving, pairs):
 
 
 def readings_of(step):
-    """Return the readings of a step by their tracks."""
+    """Return the readings of a step by track."""
     return {u.track: u for u in step.updates if u.state is TrackState.CONFIRMED}
 
 
@@ -187,7 +187,7 @@ def test_a_pass_is_measured_again_by_its_trace(dense):
 
 
 def measured_again(dense, result, config=TrackerConfig()):
-    """Return a pass as its trace has it measured again."""
+    """Return a pass as recomputed from its trace."""
     sequence, lanes, _ = dense
     trace = trace_of(trace_record(result.trace), 'test')
     tracker = start(start_of(
@@ -217,7 +217,7 @@ def test_each_other_front_is_in_the_trace_of_a_pair_once(dense, every):
 
 
 def found(dense, k, **more):
-    """Return a pipeline that finds the first vehicle in pairs k and after, and what finds it."""
+    """Return a pipeline that detects the first vehicle from pair k on, and its detector."""
     sequence, _, marks = dense
     pipeline, finder = automatic(dense, [], set(range(k, len(sequence.pairs))), **more)
 
@@ -247,7 +247,7 @@ def test_what_is_found_is_begun_once_and_told(dense):
 
 
 def test_what_is_doubted_is_no_reading_whoever_carries_it_on(dense):
-    """The detector saw it go half as fast again."""
+    """The detector saw a speed that was half as high again."""
     solving = WhenTold()
     pipeline, finder, mark = found(dense, 1, solving=solving)
     finder.speed_mps, finder.std_share = 1.5 * SPEEDS_MPS[0], 0.01
@@ -261,7 +261,7 @@ def test_what_is_doubted_is_no_reading_whoever_carries_it_on(dense):
 
 
 def test_what_is_being_begun_when_the_stream_ends_has_no_pass(dense):
-    """Earlier pairs would confirm it at once, were it begun."""
+    """Earlier pairs would confirm it at once if it had been started."""
     sequence, _, marks = dense
     passes = []
     for told in False, True:
@@ -283,7 +283,7 @@ def test_what_is_being_begun_when_the_stream_ends_has_no_pass(dense):
 
 
 def test_an_error_beside_the_pairs_costs_its_track_alone(dense, monkeypatch):
-    """Whoever asks for what is over is told of it as of a pass that cannot be measured."""
+    """It is reported like a pass that cannot be measured."""
     solving, errors = WhenTold(), []
     sequence, lanes, marks = dense
     for at_end in False, True:
@@ -371,7 +371,7 @@ def test_a_step_of_the_clock_waits_for_what_is_being_solved_for(dense):
 
 
 def test_where_the_views_have_two_stamps_solutions_are_waited_for(dense):
-    """Where things are in the right view is known once it is known when they were."""
+    """Positions in the right view are known only when its times are."""
     solving = WhenTold()
     pipeline = marked(dense, solving)
     busy, _, rest = until_busy(pipeline, solving, dense[0].pairs)

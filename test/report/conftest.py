@@ -35,7 +35,7 @@ def lanes() -> dict:
 
 
 def quad_px(camera: Camera, centre: np.ndarray) -> np.ndarray:
-    """Project a front of 1.8 m by 0.8 m about a point in the camera's frame."""
+    """Project a front of 1.8 m by 0.8 m around a point in the camera's frame."""
     corners = np.array([[-0.9, -0.4, 0], [0.9, -0.4, 0], [0.9, 0.4, 0], [-0.9, 0.4, 0]])
     return camera.project(corners + centre)[0]
 

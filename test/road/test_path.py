@@ -41,7 +41,7 @@ def test_circle_against_its_closed_form():
 @pytest.mark.parametrize('path', [LINE, circle(), circle(n=3)],
                          ids=['straight', 'circle', 'three points'])
 def test_keeps_what_a_path_promises(path):
-    """Arc length is arc length, frames are rotations, arc_length inverts position."""
+    """Arc length is arc length, frames are rotations, and arc_length inverts position."""
     assert isinstance(path, Path)
     s = np.linspace(-20, path.length_m + 20, 400).reshape(20, 20)
     points, h = path.position(s), 1e-4

@@ -20,7 +20,7 @@ TURN = (float(np.radians(0.03)), 0.0, 0.0)
 
 
 def off_px(found, true):
-    """Return by how many pixels two motions differ, sway and drift, without their rolls."""
+    """Return the difference of two motions in px, for sway and drift, without roll."""
     found, true = found or RigMotion(), true or RigMotion()
     return F_PX * np.abs([np.subtract(found.sway_rad, true.sway_rad)[:2],
                           np.subtract(found.drift_rad, true.drift_rad)[:2]]).max(axis=1)

@@ -13,7 +13,7 @@ from stereo_speed.steadying.view_order import views_crossed
 
 @pytest.fixture(scope='module')
 def first(sample):
-    """Give the rig and the first pair of the sample."""
+    """Return the rig and the first pair of the sample."""
     with StereoBag(sample / 'bag') as bag:
         return bag.rig, next(iter(bag.pairs()))
 

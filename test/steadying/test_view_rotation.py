@@ -53,7 +53,7 @@ def test_what_moves_by_itself_does_not_count(view, take):
 
 def test_mirrored_lamps_that_slide_do_not_count(rig, take):
     def lit(image, down_px):
-        """Return the image with lamps that a wet road mirrors."""
+        """Return the image with lamps reflected by a wet road."""
         v, u = np.mgrid[:HEIGHT, :WIDTH]
         light = sum(np.exp(-((u - lamp_u) ** 2 + (v - lamp_v - down_px) ** 2) / 8)
                     for lamp_u in range(40, 160, 20) for lamp_v in (260, 290))

@@ -83,7 +83,7 @@ def test_all_within_and_a_mean_that_is_not():
 
 
 def test_every_vehicle_of_the_reference_is_counted_once():
-    """By hand: poor references of a vehicle missed, of one rejected, and of one measured."""
+    """By hand: inaccurate references for a missed, a rejected and a measured vehicle."""
     found = verification(
         [reference(1, 50), reference(11, 50, std_kmh=0.6), reference(21, 50, std_kmh=0.6),
          reference(31, 50, std_kmh=0.6), reference(41, 50), reference(99, 50)],

@@ -53,7 +53,7 @@ def test_what_is_seen_far_behind_is_found_there_and_the_rest_stays_near_the_plan
 
 
 def test_variances_of_the_relief_are_those_of_poses_and_relief_together():
-    """Beside the inverse of the information of both."""
+    """Against the inverse of the joint information."""
     root = np.random.default_rng(2).standard_normal((9, 9))
     whole = root @ root.T + np.eye(9)
     own, mixed = whole[5:, 5:], whole[5:, :5]

@@ -22,7 +22,7 @@ STILL = np.zeros(3)
 
 
 def seen(textured, left_px, right_px, noise=NoiseConfig()):
-    """Return the blurs that are found, and the sampler; images are blurred by so much."""
+    """Return the estimated blurs, and the sampler, for images blurred by given amounts."""
     sampler = ObservationSampler(textured.rig, Front(textured.path, textured.corners_m),
                                  GRID.unit_xy, GRID.shape)
     pair = textured.pair(0, 0, POSE)

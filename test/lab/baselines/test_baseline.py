@@ -15,7 +15,7 @@ from stereo_speed.lab.baselines.speed_profile import Profile
 
 
 class Scripted(Baseline[MotionSettings]):
-    """A baseline that knows the truth, and sees the vehicle in the pairs it is told to."""
+    """A baseline that knows the truth, and sees the vehicle in given pairs."""
 
     Settings = MotionSettings
     seen_in = frozenset(range(100))

@@ -19,7 +19,7 @@ RUNS, PAIRS = 25, 8
 
 
 class Filtering(PointTracker[PointSettings]):
-    """The common part alone, on a given source."""
+    """Only the common part, with a given source."""
 
     Settings = PointSettings
     source_given = None
@@ -39,7 +39,7 @@ class Triangulating(TriangulationTracker):
 
 @pytest.fixture
 def tracker(scene):
-    """Make a tracker of a scene; other sources see the scene through a function."""
+    """Make a tracker of a scene; other sources transform the scene by a function."""
     def make(kind=Filtering, seen=None, settings=None, **changes):
         world = scene(**changes)
 
@@ -55,7 +55,7 @@ def tracker(scene):
 @pytest.mark.slow
 @pytest.mark.parametrize('kind', [Filtering, Triangulating])
 def test_errors_are_those_of_their_covariances(tracker, kind):
-    """Sums of normalised squares over many runs are below chi-square, and not far below."""
+    """Sums of normalised squares over many runs are below chi-square, but not far below."""
     live, along, whole = 0.0, 0.0, 0.0
     for seed in range(RUNS):
         world, one = tracker(kind, seed=seed, focal_std=0.0, baseline_std_m=0.0)

@@ -57,7 +57,7 @@ def usual(measured):
 
 
 def bounds(name, parameter):
-    """Return the settings with a parameter at its bounds, those that are not the default."""
+    """Return the settings with a parameter at each bound that is not its default."""
     kind = TRACKERS.load(name).Settings
     meta = next(f for f in fields(kind) if f.name == parameter).metadata
     settings = [kind(**{parameter: type(getattr(kind(), parameter))(meta[side])})

@@ -31,7 +31,7 @@ def errors(updates, sequence):
 
 
 def most_sigmas(count):
-    """Return what the greatest of some errors stays below, be they correlated or not."""
+    """Return a bound on the greatest of some errors, whether or not they are correlated."""
     return norm.isf(FALSE_ALARM / (2 * count))
 
 
@@ -64,7 +64,7 @@ def test_sigma_holds_the_truth_and_is_worth_the_effort(name, straight, drive):
 
 
 def by_hand_mps(sequence):
-    """Return the 1-sigma of a speed from the first and the last front, annotated by hand."""
+    """Return the 1-sigma of a speed from the first and the last front, annotated manually."""
     rig, config = sequence.rig, SimConfig()
     depths = np.array([float(sequence.truth[k]['z']) for k in (0, -1)])
     corners = 4

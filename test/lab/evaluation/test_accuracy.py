@@ -21,7 +21,7 @@ def jobs_of(count, tolerances=False):
 
 
 def accuracy_result(errors_mph):
-    """Make the results of passes that are so far off; None for a rejected one."""
+    """Make results of passes with given errors; None for a rejected one."""
     jobs = jobs_of(len(errors_mph))
     results = []
     for job, error in zip(jobs, errors_mph):

@@ -53,7 +53,7 @@ def test_findings_are_of_sequences_we_compare():
 
 
 def runs_with(plan_, errors_mph):
-    """Make the runs of a plan: five readings, the last two off by so much, seed by seed."""
+    """Make the runs of a plan: five readings, the last two with a given error, for each seed."""
     results = []
     for seed, error in enumerate(errors_mph):
         for e in {e.key(0): e for e, _ in plan_.cells() + plan_.contests()}.values():

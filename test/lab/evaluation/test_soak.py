@@ -19,7 +19,7 @@ START, ROUND = 100 * SECOND, 60 * SECOND
 
 
 def vehicle(number, first_s, side_m):
-    """Give a vehicle that comes nearer at 10 m/s for three seconds."""
+    """Return a vehicle that approaches at 10 m/s for three seconds."""
     stamps = START + (first_s * SECOND + np.arange(30) * SECOND // 10)
     z_m = 60.0 - 10.0 * np.arange(30) * 0.1
     return VehicleTruth(number, stamps, np.full(30, 10.0),
@@ -30,7 +30,7 @@ TRUTH = (vehicle(0, 5, 0.0), vehicle(1, 5, 12.0), vehicle(2, 30, 0.0))
 
 
 def passes(truth, turn, speed=10.0, verdict='measured', off_m=0.5):
-    """Give a pass of a vehicle in a round, and the places of its track."""
+    """Return a pass of a vehicle in a round, and the positions of its track."""
     places = [(int(ns) + turn * ROUND, tuple(at + [off_m, 0, 0]))
               for ns, at in zip(truth.stamps_ns, truth.position_m)]
     return ({'verdict': verdict, 'first_stamp_ns': places[0][0],
@@ -122,7 +122,7 @@ def test_a_process_is_seen_as_it_is():
 
 
 def test_vehicles_count_when_they_are_well_seen(sample, tmp_path):
-    """Of the sample's file, which does not say how well, all count."""
+    """All vehicles of the sample's file count, because it has no visibility."""
     assert counted_vehicles(sample / 'truth.csv', (TRUTH[1],)) == {1}
     path = tmp_path / 'truth.csv'
     rows = [f'{100 + k / 5},{v},80.0,{visible},1' for k in range(9)

@@ -117,7 +117,7 @@ def test_sixteen_bits_stay_sixteen_bits():
 
 @pytest.fixture(scope='module')
 def recorded(tmp_path_factory):
-    """Write three pairs of a small rig, without grain."""
+    """Write three pairs of a small rig, without noise."""
     sequence = simulate(straight_config(rig=SMALL, pairs=3, noise_grey=0.0),
                         np.random.default_rng(3))
     folder = tmp_path_factory.mktemp('recorded')

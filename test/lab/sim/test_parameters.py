@@ -143,7 +143,7 @@ def _scene(receding):
 
 
 def _picture(body, receding=()):
-    """Paint a body of its own, some way ahead."""
+    """Paint a body some way ahead."""
     scene = _scene(receding)
     place = Place(30.0, 0.0, 0, 10.0, 0.0)
     appearance = looks_of(body, bool(receding), np.random.default_rng(0))

@@ -92,7 +92,7 @@ def test_width_in_the_image_by_hand():
 @pytest.mark.parametrize('receding, wanted', [
     ((), [False, True, True, True]), ((0,), [False, True, True, False])])
 def test_view_ends_at_the_ends_of_the_pass(receding, wanted):
-    """Who comes may be seen before the start, who recedes not after it."""
+    """Approaching vehicles may be seen before the start; receding ones are not seen after it."""
     scene = SimScene(straight_config(road=RoadConfig(receding=receding)))
 
     def at(ahead_m):

@@ -55,7 +55,7 @@ def test_same_seed_same_stream_and_another_one_not():
 
 @pytest.mark.slow
 def test_truth_is_consistent_with_itself(stream):
-    """Speed is the length of the way between pairs; places run along the lanes."""
+    """Speeds agree with the distance between pairs; positions lie along the lanes."""
     config, pairs = stream
     rows = {}
     for one in pairs:
@@ -185,7 +185,7 @@ def test_sequence_with_everything():
 
 
 def test_right_image_is_of_its_own_time():
-    """With a delay the right view shows the vehicle where it was at its later stamp."""
+    """With a delay the right view shows the vehicle at its later stamp."""
     still = straight_config('50 mph', rig=replace(SMALL, baseline_m=1e-6), noise_grey=0.0,
                             pairs=3)
     late = replace(still, right_delay_s=0.2)

@@ -30,7 +30,7 @@ def test_ends_of_dashes():
 
 
 def test_spacing_of_what_repeats():
-    """Also where some are missing; the 1-sigma is that of a straight line through them."""
+    """Also with some missing; the 1-sigma is that of a straight line through them."""
     number = np.array([0, 1, 2, 4, 5, 7.0])
     rng, slopes = np.random.default_rng(1), []
     for _ in range(200):
