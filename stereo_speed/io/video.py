@@ -112,7 +112,7 @@ def _size_of(shape: tuple[int, ...]) -> str:
 
 
 def _file_frames(path: Path) -> Iterator[Frame]:
-    with caught_chatter(everything=True):  # a file that cannot be read is told by what comes of it
+    with caught_chatter(everything=True):  # an unreadable file shows by the result
         capture = cv2.VideoCapture(str(path))
     try:
         number = 0

@@ -95,9 +95,9 @@ def _directions(times_s: Array, positions_m: Array) -> Array:
 
 def _fit(t: Array, values: Array, noise: Array, degree: int) -> tuple[Array, Array, float]:
     """
-    Return one polynomial, fitted by generalised least squares.
+    Fit one polynomial by generalised least squares.
 
-    :param noise: (n, n) covariance of the values.
+    :param noise: (n, n), covariance of the values.
     :return: coefficients, their covariance and the information criterion.
     """
     white = np.linalg.inv(np.linalg.cholesky(noise))
@@ -105,17 +105,17 @@ def _fit(t: Array, values: Array, noise: Array, degree: int) -> tuple[Array, Arr
     cov = np.linalg.inv(design.T @ design)
     x = cov @ (design.T @ wanted)
     rest = float(np.sum(np.square(wanted - design @ x)))
-    # Errors larger than their covariance show in what is left.
+    # Errors larger than their covariance show in the residual.
     inflation = max(rest / max(len(t) - len(x), 1), 1.0)
     return x, np.asarray(cov * inflation, np.float64), rest + len(x) * float(np.log(len(t)))
 
 
 def _profile(velocity: Array, joint: Array) -> Profile:
     """
-    Return velocities as speeds.
+    Return the speeds of velocities.
 
-    :param velocity: (n, 3).
-    :param joint: (n, n, 3, 3) their joint covariance.
+    :param velocity: (n, 3), velocities.
+    :param joint: (n, n, 3, 3), their joint covariance.
     """
     speed = np.linalg.norm(velocity, axis=1)
     along = velocity / np.maximum(speed, 1e-9)[:, None]

@@ -138,7 +138,7 @@ def processor_s(pid: int) -> float:
     for folder in Path('/proc').glob('[0-9]*'):
         try:
             fields = (folder / 'stat').read_text().rpartition(')')[2].split()
-        except OSError:  # it has ended meanwhile
+        except OSError:  # the process has ended
             continue
         ticks[int(folder.name)] = int(fields[1]), int(fields[11]) + int(fields[12])
     if pid not in ticks:

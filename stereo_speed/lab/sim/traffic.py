@@ -53,8 +53,8 @@ class TrafficStream:
     """
     Traffic past a rig.
 
-    :param config: what to simulate.
-    :param rng: source of all randomness; one state, one stream.
+    :param config: configuration of the traffic.
+    :param rng: source of all randomness; equal states give equal streams.
 
     ``scene`` is its geometry, ``rig`` the calibrated rig, ``site`` the content of a site file
     with picked lines. It can be iterated once.
@@ -86,7 +86,7 @@ class TrafficStream:
             yield TrafficPair(pair, tuple(row for row in rows if row is not None))
 
     def _limits(self, lane: int) -> tuple[float, float, tuple[float, float]]:
-        """Return the arc at which a lane is entered, where it is left, and what is measured."""
+        """Return a lane's entry, as arc length, and its exit and measured part, from there, m."""
         scene, road = self.scene, self.scene.road
         camera = scene.end_station_m + scene.config.near_m
         near = min(camera + BEHIND_M, road.to_m - 1.0)
