@@ -61,7 +61,7 @@ def private_graph():
             try:
                 lock = tried.enter_context((Path(tempfile.gettempdir()) / name).open('w'))
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError:  # other tests hear each other there
+            except OSError:  # other tests use that domain
                 continue
             held = tried.pop_all()
             break

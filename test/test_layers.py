@@ -13,7 +13,7 @@ ROOT = Path(__file__).resolve().parents[1] / 'stereo_speed'
 MODULES = sorted(ROOT.rglob('*.py'))
 
 # Rooms from the bottom up; a room imports itself and those below. Rooms on one line are
-# strangers to each other. A folder of a folder that has a place of its own is a room as well.
+# unrelated. A subfolder with its own entry is a room as well.
 LAYERS = (
     ('core', '__init__'),
     ('geometry', 'vision', 'estimation'),
@@ -36,7 +36,7 @@ LAYERS = (
 )
 RANK = {room: rank for rank, rooms in enumerate(LAYERS) for room in rooms}
 LABORATORY = 'lab'  # the instrument imports nothing of it
-# Library to the rooms that may import it; everybody may import those not named here.
+# Libraries and the rooms that may import them; others may be imported anywhere.
 ROOMS_OF = {
     'rclpy': {'nodes'},
     'rosbags': {'io', 'lab.sim'},

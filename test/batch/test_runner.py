@@ -124,7 +124,7 @@ def deal(groups, turns):
 
 def test_a_group_stays_with_one_worker_until_others_would_idle():
     assert deal(['abcd', 'efgh'], [0, 1] * 4) == ['abcd', 'efgh']
-    # the first is done with its group when e is in work: it takes the end of the rest
+    # the first finishes its group while e is running, and takes the end of the rest
     assert deal(['abcd', 'efgh'], [1, 0, 0, 0, 0, 0, 0, 1, 1]) == ['efghcd', 'ab']
     assert deal(['ab', 'cdef'], [0, 1, 0, 0, 0, 1, 0]) == ['abef', 'cd']
 

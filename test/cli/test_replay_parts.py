@@ -80,7 +80,7 @@ def test_an_interrupted_run_goes_on_and_writes_the_same(
         assert main(argv('cut')) == 130
     kept = tmp_path / 'cut' / FOLDER
     assert [p.name for p in (tmp_path / 'cut').iterdir()] == [FOLDER]
-    # what a kill cuts off in the middle of a line is not used
+    # a line truncated by a kill is not used
     with (kept / 'steps.jsonl').open('a') as steps:
         steps.write('{"!":"dict","v":[["pairs",35')
     with monkeypatch.context() as patch:
@@ -93,7 +93,7 @@ def test_an_interrupted_run_goes_on_and_writes_the_same(
     assert 32 < done < 50
     assert files(tmp_path / 'cut') == wanted
 
-    # what a run with other options has left is of no use
+    # the results of a run with other options are not used
     with monkeypatch.context() as patch:
         interrupt(patch, 50)
         assert main(argv('other', '--seed', '5', '--no-plots')) == 130

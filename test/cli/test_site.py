@@ -23,7 +23,7 @@ def test_refine_writes_a_site_that_can_be_used(sample, short_bag, tmp_path, caps
     assert all(line.left_std_px is not None and np.median(line.left_std_px) < 0.06
                for line in site.lines.values())
     assert not np.any(site.correction.drift_rad)
-    # what any program that knows picked lines needs is there
+    # everything needed by a program that reads picked lines
     plain = yaml.safe_load(out.read_text())
     assert plain['stereo_speed_site'] == 1
     assert all(len(p) == 2 for p in plain['lines']['line_0']['right_image'])

@@ -55,7 +55,7 @@ def test_stats_in_other_forms(runs, tmp_path, form):
     out = tmp_path / 'out'
     assert main(['stats', str(runs / 'a'), str(runs / 'b'), '--out', str(out)]) == 0
     assert main(['stats', str(runs), '--out', str(out), '--format', form]) == 0
-    assert not (out / 'stats.csv').exists()  # an older table of another form is not left beside
+    assert not (out / 'stats.csv').exists()  # an older table in another format is removed
     path = out / f'stats.{form}'
     if form == 'parquet':
         parquet = pytest.importorskip('pyarrow.parquet')

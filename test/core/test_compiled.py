@@ -107,7 +107,7 @@ def test_bits_depend_neither_on_history_nor_on_who_compiled(fresh_process, tmp_p
     assert after_others == compiled
 
 
-# Two kernels with helpers: their bits, at once or after arrays of other layouts.
+# Two kernels with helpers: exact results, at first or after arrays of other layouts.
 BITS = """
 import hashlib
 import sys

@@ -70,7 +70,7 @@ def test_the_first_intervals_leave_more_open():
 
 
 @pytest.mark.parametrize('stamps_ns', [
-    PERIOD_NS * np.arange(5.0),  # too few to tell
+    PERIOD_NS * np.arange(5.0),  # too few for an estimate
     PERIOD_NS * np.delete(np.arange(60), [30, 31, 45, 52, 53]),
     PERIOD_NS * np.arange(60) + np.random.default_rng(0).normal(0, 2e5, 60),  # as it should be
     PERIOD_NS * np.arange(60) + 30_000_000 * (np.arange(60) > 50)])  # a step

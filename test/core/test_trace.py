@@ -33,7 +33,7 @@ def test_of_each_other_vehicle_in_a_pair_what_was_said_last_counts():
         builder.add(StereoPair(ns, ns, ns, image, image), 400, said(ns), stamp_std_s=1e-3)
     builder.add_others(1, [said(1), said(1, 1), said(1, 2)])
     builder.add_others(1, [said(1, 1, off_px=3.0)])
-    builder.add_others(3, [said(3, 1)])  # which it was not fed
+    builder.add_others(3, [said(3, 1)])  # which the tracker was not given
     first, second = builder.built().pairs
     assert [(other.track, other.left_px[0, 0]) for other in first.others] == [(1, 3.0), (2, 0.0)]
     assert second.others == ()

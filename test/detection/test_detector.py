@@ -170,7 +170,7 @@ def test_at_high_rates_the_lanes_take_turns(straight, fps, step, wanted):
             base, index=k * step, stamp_ns=stamp_ns, right_stamp_ns=stamp_ns), ())
         told.append(''.join(searched))
         searched.clear()
-    # there is nothing to compare the first pair with, and all lanes have had their turn in it
+    # the first pair has no predecessor, and all lanes have had their turn in it
     assert told[0] == '' and 'a' in ''.join(told)
     first = next(k for k, lanes in enumerate(told) if lanes)
     assert told[first:] == wanted[:len(told) - first]
@@ -204,7 +204,7 @@ def test_only_vehicles_are_found_in_traffic(traffic):
             vehicle = min(gaps, key=lambda v: np.abs(gaps[v][:2]).sum())
             along, across, _ = gaps[vehicle]
             whole = next(row['visible'] for row in rows if row['vehicle'] == vehicle) > 0.98
-            # What covers part of a front in one view displaces the other part that both match.
+            # Occlusion of a part in one view displaces the remaining part that both views match.
             assert abs(across) < 0.5 and abs(along) < bound_m(one, traffic) * (1 if whole else 2)
             found.setdefault(vehicle, set()).add(one.lane)
     assert all(len(lanes) == 1 for lanes in found.values())
@@ -236,7 +236,7 @@ def test_cameras_exposed_apart_find_and_measure(make_drive, lag_s):
     assert np.abs(one.right_px.mean(axis=0) - later).max() < 1.5
     pipeline = make_pipeline(drive.rig, drive.lanes, PipelineConfig())
     results = []
-    for _ in range(4):  # the first ones tell the time between the views, which then is known
+    for _ in range(4):  # the first pairs determine the time between the views
         results += run(pipeline, drive.pairs).passes
         pipeline.reset()
     verdicts = [r.verdict for r in results]

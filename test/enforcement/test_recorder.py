@@ -269,7 +269,7 @@ def test_disclosed_copy_shows_the_vehicle_alone(written, tmp_path):
                               for f in (np.min, np.max))
         low = slice(y0 + round(0.6 * (y1 - y0)), y1), slice(x0 + 1, x1)
         assert np.abs(plain[low] - shown[low]).mean() < 6  # as JPEG keeps it
-        # elsewhere no detail is left: neighbours differ far less than they did
+        # elsewhere no detail remains: neighbours differ far less than before
         plain[y0 - 2:y1 + 2, x0 - 2:x1 + 2] = shown[y0 - 2:y1 + 2, x0 - 2:x1 + 2] = 0
         outside = np.ones(plain.shape[:2], bool)
         outside[y0 - 8:y1 + 8, x0 - 8:x1 + 8] = False
@@ -332,7 +332,7 @@ def test_ring_is_bounded_in_bytes_and_time():
     assert ring.get('left', 190) is not None and ring.get('left', 130) is None
     ring.add('right', 195, SourceImage('jpeg', bytes(900)))
     assert ring.bytes <= 1000 and ring.get('right', 195) is not None
-    # a jump of time lets go of what is of another time
+    # a jump of time drops images of another time
     ring.add('left', 5, SourceImage('jpeg', bytes(10)))
     assert len(ring) == 1
 

@@ -39,7 +39,7 @@ def hangs():
 
 
 def is_ended():
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # rclpy may have set another one
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # rclpy may have set another handler
     os.kill(os.getpid(), signal.SIGTERM)
 
 

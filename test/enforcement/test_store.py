@@ -18,7 +18,7 @@ from stereo_speed.enforcement.store import EvidenceStore, StoreError
 from stereo_speed.enforcement.verify import verify
 
 DAY_NS = 86_400 * 10 ** 9
-STEPS = 24  # at which a disk may fill, while one small record is written
+STEPS = 24  # steps of writing a small record, at each of which the disk may fill up
 
 
 class Steps:
@@ -170,7 +170,7 @@ def test_records_are_deleted_when_their_time_is_up(tmp_path, small):
     found = verify(tmp_path)
     assert found.sound and found.records == 1
     assert '"kind":"deleted"' in (tmp_path / 'chain.jsonl').read_text()
-    # taken away without an entry it is missing
+    # removed without an entry it counts as missing
     module.shutil.rmtree(tmp_path / 'r1')
     assert verify(tmp_path).faults == ['r1 is missing']
 

@@ -20,7 +20,7 @@ from .conftest import NAME
 
 KEY = Ed25519PrivateKey.from_private_bytes(bytes(range(32)))
 TRUSTED = [public_hex(KEY.public_key())]
-POSITIONS = 60  # of each file flipped; ``tamper`` of the laboratory flips as many as one likes
+POSITIONS = 60  # bytes of each file that are flipped; ``tamper`` flips any number
 
 
 @pytest.fixture(params=[None, KEY], ids=['unsigned', 'signed'])

@@ -21,7 +21,7 @@ from stereo_speed.core.units import MPH_MPS  # noqa: E402
 from stereo_speed.io.truth import read_truth  # noqa: E402
 
 STARTUP_S, EVENT_S = 60.0, 20.0
-PATIENT = 'silence_s:=60'  # a busy machine is no stream that has stopped
+PATIENT = 'silence_s:=60'  # a pause of a busy machine is not the end of the stream
 pytestmark = pytest.mark.usefixtures('private_graph')
 
 

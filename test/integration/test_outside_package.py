@@ -59,7 +59,7 @@ def test_both_run_in_replay_with_their_parameters(sample, environment, tmp_path)
     assert summary['tracker_parameters'] == {'speed_mps': 12.5}
     assert summary['detector_parameters'] == {'gate_m': 25.0, 'at_pair': 1}
     one, = csv.DictReader((tmp_path / 'out' / 'passes.csv').open())
-    # The clock goes where no vehicle is: both views show the road there.
+    # The tracker follows a clock to where no vehicle is: both views show the road there.
     assert (one['verdict'], one['reason'], one['speed_mps']) == ('rejected', 'views_disagree', '')
 
 

@@ -33,7 +33,7 @@ from stereo_speed.io.pass_json import PASS_SCHEMA, TRACK_STATES_SCHEMA  # noqa: 
 from stereo_speed.lab.cli.faults import helper_of  # noqa: E402
 
 STARTUP_S, EVENT_S = 60.0, 20.0
-SILENCE = 'silence_s:=4.0'  # a busy machine may pause for a second within a stream
+SILENCE = 'silence_s:=4.0'  # a busy machine may interrupt a stream for a second
 ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -68,7 +68,7 @@ def test_a_pass_is_told_when_the_stream_stops_and_to_who_comes_late(stand_in, sa
     with Process('stereo_sync_node', *RELIABLE_IMAGES, *RELIABLE_INFOS), \
             Process('tracker_node', *EVERY_PAIR, *RELIABLE_INFOS, f'site:={sample / "site.yaml"}',
                     SILENCE):
-        # By then the nodes know who listens.
+        # By then the nodes have discovered the listener.
         stand_in.wait(lambda: healthy == {'stereo_sync_node', 'tracker_node'}
                       and stand_in.count_publishers('/stereo/image_pair')
                       and stand_in.count_subscribers('/stereo/image_pair')

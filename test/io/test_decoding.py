@@ -76,7 +76,7 @@ def test_the_bytes_of_a_pixel_count_too():
 def test_a_chunk_that_says_it_is_longer_than_the_file_is_refused():
     data = bytearray(encoded('.png'))
     at = data.index(b'IDAT') - 4
-    data[at:at + 4] = b'\xf0\x00\x00\x00'  # four gigabytes, which a decoder would make room for
+    data[at:at + 4] = b'\xf0\x00\x00\x00'  # four gigabytes, which a decoder would allocate
     assert 'beyond the end' in decoded(bytes(data))[1]
 
 

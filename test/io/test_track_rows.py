@@ -50,7 +50,7 @@ def test_rows_are_those_of_the_table_written_at_once(tmp_path, seed):
         for step in steps:
             rows.add(*step)
             most = max(most, rows.waiting)
-        assert os.listdir(tmp_path) == []  # what is killed leaves nothing
+        assert os.listdir(tmp_path) == []  # a killed process leaves nothing
         rows.save(tmp_path / 'tracks.csv')
     assert (tmp_path / 'tracks.csv').read_text() == tracks_csv(
         [u for updates, _, _ in steps for u in updates if u.track in vehicles],

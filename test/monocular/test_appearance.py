@@ -278,7 +278,7 @@ def test_initial_box_is_sampled_again_once_its_background_is_known(now, share):
     there[30:80, 60:80] = A
     mark = boxes((59.5, 49.5, 40, 40))
     target = Appearance(KNOWING, BinImage(there, background), mark)
-    assert target.reference.histogram[0, 4096] == 0  # the ground still passes for the target
+    assert target.reference.histogram[0, 4096] == 0  # the ground still counts as target
     for frames, wanted in ((1, 0.0), (8, share)):
         for _ in range(frames):
             background.learn(ground, [])

@@ -203,7 +203,7 @@ def test_target_that_passes_behind_another_is_kept_and_leaves_it_its_pixels(road
             kept[covering] += all(
                 (i, 33) in found and overlap(found[i, 33].envelope_px, b[-1]) > 0.5
                 for i, b in boxes.items())
-    assert kept == {False: 0, True: 3}  # without it they come to share one block
+    assert kept == {False: 0, True: 3}  # without it they end up on the same block
 
 
 def test_nearest_occludes_also_in_a_frame_in_which_it_is_not_due(road, maps, monkeypatch):

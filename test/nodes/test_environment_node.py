@@ -33,7 +33,7 @@ from visualization_msgs.msg import MarkerArray  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures('private_graph')
 STARTUP_S, EVENT_S = 60.0, 60.0
-FRAMES, PERIOD_NS = 8, 200_000_000  # the whole of it is longer than a late image is
+FRAMES, PERIOD_NS = 8, 200_000_000  # the video is longer than the limit for late images
 EARLIER_NS = 10 ** 12  # stamps of what is sent before the video; it jumps back to its own
 BOX = (30, 40, 12, 30)
 
@@ -142,7 +142,7 @@ def test_live_tracks_equal_those_of_the_command_and_a_jump_starts_anew(scene, ca
                              ('d_px', 'd_px'), ('d_rate_px', 'd_rate_px')):
             assert row[name] == pytest.approx(float(want[column]), abs=2e-3)
         assert [f.name for f in message.fields] == list(RECORD.names)
-        # what viewers show is the middle of the lower edge
+        # viewers show the middle of the lower edge
         assert row['x'] == pytest.approx(row['left'] + row['width'] / 2, abs=1e-3)
     outline, text = drawn(camera, FRAMES)[0]
     assert len(outline.points) == 5 and text.text.startswith('3 ')

@@ -47,7 +47,7 @@ def test_later_looks_are_taken_in_with_a_later_pair():
     assert watch.take(None, 1) is False and looks.pairs == [0]  # too soon for another
     looks.may.clear()
     looks.now_s = 11.0
-    assert watch.take(None, 2) is False  # told at once, whatever the look will find
+    assert watch.take(None, 2) is False  # returned at once, whatever the check will find
     looks.may.set()
     assert looks.over.acquire(timeout=LONG_S)
     watch.close()

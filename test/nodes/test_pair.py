@@ -21,7 +21,7 @@ def test_pair_and_both_stamps_come_back(kind):
     assert (pair.index, pair.stamp_ns, pair.right_stamp_ns) == (4, left_ns, right_ns)
     np.testing.assert_array_equal(pair.left, left)
     np.testing.assert_array_equal(pair.right, right)
-    # For a viewer it is one image, the left above the right.
+    # Viewers show one image, the left above the right.
     np.testing.assert_array_equal(grey_from_message(msg, ''), np.vstack([left, right]))
 
 

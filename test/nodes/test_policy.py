@@ -21,7 +21,7 @@ SETTLE_S = 20.0
 SIM_TIME = 'use_sim_time:=true'  # then /clock is subscribed to
 COMPRESSED = 'image_transport:=compressed'
 SITE = 'site:={sample}/site.yaml'
-# Parameters that a node needs, once for each choice that changes what it has.
+# Parameters of each node, once for each choice that changes its topics or services.
 NODES = {
     'stereo_sync_node': ('StereoSyncNode', [[SIM_TIME], [COMPRESSED]]),
     'tracker_node': ('TrackerNode', [[SIM_TIME, SITE, 'detector:=boxes']]),
@@ -58,7 +58,7 @@ def found(node):
     of, end_s = (node.get_name(), node.get_namespace()), time.monotonic() + SETTLE_S
     made = [{one.topic_name for one in node.publishers},
             {one.topic_name for one in node.subscriptions}, set()]
-    while True:  # the graph may learn of what is made a moment later
+    while True:  # the graph may show new entities a moment later
         has = [{topic for topic, _ in ask(*of)} for ask in (
             node.get_publisher_names_and_types_by_node,
             node.get_subscriber_names_and_types_by_node,

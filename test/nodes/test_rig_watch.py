@@ -20,7 +20,7 @@ from stereo_speed.pipeline.look_process import LookProcess, LookProcessError  # 
 from stereo_speed.site.refine.rig_state import RigState  # noqa: E402
 
 LOOK_S = 60.0
-UNKNOWN = 200  # grey level of a pair that tells nothing
+UNKNOWN = 200  # grey level of a pair without information
 
 
 class Given:
@@ -146,7 +146,7 @@ def test_what_is_off_is_withheld_until_it_is_right_again():
         looked(rig, grey)
         assert (rig.withholds, rig.state().level) == (level == ERROR, level)
     assert rig.log.lines == ['2'] * 3
-    looked(rig, 255)  # a look that fails says nothing of the rig
+    looked(rig, 255)  # a failed check says nothing about the rig
     assert not rig.withholds and rig.state().level == WARN
     rig.close()
 
@@ -173,13 +173,13 @@ def test_a_look_is_waited_for_on_a_busy_machine_and_one_that_hangs_is_made_again
     assert rig.state().level == WARN and 'failed' in rig.failure and len(makes) == 1
     now_s[0] = 1950.0
     shown(rig)
-    assert len(makes) == 1  # not at once: it may take memory or time that is needed
+    assert len(makes) == 1  # not at once, because it may take memory or time
     now_s[0] = 1961.0
     shown(rig)
     assert rig.looks == 1 and rig.state().level == OK
     now_s[0] = 2500.0
     shown(rig)
-    assert rig.looks == 1  # as a look that has ended, only after the interval
+    assert rig.looks == 1  # only after the interval, as after a finished check
 
 
 def test_a_look_whose_process_has_died_has_failed_and_the_next_is_taken():
@@ -234,7 +234,7 @@ def test_a_process_that_is_killed_in_a_look_is_another_one_in_the_next():
 
 def test_what_two_looks_in_a_row_find_alike_is_measured_with():
     rig = watch()
-    for grey in (2, 3):  # each finds another rig
+    for grey in (2, 3):  # each check finds another pose
         looked(rig, grey)
         assert rig.withholds and rig.pop_correction() is None
     looked(rig, 3)
@@ -252,7 +252,7 @@ def test_what_cannot_be_seen_does_not_lift_what_was_found():
     looked(rig, 2)
     looked(rig, UNKNOWN)
     assert rig.withholds and rig.state().level == ERROR
-    looked(rig, 2)  # as the look before that found it
+    looked(rig, 2)  # as found by the check before
     assert rig.pop_correction() == 2
     looked(rig, 0)
     assert not rig.withholds
@@ -294,11 +294,11 @@ def test_what_cannot_be_seen_is_not_held_against_the_rig():
 
 
 @pytest.mark.parametrize(('share', 'std_share', 'turned', 'off'), [
-    (0.004, 0.0009, True, True),  # a camera that has turned, however little it does
+    (0.004, 0.0009, True, True),  # a turned camera, however small its effect
     (0.004, 0.0011, True, False),
     (0.004, 0.0009, False, False),
     (0.015, 0.0015, False, True),
-    (0.015, 0.0098, False, False),  # of a rough site, or of a look that sees little
+    (0.015, 0.0098, False, False),  # from a clicked site, or a check with few details
     (0.2, 0.05, False, True),
 ])
 def test_what_is_off_is_so_beyond_doubt(share, std_share, turned, off):

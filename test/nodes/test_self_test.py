@@ -50,7 +50,7 @@ def test_all_is_withheld_until_it_is_passed(sample):
         watch.close()
     after = watch.state()
     assert (after.level, after.message, after.values['passed']) == (OK, 'passed', 1)
-    assert abs(watch.newest['off_percent']) < 1.0  # what records say of it
+    assert abs(watch.newest['off_percent']) < 1.0  # the value for records
     passed = datetime.strptime(watch.newest['passed_utc'], '%Y-%m-%dT%H:%M:%S%z')
     assert begun <= passed <= datetime.now(timezone.utc)
 

@@ -100,7 +100,7 @@ def test_one_that_fails_again_and_again_is_started_less_and_less_often(case):
         pauses_s.append(case.revived_after(LONGEST_PAUSE_S))
         case.worker.revive()
     assert pauses_s == pytest.approx([2, 4, 8, 16, 32, 64, 120, 120, 120], abs=0.05)
-    case.now_s += LONGEST_PAUSE_S + 1.0  # it has served for long
+    case.now_s += LONGEST_PAUSE_S + 1.0  # it has run for a long time
     case.worker.failed(case.worker.process, 'it has ended')
     assert case.revived_after(PAUSE_S) == pytest.approx(PAUSE_S, abs=0.05)
 

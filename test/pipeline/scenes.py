@@ -71,5 +71,5 @@ def project(sequence, mark, k, vehicle=0):
               if row['stamp_ns'] == pair.stamp_ns and row['vehicle'] == vehicle]
     rig = sequence.rig
     corners = rig.triangulate(mark.left_px, mark.right_px)
-    depth = places[0] - corners.mean(axis=0)  # the mark's own error of depth
+    depth = places[0] - corners.mean(axis=0)  # depth error of the annotation
     return rig.project(corners + depth + places[1] - places[0])[:2]

@@ -57,7 +57,7 @@ def test_it_finds_what_a_look_here_finds(process, seen):
     for pair in pairs:
         kept = replace(pair, left=pair.left.copy(), right=pair.right.copy())
         process.lay(kept)
-        kept.left[:], kept.right[:] = 0, 0  # what was laid is a copy
+        kept.left[:], kept.right[:] = 0, 0  # the stored pair is a copy
     process.look(used, SiteConfig(), RigMotion(), None)
     here, there = look_at_rig(used, pairs, SiteConfig(), RigMotion(), None), found(process)
     assert (there.text, there.share, there.std_share, there.turned) == (
@@ -84,6 +84,6 @@ def test_one_that_has_ended_says_so(process, seen):
     process.process.kill()
     process.process.wait()
     with pytest.raises(OSError):
-        for _ in range(2):  # what is sent may still be taken
+        for _ in range(2):  # the message sent may still be accepted
             process.look(seen[0], SiteConfig(), None, None)
             found(process)

@@ -79,7 +79,7 @@ def test_a_track_starts_where_its_front_was_first_seen(scene):
     finder.earlier = earlier
     updates = [u for pair in sequence.pairs for u in pipeline.process(pair).updates]
     result, = pipeline.finish()
-    # Confirmed at once; nothing is told of pairs that are past, but the pass counts them.
+    # Confirmed at once; past pairs get no readings, but the pass counts them.
     assert [u.stamp_ns for u in updates] == [p.stamp_ns for p in sequence.pairs[2:]]
     assert updates[0].state is TrackState.CONFIRMED
     assert result.pairs == len(sequence.pairs) and result.first_ns == sequence.pairs[0].stamp_ns
@@ -125,7 +125,7 @@ def test_a_doubted_track_is_believed_when_its_finder_sees_the_same_speed_later(s
     for pair in sequence.pairs[:4]:
         doubted, = pipeline.process(pair).updates
     assert doubted.state is TrackState.TENTATIVE
-    assert finder.occupied[-1] == []  # so that it is looked for again
+    assert finder.occupied[-1] == []  # so that it is searched again
     left_px, right_px = project(sequence, marks[0], 4)
     finder.marks, finder.pairs = [replace(marks[0], left_px=left_px, right_px=right_px)], {4}
     finder.speed_mps = 22.0
@@ -366,7 +366,7 @@ def test_who_does_not_tell_its_age_is_hurried_by_turns_as_well(scene, hurries):
     pipeline = SpeedPipeline(sequence.rig, lanes, TrackerConfig(), starting, annotations=marks)
     for pair in sequence.pairs[:7]:
         pipeline.process(pair, 1 < pair.index < 6)
-    # By turns as those that tell it; who of the two is the first does not matter.
+    # In turns like trackers that report it; which of the two is first does not matter.
     assert sorted(t.told for t in trackers) == sorted(hurries[0])
     assert all(r.verdict is Verdict.MEASURED for r in pipeline.finish())
 
@@ -485,7 +485,7 @@ def test_a_track_learns_under_way_that_its_stamps_are_uneven(scene, annotated):
     assert abs(uneven.speed_mps - 22.352) < 4 * uneven.speed_std_mps
     assert {p.stamp_std_s for p in even.trace.pairs} == {None}
     assert uneven.trace.stamp_std_s is None and uneven.trace.pairs[0].stamp_std_s is None
-    # Five intervals tell it to a factor of two.
+    # Five intervals determine it to a factor of two.
     assert 0.5 < uneven.trace.pairs[-1].stamp_std_s / (0.004 / math.sqrt(2)) < 2.5
     written = trace_record(uneven.trace)
     assert 'stamp_std_s' not in written['pairs'][0] and 'stamp_std_s' in written['pairs'][-1]
@@ -532,7 +532,7 @@ def test_passes_of_exposures_at_any_time_are_measured(tmp_path, fps, jitter_s):
         sequence.rig, lane_paths(load_site(tmp_path / 'site.yaml'), sequence.rig), TrackerConfig(),
         start, annotations=load_init(tmp_path / 'init.yaml'))
     now_ns, taken_s = sequence.pairs[0].stamp_ns, []
-    for k in range(20):  # the stream ran before, as unevenly
+    for k in range(20):  # the stream ran before with the same unevenness
         pipeline.stamp_watch.add(now_ns - round(1e9 / fps * (20 - k + 0.4 * (k % 2))))
     for pair in sequence.pairs:
         pipeline.process(pair)
@@ -632,7 +632,7 @@ def test_in_a_dense_pair_no_reading_waits_for_the_solution_of_another_track(dens
             solved = [t for t in trackers if t.unsolved_s(ns) == 0.0]
             told.append(([u.track for u in readings], len(solved)))
         step = pipeline.process(pair, readings=note)
-        # Each is told once, and no other.
+        # Each is reported once, and no other.
         assert sorted(track for tracks, _ in told for track in tracks) == [
             u.track for u in step.updates if u.state is TrackState.CONFIRMED]
         if [len(tracks) for tracks, _ in told] == [1, 1]:
@@ -663,7 +663,7 @@ class Placed:
 @pytest.mark.parametrize('mover', [0, 1])
 @pytest.mark.parametrize('near_m', [1.4, -1.0])
 @pytest.mark.parametrize('from_m', [1.6, 50.0])
-@pytest.mark.parametrize('begins', [5, 6])  # in turns one is solved for, and one is carried on
+@pytest.mark.parametrize('begins', [5, 6])  # in turns one is solved for, and one is predicted
 def test_what_is_told_of_a_pair_is_in_its_step_whatever_comes_near(
         scene, mover, near_m, from_m, begins):
     """From one pair on one of two tracks is near the other, having crept or jumped there."""
@@ -686,7 +686,7 @@ def test_what_is_told_of_a_pair_is_in_its_step_whatever_comes_near(
             (u.track, u.speed_mps, u.speed_std_mps) for u in step.updates
             if u.state is TrackState.CONFIRMED]
         tracks.append([u.track for u in step.updates])
-    # The younger one ends: at once where that could be foreseen, else with the pair after.
+    # The younger one ends: at once if that was foreseeable, else with the next pair.
     assert tracks[begins - 1] == [0, 1] and tracks[begins + 1] == [0]
     assert tracks[begins] == [0] or from_m > 3.0
 
@@ -718,7 +718,7 @@ def test_what_is_found_in_the_last_dense_pair_has_no_pass_as_nothing_was_told_of
     assert not [u for pair in sequence.pairs[:4] for u in pipeline.process(pair).updates]
     assert not pipeline.is_idle()
     assert pipeline.finish() == [] and pipeline.is_idle()
-    # With one more pair there is a pass, and the row that tells of it.
+    # With one more pair there is a pass, and its row.
     pipeline, again = automatic(dense, finder.marks, {3})
     again.earlier, again.speed_mps = finder.earlier, 22.0
     updates = [u for pair in sequence.pairs[:5] for u in pipeline.process(pair).updates]
@@ -778,7 +778,7 @@ def test_of_what_is_found_in_a_dense_pair_all_know_in_that_pair(dense):
         assert [known[pair.stamp_ns] for pair in sequence.pairs if pair.stamp_ns in known] == [
             [other] if pair.index >= 4 else []
             for pair in sequence.pairs if pair.stamp_ns in known]
-    # It is where it is: the other's front in that pair.
+    # Its update is the true one: the other's front in that pair.
     shared_ns = sequence.pairs[4].stamp_ns
     held, = (o for fed in newer.trace.pairs if fed.stamp_ns == shared_ns for o in fed.others)
     told, = (fed.update for fed in older.trace.pairs if fed.stamp_ns == shared_ns)

@@ -111,7 +111,7 @@ def readings_of(step):
 
 def test_readings_do_not_wait_for_solutions(dense):
     solving = WhenTold()
-    # They have seen so little that what braking may hide has them withheld at once.
+    # After so few pairs the braking allowance withholds them at once.
     pipeline = marked(dense, solving, TrackerConfig(
         visibility=VisibilityConfig(unnoticed_braking_mps2=0.0)))
     pairs = dense[0].pairs
@@ -119,7 +119,7 @@ def test_readings_do_not_wait_for_solutions(dense):
         pipeline.process(pair)
         solving.go()
     stds = []
-    for pair in pairs[8:11]:  # nothing is solved for from now on
+    for pair in pairs[8:11]:  # no solutions from now on
         early = []
         readings = readings_of(pipeline.process(pair, readings=early.extend))
         assert sorted(u.track for u in early) == sorted(readings) == [0, 1]
@@ -132,7 +132,7 @@ def test_readings_do_not_wait_for_solutions(dense):
             assert np.linalg.norm(reading.position_m - place) < 1.0
         stds.append([readings[k].speed_std_mps for k in range(2)])
     assert (np.diff(stds, axis=0) > 0).all()
-    for pair in pairs[11:16]:  # until they are not known well enough
+    for pair in pairs[11:16]:  # until they are too uncertain
         step = pipeline.process(pair)
     assert len(step.updates) == 2 and not readings_of(step)
     solving.go()
@@ -242,7 +242,7 @@ def test_what_is_found_is_begun_once_and_told(dense):
     assert abs(measured.speed_mps - SPEEDS_MPS[0]) < 4 * measured.speed_std_mps
     assert {r.reason for r in results if r is not measured} <= {Reason.DUPLICATE}
     assert told and all(abs(u.speed_mps - SPEEDS_MPS[0]) < 4 * u.speed_std_mps for u in told)
-    # Where a track is it is told of, so that a detector that knows finds no other there.
+    # The detector is told of tracks, so that it finds no second vehicle there.
     assert finder.occupied[-1]
 
 
@@ -338,7 +338,7 @@ def test_one_of_two_tracks_of_a_vehicle_ends_once_it_has_said_all(dense):
     pipeline.process(sequence.pairs[8])
     busy = next(t for t in pipeline._roster.tracks if t.turn is not None)
     other = next(t for t in pipeline._roster.tracks if t is not busy)
-    # It is told to be where the other one is.
+    # Its reported position is that of the other one.
     busy.detection = detected(dense)
     busy.last = replace(other.last, state=TrackState.COASTING)
     pipeline._drop_doubles(sequence.pairs[8].stamp_ns)
@@ -408,7 +408,7 @@ def test_nobody_waits_to_tell_what_is_being_solved_for_of_its_stamps(dense, more
     assert not solving.waited and busy.turn is not None
     assert busy.stamp_std_s is None and other.stamp_std_s == pipeline.uneven_stamps_s > 0.002
     said, = (u for u in step.updates if u.track == busy.tracker.track)
-    assert said.speed_std_mps > 3.0 * even_mps  # it is doubted all the same
+    assert said.speed_std_mps > 3.0 * even_mps  # its 1-sigma is increased nevertheless
     turn_ns = busy.turn.pair.stamp_ns
     for pair in rest[1:1 + more]:
         solving.go()
@@ -467,7 +467,7 @@ def test_what_is_solved_for_takes_the_place_of_what_was_expected(dense):
     pipeline.process(shown)
     pipeline.process(next(pairs))
     solving.tasks.rotate(1)
-    solving.go(1)  # which begins what was found
+    solving.go(1)  # which starts the track of the detection
     pipeline.process(next(pairs))
     known, new = pipeline._roster.tracks
     assert known.turn.pair.stamp_ns == shown.stamp_ns
@@ -526,7 +526,7 @@ def test_a_solution_that_is_half_a_second_late_is_waited_for(dense):
             solving.go()
         worked_on.append([t.turn.pair.stamp_ns for t in pipeline._roster.tracks if t.turn])
         assert all(pair.stamp_ns - ns <= 500_000_000 for ns in worked_on[-1])
-    # Nobody told it to solve from pair 2 on.
+    # No solution was requested from pair 2 on.
     assert worked_on[2] == worked_on[15] != worked_on[-1]
 
 

@@ -30,7 +30,7 @@ def rig() -> StereoRig:
 
 @pytest.fixture(scope='session')
 def lanes() -> dict:
-    path = StraightPath([0.0, 2.0, 60.0], [0.0, 0.0, -1.0], 80.0)  # on behind the camera
+    path = StraightPath([0.0, 2.0, 60.0], [0.0, 0.0, -1.0], 80.0)  # continues behind the camera
     return {'near': SimpleNamespace(name='near', path=path, speed_limit_mps=22.352)}
 
 

@@ -84,7 +84,7 @@ def test_claimed_scatter_is_the_scatter(make_scene):
         s = path.arc_length(scene.lane_m[at])
         axes = path.frame(s)[:, 1:]
         scores.append(scene.tangent[at] @ axes / lane.heading_std_rad)
-    assert len(scores) >= 22  # a straight road is hardly ever taken for a curve
+    assert len(scores) >= 22  # a straight road is rarely taken for a curve
     rms = np.sqrt(np.mean(np.square(scores), axis=0))
     assert np.all((rms > 0.6) & (rms < 1.5)), rms
 

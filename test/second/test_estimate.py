@@ -76,7 +76,7 @@ def test_pairs_that_follow_too_soon_tell_nothing_new(followed):
             again = replace(pair, stamp_ns=pair.stamp_ns + later_ns)
             opinion.take(again, update.quad_left_px, update.quad_right_px)
     found, alone = opinion.estimate([pair.stamp_ns for pair, _ in rows]), estimate(place, rows)
-    # Sums of some processors depend in the last bit on where arrays lie.
+    # On some processors the last bit of sums depends on the alignment of arrays.
     assert astuple(found) == pytest.approx(astuple(alone), rel=1e-9)
 
 

@@ -72,7 +72,7 @@ def test_moves_are_within_their_sigmas(path, how):
         differ = np.diff(np.eye(len(s_m)), axis=0)
         covariance = differ @ places.covariance[:, 0, :, 0] @ differ.T
         squares.append(moves @ np.linalg.solve(covariance, moves) / len(moves))
-    # mean of 48 squares of normal numbers: 1-sigma is 0.2; strangers cost certainty
+    # mean of 48 squares of normal numbers: 1-sigma is 0.2; static corners add uncertainty
     assert (0.0 if 'strangers' in how else 0.4) < np.mean(squares) < 1.6
 
 

@@ -109,7 +109,7 @@ def test_images_of_16_bits_are_as_good(rig, take):
 def test_slow_changes_of_what_it_sees_are_learnt(rig, take):
     config = SteadyingConfig(renew_pairs=3)
     view, first = ViewRotation(rig.left, take(0).left, config), take(0).left
-    # Column after column the place is built over, in the end all of it.
+    # The view is occluded column by column, finally completely.
     other = np.random.default_rng(1).integers(0, 255, first.shape).astype(np.uint8)
     for built in range(0, WIDTH + 1, 16):
         image = np.where(np.arange(WIDTH) < built, other, first).astype(np.uint8)

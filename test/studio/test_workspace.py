@@ -200,11 +200,11 @@ def test_a_file_that_is_opened_and_saved_says_what_it_said(sample, tmp_path, par
     path = tmp_path / 'site.yaml'
     path.write_text(yaml.safe_dump(data))
     was = load_site(path)
-    assert {field.name for field in fields(was)} == SITE_FIELDS  # a new one belongs in here too
+    assert {field.name for field in fields(was)} == SITE_FIELDS  # new fields have to be added here
     space = Workspace(None, path, tmp_path / 'init.yaml')
     assert not space.unsaved
     again = load_site(space.save())
-    if len(stds) < 2:  # those of one view alone count for nothing
+    if len(stds) < 2:  # those of a single view do not count
         clicks = replace(was.picked['line_0'], left_std_px=None, right_std_px=None)
         was = replace(was, lines={**was.lines, 'line_0': clicks})
     assert site_text(again) == site_text(was)

@@ -33,7 +33,7 @@ def test_matches_are_of_one_lane_near_in_time_and_one_to_one():
     vehicles = [measured(10, 50), measured(12.5, 60), measured(10, 70, 'far'), measured(40, 80)]
     found = matched([reference(12.2, 60), reference(11, 50), reference(11, 50, 'other'),
                      reference(43.5, 80)], vehicles, 1.0)
-    # Both first ones lie near two passes; together they fit only this way round.
+    # Both first ones are near two passes; only this assignment fits both.
     assert [m.vehicle for m in found] == [vehicles[1], vehicles[0], None, None]
     assert matched([], vehicles, 1.0) == []
     assert matched([reference(11, 50)], [], 1.0)[0].vehicle is None

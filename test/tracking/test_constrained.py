@@ -167,7 +167,7 @@ def test_a_vehicle_that_was_never_seen_has_no_result(textured, textured_drive):
     pairs, poses = textured_drive
     tracker = ConstrainedTracker.start(
         textured.start(pairs[0], poses[0], QUICK), NoParameters())
-    for pair in pairs[:4]:  # it began in a good one, but is fed others
+    for pair in pairs[:4]:  # it started in a good pair, but is given others
         tracker.update(blank(pair))
     result = tracker.result()
     assert (result.verdict, result.reason, result.pairs) == (

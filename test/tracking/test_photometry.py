@@ -236,7 +236,7 @@ def test_no_observation_is_believed_beyond_its_floor(floor, other, row, share):
     observations, _ = linear_observations(np.random.default_rng(10), 2, FLAT, 0.01)
     information = []
     for std in (0.02, 0.0):
-        only = {floor: std, other: 1.0}  # the other term says next to nothing
+        only = {floor: std, other: 1.0}  # the other term has almost no information
         information.append(photometry(independent_share=1.0, **only)(observations).H[row, row])
     assert information[1] > 1e5  # as the noise allows
     assert 0.02 ** 2 * information[0] == pytest.approx(share, rel=0.05)
@@ -255,7 +255,7 @@ def test_observations_occluded_in_part_are_told_from_noisy_ones(cross, unocclude
     """A lack of 0.03, and three times that of the best: 0.03 + 3 * 0.014 or 0.03 + 3 * 0.1."""
     wanted = np.array(unoccluded, bool)
     np.testing.assert_array_equal(seen_with(cross, (0.99,) * 5).unoccluded, wanted)
-    # What the texture lacks tells the same while the views lack a little, too.
+    # The texture's lack is judged in the same way while the views lack a little, too.
     little = np.where(np.arange(5) < 3, 0.99, 0.95)
     np.testing.assert_array_equal(seen_with(little, cross).unoccluded, wanted)
 

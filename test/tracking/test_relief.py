@@ -49,7 +49,7 @@ def test_what_is_seen_far_behind_is_found_there_and_the_rest_stays_near_the_plan
         found_m = information * seen_m / whole
         weights = node_weights(np.square(found_m) + 1 / whole, 0.04, 2.0)
     assert found_m[0] < -0.65 and 0 < found_m[1] < 0.5 * seen_m[1]
-    assert weights[2] == pytest.approx(1.0)  # what is not seen is as it was
+    assert weights[2] == pytest.approx(1.0)  # unseen parts are unchanged
 
 
 def test_variances_of_the_relief_are_those_of_poses_and_relief_together():

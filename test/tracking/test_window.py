@@ -293,7 +293,7 @@ def test_inactive_keyframes_are_recalled_as_far_as_wanted(textured, textured_dri
     stamps = np.round(solved.stamps_s, 6).tolist()
     assert stamps == sorted(set(stamps)) and set(stamps) <= {k / 10 for k in range(12)}
     assert stamps[0] == 0.0 and stamps[-2:] == [1.0, 1.1]
-    # Recalled where the others say the front was, they are measured as well as these.
+    # Observed again at the positions from the others, they are equally accurate.
     for k, stamp in enumerate(stamps):
         truth = np.append(poses[round(10 * stamp)], MPS)
         assert chi_square(solved, k, truth) < stats.chi2.ppf(0.9999, 4)
@@ -414,7 +414,7 @@ def test_what_one_pair_leaves_open_of_the_focus_the_next_ones_tell(textured, tex
         posterior = feed(window, pairs[done:], poses[done:])[-1]
         assert window.sampler.blur_px == pytest.approx((1.5, 0.0), abs=0.25)
         assert np.abs(posterior.mean[:, 3] - MPS).max() < 4 * np.sqrt(posterior.covariance[-1, -1])
-    # Observations of before it was known are none of the solution.
+    # Observations from before it was known are not in the solution.
     speeds = [np.mean(one.solve_pass().posterior.mean[:, 3]) for one in (late, known)]
     assert speeds[0] == pytest.approx(speeds[1], abs=0.02)
 

@@ -142,7 +142,7 @@ def test_a_right_view_that_comes_late_counts_at_its_own_time(tracker):
         pair = world.pair(k)
         there = one.update(pair)
         here = late.update(replace(pair, right_stamp_ns=pair.stamp_ns + 20_000_000))
-    # Taken for later ones, the right pixels are moved back by the motion of 20 ms, which makes the
+    # As later ones, the right pixels are moved back by the motion of 20 ms, which makes the
     # disparity f b / Z greater by the motion's part across the right view, and the front nearer.
     centre = world.centre_m(pair.stamp_ns)
     motion_px = np.diff(world.rig.project(np.array([centre, centre - [0, 0, 0.4]]))[1][:, 0])[0]

@@ -21,7 +21,7 @@ from stereo_speed.site.init_file import load_init
 from stereo_speed.site.lane_paths import lane_paths
 import yaml
 
-# What else must be set for a parameter to matter in so short a pass: a strict check.
+# Further settings with which a parameter matters in such a short pass.
 NEEDED = {'jolt_std_m': {'most_distance2': 0.01}}
 BASELINES = [name for name in TRACKERS.own if name != 'constrained']
 PARAMETERS = [(name, f.name) for name in BASELINES

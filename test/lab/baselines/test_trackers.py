@@ -112,7 +112,7 @@ def test_a_vehicle_lost_for_good_ends_its_track(name, reason, straight, drive):
 
 
 def test_a_right_view_that_comes_late_counts_at_its_own_time(straight, drive):
-    # Relabelled stamps: taken at their word they put the front elsewhere, by the way in 20 ms.
+    # Changed stamps displace the front by the distance travelled in 20 ms.
     late = [replace(p, right_stamp_ns=p.right_stamp_ns + 20_000_000) for p in straight.pairs]
     places = [drive(straight, 'multimodal', pairs)[0][-1].position_m for pairs in (None, late)]
     assert 0.2 < np.linalg.norm(places[1] - places[0]) < 8.0

@@ -89,7 +89,7 @@ def test_a_comparison_has_a_row_for_each_vehicle_and_counts_failed_runs_as_lost(
 
 def test_checks_say_what_does_not_hold():
     good = checks(SMALL, runs_with(SMALL, [0.1, -0.05]))
-    # half of 0.25 mph is the least that is asked for
+    # half of 0.25 mph is the strictest limit
     assert [c for c in good if not c.holds] == []
     assert sum('times shorter' in c.claim for c in good) == 2
     bad = checks(SMALL, runs_with(SMALL, [0.1, -0.3]))

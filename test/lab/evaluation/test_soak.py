@@ -44,7 +44,7 @@ def test_each_vehicle_of_each_round_is_counted():
         rounds.add(*passes(TRUTH[0], turn))
     rounds.add(*passes(TRUTH[0], 1, speed=10.2))  # measured a second time
     rounds.add(*passes(TRUTH[1], 0, verdict='rejected'))
-    rounds.add(*passes(TRUTH[2], 0))  # measured, though nobody asks for it
+    rounds.add(*passes(TRUTH[2], 0))  # measured, though it does not count
     rounds.add(*passes(TRUTH[1], 1, off_m=30.0))  # on no vehicle
     assert rounds.counts(2) == {'vehicles': 4, 'once': 1, 'more': 1, 'rejected': 1, 'missed': 1,
                                 'astray': 1}
@@ -111,7 +111,7 @@ def test_memory_is_not_judged_where_pairs_wait():
 
 def test_a_process_is_seen_as_it_is():
     before = sample_of(os.getpid(), time.monotonic())
-    # from the system, not from what the process has freed before
+    # memory from the system, not memory that the process had freed
     with mmap.mmap(-1, 30 * 2 ** 20, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS) as block, \
             open(os.devnull) as one, open(os.devnull) as other:
         for _ in range(30):

@@ -173,7 +173,7 @@ def test_a_drawn_road_from_rough_clicks(drawn):
     assert refined.lost == () and not refined.drift.moved
     for name, line in refined.site.picked.items():
         for right in (0, 1):
-            found = line.views_std_px[right] < 0.5  # not the ends that were carried on
+            found = line.views_std_px[right] < 0.5  # except the extrapolated ends
             off = drawn.off_px(name, line.views_px[right][found], right)
             assert np.sqrt(np.mean(off**2)) < 0.02 and found.sum() > 10
     directions = [refined.lanes[n].path.tangent(5.0) @ [0, 0, -1] for n in ('a', 'b')]
