@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What tests share: a pass on a bend, roads as picked, small bags, a ROS graph of their own."""
+"""Shared fixtures: a pass on a bend, clicked roads, small bags, a private ROS graph."""
 from __future__ import annotations
 
 from contextlib import ExitStack
@@ -53,7 +53,7 @@ def circle():
 
 @pytest.fixture(scope='session')
 def private_graph():
-    """Keep to a domain that no other tests on this machine have; node processes inherit it."""
+    """Use a ROS domain that no other tests on this machine use; node processes inherit it."""
     for n in range(80):
         domain = 20 + (os.getpid() + n) % 80
         name = f'stereo_speed_domain_{os.getuid()}_{domain}'
@@ -61,7 +61,7 @@ def private_graph():
             try:
                 lock = tried.enter_context((Path(tempfile.gettempdir()) / name).open('w'))
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError:  # other tests hear each other there
+            except OSError:  # other tests use that domain
                 continue
             held = tried.pop_all()
             break
@@ -76,7 +76,7 @@ def private_graph():
 
 @pytest.fixture()
 def stand_in(private_graph):
-    """Give a node whose ``wait(condition, seconds)`` spins it until the condition holds."""
+    """Return a node whose ``wait(condition, seconds)`` spins it until the condition holds."""
     import rclpy
     # Nodes of this process that an error ended live on as garbage, which one that was configured
     # here has frozen: their services, which nobody spins, would be taken for those of the test's.
@@ -117,7 +117,7 @@ class Scene:
 
 
 def make_rig(distorted=False):
-    """Make a rig; the distorted one is not parallel either."""
+    """Make a rig; the distorted one has converging cameras."""
     k = np.array([[1500.0, 0.0, 511.5], [0.0, 1500.0, 383.5], [0.0, 0.0, 1.0]])
     d = (-0.21, 0.12, 1e-3, -7e-4) if distorted else ()
     cameras = [Camera(name=n, width_px=1024, height_px=768, K=k, D=d, model='plumb_bob')
@@ -172,7 +172,7 @@ def _picked(rig, points, rng, std_px):
 
 @pytest.fixture(scope='session')
 def make_scene():
-    """Give the maker of scenes: (curvature, grade, seed, std_px, distorted) to Scene."""
+    """Return a maker of scenes: (curvature, grade, seed, std_px, distorted) to Scene."""
     return build_scene
 
 
@@ -221,13 +221,13 @@ def rewrite() -> Callable[..., Path]:
 
 @pytest.fixture(scope='session')
 def short_bag(rewrite, tmp_path_factory) -> Path:
-    """Give the first pairs of the sample."""
+    """Return a bag with the first pairs of the sample."""
     return rewrite(tmp_path_factory.mktemp('short') / 'bag')
 
 
 @pytest.fixture
 def edited(tmp_path) -> Callable[[str, Callable[[dict], None]], Path]:
-    """Give the function that edits a copy of one of the sample's YAML files."""
+    """Return a function that edits a copy of one of the sample's YAML files."""
     def edit(name: str, change: Callable[[dict], None]) -> Path:
         data = yaml.safe_load((SAMPLE / name).read_text())
         change(data)

@@ -55,7 +55,7 @@ def prose(page: Path) -> str:
 
 
 def spans(page: Path) -> set[str]:
-    """Return what stands between backquotes in the prose of a page."""
+    """Return the texts between backquotes in the prose of a page."""
     return {' '.join(span.split()) for span in re.findall(r'(?<!`)`([^`]+)`(?!`)', prose(page))}
 
 
@@ -66,7 +66,7 @@ def anchor(heading: str) -> str:
 
 @cache
 def words_of_the_code() -> set[str]:
-    """Return all words of code, of configuration and of the examples for contributors."""
+    """Return all words in code, configuration and the examples for contributors."""
     folders = ('stereo_speed', 'test', 'config', 'launch', 'tools', 'sample')
     files = [f for folder in folders for f in (ROOT / folder).rglob('*')
              if f.suffix in ('.py', '.yaml', '.xml') and f.name != 'test_docs.py']
@@ -153,7 +153,7 @@ def test_commands_and_options_exist():
 
 @each_page
 def test_names_of_code_exist(page):
-    """Identifiers of two words or more are those of the code, or of the examples."""
+    """Identifiers of two words or more occur in the code or in the examples."""
     known = words_of_the_code() | FOREIGN
     for span in spans(page):
         for name in re.findall(r'(?<![\w./-])[A-Za-z_][\w.]*\w(?![\w/-])', span):
@@ -243,7 +243,7 @@ def test_python_example_of_the_readme(monkeypatch, capsys):
 @pytest.mark.parametrize('detected', [False, True], ids=['annotated', 'detected'])
 def test_examples_of_a_tracker_and_a_detector(example, sample, detected):
     site, pairs = sample
-    trackers, detectors = replace(TRACKERS), replace(DETECTORS)  # that look for packages anew
+    trackers, detectors = replace(TRACKERS), replace(DETECTORS)  # that search for packages again
     start = partial(trackers.load('sliding').start,
                     settings=trackers.settings('sliding', {}, 'example'))
     detector = detectors.load('gate')(site.rig, site.lanes,

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The layering: imports point down only, and outside libraries stay in their rooms."""
+"""The layers: imports only point down, and reserved libraries stay in their rooms."""
 from __future__ import annotations
 
 import ast
@@ -13,7 +13,7 @@ ROOT = Path(__file__).resolve().parents[1] / 'stereo_speed'
 MODULES = sorted(ROOT.rglob('*.py'))
 
 # Rooms from the bottom up; a room imports itself and those below. Rooms on one line are
-# strangers to each other. A folder of a folder that has a place of its own is a room as well.
+# unrelated. A subfolder with its own entry is a room as well.
 LAYERS = (
     ('core', '__init__'),
     ('geometry', 'vision', 'estimation'),
@@ -36,7 +36,7 @@ LAYERS = (
 )
 RANK = {room: rank for rank, rooms in enumerate(LAYERS) for room in rooms}
 LABORATORY = 'lab'  # the instrument imports nothing of it
-# Library to the rooms that may import it; everybody may import those not named here.
+# Libraries and the rooms that may import them; others may be imported anywhere.
 ROOMS_OF = {
     'rclpy': {'nodes'},
     'rosbags': {'io', 'lab.sim'},
@@ -101,7 +101,7 @@ def imports_of(source: str, module: str, is_package: bool) -> Iterator[tuple[str
 
 
 def is_room(name: str) -> bool:
-    """Tell whether a name is that of a folder of the package."""
+    """Return whether a name is that of a folder of the package."""
     return any(room.split('.')[0] == name for room in RANK)
 
 
@@ -122,12 +122,12 @@ def faults(source: str, module: str, is_package: bool = False) -> list[str]:
 
 
 def in_laboratory(room: str) -> bool:
-    """Tell whether a room belongs to the laboratory."""
+    """Return whether a room belongs to the laboratory."""
     return room.partition('.')[0] == LABORATORY
 
 
 def dotted(path: Path) -> str:
-    """Give the dotted name, below the package, of a source file."""
+    """Return the dotted name of a source file, below the package."""
     parts = path.relative_to(ROOT).with_suffix('').parts
     return '.'.join(parts[:-1] if len(parts) > 1 and parts[-1] == '__init__' else parts)
 

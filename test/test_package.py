@@ -28,7 +28,7 @@ SOURCES = sorted(p for folder in ('stereo_speed', 'test', 'launch', 'tools')
 
 @pytest.fixture(scope='module')
 def setup_arguments() -> dict[str, Any]:
-    """Run setup.py with a ``setup`` that only takes its arguments down."""
+    """Run setup.py with a ``setup`` that only records its arguments."""
     import os
     import setuptools
     taken: dict[str, Any] = {}
@@ -133,7 +133,7 @@ def test_licence_is_apache():
 
 
 def test_lock_pins_all_that_is_asked_for():
-    """Each requirement by name is in the lock, and the lock holds nothing but pins."""
+    """Each requirement is in the lock by name, and the lock has only pins."""
     def names(file: str, pattern: str) -> set[str]:
         lines = (line.partition('#')[0].strip() for line in (ROOT / file).read_text().split('\n'))
         return {re.fullmatch(pattern, line)[1].lower() for line in lines if line}
@@ -169,7 +169,7 @@ def test_container_takes_what_is_in_the_tree_and_nothing_that_is_made_in_it():
 
 
 def test_manifest_names_only_keys_that_rosdep_knows(manifest):
-    """By a list made of the public one, which it names with its commit."""
+    """By a list made from the public one at a commit that it names."""
     lines = (ROOT / 'tools' / 'rosdep_keys.txt').read_text().splitlines()
     known = {line for line in lines if line and not line.startswith('#')}
     named = {element.text for element in manifest if element.tag.endswith('_depend')}
@@ -203,7 +203,7 @@ def test_nothing_is_unpickled_and_no_yaml_is_unsafe():
 
 
 def tool(name: str):
-    """Give a program of tools/ as a module."""
+    """Return a program of tools/ as a module."""
     spec = importlib.util.spec_from_file_location(name, ROOT / 'tools' / f'{name}.py')
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)

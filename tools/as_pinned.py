@@ -1,7 +1,7 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Check that this interpreter has the versions that a file pins, and say what it runs.
+Check that this interpreter has the versions that a file pins, and print its versions.
 
 Usage: as_pinned.py FILE, with a line NAME==VERSION for each package.
 """
@@ -17,7 +17,7 @@ import numpy
 
 
 def main(path: str) -> int:
-    """Print what is here; return 1 where it is not what the file wants."""
+    """Print the installed versions; return 1 where they differ from the pins."""
     lines = Path(path).read_text(encoding='utf-8').splitlines()
     pins = [line.strip().split('==') for line in lines if '==' in line]
     wrong = [f'{name} is {version(name)}, not {wanted}' for name, wanted in pins

@@ -3,8 +3,8 @@
 """
 Compare pinned packages with known advisories, as `make audit` does, without the network.
 
-``tools/advisories.json`` has what PyPA's database knew of these packages on the day it names. What
-became known later is not in it: `--extract` makes it anew of a checkout of that database.
+``tools/advisories.json`` has the entries of PyPA's database for these packages on the date in the
+file. Later advisories are not in it: `--extract` rewrites it from a checkout of that database.
 """
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Pin(NamedTuple):
 
 
 def canonical(name: str) -> str:
-    """Return the name of a package as registries compare it."""
+    """Return the normalised name of a package."""
     return re.sub(r'[-_.]+', '-', name).lower()
 
 
@@ -40,7 +40,7 @@ def pins_of(path: Path) -> list[Pin]:
     """
     Return the pins of a file.
 
-    :raises ValueError: a line that pins nothing, which no audit could tell about.
+    :raises ValueError: a line that pins nothing, so that it cannot be audited.
     """
     found = []
     for number, line in enumerate(path.read_text(encoding='utf-8').splitlines(), 1):
@@ -54,7 +54,7 @@ def pins_of(path: Path) -> list[Pin]:
 
 
 def affects(advisory: Mapping[str, Any], version: str) -> bool:
-    """Return whether a version is one that an advisory speaks of."""
+    """Return whether an advisory affects a version."""
     if version in advisory['versions']:
         return True
     own = Version(version)
@@ -62,7 +62,7 @@ def affects(advisory: Mapping[str, Any], version: str) -> bool:
 
 
 def _between(version: Version, low: str, fixed: Optional[str], last: Optional[str]) -> bool:
-    """Return whether a version is in a range; None is no end."""
+    """Return whether a version is in a range; None means no upper end."""
     if low != '0' and version < Version(low):
         return False
     if fixed is not None:
@@ -71,7 +71,7 @@ def _between(version: Version, low: str, fixed: Optional[str], last: Optional[st
 
 
 def findings(pins: Sequence[Pin], known: Mapping[str, Any]) -> list[str]:
-    """Return a line for each pin that an advisory speaks of."""
+    """Return a line for each advisory that affects a pin."""
     return [f'{pin.name} {pin.version}: {advisory["id"]} '
             f'({", ".join(advisory["aliases"]) or "no other name"})'
             for pin in dict.fromkeys(pins) for advisory in known['advisories'].get(pin.name, ())
@@ -80,10 +80,10 @@ def findings(pins: Sequence[Pin], known: Mapping[str, Any]) -> list[str]:
 
 def extract(checkout: Path, names: Sequence[str]) -> dict[str, Any]:
     """
-    Return what a checkout of the database knows of some packages.
+    Return the advisories for some packages from a checkout of the database.
 
-    :param checkout: a git work tree or bare directory of it.
-    :param names: canonical names.
+    :param checkout: a git work tree or bare directory of the database.
+    :param names: normalised names of the packages.
     """
     def git(*words: str) -> str:
         return subprocess.run(['git', '-C', str(checkout), *words],  # noqa: S607
@@ -101,7 +101,7 @@ def extract(checkout: Path, names: Sequence[str]) -> dict[str, Any]:
 
 
 def _advisory(content: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the part of an advisory (OSV) that says which versions it speaks of."""
+    """Return the part of an advisory (OSV) with the affected versions."""
     ranges: list[list[Optional[str]]] = []
     versions: set[str] = set()
     for affected in content.get('affected', ()):
@@ -116,7 +116,7 @@ def _advisory(content: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _ranges(events: Sequence[Mapping[str, Any]]) -> list[list[Optional[str]]]:
-    """Return first, first fixed and last version of each range; None is no end."""
+    """Return first, first fixed and last version of each range; None means no end."""
     out: list[list[Optional[str]]] = []
     for event in events:
         if 'introduced' in event:
@@ -137,10 +137,10 @@ def _is_version(text: str) -> bool:
 
 
 def main(argv: Optional[Sequence[str]] = None) -> int:
-    """Print what is known; 1 where an advisory speaks of a pin, 2 where nothing can be told."""
+    """Print the findings; return 1 if an advisory affects a pin, 2 if the audit is impossible."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('files', nargs='*', type=Path, default=[ROOT / 'requirements.lock'],
-                        metavar='FILE', help='with NAME==VERSION on each line')
+                        metavar='FILE', help='file with NAME==VERSION on each line')
     parser.add_argument('--extract', type=Path, metavar='CHECKOUT',
                         help=f'a git checkout of {SOURCE}: write {KNOWN.name} anew')
     args = parser.parse_args(argv)

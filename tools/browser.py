@@ -1,11 +1,11 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Usage: browser.py FOLDER. Get a headless Chromium for the tests of the page, or keep the one there.
+Usage: browser.py FOLDER. Install a headless Chromium for the tests of the page, unless present.
 
-It comes from the npm registry (Playwright's own downloads are elsewhere), checked against the hash
-below; a Chromium that is installed already serves as well. Exit status 1, with one line, where
-there is none to be had.
+It comes from the npm registry (Playwright's own downloads are elsewhere) and is checked against
+the hash below; an installed Chromium is used as well. Exit status 1, with one line, where none is
+available.
 """
 from __future__ import annotations
 
@@ -38,13 +38,13 @@ INFLATE = ('const [a, b] = process.argv.slice(1); const fs = require("fs");'
 
 
 def fail(line: str) -> NoReturn:
-    """End with one line."""
+    """Print one line and exit with 1."""
     print(f'no browser for the tests of the page: {line}', file=sys.stderr)
     sys.exit(1)
 
 
 def node() -> str:
-    """Return the JavaScript engine that Playwright brings, which knows how to inflate."""
+    """Return the Node.js of Playwright, which can decompress Brotli."""
     try:
         import playwright
     except ModuleNotFoundError:
@@ -53,7 +53,7 @@ def node() -> str:
 
 
 def download(target: Path) -> None:
-    """Fetch the package and check it."""
+    """Download the package and check its hash."""
     url = f'{REGISTRY}/@sparticuz/chromium/-/{PACKAGE}'
     digest = hashlib.sha512()
     try:
@@ -69,7 +69,7 @@ def download(target: Path) -> None:
 
 
 def unpack(package: Path, folder: Path) -> None:
-    """Lay out the browser, its libraries and a font."""
+    """Unpack the browser, its libraries and a font."""
     engine = node()
     with tarfile.open(package) as archive:
         for name, part in PARTS.items():
@@ -89,7 +89,7 @@ def unpack(package: Path, folder: Path) -> None:
 
 
 def main() -> None:
-    """Get the browser."""
+    """Install the browser."""
     folder = Path(sys.argv[1]).resolve()
     stamp = folder / 'version'
     if stamp.is_file() and stamp.read_text() == f'{VERSION} at {folder}':

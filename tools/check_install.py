@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Check that a colcon install prefix holds what ``ros2 run`` and ``ros2 launch`` look for."""
+"""Check that a colcon install prefix has the files that ``ros2 run`` and ``launch`` need."""
 from __future__ import annotations
 
 import os
@@ -17,7 +17,7 @@ EXECUTABLES = ('stereo_sync_node', 'tracker_node', 'speed_node', 'speed_camera_n
 
 def missing(prefix: Path, source: Path) -> list[str]:
     """
-    List what should be under the prefix and is not.
+    Return the files that are missing under the prefix.
 
     :param prefix: install prefix of the package.
     :param source: root of the checkout that it was built from.

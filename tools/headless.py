@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A headless browser, and hands that draw on the page; for its tests and its pictures."""
+"""A headless browser, and a simulated user of the page, for its tests and screenshots."""
 from __future__ import annotations
 
 from contextlib import contextmanager
@@ -21,7 +21,7 @@ WAIT_MS = 90000
 
 
 def find() -> str:
-    """Return the browser to run; empty where there is none."""
+    """Return the path of the browser; empty where there is none."""
     own = OWN / 'chromium'
     if own.is_file():
         return str(own)
@@ -30,7 +30,7 @@ def find() -> str:
 
 @contextmanager
 def browsing() -> Iterator[Browser]:
-    """Give a headless browser."""
+    """Yield a headless browser."""
     environment = dict(os.environ)
     if find().startswith(str(OWN)):
         environment.update(LD_LIBRARY_PATH=str(OWN / 'lib'), FONTCONFIG_PATH=str(OWN))
@@ -44,9 +44,9 @@ def browsing() -> Iterator[Browser]:
 
 class Hands:
     """
-    Someone who draws on the page.
+    A simulated user who draws on the page.
 
-    :param page: that is open.
+    :param page: the open page.
     """
 
     def __init__(self, page: Page) -> None:
@@ -54,7 +54,7 @@ class Hands:
         page.set_default_timeout(WAIT_MS)
 
     def place(self, view: str, uv: Sequence[float]) -> tuple[float, float]:
-        """Return where on the page a raw pixel of a view is."""
+        """Return the position on the page of a raw pixel of a view."""
         canvas = self.page.locator(f'canvas[data-view={view}]')
         self.page.wait_for_selector(f'canvas[data-view={view}][data-transform]')
         scale, x, y = map(float, str(canvas.get_attribute('data-transform')).split(','))
@@ -63,13 +63,13 @@ class Hands:
         return (box['x'] + x + (uv[0] + 0.5) * scale, box['y'] + y + (uv[1] + 0.5) * scale)
 
     def click(self, view: str, uv: Sequence[float]) -> None:
-        """Click a raw pixel, and wait until it is drawn and judged."""
+        """Click a raw pixel, and wait until the point is drawn and the draft assessed."""
         before = self.points()
         self.page.mouse.click(*self.place(view, uv))
         self.page.wait_for_function(DRAWN, arg=before + 1)
 
     def points(self) -> int:
-        """Count the points of all lines, as the page tells."""
+        """Return the number of points of all lines on the page."""
         return int(self.page.evaluate(POINTS))
 
     def line(self, views: dict[str, Sequence[Sequence[float]]]) -> None:

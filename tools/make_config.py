@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Write the tracker's parameters into ``config/`` anew, after a default or a text has changed."""
+"""Rewrite the parameters in ``config/``, after a default or a text has changed."""
 from __future__ import annotations
 
 import dataclasses
@@ -51,7 +51,7 @@ EVIDENCE_HEAD = """# Parameters of evidence_node; these are the defaults.
 
 
 def parameters(indent: str, kind: type) -> str:
-    """Return every parameter with its meaning above it, sections further in, as YAML."""
+    """Return all parameters as YAML, with their texts above them and sections indented."""
     lines = []
     for f in dataclasses.fields(kind):
         m = f.metadata
@@ -71,7 +71,7 @@ def parameters(indent: str, kind: type) -> str:
 
 
 def components(indent: str) -> str:
-    """Return the parameters of the site, and of each tracker and detector alone, as YAML."""
+    """Return the parameters of the site, and of each tracker and detector, as YAML."""
     out = parameters(indent, SiteConfig)
     for registry in (TRACKERS, DETECTORS):
         out += f'{indent}# parameters of one {registry.kind} alone\n{indent}{registry.kind}s:\n'
@@ -83,7 +83,7 @@ def components(indent: str) -> str:
 
 
 def _yaml(value: object) -> str:
-    """Write a number as YAML 1.1 reads it: exponents need a point and a sign."""
+    """Return a value in YAML 1.1, in which exponents need a point and a sign."""
     if isinstance(value, (bool, str)):
         return str(value).lower() if isinstance(value, bool) else value
     text = repr(value)
@@ -104,13 +104,13 @@ def main() -> None:
         + parameters('  ', EnforcementConfig))
     path = config / 'stereo_speed.params.yaml'
     text = path.read_text()
-    # Of the tracker node's block, all from the comment above the first parameter on is made anew.
+    # In the tracker node's block, everything from the first parameter's comment on is rewritten.
     start = text.index('    # number of particles N')
     end = text.find('\n\n/**/', start)
     rest = text[end + 1:] if end >= 0 else ''
     text = text[:start] + parameters('    ', TrackerConfig) + components('    ') + rest
     path.write_text(text)
-    # One process has the parameters of all: the blocks of the nodes, one after the other.
+    # A single process has the parameters of all nodes: their blocks, one after the other.
     blocks = [block.partition('ros__parameters:\n')[2].rstrip('\n')
               for block in text.split('/**/')[1:]]
     (config / 'speed_camera.params.yaml').write_text('\n'.join([SPEED_CAMERA_HEAD, *blocks, '']))

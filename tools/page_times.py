@@ -1,10 +1,10 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Usage: page_times.py [PASSES ...]. Print how long the page takes to open, sort and filter a run.
+Usage: page_times.py [PASSES ...]. Measure how long the page takes to open, sort and filter a run.
 
-Times are those of a headless browser, from the click to the frame after the table is drawn, the
-median of some; the run is made up, with 20 readings for each pass.
+The times are medians in a headless browser, from the click to the frame after the table is drawn;
+the run is synthetic, with 20 readings for each pass.
 """
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ OPEN = "document.querySelector('#detail .end')?.textContent.startsWith('vehicle 
 
 
 def tasks(count: int) -> dict[str, tuple[str, str, str, str]]:
-    """Return what is done, how it shows; and how it is undone, and how that shows."""
+    """Return each task's action and its visible result, and the same for its reversal."""
     every, other = SHOWN.format(count, count), SHOWN.format(count + 1, count + 1)
     return {
         'open a run': (CHOSEN.format('run', '1'), other, CHOSEN.format('run', '0'), every),
@@ -54,7 +54,7 @@ def tasks(count: int) -> dict[str, tuple[str, str, str, str]]:
 
 
 def write_passes(folder: Path, count: int) -> Path:
-    """Write a run of passes, one a second, every tenth rejected."""
+    """Write a run with one pass per second, of which every tenth is rejected."""
     rng = np.random.default_rng(count)
     passes, rows = [], []
     for k, speed in enumerate(rng.normal(20.0, 2.0, count).tolist()):

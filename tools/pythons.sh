@@ -1,10 +1,10 @@
 #!/bin/bash
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-# Usage: pythons.sh TESTS... These tests, but for slow ones, on each other Python that is at hand,
-# installed or made by pyenv; on 3.12 with the versions of numpy, OpenCV and the rest that Ubuntu
-# 24.04 has, which a native ROS 2 Jazzy runs on. What cannot be had here is skipped, and said; so
-# is what would begin after ENOUGH_S seconds.
+# Usage: pythons.sh TESTS... Run tests, except slow ones, on every other Python that is available,
+# installed or built by pyenv; on 3.12 with the versions of numpy, OpenCV and other libraries of
+# Ubuntu 24.04, which a native ROS 2 Jazzy uses. Versions that are not available are skipped and
+# listed; so are those that would start after ENOUGH_S seconds.
 set -uo pipefail
 cd "$(dirname "$0")/.."
 export OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 OPENCV_FOR_THREADS_NUM=1

@@ -3,9 +3,10 @@
 """
 Check that this commit can be released, as `make release-check` does.
 
-The tree is clean; the version is the same everywhere and has its heading in the changelog; wheel
-and sdist build, and the wheel of the sdist is that of the tree; the wheel installs in an empty
-environment with what it needs, and measures the sample there: offline, and by the live nodes.
+The tree must be clean; the version must be the same everywhere and have a heading in the
+changelog; wheel and sdist must build, and the sdist's wheel must match the tree; the wheel must
+install in an empty environment with its dependencies, and measure the sample there, offline and
+with the live nodes.
 """
 from __future__ import annotations
 
@@ -24,11 +25,11 @@ ROOT = Path(__file__).resolve().parent.parent
 
 
 class CheckError(Exception):
-    """What keeps the commit from being released."""
+    """The commit cannot be released."""
 
 
 def run(*command: object, where: Path = ROOT, seconds: float = 900) -> str:
-    """Run a program; return what it prints."""
+    """Run a program and return its output."""
     alone = {name: value for name, value in os.environ.items() if name != 'PYTHONPATH'}
     try:
         done = subprocess.run([str(word) for word in command], cwd=where, text=True, env=alone,
@@ -42,7 +43,7 @@ def run(*command: object, where: Path = ROOT, seconds: float = 900) -> str:
 
 
 def check_tree() -> str:
-    """Refuse a tree with changes."""
+    """Refuse a tree with uncommitted changes."""
     changed = run('git', 'status', '--porcelain').splitlines()
     if changed:
         raise CheckError(f'the tree is not clean: {", ".join(line[3:] for line in changed[:8])}')
@@ -69,7 +70,7 @@ def check_versions(root: Path = ROOT) -> str:
 
 
 def build(out: Path) -> Path:
-    """Build the sdist, and of it the wheel; compare it with the tree; return the wheel."""
+    """Build the sdist, and the wheel from it; compare it with the tree; return the wheel."""
     run(sys.executable, '-m', 'build', '--no-isolation', '--outdir', out)
     wheel, = out.glob('*.whl')
     packed = {name for name in zipfile.ZipFile(wheel).namelist()
@@ -97,10 +98,10 @@ def check_wheel(wheel: Path, folder: Path) -> str:
 
 
 def main() -> int:
-    """Check one thing after the other; say each that holds, and the first that does not."""
+    """Run the checks in order; print each that passes, and the first that fails."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--draft', action='store_true',
-                        help='leave out clean tree and versions: before the release is written')
+                        help='skip the checks of clean tree and versions')
     args = parser.parse_args()
     try:
         for check in () if args.draft else (check_tree, check_versions):

@@ -1,7 +1,7 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Check that the public lists know every key of package.xml, and write those that it may name.
+Check that every key of package.xml is in the public rosdep lists, and write the allowed keys.
 
 Usage: rosdep_keys.py CHECKOUT, a git checkout of https://github.com/ros/rosdistro.
 """
@@ -35,12 +35,12 @@ def known_keys(python: Mapping[str, Any], distribution: Mapping[str, Any]) -> se
 
 
 def _is_packaged(where: Any) -> bool:
-    """Return whether Ubuntu has a package, not only pip."""
+    """Return whether Ubuntu has a package, instead of pip only."""
     return bool(where) and not (isinstance(where, dict) and set(where) == {'pip'})
 
 
 def main() -> int:
-    """Compare and write; 1 where a key is not known."""
+    """Compare and write; return 1 where a key is unknown."""
     if len(sys.argv) != 2:
         print(__doc__, file=sys.stderr)
         return 2

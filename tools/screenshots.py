@@ -1,11 +1,11 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Usage: screenshots.py FOLDER. Use the page as people do, and keep pictures of each step.
+Usage: screenshots.py FOLDER. Use the page like a user, and save a screenshot of each step.
 
-A site is drawn on the sample: what is clicked are the points of its own site file, every second
-one; the page snaps them. Then the sample is replayed with its violation recorded, and reviewed;
-and its bag is played to the live nodes, where ROS is installed.
+A site is drawn on the sample by clicking every second point of its own site file; the page snaps
+them. Then the sample is replayed with its violation recorded, and reviewed; and its bag is played
+to the live nodes, where ROS is installed.
 """
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ from stereo_speed.studio.workspace import Workspace
 
 ROOT = Path(__file__).resolve().parents[1]
 SAMPLE = ROOT / 'sample' / 'straight55'
-_QUALITY = 85  # of JPEG: text stays sharp
-# Both pictures are there, a vehicle is measured, and has been for a while.
+_QUALITY = 85  # JPEG quality that keeps text sharp
+# Both images are shown, and a vehicle has been measured for some time.
 WATCHED = """() => document.querySelectorAll('.shot:not(.stale) img').length === 2
   && [...document.querySelectorAll('.shot img')].every((image) => image.naturalWidth > 0)
   && document.querySelector('#speeds .card:not(.stale)')
@@ -42,7 +42,7 @@ WATCHED = """() => document.querySelectorAll('.shot:not(.stale) img').length ===
 
 
 def keep(page: Page, path: Path) -> None:
-    """Write a picture of the page as it is."""
+    """Write a screenshot of the page."""
     page.wait_for_timeout(400)  # a frame is painted after the last message
     with tempfile.TemporaryDirectory() as folder:
         shot = Path(folder, 'shot.png')
@@ -52,7 +52,7 @@ def keep(page: Page, path: Path) -> None:
 
 
 def draw(hands: headless.Hands, out: Path) -> None:
-    """Draw the site, refine it, measure with it, and keep a picture of each step."""
+    """Draw the site, refine it, measure with it, and save a screenshot of each step."""
     page = hands.page
     lines = list(load_site(SAMPLE / 'site.yaml').picked.values())
     for line in lines:
@@ -72,7 +72,7 @@ def draw(hands: headless.Hands, out: Path) -> None:
 
 
 def review(page: Page, out: Path) -> None:
-    """Keep a picture of a record of a violation."""
+    """Save a screenshot of a record of a violation."""
     page.wait_for_selector('#estimates')
     page.select_option('#run', '1')
     page.wait_for_function('() => document.querySelector("#verification").textContent'
@@ -84,7 +84,7 @@ def review(page: Page, out: Path) -> None:
 
 
 def watch(browser: Browser, out: Path) -> None:
-    """Play the sample to the live nodes, and keep a picture of the page that watches them."""
+    """Play the sample to the live nodes, and save a screenshot of the live page."""
     private_graph()
     site, truth = SAMPLE / 'site.yaml', read_truth(SAMPLE / 'truth.csv')[0]
     with subprocess.Popen([sys.executable, '-m', 'stereo_speed', 'studio', '--live', '--port',

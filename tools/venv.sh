@@ -2,8 +2,8 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 # Usage: venv.sh PYTHON FOLDER [VERSIONS]. Make the virtual environment from requirements.lock, or
-# keep the one that is there when it fits the lock, the interpreter's version and this folder.
-# What the file VERSIONS pins takes the place of the lock's pins of the same packages.
+# keep an existing one that matches the lock, the interpreter's version and this folder.
+# Pins in the file VERSIONS replace those of the lock for the same packages.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 python=$1 venv=$2 versions=${3:-/dev/null}
@@ -30,7 +30,7 @@ echo "making $venv with Python $version (a minute or two)"
 rm -rf "$venv"
 "$python" -m venv "$venv"
 pins > "$venv/pins.txt"
-# The lock holds whatever its packages need, and other versions may be asked for than these allow.
+# No dependency resolution: the lock is complete, and VERSIONS may violate declared constraints.
 "$venv/bin/python" -m pip install --quiet --disable-pip-version-check \
     --use-pep517 --no-deps --requirement "$venv/pins.txt"
 # The checkout itself, so that the package imports from anywhere.

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Compile all kernels once, so that many programs that start together need not, each by itself."""
+"""Compile all kernels once, so that programs that start in parallel need not do so."""
 from stereo_speed.core.compiled import warm_up
 from stereo_speed.pipeline.config import load_pipeline_config
 from stereo_speed.pipeline.registry import DETECTORS, TRACKERS

@@ -3,8 +3,9 @@
 """
 Run independent jobs on the workers of a Dask cluster.
 
-Dask gives a job whose worker has died to another one, a few times; one that ends every worker is
-given up with its reason. All machines see the files under the same paths, and run this very code.
+Dask gives the job of a dead worker to another one, a few times; a job that kills every worker is
+given up with its reason. All machines must see the files under the same paths, and run the same
+code.
 """
 from __future__ import annotations
 
@@ -19,28 +20,28 @@ from .job import attempt, Job, Result, source_hash, Work
 from ..core.errors import InputError
 from ..core.threads import VARIABLES
 
-_CONNECT_S = 60  # longest wait for the scheduler, and for its first worker
-_one_job = threading.Lock()  # of this process: a worker may have several threads
+_CONNECT_S = 60  # timeout for the scheduler, and for its first worker
+_one_job = threading.Lock()  # one job per process, because a worker may have several threads
 
 
 def spread_over_cluster(jobs: Sequence[Job], work: Work, address: str) -> Iterator[Result]:
     """
-    Run the jobs on a cluster, and yield the results as they come.
+    Run the jobs on a cluster, and yield the results as they arrive.
 
-    What has not begun when the generator ends is taken back.
+    Jobs that have not started when the generator ends are cancelled.
 
     :param jobs: the jobs.
-    :param work: a function of a module that the workers can import.
-    :param address: of the scheduler, as ``tcp://host:8786``.
-    :raises InputError: Dask is not installed, no scheduler there, or one without workers.
+    :param work: a module-level function that the workers can import.
+    :param address: address of the scheduler, as ``tcp://host:8786``.
+    :raises InputError: Dask is not installed, or there is no scheduler or no worker.
     """
     try:
         from distributed import as_completed, Client
     except ModuleNotFoundError:
         raise InputError('--dask', 'Python module', 'no distributed',
                          "the extra: pip install 'stereo_speed[cluster]'") from None
-    # What goes wrong is told by the results, in one line.
-    for name in ('distributed', *logging.root.manager.loggerDict):  # Dask sets each by itself
+    # Results report failures in one line, so Dask's own logs are silenced.
+    for name in ('distributed', *logging.root.manager.loggerDict):  # each has its own level
         if name.split('.')[0] == 'distributed':
             logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
@@ -60,7 +61,7 @@ def spread_over_cluster(jobs: Sequence[Job], work: Work, address: str) -> Iterat
 
 
 def _await_worker(client: Any, address: str) -> None:
-    """Wait for a worker, so that nobody waits for ever."""
+    """Wait for a worker, and raise after a timeout instead of waiting for ever."""
     try:
         client.wait_for_workers(1, timeout=_CONNECT_S)
     except TimeoutError:
@@ -68,11 +69,11 @@ def _await_worker(client: Any, address: str) -> None:
 
 
 def _result(future: Any, job: Job) -> Result:
-    """Return what came of a job, whatever did."""
+    """Return the result of a job, also where it failed in any way."""
     try:
         result: Result = future.result()
         return result
-    except BaseException as error:  # CancelledError is none of Exception's
+    except BaseException as error:  # CancelledError is no Exception
         if isinstance(error, (KeyboardInterrupt, SystemExit)):
             raise
         told = ' '.join(str(error).split())[:300]
@@ -80,7 +81,7 @@ def _result(future: Any, job: Job) -> Result:
 
 
 def _on_worker(job: Job, work: Work, source: str) -> Result:
-    """Run one job in a worker's process: one at a time, on one thread, by the same code."""
+    """Run one job in a worker's process: one at a time, on one thread, with the same code."""
     with _one_job:
         if source_hash() != source:
             return Result(key=job.key, error='worker: stereo_speed: found other code there, '

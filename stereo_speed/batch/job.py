@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A job of a batch, the attempt at it, and what came of it; every kind of worker speaks these."""
+"""A job of a batch, its execution and its result, common to all kinds of workers."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -24,9 +24,9 @@ class Job:
     """
     One job.
 
-    :param key: names it, once among the jobs of a run.
-    :param parameters: what the work gets; JSON values only, with all the job depends on.
-    :param group: jobs of one group run in one process as far as possible; its own by default.
+    :param key: name of the job, unique within a run.
+    :param parameters: JSON values for the work; everything that the job depends on.
+    :param group: jobs of one group run in one process if possible; by default each has its own.
     """
 
     key: str
@@ -35,7 +35,7 @@ class Job:
 
     @property
     def fingerprint(self) -> str:
-        """Hash of the parameters and of this package, which the result follows from."""
+        """Return a hash of the parameters and of this package, which determine the result."""
         text = json.dumps([self.parameters, source_hash()], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
@@ -43,14 +43,14 @@ class Job:
 @dataclass(frozen=True, kw_only=True)
 class Result:
     """
-    What came of a job.
+    The result of a job.
 
-    :param key: of the job.
-    :param fingerprint: of the job.
-    :param value: what the work gave; None when it failed.
-    :param error: why it failed, one line; empty when it did not.
-    :param wall_s: how long it took, s.
-    :param refused: whether it failed by its input, told in a line that says what was wanted.
+    :param key: key of the job.
+    :param fingerprint: fingerprint of the job.
+    :param value: value returned by the work; None when it failed.
+    :param error: reason of the failure, one line; empty when it succeeded.
+    :param wall_s: run time, s.
+    :param refused: whether it failed because of its input.
     """
 
     key: str
@@ -63,7 +63,7 @@ class Result:
 
 @lru_cache(maxsize=1)
 def source_hash(root: Path = Path(__file__).resolve().parents[1]) -> str:
-    """Return a hash of the version and of the sources: results of other code are not ours."""
+    """Return a hash of version and sources, so that results of other code are not reused."""
     digest = hashlib.sha256(__version__.encode())
     for path in sorted(root.rglob('*.py')):
         digest.update(path.relative_to(root).as_posix().encode() + path.read_bytes())
@@ -72,18 +72,18 @@ def source_hash(root: Path = Path(__file__).resolve().parents[1]) -> str:
 
 def attempt(job: Job, work: Work) -> Result:
     """
-    Run one job; whatever it raises becomes its reason.
+    Run one job; an exception becomes the error of its result.
 
     :param job: the job.
-    :param work: what to do with it.
+    :param work: the function to run.
     """
     start, refused = time.perf_counter(), False
     try:
-        # As it will be read back, so that a resumed run is the same.
+        # In the form in which it is read back, so that a resumed run is the same.
         value, error = json.loads(json.dumps(work(job.parameters))), ''
     except StereoSpeedError as fault:
         value, error, refused = None, str(fault), True
-    except Exception as fault:  # one job must not end the others, whatever its fault
+    except Exception as fault:  # no failure of a job may end the others
         place = traceback.extract_tb(fault.__traceback__)[-1]
         error = f'{type(fault).__name__}: {fault} ({Path(place.filename).name}:{place.lineno})'
         value, error = None, ' '.join(error.split())

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The journal of a run: a line of JSON for each finished job, kept through a crash."""
+"""The journal of a run: a line of JSON for each finished job, which survives a crash."""
 from __future__ import annotations
 
 from contextlib import AbstractContextManager
@@ -16,10 +16,10 @@ JOURNAL = 'runs.jsonl'
 
 class Journal(AbstractContextManager['Journal']):
     """
-    Keeps what is done; one process at a time.
+    Keeps the finished jobs; one process at a time may write it.
 
-    :param out_dir: folder, made when it is not there; None keeps nothing.
-    :raises InputError: a folder that cannot be written, or that another run is writing.
+    :param out_dir: folder, made where it is missing; None keeps nothing.
+    :raises InputError: the folder cannot be written, or another run is writing to it.
     """
 
     def __init__(self, out_dir: Union[str, Path, None]) -> None:
@@ -30,12 +30,12 @@ class Journal(AbstractContextManager['Journal']):
         self._file = open_alone(self.path, 'journal')
 
     def __exit__(self, *_: object) -> None:
-        """Close the file and with it the lock."""
+        """Close the file, which releases the lock."""
         if self._file is not None:
             self._file.close()
 
     def rows(self) -> dict[str, dict[str, Any]]:
-        """Return the last row of each key; a line cut off by a crash is ignored."""
+        """Return the last row of each key; a line truncated by a crash is ignored."""
         found: dict[str, dict[str, Any]] = {}
         if self._file is None:
             return found
@@ -49,11 +49,11 @@ class Journal(AbstractContextManager['Journal']):
         return found
 
     def append(self, row: Mapping[str, Any]) -> None:
-        """Write a row, whole, in one step."""
+        """Append a row as one line."""
         if self._file is None:
             return
         text = json.dumps(row, sort_keys=True) + '\n'
-        # Ends a line that a crash has cut off.
+        # Start a new line if a crash truncated the last one.
         end = self._file.seek(0, 2)
         self._file.write(text if not end or self._ends_line() else '\n' + text)
         self._file.flush()

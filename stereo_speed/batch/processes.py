@@ -3,8 +3,8 @@
 """
 Run independent jobs in processes of this machine.
 
-Each worker process takes whole groups of jobs, so that what the jobs of a group share (a rendered
-sequence) is made once; one that dies costs the job in hand and is replaced.
+Each worker process takes whole groups of jobs, so that data shared by a group (a rendered
+sequence) are made once. A process that dies fails only its current job and is replaced.
 """
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from tqdm import tqdm
 from .job import attempt, Job, Result, Work
 from ..core.threads import one_blas_thread
 
-_JOIN_S = 5.0  # longest wait for a process to end
+_JOIN_S = 5.0  # timeout for the end of a process
 
 
 def _serve(pipe: Connection[Any, Any], work: Work) -> None:
-    """Run in a process of its own: jobs come in, results go out, until None comes."""
+    """Run in a worker process: receive jobs and send results, until None is received."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends the run
-    cv2.setNumThreads(1)  # the jobs fill the cores
-    # tqdm's own is a semaphore of the system, which outlives a process that is killed
+    cv2.setNumThreads(1)  # the jobs occupy all cores
+    # tqdm's default lock is a system semaphore, which would survive a killed process
     tqdm.set_lock(threading.RLock())
     threading.Thread(target=_end_with_parent, daemon=True).start()
     try:
@@ -40,7 +40,7 @@ def _serve(pipe: Connection[Any, Any], work: Work) -> None:
 
 
 def _end_with_parent() -> None:
-    """End this process when its parent has: a job must not outlive its run and write later."""
+    """End this process when its parent ends, so that no job outlives its run and writes later."""
     parent = parent_process()
     if parent is not None:
         connection.wait([parent.sentinel])
@@ -51,7 +51,7 @@ class Worker:
     """
     A process, and the jobs that wait for it.
 
-    :param work: what it does with a job.
+    :param work: the function that it runs for each job.
     """
 
     def __init__(self, work: Work) -> None:
@@ -69,11 +69,11 @@ class Worker:
         self.job = job
         try:
             self.pipe.send(job)
-        except OSError:  # it died idle; take() finds out
+        except OSError:  # it died while idle; take() will notice
             pass
 
     def take(self) -> tuple[Result, bool]:
-        """Receive the result of the job in hand, and whether the process is still there."""
+        """Receive the result of the current job, and whether the process is still alive."""
         job, self.job = self.job, None
         if job is None:
             raise RuntimeError('no job in hand')
@@ -94,7 +94,7 @@ class Worker:
 
 def spread(jobs: Sequence[Job], work: Work, workers: int) -> Iterator[Result]:
     """
-    Run the jobs in processes, and yield the results as they come.
+    Run the jobs in processes, and yield the results as they arrive.
 
     The processes end with the generator.
     """
@@ -124,7 +124,7 @@ def spread(jobs: Sequence[Job], work: Work, workers: int) -> Iterator[Result]:
 
 
 def give_next(worker: Worker, queue: deque[deque[Job]], pool: Sequence[Worker]) -> None:
-    """Give a worker its next job: of its own group, of a new one, or half of another's."""
+    """Give a worker its next job: from its group, from a new one, or from half of another's."""
     if not worker.waiting and queue:
         worker.waiting = queue.popleft()
     if not worker.waiting:

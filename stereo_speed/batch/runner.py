@@ -1,10 +1,10 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Run independent jobs over the cores or a cluster, once each, and resumably.
+Run independent jobs over the cores or a cluster, each once, and resume interrupted runs.
 
-Every finished job is a line of ``runs.jsonl``; a job whose line is there with the same parameters
-and the same version of this package is not run again.
+Every finished job is a line of ``runs.jsonl``. A job with such a line, the same parameters and the
+same version of this package is not run again.
 """
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ def run_jobs(jobs: Sequence[Job], work: Work, *, out_dir: Union[str, Path, None]
              workers: int, description: str, cluster: str = '',
              still_good: Callable[[Result], bool] = lambda result: True) -> list[Result]:
     """
-    Run the jobs that are not done yet and return the results of all, in the order of the jobs.
+    Run the jobs that are not done yet, and return the results of all in the order of the jobs.
 
-    A job that raises, or whose process dies, gives a result with its reason; a later run tries
+    A job that raises, or whose process dies, gives a result with the reason; a later run tries
     it again.
 
     :param jobs: the jobs.
-    :param work: a function of a module: a process of its own imports it.
-    :param out_dir: folder that keeps ``runs.jsonl``; None keeps nothing.
-    :param workers: number of processes; 0 runs the jobs in this one.
+    :param work: a module-level function that a worker process can import.
+    :param out_dir: folder of ``runs.jsonl``; None keeps nothing.
+    :param workers: number of processes; 0 runs the jobs in this process.
     :param description: label of the progress bar.
-    :param cluster: address of a Dask scheduler, whose workers take the place of processes here.
-    :param still_good: whether what an earlier run has left of a job is still there.
-    :raises InputError: two jobs with one key, a folder that cannot be written or that another
-        run is writing.
+    :param cluster: address of a Dask scheduler, whose workers replace local processes.
+    :param still_good: returns whether the files of an earlier run's job still exist.
+    :raises InputError: two jobs have one key, the folder cannot be written, or another run is
+        writing to it.
     """
     keys = [job.key for job in jobs]
     if len(set(keys)) < len(keys):
@@ -51,7 +51,7 @@ def run_jobs(jobs: Sequence[Job], work: Work, *, out_dir: Union[str, Path, None]
         with tqdm(total=len(jobs), initial=len(done), desc=description, unit='run',
                   disable=None, smoothing=0.1) as bar:
             for result in _spread_where(missing, work, workers, cluster):
-                # Set here: the sources may have changed since, and processes read them anew.
+                # Set here, because new processes read the sources again, which may have changed.
                 result = replace(result, fingerprint=prints[result.key])
                 done[result.key] = result
                 journal.append(asdict(result))
@@ -63,6 +63,6 @@ def _spread_where(jobs: Sequence[Job], work: Work, workers: int, cluster: str
                   ) -> Iterator[Result]:
     """Run the jobs on a cluster, in processes, or in this one."""
     if cluster and jobs:
-        from .cluster import spread_over_cluster  # an extra: only who asks for it needs it
+        from .cluster import spread_over_cluster  # an optional dependency
         return spread_over_cluster(jobs, work, cluster)
     return spread(jobs, work, workers) if workers > 0 else (attempt(job, work) for job in jobs)

@@ -1,12 +1,12 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-``demo``: the main job on the sample, live and offline, side by side.
+``demo``: measure the sample live and offline, and compare the results.
 
-First the site is refined by the sample's own images.  Then the nodes find and measure the vehicle
-by themselves: they run as separate processes over real DDS, on a domain of their own and on this
-machine only; the sample bag is played in real time; a listener reads ``/vehicle_speed`` as any
-other user's node would.
+First the site is refined with the sample's own images.  Then the live nodes detect and measure
+the vehicle automatically: they run as separate processes over DDS, in their own domain and on
+this machine only; the sample bag is played in real time; a listener reads ``/vehicle_speed`` as
+any other user's node would.
 """
 from __future__ import annotations
 
@@ -46,13 +46,13 @@ _SOURCES = Path(__file__).resolve().parents[2]
 _ROOT = _SOURCES if (_SOURCES / 'sample').is_dir() else (
     _SOURCES.parents[2] / 'share' / 'stereo_speed')
 _START_S, _DELIVERY_S, _STOP_S = 60.0, 30.0, 5.0  # longest waits
-_SETTLE_S = 0.5  # what the listener has discovered, the others have within this time
-# A short bag played once has nothing to spare: what nodes may lose of a camera they may not here.
+_SETTLE_S = 0.5  # after the listener has discovered a topic, for the other nodes to do so too
+# A short bag played once cannot afford lost images, which nodes tolerate from a camera.
 RELIABLE_IMAGES, RELIABLE_INFOS = (
     [f'qos_overrides./{side}/{topic}.subscription.reliability:=reliable'
      for side in ('left', 'right')] for topic in ('image_raw', 'camera_info'))
 
-# None is skipped or hurried either, however busy the machine is, or live and offline would differ.
+# On a busy machine, too, no pair is skipped or hurried, so that live and offline agree.
 EVERY_PAIR = 'most_wait_s:=60', 'hurry:=false'
 # The whole chain must be connected before the first image.
 WHOLE_CHAIN = 'wait_for_topics:=stereo/image_pair tracks'
@@ -61,11 +61,11 @@ Reading = tuple[int, str, float, float]  # stamp ns, vehicle, speed and 1-sigma 
 
 
 class DemoError(StereoSpeedError):
-    """The demo did not show what it should."""
+    """The demo did not produce the expected result."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what ``demo`` takes."""
+    """Add the arguments of ``demo``."""
     parser.add_argument('--sample', type=Path, default=_ROOT / 'sample' / 'straight55',
                         help='folder with bag/, site.yaml, init.yaml and truth.csv')
     parser.add_argument('--out', type=Path, default=Path('out'), help='folder to write')
@@ -73,7 +73,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Refine the site, measure offline, then live; compare with the truth and each other."""
+    """Refine the site, measure offline and live, and compare with the truth and each other."""
     sample: Path = args.sample
     args.out.mkdir(parents=True, exist_ok=True)
     truth = read_truth(sample / 'truth.csv')[0]
@@ -105,7 +105,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _refined_site(sample: Path, out: Path) -> Path:
-    """Refine the clicked site by the images; give the file it is in."""
+    """Refine the clicked site with the images, and return the path of the refined site file."""
     refined = refined_from_bag(load_site(sample / 'site.yaml'), sample / 'bag')
     print('the site, refined by the images of the bag:')
     for line in summary_lines(refined, report(refined)):
@@ -130,10 +130,10 @@ def live(sample: Path, site: Path, wanted: int, rate: float, truth: VehicleTruth
     Play the sample through the nodes.
 
     :param site: site file.
-    :param parameters: of the tracker node, beside the site, ``name:=value``.
-    :param wanted: readings to wait for.
+    :param parameters: further parameters of the tracker node, ``name:=value``.
+    :param wanted: number of readings to wait for.
     :param rate: pace of the replay.
-    :param truth: to print beside the readings.
+    :param truth: true speeds, printed beside the readings.
     :param evidence: folder for records of violations, and the key that signs them.
     :return: the readings, and the overlay frames by stamp.
     """
@@ -178,7 +178,7 @@ def live(sample: Path, site: Path, wanted: int, rate: float, truth: VehicleTruth
 
 
 def reading_line(reading: Reading, truth: VehicleTruth) -> str:
-    """Return a reading for people, with its error where the truth is known."""
+    """Return a line that shows a reading, with its error where the truth is known."""
     ns, vehicle, speed, std = reading
     true = float(truth.speed_at([ns])[0])
     error = '' if np.isnan(true) else (f'   truth {true / MPH_MPS:6.2f}   '
@@ -188,7 +188,7 @@ def reading_line(reading: Reading, truth: VehicleTruth) -> str:
 
 
 def _check(nodes: Sequence[Process]) -> bool:
-    """Raise when a node has ended by itself: waiting on would be in vain."""
+    """Return True while all nodes run; raise when one has ended by itself."""
     for node in nodes:
         if node.ended():
             raise DemoError(f'demo: {node.name}: found it ended with status '
@@ -197,7 +197,7 @@ def _check(nodes: Sequence[Process]) -> bool:
 
 
 def private_graph() -> None:
-    """Keep the demo's graph apart from others: own domain, this machine only, large images."""
+    """Isolate the demo's ROS graph: its own domain, this machine only, large messages."""
     os.environ.setdefault('ROS_DOMAIN_ID', str(20 + os.getpid() % 80))
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     profile = _ROOT / 'config' / 'fastdds.xml'
@@ -207,11 +207,11 @@ def private_graph() -> None:
 
 class Process(AbstractContextManager['Process']):
     """
-    A node in a process of its own, ended by its id when left.
+    A node in its own process; a context manager that ends the process on exit.
 
     :param name: module of the node.
     :param parameters: its ROS parameters, ``name:=value``.
-    :param namespace: it runs in.
+    :param namespace: namespace that the node runs in.
     """
 
     def __init__(self, name: str, *parameters: str, namespace: str = '/') -> None:
@@ -230,12 +230,12 @@ class Process(AbstractContextManager['Process']):
             self.process.wait(_STOP_S)
 
     def ended(self) -> bool:
-        """Whether the process is over."""
+        """Return whether the process has ended."""
         return self.process.poll() is not None
 
 
 def write_frames(out: Path, frames: dict[int, NDArray[np.uint8]]) -> None:
-    """Write a sheet of annotated frames, and a video of them."""
+    """Write a contact sheet of annotated frames, and a video of all of them."""
     images = [frames[ns] for ns in sorted(frames)]
     if not images:
         raise DemoError('demo: overlay/image_raw: found no frames, wanted one a pair')

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The end of the demo: the record of a violation, verified; a copy of it, forged and found out."""
+"""The end of the demo: verify the record of a violation, and detect a forged copy of it."""
 from __future__ import annotations
 
 import json
@@ -14,11 +14,11 @@ from ..enforcement.recompute import recompute
 from ..enforcement.verify import RECORD_FILE, verify
 
 FORGED = 'evidence_forged'
-_FASTER = 10  # km/h that are written into the forged copy
+_FASTER = 10  # added to the speeds of the forged copy, in the record's unit
 
 
 def demo_key(out: Path) -> Path:
-    """Return the key that signs the records of the demo; made where there is none."""
+    """Return the key that signs the demo's records; create it where it is missing."""
     path = out / 'demo_key.pem'
     if not path.exists():
         write_key(path)
@@ -26,19 +26,19 @@ def demo_key(out: Path) -> Path:
 
 
 def records(folder: Path) -> set[Path]:
-    """Return the folders of the records that are whole."""
+    """Return the folders of the complete records."""
     return {path.parent for path in folder.glob(f'*/{RECORD_FILE}')
             if not path.parent.name.startswith('.')}
 
 
 def show(out: Path, record_folder: Path, key: Path) -> list[str]:
     """
-    Return what the demo says of a record, and of a forged copy that it makes.
+    Return the lines that the demo prints on a record and on a forged copy, which it makes.
 
     :param out: folder of the demo.
-    :param record_folder: of the record.
+    :param record_folder: folder of the record.
     :param key: private key that signed it.
-    :raises StereoSpeedError: a record that is not sound, or a forged one that is.
+    :raises StereoSpeedError: the record does not verify, or the forged copy does.
     """
     record = json.loads((record_folder / RECORD_FILE).read_text())
     figures = ', '.join(f'{name} {value}' for name, value in speeds(record))
@@ -66,7 +66,7 @@ def show(out: Path, record_folder: Path, key: Path) -> list[str]:
 
 
 def forge(record_folder: Path, target: Path) -> Path:
-    """Copy records with their chain, raise the speed of one, and return the copy."""
+    """Copy a record's folder with its chain, raise the speed of the copy, and return it."""
     shutil.rmtree(target, ignore_errors=True)
     shutil.copytree(record_folder.parent, target)
     path = target / record_folder.name / RECORD_FILE

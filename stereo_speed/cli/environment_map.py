@@ -3,7 +3,7 @@
 """
 ``map``: draw the map of a scene from polygons: 255 pathway, 128 accessible, 0 inaccessible.
 
-An overlay with the contours of the distance is written beside it.
+An overlay with contours of the distance field is written beside it.
 """
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ from ..monocular.distance import DistanceField
 from ..monocular.regions import draw_map
 from ..report.targets import draw_field
 
-_LARGEST = 16384  # px, a side of a map; a larger number is a typing error
+_LARGEST = 16384  # px, side of a map; a larger number is taken for a typing error
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what ``map`` takes."""
+    """Add the arguments of ``map``."""
     add = parser.add_argument
     add('polygons', metavar='POLYGONS', type=Path, help='polygons file (YAML)')
     add('--size', type=_size, metavar='WxH', help="size, px (default: the image's)")
@@ -69,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _map_size(args: argparse.Namespace, image: Optional[NDArray[np.uint8]]) -> tuple[int, int]:
-    """Return width and height: those of --size, which must be the image's, or the image's."""
+    """Return width and height of the map; ``--size`` must equal the size of an image."""
     given: Optional[tuple[int, int]] = args.size
     if image is None:
         if given is None:

@@ -1,9 +1,10 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-``evidence``: look at records of violations, measure them again, hand out copies, make a key.
+``evidence``: verify records of violations, measure them again, disclose copies, make a key.
 
-Records are as replay and evidence_node write them. Exit status: 0 sound, 1 not, 2 bad input.
+The records are those that replay and evidence_node write. Exit status: 0 sound, 1 not sound,
+2 bad input.
 """
 from __future__ import annotations
 
@@ -22,20 +23,20 @@ NOT_SOUND = 1
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what ``evidence`` takes."""
+    """Add the arguments of ``evidence``."""
     actions = parser.add_subparsers(metavar='ACTION', required=True)
-    check = actions.add_parser('verify', help='find what was changed, removed, added or cut')
+    check = actions.add_parser('verify', help='detect what was changed, removed, added or cut')
     check.add_argument('folder', metavar='DIR', type=Path, help='folder of records, or of one')
     check.add_argument('--head', type=Path, metavar='FILE',
-                       help="the chain's head, where it is kept apart")
+                       help="the chain's head, where it is stored separately")
     check.add_argument('--key', type=Path, action='append', default=[], metavar='PEM',
-                       help='public key that must have signed; may be given more than once')
+                       help='public key that must have signed the records; may be repeated')
     check.set_defaults(run=run_verify)
     again = actions.add_parser('recompute', help='measure again from the stored images')
     again.add_argument('record', metavar='RECORD', type=Path,
                        help='folder of a record, or its record.json')
     again.set_defaults(run=run_recompute)
-    copy = actions.add_parser('disclose', help='make a copy in which others are blurred')
+    copy = actions.add_parser('disclose', help='make a copy with all but the vehicle blurred')
     copy.add_argument('record', metavar='RECORD', type=Path,
                       help='folder of a record, or its record.json')
     copy.add_argument('--out', required=True, type=Path, metavar='DIR', help='folder to write')
@@ -49,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_verify(args: argparse.Namespace) -> int:
-    """Say what is not as it was written."""
+    """Verify the records and print every fault."""
     found = verify(args.folder, args.head, [load_public_key(path) for path in args.key])
     for line in found.faults:
         print(f'NOT SOUND: {line}', file=sys.stderr)
@@ -63,7 +64,7 @@ def run_verify(args: argparse.Namespace) -> int:
 
 
 def run_recompute(args: argparse.Namespace) -> int:
-    """Measure a pass again."""
+    """Measure a pass again and compare with the stored speed."""
     result = recompute(_folder(args.record))
     again = 'no speed: ' + result.reason if result.speed_mps is None else \
         f'{result.speed_mps:.6f} m/s ({result.speed_mps / KMH_MPS:.3f} km/h)'
@@ -74,19 +75,19 @@ def run_recompute(args: argparse.Namespace) -> int:
 
 
 def run_disclose(args: argparse.Namespace) -> int:
-    """Write a copy in which others are blurred."""
+    """Write a copy in which all but the vehicle are blurred."""
     print(f'in {disclose(_folder(args.record), args.out, hide_plate=args.hide_plate)}')
     return 0
 
 
 def run_key(args: argparse.Namespace) -> int:
-    """Write a new key, which only its owner may read, and the public one beside it."""
+    """Write a new private key, readable by its owner only, and the public key beside it."""
     print(f'private key {args.out}, public key {write_key(args.out)}')
     return 0
 
 
 def _folder(path: Path) -> Path:
-    """Return the folder of a record."""
+    """Return the folder of a record, given the folder or its ``record.json``."""
     folder = path.parent if path.name == RECORD_FILE else path
     if not (folder / RECORD_FILE).is_file():
         raise InputError(path, 'record', 'no record.json', 'the folder of a record')

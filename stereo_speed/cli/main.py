@@ -3,9 +3,10 @@
 """
 The command line: ``python -m stereo_speed COMMAND``, and one executable per command.
 
-Each command is a module with ``add_arguments(parser)`` and ``run(args) -> int``, or with parsers
-of its actions that carry ``run``; its docstring is what ``--help`` says. Only the module of the
-command in hand is imported, so that what one of them lacks does not break the others.
+Each command is a module with ``add_arguments(parser)`` and ``run(args) -> int``, or with
+subparsers for its actions that set ``run``; its docstring is the description in ``--help``. Only
+the module of the requested command is imported, so that a missing dependency of one command does
+not break the others.
 """
 from __future__ import annotations
 
@@ -75,9 +76,9 @@ class Parser(argparse.ArgumentParser):
 
 def build_parser(command: Optional[str]) -> argparse.ArgumentParser:
     """
-    Make the parser; of the commands, only the one in hand gets its options.
+    Make the parser; only the requested command gets its options.
 
-    :param command: name of the command in hand; others are only listed.
+    :param command: name of the requested command; the others are only listed.
     """
     parser = Parser(prog='stereo_speed',
                     description='Ground speed of vehicles from a stereo pair.')
@@ -101,7 +102,7 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
     :return: exit status: 0 done, 2 bad input, 130 interrupted.
     """
     argv = sys.argv[1:] if argv is None else list(argv)
-    # Commands say what matters themselves; errors stay one line.
+    # Commands print what users need; log records would break the rule of one line per error.
     logging.getLogger('stereo_speed').addHandler(logging.NullHandler())
     command = next((word for word in argv if not word.startswith('-')), None)
     try:
@@ -127,5 +128,5 @@ def _refuse(line: str) -> int:
 
 
 def run_executable() -> int:
-    """Run the command that the executable is named after, as under ``ros2 run``."""
+    """Run the command that the executable is named after, as ``ros2 run`` starts it."""
     return main([Path(sys.argv[0]).stem, *sys.argv[1:]])

@@ -15,7 +15,7 @@ Number = TypeVar('Number', int, float)
 
 
 def number_in(kind: type[Number], low: float, high: float) -> Callable[[str], Number]:
-    """Return a parser of numbers within bounds."""
+    """Return a function that parses a number and checks its bounds."""
     def parse(text: str) -> Number:
         value = kind(text)
         if not low <= value <= high:
@@ -26,25 +26,25 @@ def number_in(kind: type[Number], low: float, high: float) -> Callable[[str], Nu
 
 
 def add_job_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of a run of many jobs."""
+    """Add the options of commands that run many jobs."""
     parser.add_argument('--jobs', type=number_in(int, 0, 512), default=os.cpu_count() or 1,
                         help='processes (default: one for each core; 0: only this one)')
     parser.add_argument('--out', type=Path, metavar='DIR',
-                        help='folder for the results; a run that was interrupted goes on there')
+                        help='folder for the results; an interrupted run resumes there')
 
 
 def add_units_option(parser: argparse.ArgumentParser) -> None:
-    """Add the option that says in which unit speeds are shown."""
+    """Add the option for the unit that speeds are shown in."""
     parser.add_argument('--units', choices=SPEED_UNITS, default='mph',
-                        help='unit of the speeds shown to people (default: mph); files of '
-                             'numbers have m/s')
+                        help='unit of the speeds that are shown (default: mph); data '
+                             'files are in m/s')
 
 
 def report_failures(failed: Sequence[str]) -> int:
     """
     Print the jobs that failed, and return the exit status.
 
-    :param failed: a line for each.
+    :param failed: one line per failed job.
     """
     for line in failed:
         print(f'failed: {line}', file=sys.stderr)

@@ -51,18 +51,18 @@ from ..site.write import site_text
 from ..steadying.report import steadiness_lines, steadiness_summary
 
 REFINED_SITE = 'site.yaml'
-_STRIP_FRAMES = 9  # annotated frames of a run
+_STRIP_FRAMES = 9  # annotated frames in ``strip.png``
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what ``replay`` takes."""
+    """Add the arguments of ``replay``."""
     parser.add_argument('bag', metavar='BAG', type=Path,
                         help='rosbag2 folder, .mcap or .db3 file, or ROS 1 .bag')
     add_options(parser)
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options that say how to measure, whichever bag."""
+    """Add the options that do not depend on the bag."""
     parser.add_argument('--site', required=True, type=Path, help='site file (YAML)')
     parser.add_argument('--out', required=True, type=Path, metavar='DIR', help='folder to write')
     parser.add_argument('--refine-site', action='store_true',
@@ -91,7 +91,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _one_of(registry: Registry[Any]) -> Callable[[str], str]:
-    """Return a parser of the names of a registry."""
+    """Return a function that accepts the names of a registry."""
     def parse(text: str) -> str:
         if text not in registry.names:
             raise argparse.ArgumentTypeError(
@@ -117,7 +117,7 @@ def _tolerance(text: str) -> float:
 
 
 def check(args: argparse.Namespace) -> None:
-    """Refuse options that no bag can be measured with."""
+    """Check the options and files that all bags share, and refuse bad ones."""
     _config(args)
     load_site(args.site)
     if args.init is not None:
@@ -126,9 +126,9 @@ def check(args: argparse.Namespace) -> None:
 
 def run(args: argparse.Namespace, *, beside: bool = True) -> int:
     """
-    Measure, then write everything, then print the table.
+    Measure, write all files, then print the table.
 
-    :param beside: whether other cores are free to help.
+    :param beside: whether helper processes may use other cores.
     """
     with RunPictures(args) as pictures:
         return _run(args, pictures, beside)
@@ -222,7 +222,7 @@ def _config(args: argparse.Namespace) -> PipelineConfig:
 
 
 def _check_frames(annotations: Sequence[InitialFront], pairs: int, where: Path) -> None:
-    """Refuse an annotation in a pair that never comes."""
+    """Refuse an annotation in a pair that the bag does not have."""
     for index, front in enumerate(annotations):
         if front.frame >= pairs:
             raise InputError(where, f'vehicles[{index}].frame', front.frame,
@@ -240,12 +240,12 @@ def measure(bag: StereoBag, pipeline: SpeedPipeline, *, keep_frames: bool,
     :param bag: an open bag.
     :param pipeline: the pipeline.
     :param keep_frames: whether annotated frames are wanted.
-    :param feed: gives the detector boxes; None where it takes none.
-    :param observe: called with each pair and what came of it.
-    :param rows: takes the updates of bags that are too long to hold them all.
-    :param parts: in which it is measured; None measures it as one.
-    :param later: measures the passes of the pipeline, if that does not.
-    :param read_ahead: whether a thread is to read and decode pairs ahead.
+    :param feed: passes boxes to the detector; None for a detector that takes none.
+    :param observe: called with each pair and its :class:`Step`.
+    :param rows: writes the updates to disk, for bags whose updates do not fit in memory.
+    :param parts: divides the run into parts that can be resumed; None runs it as one.
+    :param later: measures finished passes; None has the pipeline do it.
+    :param read_ahead: whether a thread reads and decodes pairs ahead.
     :return: the run, and annotated frames evenly spread over it.
     """
     frames: EvenSampler[NDArray[np.uint8]] = EvenSampler(_STRIP_FRAMES)
@@ -267,7 +267,7 @@ def measure(bag: StereoBag, pipeline: SpeedPipeline, *, keep_frames: bool,
             frames.add(draw(pair, step.updates, pipeline.lanes, pipeline.rig))
             if parts is not None:
                 parts.add_frame(frames.kept[-1])
-    with ExitStack() as open_:  # nothing is read any more when the bag is closed
+    with ExitStack() as open_:  # reading ahead stops before the bag is closed
         read = open_.enter_context(
             closing(ahead(bag.pairs()))) if read_ahead else bag.pairs()
         pairs: Iterable[StereoPair] = tqdm(
@@ -281,7 +281,7 @@ def measure(bag: StereoBag, pipeline: SpeedPipeline, *, keep_frames: bool,
 
 def _from(pairs: Iterable[StereoPair], first: int, pipeline: SpeedPipeline
           ) -> Iterator[StereoPair]:
-    """Yield the pairs from a number on; what those before tell of rig and clock is taken in."""
+    """Yield the pairs from an index on; earlier ones only update rig motion and clock."""
     for pair in pairs:
         if pair.index < first:
             pipeline.look(pair)
@@ -292,13 +292,13 @@ def _from(pairs: Iterable[StereoPair], first: int, pipeline: SpeedPipeline
 def summarize(args: argparse.Namespace, config: PipelineConfig, bag: StereoBag,
               result: Run, lanes: Mapping[str, LanePath]) -> dict[str, Any]:
     """
-    Gather what ``summary.json`` says; nothing in it depends on the machine's pace.
+    Return the content of ``summary.json``; it does not depend on the machine's speed.
 
     :param args: the options.
     :param config: the parameters.
     :param bag: the bag, read to its end.
     :param result: the run.
-    :param lanes: the lanes, for how well their picks agree.
+    :param lanes: the lanes, whose path quality is reported.
     """
     return {
         'versions': software_versions(),
@@ -318,7 +318,7 @@ def summarize(args: argparse.Namespace, config: PipelineConfig, bag: StereoBag,
 
 
 def path_quality(lane: LanePath) -> dict[str, Optional[float]]:
-    """Tell how long a lane's path is, how well its picks agree and it is known, and its limit."""
+    """Return length, pick residual and 1-sigmas of a lane's path, and its speed limit."""
     limit = lane.speed_limit_mps
     return {'speed_limit_mps': None if limit is None else round(limit, 5),
             'length_m': round(lane.path.length_m, 3),
@@ -329,7 +329,7 @@ def path_quality(lane: LanePath) -> dict[str, Optional[float]]:
 
 
 def print_lanes(lanes: Mapping[str, LanePath]) -> None:
-    """Print how well each lane's path is known."""
+    """Print length, pick residual and heading 1-sigma of each lane's path."""
     for lane in lanes.values():
         q = path_quality(lane)
         print(f'{lane.name}: path of {q["length_m"]:.1f} m, picks {q["residual_px"]:.2f} px '
@@ -341,16 +341,16 @@ def write_all(args: argparse.Namespace, place: MeasuringSite, result: Run, rows:
               frames: Sequence[NDArray[np.uint8]], summary: Mapping[str, Any],
               pictures: RunPictures, warnings: Sequence[str]) -> None:
     """
-    Write everything beside the folder, then move it in, ``summary.json`` last.
+    Write all files into a staging folder, then move them into place, ``summary.json`` last.
 
-    :param args: gives the folder, and whether plots are wanted.
-    :param place: the site as measured at; kept with the results where it was refined.
+    :param args: holds the output folder, and whether plots are wanted.
+    :param place: the site as used; written with the results where it was refined.
     :param result: the run.
-    :param rows: the table of its tracks; let go of when it is written.
+    :param rows: the rows of ``tracks.csv``; closed after they are written.
     :param frames: annotated frames for the strip.
     :param summary: content of ``summary.json``.
-    :param pictures: report and video.
-    :param warnings: what a reader of the report should know.
+    :param pictures: writes report and video.
+    :param warnings: warnings for the report.
     """
     with rows, staged_run(args.out) as stage:
         rows.save(stage / TRACKS)
@@ -366,7 +366,7 @@ def write_all(args: argparse.Namespace, place: MeasuringSite, result: Run, rows:
 
 
 def print_table(passes: Sequence[PassResult]) -> None:
-    """Print one line per pass, in the units that people read."""
+    """Print the passes with their speeds in mph and km/h."""
     print(f'{"track":>5}  {"lane":<12} {"mph":>14} {"km/h":>14}  verdict')
     for p in passes:
         def shown(unit: float) -> str:

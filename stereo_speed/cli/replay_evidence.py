@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Evidence of violations, as ``replay`` writes it beside its results."""
+"""Evidence of violations that ``replay`` writes beside its results."""
 from __future__ import annotations
 
 import argparse
@@ -35,20 +35,20 @@ _RUN_DIGITS = 16
 
 
 def add_evidence_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of evidence to the command."""
+    """Add the evidence options to the command."""
     parser.add_argument('--evidence', action='store_true',
                         help='write a record of each violation to DIR/evidence')
     parser.add_argument('--evidence-key', type=Path, metavar='PEM',
-                        help='private key that signs records (see evidence key)')
+                        help='private key that signs records (made by evidence key)')
     parser.add_argument('--evidence-head', type=Path, metavar='FILE',
-                        help="keep the head of the records' chain here (default: "
+                        help="file for the head of the records' chain (default: "
                              'DIR/evidence/head.json)')
     parser.add_argument('--approved', type=Path, metavar='YAML',
-                        help='fingerprints that were approved')
+                        help='approved fingerprints')
 
 
 def check_options(args: argparse.Namespace) -> None:
-    """Refuse options of evidence where no evidence is asked for."""
+    """Refuse evidence options without ``--evidence``."""
     for name in _OPTIONS:
         if getattr(args, name) is not None and not args.evidence:
             raise InputError('replay', f'--{name.replace("_", "-")}', getattr(args, name),
@@ -56,7 +56,7 @@ def check_options(args: argparse.Namespace) -> None:
 
 
 class _Taken(NamedTuple):
-    """A pair, with its images as they came."""
+    """A pair, with its images as received."""
 
     pair: StereoPair
     left: SourceImage
@@ -65,13 +65,13 @@ class _Taken(NamedTuple):
 
 class ReplayEvidence(AbstractContextManager['ReplayEvidence']):
     """
-    Follows a replay and records its violations; does nothing where that is not asked for.
+    Follows a replay and records its violations; does nothing without ``--evidence``.
 
-    Pairs are read before they are told, by some pairs: until then their images wait beside the
-    ring, for in it they would drive out those of the passes that are told first.
+    The bag is read some pairs ahead of processing.  Images read ahead wait in a queue, because in
+    the ring they would displace images of passes that are still to be recorded.
 
-    :param recorder: decides and writes; None where no evidence is asked for.
-    :param run: names the run.
+    :param recorder: decides and writes; None without ``--evidence``.
+    :param run: name of the run.
     :param config: parameters of enforcement.
     """
 
@@ -79,7 +79,7 @@ class ReplayEvidence(AbstractContextManager['ReplayEvidence']):
                  config: EnforcementConfig) -> None:
         self.recorder, self.run, self.config = recorder, run, config
         self._offered: set[int] = set()
-        self._taken: deque[_Taken] = deque()  # and not told
+        self._taken: deque[_Taken] = deque()  # read, but not processed yet
         self._last_ns = 0
         self._stack = ExitStack()
 
@@ -87,13 +87,13 @@ class ReplayEvidence(AbstractContextManager['ReplayEvidence']):
     def of(cls, args: argparse.Namespace, bag: StereoBag, place: MeasuringSite,
            config: PipelineConfig) -> ReplayEvidence:
         """
-        Return what follows this replay.
+        Return the evidence recorder of this replay.
 
         :param args: the options.
-        :param bag: to be told its images as they came.
-        :param place: the site as it is measured at.
+        :param bag: the bag, which passes on its images as received.
+        :param place: the site as used for measuring.
         :param config: parameters of the pipeline.
-        :raises InputError: a key, a file or a folder that cannot be used.
+        :raises InputError: a key, file or folder is unusable.
         """
         enforcement = load_enforcement_config(args.config)
         if not args.evidence:
@@ -119,24 +119,24 @@ class ReplayEvidence(AbstractContextManager['ReplayEvidence']):
         self._stack.close()
 
     def take(self, pair: StereoPair, left: SourceImage, right: SourceImage) -> None:
-        """Keep the images of a pair as they came; in the thread that reads."""
+        """Queue the images of a pair as received; called in the reading thread."""
         if self.recorder is not None:
             self._taken.append(_Taken(pair, left, right))
 
     def observe(self, pair: StereoPair, step: Step) -> None:
-        """Decide on the passes that a pair has ended."""
+        """Decide on the passes that ended with a pair."""
         self._last_ns = pair.stamp_ns
         self._lay_down(pair.index)
         self._offer(step.passes)
 
     def finish(self, passes: Sequence[PassResult]) -> None:
-        """Decide on those that the end of the recording has ended; delete what is too old."""
+        """Decide on the passes that ended with the recording, and delete expired records."""
         self._offer([p for p in passes if p.track not in self._offered])
         if self.recorder is not None:
             self.recorder.delete_older(self._last_ns)
 
     def _lay_down(self, index: int) -> None:
-        """Lay the images of the pairs up to a number into the ring."""
+        """Move the queued images of the pairs up to an index into the ring."""
         while self.recorder is not None and self._taken and self._taken[0].pair.index <= index:
             pair, left, right = self._taken.popleft()
             self.recorder.ring.add('left', pair.stamp_ns, left)
@@ -149,7 +149,7 @@ class ReplayEvidence(AbstractContextManager['ReplayEvidence']):
                 self.recorder.offer(track_id(self.run, result.track), result)
 
     def summary(self) -> dict[str, Any]:
-        """Return what ``summary.json`` says of enforcement."""
+        """Return the enforcement section of ``summary.json``."""
         if self.recorder is None:
             return {}
         return {'enforcement': {
@@ -158,7 +158,7 @@ class ReplayEvidence(AbstractContextManager['ReplayEvidence']):
             **self.recorder.summary()}}
 
     def lines(self) -> list[str]:
-        """Return what to print of it."""
+        """Return the lines to print."""
         if self.recorder is None:
             return []
         none = ', '.join(f'{reason} {count}' for reason, count in sorted(
@@ -172,12 +172,12 @@ class ReplayEvidence(AbstractContextManager['ReplayEvidence']):
 def _run(instrument: Instrument, source: dict[str, Any], config: EnforcementConfig,
          approved: Approved) -> str:
     """
-    Return a name for what is replayed how: the same replay gives the same records.
+    Return a name for the replay that follows from its inputs, so that repeats make equal records.
 
-    :param instrument: that measures.
-    :param source: what is replayed.
+    :param instrument: the measuring instrument.
+    :param source: bag, seed and input files.
     :param config: parameters of enforcement.
-    :param approved: fingerprints that were approved.
+    :param approved: approved fingerprints.
     """
     decided = [instrument.fingerprints, source, dataclasses.asdict(config),
                {kind: sorted(values) for kind, values in approved.of.items()}]

@@ -3,8 +3,8 @@
 """
 ``replay-many``: measure the vehicles of many bags, each as replay does, into DIR/NAME/.
 
-One table of all passes is written. A run that was interrupted goes on where it stopped; a bag that
-cannot be measured costs only itself.
+All passes are also written to one table. An interrupted run resumes where it stopped; a bag that
+cannot be measured does not affect the others.
 """
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ from ..core.errors import InputError
 from ..io.atomic import prepare_folder
 from ..io.results import file_sha256, PASSES, software_versions, SUMMARY, TRACKS
 
-_FILES = (TRACKS, PASSES, SUMMARY)  # by which a finished run is known again
+_FILES = (TRACKS, PASSES, SUMMARY)  # their hashes identify a finished run
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what ``replay-many`` takes."""
+    """Add the arguments of ``replay-many``."""
     parser.add_argument('bags', metavar='BAG', nargs='+', type=Path,
                         help='rosbag2 folders, .mcap or .db3 files, or ROS 1 .bag')
     replay.add_options(parser)
@@ -39,12 +39,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                        metavar='N', help='processes (default: one for each core; 0: only this '
                        'one)')
     where.add_argument('--dask', default='', metavar='ADDRESS', help='scheduler of a Dask '
-                       'cluster, as tcp://host:8786; its workers see the same files')
+                       'cluster, as tcp://host:8786; its workers must see the same files')
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measure every bag, write the tables, then tell what failed."""
-    # Before the work begins: it takes a library that may be missing.
+    """Measure every bag, write the tables, then print the failures."""
+    # Imported before the work begins, because its library may be missing.
     from ..io.pass_tables import PARQUET, SQLITE, write_pass_tables
     replay.check(args)
     prepare_folder(args.out)
@@ -71,10 +71,10 @@ def run(args: argparse.Namespace) -> int:
 
 def folder_names(bags: Sequence[Path]) -> dict[str, Path]:
     """
-    Name the folder of each bag's run.
+    Name the output folder of each bag.
 
-    A bag's own name without the suffix of a file; where two are alike, the folders above it come
-    in front, joined by ``-``, as many as tell them apart.
+    The name is the bag's own, without the suffix of a file. Equal names are prefixed with the
+    folders above them, joined by ``-``, as far up as needed to make them unique.
 
     :param bags: the bags, in any order.
     :raises InputError: one bag twice.
@@ -100,11 +100,11 @@ def folder_names(bags: Sequence[Path]) -> dict[str, Path]:
 
 def measure(parameters: Mapping[str, Any]) -> dict[str, Any]:
     """
-    Measure one bag; runs in a process of its own.
+    Measure one bag; runs in its own process.
 
-    :param parameters: of the job: bag, folder and options.
-    :return: the hashes of what was written, and the warnings.
-    :raises InputError: what ``replay`` refuses, other versions of libraries, changed inputs.
+    :param parameters: parameters of the job: bag, folder and options.
+    :return: hashes of the written files, and the warnings.
+    :raises InputError: input that ``replay`` refuses, other library versions, changed inputs.
     """
     found = software_versions()
     if found != parameters['versions']:
@@ -114,14 +114,14 @@ def measure(parameters: Mapping[str, Any]) -> dict[str, Any]:
             raise InputError(path, 'file', 'another content than when the run began',
                              'a file that stays')
     out = Path(parameters['out'])
-    for left in out.glob('.partial-*'):  # of a process that was killed
+    for left in out.glob('.partial-*'):  # left behind by a killed process
         shutil.rmtree(left, ignore_errors=True)
     args = argparse.Namespace(**{name: _from_plain(value)
                                  for name, value in parameters['options'].items()},
                               bag=Path(parameters['bag']), out=out)
     told = io.StringIO()
     with redirect_stdout(io.StringIO()), redirect_stderr(told):
-        replay.run(args, beside=False)  # the cores have bags of their own
+        replay.run(args, beside=False)  # the other cores are busy with other bags
     return {'files': {name: file_sha256(out / name) for name in _FILES},
             'warnings': [line for line in told.getvalue().splitlines() if line.strip()]}
 
@@ -131,7 +131,7 @@ def _from_plain(value: Any) -> Any:
 
 
 def _is_whole(out_dir: Path, result: Result) -> bool:
-    """Tell whether a run that was finished earlier is still there, as it was written."""
+    """Return whether the files of an earlier finished run still exist unchanged."""
     files = (result.value or {}).get('files', {})
     return set(files) == set(_FILES) and all(
         _hash(out_dir / result.key / name) == digest for name, digest in files.items())
@@ -142,7 +142,7 @@ def _hash(path: Path) -> Optional[str]:
 
 
 def _status(results: Sequence[Result]) -> int:
-    """Return 0 when every bag was measured, 2 when some were refused, 1 when one broke down."""
+    """Return 0 when all bags were measured, 2 when some were refused, 1 when any crashed."""
     errors = [r for r in results if r.error]
     if not errors:
         return 0

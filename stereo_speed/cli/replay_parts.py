@@ -1,13 +1,12 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Long bags are measured in parts, and a run that was interrupted goes on at the last of them.
+Measure long bags in parts, so that an interrupted run resumes at the last finished part.
 
-A part ends when it is long enough and no vehicle is in view any more; the next one begins with a
-pipeline that knows nothing but how the rig stands, how even the stamps are, and the numbers of the
-tracks. So a run that
-goes on writes what one without interruption writes. What came of the pairs so far lies in a hidden
-folder until the run is over.
+A part ends when it is long enough and no vehicle is in view.  The next part starts with a new
+pipeline that takes over only the rig motion, the statistics of the stamps and the track numbers.
+So a resumed run writes the same files as an uninterrupted one.  The results so far are kept in a
+hidden folder until the run is over.
 """
 from __future__ import annotations
 
@@ -33,20 +32,20 @@ from ..io.results import file_sha256, software_versions
 from ..pipeline.pipeline import SpeedPipeline, Step
 from ..pipeline.run import Run
 
-PART_PAIRS = 3000  # least length of a part: some minutes, which an interruption may cost
+PART_PAIRS = 3000  # least length of a part; an interruption loses at most a few minutes
 FOLDER = '.replay'
 _STEPS = 'steps.jsonl'
-_OWN = ('bag', 'bags', 'out', 'jobs', 'dask', 'run')  # options that results do not depend on
+_OWN = ('bag', 'bags', 'out', 'jobs', 'dask', 'run')  # per bag, or without effect on results
 
 
 class Done(NamedTuple):
     """
-    What an earlier run has left.
+    Progress of an earlier, interrupted run.
 
-    :param pairs: how many pairs are done.
+    :param pairs: number of pairs done.
     :param next_track: number of the next track.
     :param wall_s: time spent in the pipeline, s.
-    :param size: bytes of the file up to there.
+    :param size: length of the file up to this point, bytes.
     """
 
     pairs: int
@@ -59,10 +58,11 @@ class Parts:
     """
     The parts of a run; a context manager.
 
-    An error removes what is kept, an interruption leaves it.
+    After an error the kept results are removed; after an interruption they stay.
 
-    :param folder: where the results go; None keeps nothing, and the parts are the same.
-    :param identity: all that the results follow from; what another run has left is not used.
+    :param folder: output folder of the run; with None nothing is kept, and the parts are the same.
+    :param identity: everything that determines the results; kept results of a run with another
+        identity are discarded.
     :param fresh: makes a new pipeline.
     :param least_pairs: least length of a part.
     """
@@ -73,13 +73,13 @@ class Parts:
         self._digest = hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
         self._fresh, self._least_pairs = fresh, least_pairs
         self._file: Optional[TextIO] = None
-        self._since, self._frames = 0, 0  # pair that the part begins with, frames kept
-        self._pairs = 0  # measured
+        self._since, self._frames = 0, 0  # first pair of the part; number of frames kept
+        self._pairs = 0  # number of pairs measured
         self._open: set[int] = set()
         self.done: Optional[Done] = None
 
     def __enter__(self) -> Parts:
-        """Return itself, with what an earlier run has left."""
+        """Return itself, with the progress of an earlier run in ``done``."""
         if self._folder is not None:
             self._folder.mkdir(parents=True, exist_ok=True)
             path = self._folder / _STEPS
@@ -93,14 +93,14 @@ class Parts:
         return self
 
     def __exit__(self, kind: Optional[type[BaseException]], *_: object) -> None:
-        """Remove what was kept, but where the run was interrupted or the disk failed."""
+        """Remove the kept results, unless the run was interrupted or the disk failed."""
         if self._file is not None and self._folder is not None:
             self._file.close()
             if kind is None or issubclass(kind, Exception) and not issubclass(kind, OSError):
                 shutil.rmtree(self._folder, ignore_errors=True)
 
     def steps(self) -> Iterator[tuple[Step, Collection[int]]]:
-        """Yield what came of each pair so far, and the numbers of the tracks that were open."""
+        """Yield the kept steps and, for each, the numbers of the open tracks."""
         if self.done is None or self._folder is None:
             return
         path = self._folder / _STEPS
@@ -113,7 +113,7 @@ class Parts:
 
     def tell(self, pair: StereoPair, step: Step, open_tracks: Collection[int]) -> None:
         """
-        Keep what came of a pair.
+        Keep the step of a pair.
 
         :param open_tracks: numbers of the tracks whose passes are still to come.
         """
@@ -123,7 +123,7 @@ class Parts:
         self._open = set(open_tracks)
 
     def ends(self, pair: StereoPair, pipeline: SpeedPipeline) -> bool:
-        """Return whether a part ends with a pair."""
+        """Return whether the part ends with this pair."""
         self._pairs = pair.index + 1
         return self._pairs - self._since >= self._least_pairs and pipeline.is_idle()
 
@@ -131,7 +131,7 @@ class Parts:
         """
         Return the pipeline of the next part.
 
-        :param so_far: the run up to its beginning.
+        :param so_far: the run up to the start of the part.
         """
         self._since = self._pairs
         self._write({'pairs': self._pairs, 'next_track': pipeline.next_track,
@@ -147,7 +147,7 @@ class Parts:
         self._frames += 1
 
     def next_frame(self) -> NDArray[np.uint8]:
-        """Return the next of the frames that were kept, in their order."""
+        """Return the kept frames one after the other, in their order."""
         path = self._folder / f'frame{self._frames}.png' if self._folder is not None else Path()
         image = cv2.imread(str(path), cv2.IMREAD_COLOR)
         if image is None:
@@ -163,7 +163,7 @@ class Parts:
                 os.fsync(self._file.fileno())
 
     def _last_cut(self, path: Path) -> Optional[Done]:
-        """Return the last end of a part in a file; None where it is of another run."""
+        """Return the last end of a part in a file; None where there is none for this run."""
         found, size = None, 0
         with path.open('rb') as file:
             for number, line in enumerate(file):
@@ -177,7 +177,7 @@ class Parts:
 
 
 def shared_options(args: argparse.Namespace) -> dict[str, Any]:
-    """Return what the results of all bags have in common: options, their files, versions."""
+    """Return what the results of all bags depend on: options, files they name, versions."""
     options = {name: value for name, value in vars(args).items() if name not in _OWN}
     paths = [value for value in options.values() if isinstance(value, Path) and value.is_file()]
     return {'options': {name: plain(value) for name, value in sorted(options.items())},
@@ -186,22 +186,22 @@ def shared_options(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def plain(value: Any) -> Any:
-    """Turn the value of an option into what JSON knows; paths are the same from everywhere."""
+    """Return an option's value as JSON; paths are absolute."""
     return {'path': str(value.resolve())} if isinstance(value, Path) else value
 
 
 def files_of(bag: Path) -> list[tuple[str, int, int]]:
-    """Return name, size and time of change of a bag's files: by these it is known again."""
+    """Return name, size and modification time of a bag's files, which identify the bag."""
     files = sorted(p for p in bag.iterdir() if p.is_file()) if bag.is_dir() else [bag]
     return [(p.name, p.stat().st_size, p.stat().st_mtime_ns) for p in files if p.exists()]
 
 
 def identity_of(args: argparse.Namespace) -> dict[str, Any]:
-    """Return all that the results of one bag follow from."""
+    """Return everything that determines the results of one bag."""
     return {'bag': str(args.bag.resolve()), 'files': files_of(args.bag), 'code': source_hash(),
             **shared_options(args)}
 
 
 def is_kept(args: argparse.Namespace) -> bool:
-    """Return whether a run can go on: pictures and records under way cannot be taken up again."""
+    """Return whether a run can be resumed; unfinished pictures and records cannot."""
     return not (args.evidence or args.video or args.report)

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""``replay --report``, ``--video`` and ``--sqlite``: what is asked for beside the tables."""
+"""Optional outputs of ``replay``: ``--report``, ``--video`` and ``--sqlite``."""
 from __future__ import annotations
 
 import argparse
@@ -24,12 +24,12 @@ from ..report.overlay import draw, strip
 from ..site.calibration_age import calibration_age
 
 REPORT, VIDEO, SQLITE = REPORTS
-_WIDTH_PX = 960  # of the images in a report
-_MONTHS = 12.0  # after which a calibration is old: the default of the nodes
+_WIDTH_PX = 960  # width of the images in a report
+_MONTHS = 12.0  # age at which a calibration is called old; equals the nodes' default
 
 
 def add_report_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of ``replay`` that make a report and a video."""
+    """Add the options for report, video and database."""
     parser.add_argument('--report', action='store_true',
                         help=f'write {REPORT}, one file that needs nothing else')
     parser.add_argument('--video', action='store_true',
@@ -41,7 +41,7 @@ def add_report_options(parser: argparse.ArgumentParser) -> None:
 
 class RunPictures(AbstractContextManager['RunPictures']):
     """
-    Gathers what report and video show while a run goes on; a context manager.
+    Collects the images for report and video during a run; a context manager.
 
     :param args: the options of ``replay``.
     """
@@ -52,16 +52,16 @@ class RunPictures(AbstractContextManager['RunPictures']):
         self._video: Optional[VideoWriter] = None
 
     def __exit__(self, *_: object) -> None:
-        """Remove a video that is not finished."""
+        """Remove an unfinished video."""
         if self._video is not None:
             self._video.close()
 
     def observer(self, place: MeasuringSite, rate_hz: float) -> Observer:
         """
-        Return what takes in each pair and what came of it.
+        Return a function that is called with each pair and its :class:`Step`.
 
-        :param place: the site as it is measured at.
-        :param rate_hz: of the pairs, at which the video plays.
+        :param place: the site as used for measuring.
+        :param rate_hz: rate of the pairs, at which the video plays.
         """
         def observe(pair: StereoPair, step: Step) -> None:
             if self.args.report and self._site is None:
@@ -77,14 +77,14 @@ class RunPictures(AbstractContextManager['RunPictures']):
               frames: Sequence[NDArray[np.uint8]], summary: Mapping[str, Any],
               warnings: Sequence[str]) -> None:
         """
-        Write the report, and finish the video.
+        Write the report and the database, and finish the video.
 
-        :param stage: folder that both are written into.
-        :param place: the site as it was measured at.
+        :param stage: folder that they are written to.
+        :param place: the site as used for measuring.
         :param result: the run.
-        :param frames: annotated images of it.
+        :param frames: annotated images of the run.
         :param summary: content of ``summary.json``.
-        :param warnings: what a reader should know.
+        :param warnings: warnings for the report.
         """
         if self.args.report:
             from ..report.replay import replay_page, RunFacts  # matplotlib is slow to load
@@ -106,10 +106,10 @@ class RunPictures(AbstractContextManager['RunPictures']):
 def run_warnings(place: MeasuringSite, pairing: Mapping[str, Any], moved: Sequence[str],
                  last_ns: int) -> list[str]:
     """
-    Return what a reader of a report should know.
+    Return the warnings for a report.
 
-    :param pairing: as the bag tells it.
-    :param moved: lines on how the rig stood; none where nobody looked.
+    :param pairing: as reported by the bag.
+    :param moved: lines on the steadiness of the rig; empty where it was not checked.
     :param last_ns: stamp of the last pair.
     """
     age = calibration_age(place.site.calibrated, last_ns, _MONTHS)

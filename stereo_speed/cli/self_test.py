@@ -1,9 +1,9 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-``self-test``: measure a stored pass, found automatically, and compare it with its known speed.
+``self-test``: measure a stored pass, detected automatically, and compare with its known speed.
 
-Exit status: 0 within 1 %, 1 not, 2 bad input.
+Exit status: 0 within 1 %, 1 otherwise, 2 bad input.
 """
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ FAILED = 1
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what ``self-test`` takes."""
+    """Add the arguments of ``self-test``."""
     parser.add_argument('folder', metavar='DIR', type=Path,
                         help='folder with bag/, site.yaml and truth.csv, as simulate writes it')
     parser.add_argument('--config', type=Path, metavar='YAML', help='parameters')

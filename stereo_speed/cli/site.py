@@ -3,7 +3,7 @@
 """
 ``site``: find the lines of a site in the images of a bag to a few hundredths of a pixel.
 
-It also tells whether the rig still stands as it was calibrated.
+It also checks whether the rig still agrees with its calibration.
 """
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from ..site.write import site_text
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what ``site`` takes."""
+    """Add the arguments of ``site``."""
     actions = parser.add_subparsers(metavar='ACTION', required=True)
     for name, text, run in (('refine', 'write a refined site file', _refine),
                             ('check', 'print the same and change nothing', _check)):
@@ -57,13 +57,13 @@ def _refine(args: argparse.Namespace) -> int:
 
 
 def _check(args: argparse.Namespace) -> int:
-    """Refine and report, and leave it at that."""
+    """Refine and report, without writing a site file."""
     _refined(args, args.site.stem)
     return 0
 
 
 def _refined(args: argparse.Namespace, name: str) -> RefinedSite:
-    """Refine the site, print the report and draw the pictures, named after a site file."""
+    """Refine the site, print the report and write the pictures, named after a site file."""
     config = load_pipeline_config(args.config).site
     refined = refined_from_bag(load_site(args.site), args.bag, args.left, args.right, config)
     for line in summary_lines(refined, report(refined)):
@@ -80,11 +80,11 @@ def refined_from_bag(site: Site, bag_path: Path, left: Optional[str] = None,
     """
     Refine a site with the images of a whole bag.
 
-    :param site: rough, or refined before.
+    :param site: clicked, or refined before.
     :param bag_path: the bag.
     :param left: topic of the left images; None finds it.
     :param right: topic of the right images; None finds it.
-    :param config: what is known of roads, and how to refine.
+    :param config: parameters of roads and of their refinement.
     """
     with StereoBag(bag_path, left=left, right=right) as bag:
         return refine_site(site, bag.rig, bag.pairs(), config.site_refinement, config.road)
@@ -92,10 +92,10 @@ def refined_from_bag(site: Site, bag_path: Path, left: Optional[str] = None,
 
 def write_site(path: Path, site: Site) -> None:
     """
-    Write a site file, whole or not at all.
+    Write a site file, completely or not at all.
 
-    :param path: of the file.
-    :param site: what to write.
+    :param path: path of the file.
+    :param site: the site to write.
     """
     write_whole(path.parent, {path.name: site_text(site)})
 
@@ -104,10 +104,10 @@ def write_pictures(folder: Path, name: str, refined: RefinedSite) -> list[Path]:
     """
     Write a picture of each view.
 
-    :param folder: made where it is missing.
-    :param name: of the site file, so that sites in one folder keep their own pictures.
-    :param refined: the site.
-    :return: where they are.
+    :param folder: folder, made where it is missing.
+    :param name: name of the site file, so that sites in one folder keep their own pictures.
+    :param refined: the refined site.
+    :return: paths of the pictures.
     """
     drawn = {f'{name}_{side}.png': cv2.imencode('.png', picture(refined, right))[1].tobytes()
              for side, right in (('left', False), ('right', True))}

@@ -1,9 +1,9 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-``stats``: figures of the traffic over many runs.
+``stats``: traffic statistics over many runs.
 
-Count, mean, median, 85th percentile, pace and share over the limit of their passes: of all, and by
+Count, mean, median, 85th percentile, 10 mph pace and share over the limit: of all passes, and by
 lane, direction, class and hour.
 """
 from __future__ import annotations
@@ -23,7 +23,7 @@ REPORT = 'stats.html'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what ``stats`` takes."""
+    """Add the arguments of ``stats``."""
     add = parser.add_argument
     add('places', metavar='DIR', nargs='+', type=Path,
         help='folders that replay wrote, folders of such folders, or SQLite files with passes')

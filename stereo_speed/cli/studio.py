@@ -3,8 +3,8 @@
 """
 ``studio``: serve a web page on this machine to set up a site, measure, and review runs.
 
-Draw the lines of a site on the images of a bag, and see at once what they are worth. Open the
-address that is printed; it is secret.
+Draw the lines of a site on the images of a bag, and see at once how accurate the site is. Open
+the printed address; it is secret.
 """
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ PORT = 8765
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what ``studio`` takes."""
+    """Add the arguments of ``studio``."""
     parser.add_argument('bag', metavar='BAG', type=Path, nargs='?',
                         help='rosbag2 folder, .mcap or .db3 file, or ROS 1 .bag')
-    parser.add_argument('--site', type=Path, help='site file (YAML), opened if it is there, and '
+    parser.add_argument('--site', type=Path, help='site file (YAML), opened if it exists, and '
                         'saved to (default: BAG_site.yaml here)')
-    parser.add_argument('--init', type=Path, help='init file (YAML) for fronts that are marked, '
+    parser.add_argument('--init', type=Path, help='init file (YAML) for annotated fronts, '
                         'likewise (default: BAG_init.yaml here)')
     parser.add_argument('--run', action='append', default=[], type=Path, metavar='PATH',
-                        help='to review: a folder that replay has written, or one with such '
+                        help='run to review: a folder that replay has written, or one with such '
                         'folders; a folder of evidence; an SQLite file of log_node, replay or '
-                        'replay-many; may be given again', dest='runs')
+                        'replay-many; may be repeated', dest='runs')
     parser.add_argument('--live', action='store_true',
                         help='watch the ROS 2 graph, as studio_node does')
     parser.add_argument('--port', type=number_in(int, 0, 65535), default=PORT, metavar='N',
@@ -51,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Open everything, then serve it until interrupted."""
+    """Open bag, site and runs, then serve the page until interrupted."""
     if args.live:
         return _live(args)
     guard = Guard(args.address)
@@ -86,12 +86,12 @@ def _live(args: argparse.Namespace) -> int:
     """Run the node that listens to the graph."""
     if args.bag is not None or args.runs:
         raise InputError('studio', '--live', 'a bag or a run as well', 'either')
-    from ..nodes.studio_node import main  # rclpy is needed for this alone
+    from ..nodes.studio_node import main  # only --live needs rclpy
     return main(['--ros-args', '-p', f'port:={args.port}', '-p', f'address:={args.address}'])
 
 
 def _file(given: Optional[Path], name: str) -> Path:
-    """Return a file to open and save to."""
+    """Return the path of a file to open and save to; ``name`` where none is given."""
     path = Path(name) if given is None else given
     if path.is_dir():
         raise InputError(path, 'file', 'a folder', 'the name of a file')

@@ -44,7 +44,7 @@ class VideoRun:
     :param estimates: boxes, in the order of the frames.
     :param ends: how the targets ended.
     :param frames: number of frames of the video.
-    :param missing: number of frames that the file should have beyond these.
+    :param missing: number of further frames that the file states but does not have.
     """
 
     estimates: list[TargetEstimate] = field(default_factory=list)
@@ -54,7 +54,7 @@ class VideoRun:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what ``track-environment`` takes."""
+    """Add the arguments of ``track-environment``."""
     add = parser.add_argument
     add('video', metavar='VIDEO', type=Path, help='video file, folder of images, or bag')
     add('--map', required=True, type=Path, metavar='PNG',
@@ -100,7 +100,7 @@ def run(args: argparse.Namespace) -> int:
 
 def make_config(args: argparse.Namespace) -> MonocularConfig:
     """
-    Return the parameters: the file's, changed by the other options.
+    Return the parameters of the file, overridden by the other options.
 
     :raises InputError: a value out of bounds.
     """
@@ -120,9 +120,9 @@ def track(args: argparse.Namespace, config: MonocularConfig, targets: list[Targe
     """
     Run the tracker over the video.
 
-    :param annotated: video to write; None for none.
+    :param annotated: annotated video to write; None for none.
     :raises InputError: frames of another size than the map, or a target marked in a frame that
-        never comes.
+        the video does not have.
     """
     tracker = MonocularTracker(DistanceField(labels), targets, config, tracker=args.tracker,
                                seed=args.seed, stride=args.stride)
@@ -150,7 +150,7 @@ def track(args: argparse.Namespace, config: MonocularConfig, targets: list[Targe
 
 
 def _check_frames(targets: list[Target], frames: int, where: object) -> None:
-    """Refuse a target marked in a frame that never came."""
+    """Refuse a target marked in a frame that the video does not have."""
     for index, target in enumerate(targets):
         if target.frame > frames:
             raise InputError(where, f'targets[{index}].frame', target.frame,
@@ -159,7 +159,7 @@ def _check_frames(targets: list[Target], frames: int, where: object) -> None:
 
 def summary(args: argparse.Namespace, config: MonocularConfig,
             result: VideoRun) -> dict[str, Any]:
-    """Return what the files depend on; nothing that changes when the run is repeated."""
+    """Return the content of ``summary.json``, which is the same for a repeated run."""
     ends: dict[str, int] = {}
     for end in result.ends:
         ends[end.state.value] = ends.get(end.state.value, 0) + 1

@@ -3,8 +3,8 @@
 """
 ``verify-against``: match measured passes with the vehicles of a reference, by time and lane.
 
-The reference is an instrument such as a lidar gate or a car with GPS. Told are the errors, and how
-many passes are still wanted for what is claimed.
+The reference is an instrument such as a lidar gate or a car with GPS. The report has the errors,
+and how many more passes are needed for a claim of accuracy.
 """
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ REPORT, FIGURES, TABLE = 'verification.html', 'verification.json', 'verification
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what ``verify-against`` takes."""
+    """Add the arguments of ``verify-against``."""
     add = parser.add_argument
     add('reference', metavar='REFERENCE.csv', type=Path,
         help='time_ns,lane,speed_mps,std_mps, one vehicle a row; times by the clock of the pairs')

@@ -1,11 +1,11 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Seals: each record's SHA-256, tied to the seal before it and signed with Ed25519.
+Seals: the SHA-256 of each record, linked to the previous seal and signed with Ed25519.
 
-A seal is one line of canonical JSON; there is one text for one content, so that no byte of it
-can change unseen. The chain is the file of all seals; the head, kept apart, says how many there
-are, so that the last ones cannot be cut off unseen.
+A seal is one line of canonical JSON: each content has exactly one text, so that a change of any
+byte is detected. The chain is the file of all seals. The head, stored separately, has their
+number, so that truncation of the chain is detected.
 """
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from .fingerprint import canonical, sha256
 from ..core.errors import InputError
 
 FORMAT = 1
-NOTHING = '0' * 64  # what the first seal is tied to
+NOTHING = '0' * 64  # the link of the first seal
 RECORD, DELETED, HEAD = 'record', 'deleted', 'head'
 _HEX = re.compile('[0-9a-f]*')
 _FIELDS = ('format', 'kind', 'number', 'id', 'record_sha256', 'previous', 'key', 'signature')
@@ -36,13 +36,13 @@ class Seal:
     """
     An entry of the chain, or its head.
 
-    :param kind: ``record``, ``deleted`` (of a record that was deleted by its age) or ``head``.
-    :param number: of the entry, from 1; of a head, that of the last entry.
-    :param record_id: of the record; of a head, empty.
-    :param record_sha256: of the bytes of ``record.json``; of a head, of the last entry.
-    :param previous: SHA-256 of the line of the entry before.
-    :param key: public key that signed it, hex; empty where none did.
-    :param signature: hex; empty likewise.
+    :param kind: ``record``, ``deleted`` (for a record that was deleted by age) or ``head``.
+    :param number: number of the entry, from 1; for a head, that of the last entry.
+    :param record_id: id of the record; empty for a head.
+    :param record_sha256: SHA-256 of ``record.json``; for a head, of the last entry's line.
+    :param previous: SHA-256 of the previous entry's line; empty for a head.
+    :param key: public key of the signer, hex; empty where unsigned.
+    :param signature: signature, hex; empty where unsigned.
     """
 
     kind: str
@@ -55,16 +55,16 @@ class Seal:
 
     @property
     def line(self) -> str:
-        """Return the one text that stands for it, without its line end."""
+        """Return the canonical text of the seal, without its line end."""
         return canonical({**self._content(), 'signature': self.signature})
 
     @property
     def sha256(self) -> str:
-        """Return the SHA-256 of its line, that the next one is tied to."""
+        """Return the SHA-256 of its line, to which the next entry is linked."""
         return sha256(self.line)
 
     def signed(self, key: Optional[Ed25519PrivateKey]) -> Seal:
-        """Return it signed; as it is where there is no key."""
+        """Return the seal signed with a key; unchanged without one."""
         if key is None:
             return self
         bare = replace(self, key=public_hex(key.public_key()), signature='')
@@ -72,10 +72,10 @@ class Seal:
 
     def fault(self, trusted: Sequence[str]) -> str:
         """
-        Return what is wrong with its signature; nothing where it is right.
+        Return what is wrong with the signature; empty where it is valid.
 
-        :param trusted: public keys, hex, of which one must have signed; with none given any may,
-            or none.
+        :param trusted: public keys, hex; one of them must have signed. If empty, any valid
+            signature passes, and so does an unsigned seal.
         """
         if not self.key and not self.signature:
             return 'is not signed' if trusted else ''
@@ -97,7 +97,7 @@ class Seal:
 
 
 def seal_of(line: str) -> Optional[Seal]:
-    """Return the seal that a line stands for; None where it is no seal to the byte."""
+    """Return the seal of a line; None where the line is not the canonical text of a seal."""
     try:
         data: Mapping[str, Any] = json.loads(line)
         if set(data) != set(_FIELDS) or data['format'] != FORMAT:
@@ -107,7 +107,7 @@ def seal_of(line: str) -> Optional[Seal]:
                  seal.signature)
         if not all(isinstance(text, str) for text in texts) or type(seal.number) is not int:
             return None
-        # one text for one content: hex digits have no other writing
+        # upper-case hex would give one content a second text
         if not all(_HEX.fullmatch(text) for text in texts[2:]):
             return None
         return seal if seal.line == line else None
@@ -116,7 +116,7 @@ def seal_of(line: str) -> Optional[Seal]:
 
 
 def tip(chain: Sequence[Seal]) -> str:
-    """Return the SHA-256 that the next entry of a chain is tied to."""
+    """Return the SHA-256 to which the next entry of a chain is linked."""
     return chain[-1].sha256 if chain else NOTHING
 
 
@@ -126,13 +126,13 @@ def follows(seal: Seal, chain: Sequence[Seal]) -> bool:
 
 
 def head_of(chain: Sequence[Seal], key: Optional[Ed25519PrivateKey]) -> Seal:
-    """Return the head of a chain, signed where there is a key."""
+    """Return the head of a chain, signed if a key is given."""
     return Seal(HEAD, len(chain), '', tip(chain), '').signed(key)
 
 
 def entry_after(chain: Sequence[Seal], kind: str, record_id: str, record_sha256: str,
                 key: Optional[Ed25519PrivateKey]) -> Seal:
-    """Return the entry of a record, or of its deletion, that continues a chain."""
+    """Return the next entry of a chain, for a record or its deletion."""
     return Seal(kind, len(chain) + 1, record_id, record_sha256, tip(chain)).signed(key)
 
 
@@ -144,9 +144,9 @@ def public_hex(key: Ed25519PublicKey) -> str:
 
 def load_private_key(path: Union[str, Path]) -> Ed25519PrivateKey:
     """
-    Read the key that signs: Ed25519, PEM (PKCS 8), without a password.
+    Read a private key for signing: Ed25519, PEM (PKCS 8), without a password.
 
-    :raises InputError: another file.
+    :raises InputError: the file is no such key.
     """
     wanted = 'an Ed25519 private key in PEM, without a password'
     try:
@@ -162,10 +162,10 @@ def load_private_key(path: Union[str, Path]) -> Ed25519PrivateKey:
 
 def load_public_key(path: Union[str, Path]) -> str:
     """
-    Read the key that signatures are checked by: Ed25519, PEM.
+    Read a public key for verification: Ed25519, PEM.
 
-    :return: hex.
-    :raises InputError: another file.
+    :return: the key, hex.
+    :raises InputError: the file is no such key.
     """
     wanted = 'an Ed25519 public key in PEM'
     try:
@@ -181,11 +181,11 @@ def load_public_key(path: Union[str, Path]) -> str:
 
 def write_key(path: Path) -> Path:
     """
-    Write a new key that signs, PEM, which only its owner may read, and the public one beside it.
+    Write a new private key, PEM, readable by its owner only, and the public key beside it.
 
     :param path: a new file.
     :return: the file of the public key.
-    :raises InputError: a file that is there already, or cannot be written.
+    :raises InputError: a file exists already, or cannot be written.
     """
     key, beside = Ed25519PrivateKey.generate(), public_of(path)
     private = key.private_bytes(serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8,
@@ -203,5 +203,5 @@ def write_key(path: Path) -> Path:
 
 
 def public_of(key: Path) -> Path:
-    """Return the file of the public key beside a private one."""
+    """Return the path of the public key beside a private key."""
     return key.with_name(key.name + '.pub')

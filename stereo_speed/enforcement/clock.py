@@ -1,13 +1,13 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the system tells of its clock: whether it is synchronized, and how far off it may be."""
+"""State of the system's clock: whether it is synchronized, and its maximum error."""
 from __future__ import annotations
 
 import ctypes
 import ctypes.util
 from typing import Any, Optional
 
-_TIME_ERROR = 5  # state of a clock that is not synchronized, adjtimex(2)
+_TIME_ERROR = 5  # state of an unsynchronized clock, adjtimex(2)
 _NANO = 0x2000  # status bit: offsets are ns, not us
 _UNSYNC = 0x0040  # status bit
 
@@ -23,10 +23,10 @@ class _Timex(ctypes.Structure):
 
 def clock_state() -> Optional[dict[str, Any]]:
     """
-    Return the state of the system's clock, as ``adjtimex(2)`` tells it.
+    Return the state of the system's clock from ``adjtimex(2)``.
 
-    :return: whether it is ``synchronized``, its ``offset_s`` that is being corrected, and the
-        greatest error ``max_error_s`` that the kernel reckons with; None where it tells nothing.
+    :return: whether it is ``synchronized``, the ``offset_s`` that is being corrected, and the
+        kernel's ``max_error_s``; None where ``adjtimex`` is not available.
     """
     try:
         adjtimex = ctypes.CDLL(ctypes.util.find_library('c') or 'libc.so.6').adjtimex

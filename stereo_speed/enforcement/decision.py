@@ -1,7 +1,7 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Whether a pass is a violation, by figures that are kept apart: measured, considered, limit.
+Decide whether a pass is a violation, from three separate figures: measured, considered, limit.
 
 When in doubt there is no record, and the reason is counted.
 """
@@ -22,11 +22,11 @@ from ..core.units import KMH_MPS, SpeedUnit
 from ..site.calibration_age import calibration_age
 from ..site.file import LaneSpec
 
-_ROUNDING = 1e-9  # whole numbers of a unit that are none in m/s
+_ROUNDING = 1e-9  # guards whole numbers of a unit against the rounding of m/s
 
 
 class NoRecord(Word):
-    """Why there is no record of a pass."""
+    """Reason why there is no record of a pass."""
 
     BELOW_LIMIT = 'below_limit'
     WITHIN_MARGIN = 'within_margin'
@@ -49,15 +49,15 @@ class NoRecord(Word):
 @dataclass(frozen=True)
 class Decision:
     """
-    What follows from the speed of a pass, in whole units where people read it.
+    The figures of a decision; those shown to people are whole numbers.
 
     :param unit: ``km/h`` or ``mph``.
-    :param speed_mps: the lower of both estimates.
-    :param tolerance_mps: what is taken off for errors of measurement.
-    :param margin_mps: sigmas by which it must be above the limit besides.
-    :param limit_mps: the greatest limit of the lanes it was in.
+    :param speed_mps: the lower of the two estimates.
+    :param tolerance_mps: tolerance subtracted for measurement errors.
+    :param margin_mps: margin, from its sigmas, by which the rest must exceed the limit.
+    :param limit_mps: the greatest limit of the vehicle's lanes.
     :param measured: the speed, rounded down.
-    :param considered: the speed less its tolerance, rounded down.
+    :param considered: the speed minus tolerance, rounded down.
     """
 
     unit: str
@@ -77,12 +77,12 @@ class Decision:
 def limit_mps(lanes: Sequence[LaneSpec], names: Sequence[str], vehicle: Optional[VehicleKind],
               config: DecisionConfig) -> Optional[float]:
     """
-    Return the greatest limit that a vehicle may have had; None where a lane has none.
+    Return the greatest limit that may apply to a vehicle; None where a lane has none.
 
-    :param lanes: of the site.
-    :param names: of the lanes it was in.
-    :param vehicle: what it is; None where that is not known.
-    :param config: how probable a class must be.
+    :param lanes: lanes of the site.
+    :param names: names of the lanes that the vehicle was in.
+    :param vehicle: its class; None where it is unknown.
+    :param config: parameters, for the least class probability.
     """
     known = {lane.name: lane for lane in lanes}
     if not all(name in known for name in names):
@@ -95,12 +95,12 @@ def limit_mps(lanes: Sequence[LaneSpec], names: Sequence[str], vehicle: Optional
 def decide(result: PassResult, limit_mps: Optional[float], config: DecisionConfig
            ) -> tuple[Optional[Decision], Optional[NoRecord]]:
     """
-    Decide by the figures of a pass; :func:`ambiguity` looks at who else is there.
+    Decide by the figures of a pass; :func:`ambiguity` checks for other vehicles.
 
-    :param result: of the pass.
-    :param limit_mps: the greatest limit of the lanes it was in; None where there is none.
+    :param result: the pass.
+    :param limit_mps: the greatest limit of its lanes; None where there is none.
     :param config: tolerance, margin and interval.
-    :return: the figures, where there are any, and why there is no record; None for a violation.
+    :return: the figures, if any, and the reason for no record; the reason is None for a violation.
     """
     first, std = result.speed_mps, result.speed_std_mps
     if result.verdict is not Verdict.MEASURED or first is None or std is None:
@@ -118,13 +118,13 @@ def decide(result: PassResult, limit_mps: Optional[float], config: DecisionConfi
 
 
 def tolerance_mps(speed_mps: float, config: DecisionConfig) -> float:
-    """Return what is taken off a speed for errors of measurement, m/s."""
+    """Return the tolerance subtracted from a speed for measurement errors, m/s."""
     return max(config.tolerance_kmh * KMH_MPS, 0.01 * config.tolerance_percent * speed_mps)
 
 
 def _refusal(figures: Decision, first_mps: float, std_mps: float,
              second: Optional[SecondEstimate], config: DecisionConfig) -> Optional[NoRecord]:
-    """Return why there is no record of a measured pass."""
+    """Return the reason why a measured pass gets no record; None for a violation."""
     unit = SpeedUnit(figures.unit).mps
     threshold = (figures.limit_mps + config.threshold_kmh * KMH_MPS) / unit
     if not figures.considered > threshold + _ROUNDING:
@@ -143,18 +143,18 @@ def _refusal(figures: Decision, first_mps: float, std_mps: float,
 
 
 def _down(value: float) -> int:
-    """Return a number rounded down, whole ones spared what conversion has taken off."""
+    """Return a number rounded down, tolerating the rounding errors of unit conversion."""
     return math.floor(value + _ROUNDING)
 
 
 def calibration_refusal(calibrated: Optional[date], last_ns: int, config: DecisionConfig
                         ) -> Optional[NoRecord]:
     """
-    Return why the calibration is none to enforce with; None where it is.
+    Return the reason why a calibration does not allow enforcement; None where it does.
 
-    :param calibrated: day of the calibration; None where the site file gives none.
+    :param calibrated: date of the calibration; None where the site file has none.
     :param last_ns: stamp of the last pair of the pass.
-    :param config: how old it may be.
+    :param config: parameters, for the greatest age.
     """
     if calibrated is None:
         return NoRecord.CALIBRATION_EXPIRED if config.demand_calibration_date else None
@@ -165,14 +165,14 @@ def calibration_refusal(calibrated: Optional[date], last_ns: int, config: Decisi
 def ambiguity(trace: PassTrace, measured_ns: Container[int], config: DecisionConfig
               ) -> Optional[NoRecord]:
     """
-    Return why the vehicle of a pass could be mistaken for another; None where it cannot.
+    Return the reason why the evidence of a pass is ambiguous or too short; None where it is not.
 
-    In no pair may the front of another track, however young, come near to that which was
-    measured, in either image: what is marked in the evidence would be of both.
+    In no pair may the front of another track, however young, come near the measured front in
+    either image, because then the marked image region would show both vehicles.
 
-    :param trace: how the pass came about.
-    :param measured_ns: stamps of the pairs that its speed is measured from.
-    :param config: how near is too near, and how long the evidence must last.
+    :param trace: trace of the pass.
+    :param measured_ns: stamps of the pairs from which the speed is measured.
+    :param config: parameters, for the clearance and the least duration.
     """
     shown = trace.shown(measured_ns)
     if len(shown) < 2 or (shown[-1].stamp_ns - shown[0].stamp_ns) * 1e-9 < config.evidence_span_s:
@@ -188,7 +188,7 @@ def ambiguity(trace: PassTrace, measured_ns: Container[int], config: DecisionCon
 
 
 def _touch(own_px: Array, other_px: Array, share: float) -> bool:
-    """Return whether the box of another front (4, 2) comes near to that of this one (4, 2)."""
+    """Return whether the box of another front (4, 2) comes near the box of this one (4, 2)."""
     size = np.ptp(own_px, axis=0)
     low, high = own_px.min(axis=0) - share * size, own_px.max(axis=0) + share * size
     return bool(np.all(other_px.max(axis=0) > low) and np.all(other_px.min(axis=0) < high))

@@ -1,11 +1,11 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-A copy of a record to be handed out: of others in its pictures nothing can be recognised.
+Make a copy of a record for disclosure, in whose pictures no one else is recognisable.
 
-All but the front of the vehicle that was measured is blurred: other vehicles, plates and people
-are hidden wherever they are, and no detector can miss one. Of the vehicle itself the part where
-people sit is blurred too, and its plate where that is asked for.
+Everything but the front of the measured vehicle is blurred: other vehicles, plates and people are
+hidden wherever they are, without depending on a detector. Of the vehicle itself, the part where
+people sit is blurred too, and its plate on request.
 """
 from __future__ import annotations
 
@@ -31,21 +31,21 @@ from ..report.evidence_pictures import close_up, jpeg, window
 Image = NDArray[np.uint8]
 
 DISCLOSURE = 'disclosure.json'
-_KEPT = ('speed.png',)  # of the files, those that show nobody
-_WINDSCREEN_SHARE = 0.45  # upper part of a front, where people are seen
-_CELLS = 24  # across a blurred picture: a cell of it is wider than a far vehicle
-_FRONT_CELLS = 4  # across a blurred part of the front: no digit and no face is left
+_KEPT = ('speed.png',)  # files that show no people or plates
+_WINDSCREEN_SHARE = 0.45  # upper part of a front, where people are visible
+_CELLS = 24  # cells across a blurred picture; a cell is wider than a distant vehicle
+_FRONT_CELLS = 4  # cells across a blurred part of the front; no digit or face remains
 
 
 def disclose(folder: Path, out: Path, *, hide_plate: bool = False) -> Path:
     """
-    Write a copy of a record whose pictures show the vehicle alone.
+    Write a copy of a record whose pictures show only the vehicle.
 
-    :param folder: of the record, which must be as it was written.
-    :param out: folder for the copy; made when it is not there.
+    :param folder: folder of the record, which must verify.
+    :param out: folder for the copy; made where it is missing.
     :param hide_plate: whether the whole front is blurred as well.
     :return: the copy's folder.
-    :raises InputError: a record that is not sound, or a folder that cannot be written.
+    :raises InputError: the record does not verify, or the folder cannot be written.
     """
     found = verify(folder)
     if not found.sound or not (folder / RECORD_FILE).exists():
@@ -81,7 +81,7 @@ def disclose(folder: Path, out: Path, *, hide_plate: bool = False) -> Path:
 
 def _told(record: Mapping[str, Any], pictures: list[dict[str, Any]], folder: Path,
           hide_plate: bool) -> dict[str, Any]:
-    """Return what the copy says of itself, and of the record that it is from."""
+    """Return the metadata of the copy, with the identity of the original record."""
     kept = ('id', 'number', 'time', 'place', 'direction', 'speed', 'instrument')
     return {'stereo_speed_disclosure': 1, **{key: record[key] for key in kept},
             'pictures': pictures, 'plate_hidden': hide_plate,
@@ -92,11 +92,11 @@ def _told(record: Mapping[str, Any], pictures: list[dict[str, Any]], folder: Pat
 
 def _hidden(image: Image, front_px: Array, hide_plate: bool) -> Image:
     """
-    Return an image with all hidden but the lower part of a front.
+    Return an image in which only the lower part of a front is visible.
 
     :param image: (H, W, 3) uint8.
-    :param front_px: (4, 2) corners of the front.
-    :param hide_plate: whether that is hidden as well.
+    :param front_px: (4, 2), corners of the front.
+    :param hide_plate: whether that part is hidden as well.
     """
     out = _coarse(image, _CELLS)
     rows, columns = window(image, front_px)
@@ -108,7 +108,7 @@ def _hidden(image: Image, front_px: Array, hide_plate: bool) -> Image:
 
 
 def _coarse(image: Image, cells: int) -> Image:
-    """Return an image of which only the mean of each of some cells across is left."""
+    """Return an image reduced to the means of cells, with a given number across."""
     height, width = image.shape[:2]
     if not (height and width):
         return image

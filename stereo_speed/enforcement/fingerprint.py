@@ -1,9 +1,9 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Fingerprints (SHA-256) of what decides a speed: software, parameters, site, calibration.
+Fingerprints (SHA-256) of what determines a speed: software, parameters, site, calibration.
 
-An approval is of one state of these; who runs another one is to be seen in each record.
+An approval covers one state of these; each record shows which state was running.
 """
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _HEX_DIGITS = 64
 
 
 def canonical(data: Any) -> str:
-    """Return plain values as the one JSON text that stands for them: sorted keys, no spaces."""
+    """Return the canonical JSON text of plain values: sorted keys, no spaces."""
     return json.dumps(data, sort_keys=True, separators=(',', ':'), ensure_ascii=True,
                       allow_nan=False)
 
@@ -39,7 +39,7 @@ def software_fingerprint() -> str:
     """
     Return the fingerprint of the files of this package.
 
-    It is that of the lines that ``sha256sum`` prints for them, in order of their paths.
+    It is the SHA-256 of the lines that ``sha256sum`` prints for them, in order of their paths.
     """
     files = sorted((p.relative_to(_PACKAGE).as_posix(), p) for p in _PACKAGE.rglob('*')
                    if p.suffix in _ENDINGS and '__pycache__' not in p.parts)
@@ -49,17 +49,17 @@ def software_fingerprint() -> str:
 @dataclass(frozen=True)
 class Approved:
     """
-    Fingerprints that were approved.
+    Approved fingerprints.
 
-    :param where: file that they are from; empty where none were given.
-    :param of: approved ones, by kind; a kind without any is not looked at.
+    :param where: file that they were read from; empty where none were given.
+    :param of: approved fingerprints by kind; missing kinds are not checked.
     """
 
     where: str = ''
     of: Mapping[str, frozenset[str]] = field(default_factory=dict)
 
     def unknown(self, fingerprints: Mapping[str, str]) -> list[str]:
-        """Return the kinds of which others run than were approved."""
+        """Return the kinds whose running fingerprint is not approved."""
         return [kind for kind in KINDS if kind in self.of
                 and fingerprints[kind] not in self.of[kind]]
 
@@ -68,7 +68,7 @@ def load_approved(path: Union[str, Path]) -> Approved:
     """
     Read a file of approved fingerprints (YAML, ``stereo_speed_approved: 1``).
 
-    Each of ``software``, ``parameters``, ``site`` and ``calibration`` may list some.
+    Each of ``software``, ``parameters``, ``site`` and ``calibration`` may have a list.
 
     :raises InputError: names the first fault.
     """

@@ -1,10 +1,10 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-The state of the instrument that measured: software, parameters, site and calibration.
+The state of the measuring instrument: software, parameters, site and calibration.
 
-It is told by the program that measures, as JSON, so that whoever writes evidence says what ran
-and not what should have run.
+The measuring program reports it as JSON, so that the evidence states what was running, not what
+should have been.
 """
 from __future__ import annotations
 
@@ -36,18 +36,17 @@ _KINDS = {'run': str, 'software': str, 'versions': dict, 'parameters': dict, 'si
 @dataclass(frozen=True)
 class Instrument:
     """
-    What measured, in one run.
+    The state of the instrument in one run.
 
-    :param run: names the run.
-    :param software: fingerprint of the package that measured.
-    :param versions: of the package and of the libraries it rests on.
-    :param parameters: every parameter, as ``PipelineConfig.summary`` gives them.
-    :param site_name: of the site.
-    :param site_yaml: text of the site file; of a refined site, of the refined one.
-    :param calibration: the rig as it was measured with, as :func:`..io.trace_json.rig_record`
-        gives it.
-    :param self_test: when the newest self-test was passed, ``passed_utc`` by the system's clock,
-        and by how much its stored pass was off, ``off_percent``; None where there was none.
+    :param run: name of the run.
+    :param software: fingerprint of the measuring package.
+    :param versions: versions of the package and of the libraries that it uses.
+    :param parameters: all parameters, in the form of ``PipelineConfig.summary``.
+    :param site_name: name of the site.
+    :param site_yaml: text of the site file; the refined one where the site was refined.
+    :param calibration: the rig as used, in the form of :func:`..io.trace_json.rig_record`.
+    :param self_test: time of the last passed self-test by the system's clock, ``passed_utc``, and
+        the error of its speed, ``off_percent``; None where there was none.
     """
 
     run: str
@@ -62,12 +61,12 @@ class Instrument:
     @classmethod
     def of(cls, run: str, place: MeasuringSite, config: PipelineConfig) -> Instrument:
         """
-        Return the instrument that this process is.
+        Return the state of this process.
 
-        :param run: names the run.
-        :param place: the site as it is measured at.
+        :param run: name of the run.
+        :param place: the site as used for measuring.
         :param config: the parameters.
-        :raises InputError: a site file that cannot be read again.
+        :raises InputError: the site file cannot be read again.
         """
         used = config.with_tolerances(place.site.tolerances)
         return cls(run, software_fingerprint(), software_versions(),
@@ -77,11 +76,11 @@ class Instrument:
     @classmethod
     def of_text(cls, text: str, where: object) -> Instrument:
         """
-        Return the instrument that a message describes.
+        Return the state that a message describes.
 
-        :param text: as of :meth:`text`.
+        :param text: text of :meth:`text`.
         :param where: topic, for errors.
-        :raises InputError: another text.
+        :raises InputError: the text is no such message.
         """
         try:
             data = json.loads(text)
@@ -94,16 +93,16 @@ class Instrument:
                              'the state of an instrument as JSON') from None
 
     def text(self) -> str:
-        """Return it as one line of JSON."""
+        """Return the state as one line of JSON."""
         fields = {name: getattr(self, name) for name in self.__dataclass_fields__}
         return canonical({'stereo_speed_instrument': FORMAT, **fields})
 
     def place(self, where: object) -> MeasuringSite:
         """
-        Return the site as it is measured at.
+        Return the site as used for measuring.
 
         :param where: topic or file, for errors.
-        :raises InputError: what makes no site, no rig or no parameters.
+        :raises InputError: an invalid site, rig or parameter.
         """
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / 'site.yaml'
@@ -120,9 +119,9 @@ class Instrument:
 
 def _check(fields: Mapping[str, Any]) -> None:
     """
-    Check what a record takes from a message as it is.
+    Check the types of the fields that records copy from a message.
 
-    :raises ValueError: a field of another type.
+    :raises ValueError: a field has another type.
     """
     wrong = [name for name, kind in _KINDS.items() if not isinstance(fields[name], kind)]
     passed = fields['self_test']
@@ -137,9 +136,9 @@ def _check(fields: Mapping[str, Any]) -> None:
 
 def config_of(parameters: Mapping[str, Any], where: object) -> PipelineConfig:
     """
-    Return the parameters that a summary lists.
+    Return the configuration of a summary.
 
-    :param parameters: as ``PipelineConfig.summary`` gives them.
+    :param parameters: parameters in the form of ``PipelineConfig.summary``.
     :param where: file, for errors.
     :raises InputError: an unknown name or key, a value out of bounds.
     """
@@ -160,10 +159,10 @@ def config_of(parameters: Mapping[str, Any], where: object) -> PipelineConfig:
 def place_of(site: Site, calibration: Mapping[str, Any], config: PipelineConfig,
              where: object) -> MeasuringSite:
     """
-    Return the site as it was measured at.
+    Return the site as used for measuring.
 
-    :param site: as its file is read.
-    :param calibration: the rig that measured, corrected already.
+    :param site: the site as read from its file.
+    :param calibration: the measuring rig, with its correction applied.
     :param config: the parameters.
     :param where: file of the calibration, for errors.
     :raises InputError: values that make no rig or no road.
@@ -173,7 +172,7 @@ def place_of(site: Site, calibration: Mapping[str, Any], config: PipelineConfig,
 
 
 def _site_yaml(place: MeasuringSite) -> str:
-    """Return the text of the site file as it was measured at."""
+    """Return the text of the site file that describes the site as used."""
     if place.refined is not None or place.corrected:
         return site_text(place.site)
     try:

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""One page of a record that a judge can read, as HTML and as PDF; each holds its pictures."""
+"""One page on a record, readable by a judge, as self-contained HTML and PDF."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -35,13 +35,13 @@ DISCLOSED_NOTE = _COUNTS + (
 @dataclass(frozen=True)
 class PageFacts:
     """
-    What the page shows.
+    The content of the page.
 
     :param record: content of ``record.json``.
     :param marked: JPEG files of the marked left views, and the last right one.
     :param close_up: a JPEG file.
     :param plot: a PNG file.
-    :param note: what the reader is told of the speeds and the pictures.
+    :param note: explanation of the speeds and the pictures for the reader.
     """
 
     record: Mapping[str, Any]
@@ -51,7 +51,7 @@ class PageFacts:
     note: str = NOTE
 
     def captions(self) -> list[str]:
-        """Return what stands below each marked view."""
+        """Return the caption of each marked view."""
         stamps = [picture['stamp_ns'] for picture in self.record['pictures']]
         first = stamps[0]
         texts = [f'left camera, {(ns - first) * 1e-9:.3f} s after the first picture'
@@ -61,7 +61,7 @@ class PageFacts:
 
 
 def speeds(record: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Return the three figures that are kept apart, with their names."""
+    """Return the three figures of a decision, with their names."""
     s = record['speed']
     return [('measured', f'{s["measured"]} {s["unit"]}'),
             ('considered', f'{s["considered"]} {s["unit"]}'),
@@ -69,7 +69,7 @@ def speeds(record: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 
 def rows(record: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Return the lines of the page's table: what, and its value."""
+    """Return the rows of the page's table: name and value."""
     s, place, instrument = record['speed'], record['place'], record['instrument']
     unit = SpeedUnit(s['unit']).mps
     lane = place['lane'] if place['lane'] == place['lane_to'] else \
@@ -105,7 +105,7 @@ def rows(record: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 
 def _self_test(passed: Optional[Mapping[str, Any]]) -> str:
-    """Return when the newest self-test was passed, and how far off it was."""
+    """Return when the last self-test was passed, and its error."""
     if passed is None:
         return 'none was asked for'
     off = passed['off_percent']
@@ -113,14 +113,14 @@ def _self_test(passed: Optional[Mapping[str, Any]]) -> str:
 
 
 def _class(vehicle: Mapping[str, Any]) -> str:
-    """Return what a vehicle is, where that is known, before more is said of it."""
+    """Return the class of a vehicle and a comma; empty where it is unknown."""
     if vehicle['class'] in (None, 'unknown'):
         return ''
     return f'{vehicle["class"].replace("_", " ")} ({100 * vehicle["class_probability"]:.0f} %), '
 
 
 def page_html(facts: PageFacts) -> bytes:
-    """Return the page as one HTML file that needs no other."""
+    """Return the page as one self-contained HTML file."""
     names, values = zip(*speeds(facts.record))
     pictures = [Picture('close-up', facts.close_up, 'jpeg'), *(
         Picture(text, data, 'jpeg') for text, data in zip(facts.captions(), facts.marked)),
@@ -167,6 +167,6 @@ def page_pdf(facts: PageFacts) -> bytes:
 
 
 def _fitted(data: bytes, width: float) -> Image:
-    """Return a picture of a width, in points."""
+    """Return a picture scaled to a width, in points."""
     across, down = ImageReader(io.BytesIO(data)).getSize()
     return Image(io.BytesIO(data), width=width, height=width * down / across)

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Measuring a pass again from what a record keeps: its images, site, rig and parameters."""
+"""Measure a pass again from its record: images, site, rig and parameters."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -37,10 +37,10 @@ class Recomputed:
     """
     A pass, measured again.
 
-    :param stored_mps: speed of the record, m/s.
-    :param speed_mps: speed that the stored images give now, m/s; None where they give none.
-    :param reason: why they give none; empty otherwise.
-    :param within_mps: by how much the two may differ.
+    :param stored_mps: speed in the record, m/s.
+    :param speed_mps: speed measured again from the stored images, m/s; None where there is none.
+    :param reason: why there is none; empty otherwise.
+    :param within_mps: greatest allowed difference of the two, m/s.
     """
 
     stored_mps: float
@@ -50,7 +50,7 @@ class Recomputed:
 
     @property
     def agrees(self) -> bool:
-        """Return whether it is the speed of the record."""
+        """Return whether the two speeds agree."""
         return self.speed_mps is not None and \
             abs(self.speed_mps - self.stored_mps) <= self.within_mps
 
@@ -59,9 +59,9 @@ def recompute(folder: Path, within_mps: float = 0.01) -> Recomputed:
     """
     Measure the pass of a record again from the files in its folder alone.
 
-    :param folder: that holds ``record.json``.
-    :param within_mps: by how much the speeds may differ.
-    :raises InputError: a file that is missing or cannot be read.
+    :param folder: folder with ``record.json``.
+    :param within_mps: greatest allowed difference of the speeds, m/s.
+    :raises InputError: a file is missing or cannot be read.
     """
     record = read_json(folder / RECORD_FILE)
     try:
@@ -81,13 +81,13 @@ def recompute(folder: Path, within_mps: float = 0.01) -> Recomputed:
 def measure_again(trace: PassTrace, pairs: list[StereoPair], place: MeasuringSite,
                   config: PipelineConfig) -> PassResult:
     """
-    Measure a pass as it was measured first: same start, same pairs, same random stream.
+    Measure a pass exactly as before: same start, same pairs, same random stream.
 
-    :param trace: how the pass came about.
-    :param pairs: those it was fed.
-    :param place: the site as it was measured at.
+    :param trace: trace of the pass.
+    :param pairs: the pairs that the tracker was given.
+    :param place: the site as used for measuring.
     :param config: the parameters.
-    :raises InputError: a first front that the images do not show.
+    :raises InputError: the images do not show the first front.
     """
     shared = config.with_tolerances(place.site.tolerances).shared
     if trace.lane not in place.lanes:
@@ -112,7 +112,7 @@ def measure_again(trace: PassTrace, pairs: list[StereoPair], place: MeasuringSit
 
 def _stored_pair(folder: Path, raw: Mapping[str, Any], pair: TracePair, index: int,
                  place: MeasuringSite) -> StereoPair:
-    """Return a pair of the pass, grey where nothing was kept."""
+    """Return a pair of the pass, filled with grey outside its crops."""
     images = []
     for side, camera in (('left', place.rig.left), ('right', place.rig.right)):
         try:
@@ -129,7 +129,7 @@ def _stored_pair(folder: Path, raw: Mapping[str, Any], pair: TracePair, index: i
 
 def _pasted(crop: NDArray[Any], at: tuple[int, int], shape: tuple[int, int], path: Path
             ) -> NDArray[Any]:
-    """Return an image of the camera's size with a crop in its place."""
+    """Return an image of the camera's size with a crop pasted into it."""
     (x, y), (height, width) = at, crop.shape
     if not (0 <= x <= shape[1] - width and 0 <= y <= shape[0] - height):
         raise InputError(path, 'crop', f'{width}x{height} px at {x}, {y}',
@@ -143,7 +143,7 @@ def read_json(path: Path) -> Any:
     """
     Read a JSON file.
 
-    :raises InputError: no such file, or other content.
+    :raises InputError: the file cannot be read, or is no JSON.
     """
     try:
         return json.loads(path.read_text(encoding='utf-8'))

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The files of one record: pictures, images to measure again from, ``record.json``, a page."""
+"""The files of one record: pictures, images for measuring again, ``record.json``, a page."""
 from __future__ import annotations
 
 import dataclasses
@@ -39,12 +39,12 @@ class Setting:
     """
     What all records of a run have in common.
 
-    :param instrument: what measured.
-    :param place: the site as it is measured at.
+    :param instrument: state of the measuring instrument.
+    :param place: the site as used for measuring.
     :param config: parameters of enforcement.
-    :param approved: fingerprints that were approved.
+    :param approved: approved fingerprints.
     :param source: where the stamps come from.
-    :param recording: what is replayed; None when live.
+    :param recording: identity of the replayed bag; None when live.
     """
 
     instrument: Instrument
@@ -60,12 +60,12 @@ class Violation:
     """
     One violation and its images.
 
-    :param record_id: of the pass.
-    :param result: measured, with its trace.
-    :param trace: how it came about.
-    :param decision: the figures.
-    :param images: of each pair of the trace, left and right, as they came.
-    :param clock: what the system told of its clock; None where it told nothing.
+    :param record_id: id of the pass.
+    :param result: the measured pass, with its trace.
+    :param trace: trace of the pass.
+    :param decision: figures of the decision.
+    :param images: left and right images of each pair of the trace, as received.
+    :param clock: state of the system's clock; None where it is not available.
     """
 
     record_id: str
@@ -82,10 +82,10 @@ def record_files(case: Violation, number: int, setting: Setting, *, whole: bool
     Return the files of a record, and the bytes of its ``record.json``.
 
     :param case: the violation.
-    :param number: of the entry that it will have in the chain.
+    :param number: number of its entry in the chain.
     :param setting: what all records have in common.
-    :param whole: whether whole images are kept of every pair, not only crops.
-    :raises InputError: an image that cannot be read.
+    :param whole: whether to keep whole images of every pair instead of crops.
+    :raises InputError: an image cannot be decoded.
     """
     files = {SITE: setting.instrument.site_yaml.encode(),
              CALIBRATION: _json(setting.instrument.calibration),
@@ -114,8 +114,8 @@ def violation_text(record: Mapping[str, Any], folder: str, record_sha256: str) -
     Return a violation as one line of JSON, for a topic.
 
     :param record: content of its ``record.json``.
-    :param folder: of the record.
-    :param record_sha256: of the bytes of ``record.json``.
+    :param folder: folder of the record.
+    :param record_sha256: SHA-256 of ``record.json``.
     """
     speed, place = record['speed'], record['place']
     figures = ('measured_mps', 'measured_std_mps', 'limit_mps', 'unit', 'measured', 'considered',
@@ -210,7 +210,7 @@ def _vehicle(case: Violation, setting: Setting, shown: Shown) -> dict[str, Any]:
 
 
 def utc(stamp_ns: int) -> str:
-    """Return a stamp as a time of the day in UTC, to the ns."""
+    """Return a stamp as date and time in UTC, to the ns."""
     seconds, rest = divmod(stamp_ns, 1_000_000_000)
     return f'{datetime.fromtimestamp(seconds, timezone.utc):%Y-%m-%dT%H:%M:%S}.{rest:09d}Z'
 
@@ -219,7 +219,7 @@ def utc(stamp_ns: int) -> str:
 
 
 def _shown(case: Violation, setting: Setting) -> Shown:
-    """Return index and update of the pairs that are shown, evenly spread over the pass."""
+    """Return index and update of the pairs to show, evenly spread over the pass."""
     shown = set(case.trace.shown(case.result.smoothed))
     return evenly([(k, pair.update) for k, pair in enumerate(case.trace.pairs)
                    if pair in shown and pair.update is not None],
@@ -228,7 +228,7 @@ def _shown(case: Violation, setting: Setting) -> Shown:
 
 def _pictures(case: Violation, setting: Setting, shown: Shown, files: dict[str, bytes]
               ) -> list[dict[str, Any]]:
-    """Add whole pairs, plain and marked, and the close-up; return what they are."""
+    """Add whole pairs, plain and marked, and the close-up to ``files``; return their list."""
     place, out = setting.place, []
     widest = max(shown, key=lambda one: float(np.ptp(one[1].quad_left_px[:, 0])))[0]
     for number, (index, update) in enumerate(shown, 1):
@@ -257,12 +257,12 @@ def _plot(case: Violation, setting: Setting) -> bytes:
     return speed_plot(updates, case.result, setting.place.lanes, SpeedUnit(case.decision.unit))
 
 
-# -- images to measure again from -------------------------------------------------------------
+# -- images for measuring again ---------------------------------------------------------------
 
 
 def _raw(case: Violation, setting: Setting, whole: bool, files: dict[str, bytes]
          ) -> dict[str, Any]:
-    """Add what the tracker saw of each pair; return where it is."""
+    """Add the image regions that the tracker used to ``files``; return names and origins."""
     names, origins = [], []
     for index, (pair, images) in enumerate(zip(case.trace.pairs, case.images)):
         row, origin = {}, {}
@@ -280,7 +280,7 @@ def _raw(case: Violation, setting: Setting, whole: bool, files: dict[str, bytes]
 
 def _crop(grey: NDArray[Any], quad_px: Array, margin: float
           ) -> tuple[NDArray[Any], tuple[int, int]]:
-    """Return the part about a front, and its first column and row; all where there is no front."""
+    """Return a crop around a front and its origin; the whole image where there is no front."""
     if not np.isfinite(quad_px).all():
         return grey, (0, 0)
     part = window(grey, quad_px, margin)

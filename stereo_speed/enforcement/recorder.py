@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""From images and finished passes to records; live and offline run this object."""
+"""Make records from images and finished passes, in the same way live and offline."""
 from __future__ import annotations
 
 from collections import Counter
@@ -25,10 +25,10 @@ class EvidenceRecorder:
     """
     Decides on each pass, and writes a record of each violation.
 
-    :param store: that records are written to.
-    :param setting: what they have in common.
-    :param ring: the images of the last while.
-    :param clock: tells the state of the system's clock; None where it cannot be told.
+    :param store: store that records are written to.
+    :param setting: what the records have in common.
+    :param ring: buffer of the latest images.
+    :param clock: returns the state of the system's clock; None where it is not available.
     """
 
     def __init__(self, store: EvidenceStore, setting: Setting, ring: ImageRing,
@@ -39,19 +39,19 @@ class EvidenceRecorder:
 
     def offer(self, record_id: str, result: PassResult) -> Optional[Stored]:
         """
-        Decide on a finished pass, and record it where it is a violation.
+        Decide on a finished pass, and record it if it is a violation.
 
-        :param record_id: that the pass has.
-        :param result: measured or rejected, with its trace.
+        :param record_id: id of the pass.
+        :param result: the pass, measured or rejected, with its trace.
         :return: the record; None where there is none, and the reason is counted.
-        :raises StoreError: a disk that is full or fails; counted as ``not_stored``.
+        :raises StoreError: the disk is full or fails; counted as ``not_stored``.
         """
         found = self.decide(record_id, result)
         return None if isinstance(found, NoRecord) else self.write(found)
 
     def decide(self, record_id: str, result: PassResult) -> Violation | NoRecord:
         """
-        Return a violation with its images, to be written; or why there is none, which is counted.
+        Return a violation with its images, or the reason for no record, which is counted.
 
         The arguments are those of :meth:`offer`.
         """
@@ -62,13 +62,13 @@ class EvidenceRecorder:
 
     def write(self, violation: Violation) -> Optional[Stored]:
         """
-        Write a record, which takes about as long as measuring the pass did.
+        Write a record, which takes about as long as measuring the pass.
 
-        :return: None where it would not measure the same again; counted.
+        :return: the record; None where measuring again differs, which is counted.
         :raises StoreError: as for :meth:`offer`.
         """
         there = self.store.find(violation.record_id)
-        if there is not None:  # the same pass was told twice
+        if there is not None:  # the same pass was offered twice
             return Stored(self.store.folder / violation.record_id, there, anew=False)
         try:
             stored = self._stored(violation)
@@ -87,11 +87,10 @@ class EvidenceRecorder:
 
     def delete_older(self, now_ns: int) -> list[str]:
         """
-        Delete the records whose time is up.
+        Delete expired records.
 
-        :param now_ns: the newest stamp; one that is ahead of the system's clock deletes nothing
-            before its time.
-        :return: names of those that were deleted.
+        :param now_ns: the newest stamp; where it is ahead of the system's clock, that is used.
+        :return: names of the deleted records.
         """
         return self.store.delete_older(min(now_ns, time.time_ns()),
                                        self.setting.config.evidence.retention_days)
@@ -123,7 +122,7 @@ class EvidenceRecorder:
                          None if self._clock is None else self._clock())
 
     def _stored(self, violation: Violation) -> Optional[Stored]:
-        """Write a record that measures the same again: from crops, or else from whole images."""
+        """Write a record that can be measured again: with crops, else with whole images."""
         number = self.store.next_number
         for whole in (False, True):
             files, record = record_files(violation, number, self.setting, whole=whole)
@@ -140,7 +139,7 @@ class EvidenceRecorder:
             return False
 
     def _images(self, trace: PassTrace) -> Optional[list[Views]]:
-        """Return the images of all pairs of a pass; None where one is gone."""
+        """Return the images of all pairs of a pass; None where one is no longer buffered."""
         out: list[Views] = []
         for pair in trace.pairs:
             found = [self.ring.get(side, ns)
@@ -153,6 +152,6 @@ class EvidenceRecorder:
 
 
 def _repeated(images: list[Views]) -> bool:
-    """Return whether a camera has sent an image once more, to the byte: it shows another time."""
+    """Return whether a camera repeated an image; it then does not belong to its stamp."""
     return any(one.data == after.data for pair, following in zip(images, images[1:])
                for one, after in zip(pair, following))

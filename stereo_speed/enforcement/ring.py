@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The images of the last while, as they came, in bounded memory."""
+"""Buffer of the latest images as received, in bounded memory."""
 from __future__ import annotations
 
 from collections import OrderedDict
@@ -12,10 +12,10 @@ from ..io.source_image import SourceImage
 
 class ImageRing:
     """
-    Keeps the newest images of both views by their stamps.
+    Buffers the newest images of both views by their stamps.
 
-    :param most_bytes: that they may take together.
-    :param most_ns: how far they may reach back, ns.
+    :param most_bytes: greatest total size.
+    :param most_ns: greatest time span, ns.
     """
 
     def __init__(self, most_bytes: int, most_ns: int) -> None:
@@ -25,7 +25,7 @@ class ImageRing:
 
     @classmethod
     def of(cls, config: EvidenceConfig) -> ImageRing:
-        """Return one that keeps as much as the parameters say."""
+        """Return a buffer with the limits of the parameters."""
         return cls(config.ring_mib << 20, round(config.ring_s * 1e9))
 
     def __len__(self) -> int:
@@ -33,11 +33,11 @@ class ImageRing:
 
     def add(self, side: str, stamp_ns: int, image: SourceImage) -> None:
         """
-        Keep an image, and let go of the oldest where there is too much.
+        Add an image, and drop the oldest ones beyond the limits.
 
         :param side: ``left`` or ``right``.
         :param stamp_ns: its header stamp.
-        :param image: as it came.
+        :param image: the image as received.
         """
         key = stamp_ns, side
         if key in self._images:  # sent twice
@@ -50,5 +50,5 @@ class ImageRing:
             self.bytes -= len(self._images.popitem(last=False)[1].data)
 
     def get(self, side: str, stamp_ns: int) -> Optional[SourceImage]:
-        """Return the image of a stamp; None where it is gone or never came."""
+        """Return the image of a stamp; None where it was dropped or never received."""
         return self._images.get((stamp_ns, side))

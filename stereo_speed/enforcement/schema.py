@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The JSON Schema of ``record.json``, and whether a record keeps to it."""
+"""Check records against the JSON Schema of ``record.json``."""
 from __future__ import annotations
 
 from functools import cache
@@ -19,7 +19,7 @@ def _validator() -> jsonschema.Draft202012Validator:
 
 
 def schema_fault(record: Any) -> str:
-    """Return how a record breaks its schema, on one line; nothing where it keeps to it."""
+    """Return how a record violates its schema, on one line; empty where it is valid."""
     error = jsonschema.exceptions.best_match(_validator().iter_errors(record))
     if error is None:
         return ''

@@ -1,11 +1,11 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-The folder that records are written to: whole ones only, synced, sealed, in a chain.
+The folder of records, which holds only complete ones: synced, sealed and chained.
 
-A record is written aside, synced, sealed and only then moved to its name; then the chain gets its
-entry, then the head. Whatever step a writer is stopped at, its next start goes on from what is
-whole: what was moved is entered, what was not is removed.
+A record is written to a temporary folder, synced, sealed and only then moved to its name; then the
+chain gets its entry, then the head. If a writer stops at any step, the next start recovers:
+records that were moved are entered in the chain, others are removed.
 """
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ Files = Mapping[str, bytes]
 
 
 class StoreError(StereoSpeedError):
-    """A record that could not be written; nothing of it is left."""
+    """A record could not be written; no part of it remains."""
 
 
 @dataclass(frozen=True)
@@ -43,9 +43,9 @@ class Stored:
     """
     A record that is in the store.
 
-    :param folder: of the record.
-    :param seal: of the record.
-    :param anew: whether it was written now; False where it was there already.
+    :param folder: folder of the record.
+    :param seal: seal of the record.
+    :param anew: whether it was written now; False where it existed already.
     """
 
     folder: Path
@@ -57,12 +57,12 @@ class EvidenceStore(AbstractContextManager['EvidenceStore']):
     """
     A folder of records, for one writer at a time; a context manager.
 
-    :param folder: made when it is not there.
-    :param head: file of the chain's head, kept apart; None for one beside the chain.
-    :param key: signs; None leaves records unsigned.
-    :param least_free_mib: free space on the disk below which no record is begun.
-    :raises InputError: a folder that cannot be written, that another program writes to, or whose
-        chain is not sound.
+    :param folder: the folder, made where it is missing.
+    :param head: separate file for the chain's head; None for one beside the chain.
+    :param key: private key for signing; None leaves records unsigned.
+    :param least_free_mib: free disk space below which no record is started.
+    :raises InputError: the folder cannot be written, another program writes to it, or its chain
+        does not verify.
     """
 
     def __init__(self, folder: Union[str, Path], head: Optional[Path] = None,
@@ -90,7 +90,7 @@ class EvidenceStore(AbstractContextManager['EvidenceStore']):
         self.close()
 
     def close(self) -> None:
-        """Let others write."""
+        """Release the lock, so that others may write."""
         if self._lock >= 0:
             os.close(self._lock)
             self._lock = -1
@@ -101,22 +101,21 @@ class EvidenceStore(AbstractContextManager['EvidenceStore']):
         return len(self.chain) + 1
 
     def find(self, record_id: str) -> Optional[Seal]:
-        """Return the entry of a record that is there; None where it never was, or was deleted."""
+        """Return the entry of a record; None where it does not exist or was deleted."""
         seal = self._entries.get(record_id)
         return seal if seal is not None and seal.kind == RECORD else None
 
     def add(self, record_id: str, files: Files, record: bytes,
             accept: Callable[[Path], bool] = lambda folder: True) -> Optional[Stored]:
         """
-        Write a record, whole or not at all.
+        Write a record, completely or not at all.
 
         :param record_id: name of its folder.
-        :param files: contents by name, ``record.json`` not among them.
+        :param files: contents by name, without ``record.json``.
         :param record: the bytes of ``record.json``.
-        :param accept: looks at the folder before it is sealed; a record that it does not accept
-            is removed.
-        :return: None where it was not accepted.
-        :raises StoreError: a disk that is full or fails.
+        :param accept: checks the folder before it is sealed; a record that it refuses is removed.
+        :return: the record; None where it was refused.
+        :raises StoreError: the disk is full or fails.
         """
         if record_id in self._entries:
             raise StoreError(f'{self.folder}: record: found {record_id} in the chain already, '
@@ -147,13 +146,13 @@ class EvidenceStore(AbstractContextManager['EvidenceStore']):
 
     def delete_older(self, now_ns: int, days: int) -> list[str]:
         """
-        Delete the records whose time is up; the chain keeps their seals and says so.
+        Delete expired records; the chain keeps their seals and gets entries of the deletions.
 
-        :param now_ns: the present.
-        :param days: for which records are kept; 0 keeps all.
-        :return: names of those that were deleted, the oldest first.
-        :raises InputError: a record that does not say when it was.
-        :raises StoreError: a disk that fails.
+        :param now_ns: the present time.
+        :param days: age up to which records are kept; 0 keeps all.
+        :return: names of the deleted records, the oldest first.
+        :raises InputError: the time of a record cannot be read.
+        :raises StoreError: the disk fails.
         """
         gone: list[str] = []
         if not days:
@@ -163,7 +162,7 @@ class EvidenceStore(AbstractContextManager['EvidenceStore']):
             seal = self._entries[record_id]
             if now_ns - stamp_ns <= days * _DAY_NS:
                 break
-            try:  # first the entry: what is missing without one was taken away
+            try:  # entry first: a record missing without one would count as removed
                 self._enter(entry_after(self.chain, DELETED, record_id, seal.record_sha256,
                                         self._key))
                 shutil.rmtree(self.folder / record_id)
@@ -173,12 +172,12 @@ class EvidenceStore(AbstractContextManager['EvidenceStore']):
                                  'deleted') from None
             _log.info('deleted %s: older than %d days', record_id, days)
             gone.append(record_id)
-        if unreadable is not None:  # it does not keep others from being deleted
+        if unreadable is not None:  # raised only now, so that the others are deleted
             raise unreadable
         return gone
 
     def _dated(self) -> tuple[list[tuple[int, str]], Optional[InputError]]:
-        """Return stamps and names of the records, the oldest first; and why one has none."""
+        """Return stamps and names of the records, oldest first, and the error of one without."""
         dated, unreadable = [], None
         for record_id, seal in self._entries.items():
             if seal.kind == RECORD:
@@ -189,7 +188,7 @@ class EvidenceStore(AbstractContextManager['EvidenceStore']):
         return sorted(dated), unreadable
 
     def _stamp_ns(self, record_id: str) -> int:
-        """Return the stamp of a record's last pair, ns; its file is read once."""
+        """Return the stamp of a record's last pair, ns; its file is read only once."""
         if record_id not in self._stamps_ns:
             path = self.folder / record_id / RECORD_FILE
             try:
@@ -203,25 +202,25 @@ class EvidenceStore(AbstractContextManager['EvidenceStore']):
     # -- the chain ------------------------------------------------------------------------
 
     def _enter(self, seal: Seal) -> None:
-        """Add an entry to the chain, then tell the head."""
+        """Add an entry to the chain, then update the head."""
         chain, path = [*self.chain, seal], self.folder / CHAIN_FILE
         try:
             _replace_synced(path, _chain_text(chain))
         except OSError as error:
             if path.read_text(encoding='utf-8') != _chain_text(chain):
                 raise
-            # it has its name already, and what is named in the chain must stay
+            # the new chain is in place already, so the entry must stay
             _log.error('%s: %s: not synced', path, error.strerror or error)
         self.chain, self._head_is_behind = chain, True
         self._entries[seal.record_id] = seal
         try:
             self._tell_head()
-        except OSError as error:  # the entry stands; the next one waits until the head has it
+        except OSError as error:  # the entry stays; the head is updated before the next one
             _log.error('%s: %s: the head of the chain lacks entry %d', self.head_path,
                        error.strerror or error, len(chain))
 
     def _tell_head(self) -> None:
-        """Write the head where it lacks the last entry."""
+        """Write the head if it lacks the last entry."""
         if self._head_is_behind:
             _replace_synced(self.head_path, head_of(self.chain, self._key).line + '\n')
             self._head_is_behind = False
@@ -233,10 +232,10 @@ class EvidenceStore(AbstractContextManager['EvidenceStore']):
             raise StoreError(f'{self.folder}: free space: found {free / _MIB:.0f} MiB, wanted '
                              f'{wanted / _MIB:.0f} MiB for a record')
 
-    # -- after a stop ---------------------------------------------------------------------
+    # -- recovery -------------------------------------------------------------------------
 
     def _recovered(self) -> list[Seal]:
-        """Return the chain, after finishing what a writer before was stopped at."""
+        """Return the chain, after completing the steps that a stopped writer left unfinished."""
         for path in (*self.folder.glob(f'{PARTIAL}*'),
                      *self.head_path.parent.glob(f'{PARTIAL}{self.head_path.name}')):
             shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
@@ -258,14 +257,14 @@ class EvidenceStore(AbstractContextManager['EvidenceStore']):
         return chain
 
     def _read(self) -> tuple[list[Seal], list[str]]:
-        """Return the chain and what is wrong with it; a head one entry behind is not wrong."""
+        """Return the chain and its faults; a head that is one entry behind is no fault."""
         faults: list[str] = []
         if not (self.folder / CHAIN_FILE).exists() and not self.head_path.exists():
             # stopped before its first entry
             return [], faults
         chain = read_chain(self.folder / CHAIN_FILE, faults)
         if not self.head_path.exists() and not chain and not faults:
-            return [], faults  # stopped between the first chain, which is empty, and its head
+            return [], faults  # stopped between writing the first, empty chain and its head
         head = read_head(self.head_path, faults)
         if head is not None and not faults:
             behind = len(chain) - head.number
@@ -280,7 +279,7 @@ class EvidenceStore(AbstractContextManager['EvidenceStore']):
         return chain, faults
 
     def _left_over(self, path: Path, chain: list[Seal]) -> Seal:
-        """Return the seal of a record that is whole and was not entered in the chain."""
+        """Return the seal of a complete record that was not yet entered in the chain."""
         faults: list[str] = []
         seal = check_record(path, path.name, faults)
         if seal is None or faults or not follows(seal, chain):
@@ -294,7 +293,7 @@ def _chain_text(chain: list[Seal]) -> str:
 
 
 def _write_synced(path: Path, data: bytes) -> None:
-    """Write a file and have the disk keep it."""
+    """Write a file and sync it to disk."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open('wb') as stream:
         stream.write(data)
@@ -303,7 +302,7 @@ def _write_synced(path: Path, data: bytes) -> None:
 
 
 def _replace_synced(path: Path, text: str) -> None:
-    """Write a file anew; at any time there is the old one or the new one, whole."""
+    """Replace a file atomically and sync it to disk."""
     aside = path.with_name(f'{PARTIAL}{path.name}')
     try:
         _write_synced(aside, text.encode())
@@ -315,7 +314,7 @@ def _replace_synced(path: Path, text: str) -> None:
 
 
 def _sync_folder(path: Path) -> None:
-    """Have the disk keep the names in a folder."""
+    """Sync the directory entries of a folder to disk."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)

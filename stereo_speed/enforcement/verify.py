@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Whether records are as they were written: what was changed, lost, added, moved or cut."""
+"""Verify records: find what was changed, lost, added, moved or cut since they were written."""
 from __future__ import annotations
 
 from dataclasses import dataclass, field
@@ -16,18 +16,18 @@ from ..core.errors import InputError
 
 RECORD_FILE, SEAL_FILE, CHAIN_FILE, HEAD_FILE = (
     'record.json', 'seal.json', 'chain.jsonl', 'head.json')
-PARTIAL = '.partial-'  # begins the names of what is being written
+PARTIAL = '.partial-'  # prefix of names that are still being written
 
 
 @dataclass
 class Verification:
     """
-    What came of looking at records.
+    The result of verifying records.
 
-    :param faults: a line for each part that is not as it was written; none where all is sound.
-    :param notes: what a reader should know besides.
-    :param records: number of records looked at.
-    :param keys: public keys that signed, hex.
+    :param faults: a line for each part that is not as it was written; empty where all is sound.
+    :param notes: further information for the reader.
+    :param records: number of records verified.
+    :param keys: public keys of the signers, hex.
     """
 
     faults: list[str] = field(default_factory=list)
@@ -37,20 +37,20 @@ class Verification:
 
     @property
     def sound(self) -> bool:
-        """Return whether nothing is wrong."""
+        """Return whether there are no faults."""
         return not self.faults
 
 
 def verify(folder: Path, head: Optional[Path] = None, trusted: Sequence[str] = ()
            ) -> Verification:
     """
-    Look at a folder of records, or at one record.
+    Verify a folder of records, or one record.
 
-    :param folder: of all records, with their chain; or of one.
-    :param head: the chain's head where it is kept apart; None for the one beside the chain.
-    :param trusted: public keys, hex, of which one must have signed everything; with none given
-        signatures are held against the keys that they name themselves.
-    :raises InputError: no folder, or one that holds neither.
+    :param folder: folder of all records with their chain, or of one record.
+    :param head: separate file of the chain's head; None for the one beside the chain.
+    :param trusted: public keys, hex; everything must be signed by one of them. If empty,
+        signatures are checked with the keys that they name.
+    :raises InputError: no such folder, or one without records.
     """
     if not folder.is_dir():
         raise InputError(folder, 'evidence', 'no such folder', 'a folder of records, or of one')
@@ -64,7 +64,7 @@ def verify(folder: Path, head: Optional[Path] = None, trusted: Sequence[str] = (
 
 
 def _verify_one(folder: Path, trusted: Sequence[str]) -> Verification:
-    """Look at a record by itself."""
+    """Verify a single record."""
     out = Verification(records=1)
     seal = check_record(folder, folder.resolve().name, out.faults)
     if seal is not None:
@@ -98,7 +98,7 @@ def _verify_all(folder: Path, head: Optional[Path], trusted: Sequence[str]) -> V
 
 
 def _text_of(path: Path, name: str, faults: list[str]) -> Optional[str]:
-    """Return the text of a file; None where it cannot be read, which is a fault."""
+    """Return the text of a file; None, and add a fault, where it cannot be read."""
     try:
         return path.read_bytes().decode('utf-8')
     except FileNotFoundError:
@@ -109,7 +109,7 @@ def _text_of(path: Path, name: str, faults: list[str]) -> Optional[str]:
 
 
 def _seal_in(path: Path, name: str, kind: str, faults: list[str]) -> Optional[Seal]:
-    """Return the one seal of a file; None where there is none of a kind, which is a fault."""
+    """Return the seal of a file; None, and add a fault, where it has none of the kind."""
     text = _text_of(path, name, faults)
     if text is None:
         return None
@@ -122,10 +122,10 @@ def _seal_in(path: Path, name: str, kind: str, faults: list[str]) -> Optional[Se
 
 def read_chain(path: Path, faults: list[str]) -> list[Seal]:
     """
-    Read the seals of a chain, up to the first line that is none.
+    Read the seals of a chain, up to the first invalid line.
 
-    :param path: of the file.
-    :param faults: gets a line for each thing that is wrong.
+    :param path: path of the file.
+    :param faults: list to which a line is appended for each fault.
     """
     text = _text_of(path, path.name, faults)
     if text is None:
@@ -155,7 +155,7 @@ def _check_signature(seal: Seal, where: str, trusted: Sequence[str], out: Verifi
 
 def _check_head(folder: Path, apart: Optional[Path], chain: Sequence[Seal],
                 trusted: Sequence[str], out: Verification) -> None:
-    """Hold the chain against its head."""
+    """Check the chain against its head."""
     path = folder / HEAD_FILE if apart is None else apart
     head = read_head(path, out.faults)
     if head is None:
@@ -178,17 +178,17 @@ def _check_head(folder: Path, apart: Optional[Path], chain: Sequence[Seal],
 
 def read_head(path: Path, faults: list[str]) -> Optional[Seal]:
     """
-    Read the head of a chain; None where it is none.
+    Read the head of a chain; None where it is invalid.
 
-    :param path: of the file.
-    :param faults: gets a line for each thing that is wrong.
+    :param path: path of the file.
+    :param faults: list to which a line is appended for each fault.
     """
     return _seal_in(path, path.name, HEAD, faults)
 
 
 def _check_folders(folder: Path, files: Sequence[str], chain: Sequence[Seal],
                    trusted: Sequence[str], out: Verification) -> None:
-    """Hold the folders of records against the chain."""
+    """Check the folders of records against the chain."""
     deleted = {seal.record_id for seal in chain if seal.kind == DELETED}
     records = {seal.record_id: seal for seal in chain if seal.kind == RECORD}
     if len(records) + len([s for s in chain if s.kind == DELETED]) != len(chain):
@@ -215,7 +215,7 @@ def _check_folders(folder: Path, files: Sequence[str], chain: Sequence[Seal],
 
 def _check_stranger(path: Path, chain: Sequence[Seal], trusted: Sequence[str],
                     out: Verification) -> None:
-    """Look at what the chain does not know."""
+    """Check a file or folder that is not in the chain."""
     if path.name.startswith(PARTIAL):
         out.notes.append(f'{path.name} was never finished; it is no record')
         return
@@ -231,11 +231,11 @@ def _check_stranger(path: Path, chain: Sequence[Seal], trusted: Sequence[str],
 
 def check_record(folder: Path, record_id: str, faults: list[str]) -> Optional[Seal]:
     """
-    Look at the files of a record; return its seal, or None where that is none.
+    Check the files of a record; return its seal, or None where that is invalid.
 
-    :param folder: of the record.
-    :param record_id: that it should have.
-    :param faults: gets a line for each thing that is wrong.
+    :param folder: folder of the record.
+    :param record_id: its expected id.
+    :param faults: list to which a line is appended for each fault.
     """
     name = folder.name
     seal = _seal_in(folder / SEAL_FILE, f'{name}/{SEAL_FILE}', RECORD, faults)
@@ -268,7 +268,7 @@ def _parsed(data: bytes) -> Optional[dict[str, Any]]:
 
 
 def _file_faults(folder: Path, listed: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
-    """Yield what is wrong with the files of a record."""
+    """Yield the faults of the files of a record."""
     found = {p.relative_to(folder).as_posix() for p in folder.rglob('*')
              if p.is_symlink() or not p.is_dir()} - {RECORD_FILE, SEAL_FILE}
     folders = {os.path.dirname(name) for name in (*listed, *found)}

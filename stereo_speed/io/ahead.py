@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Reading ahead: what is read and decoded while what was read before is worked on."""
+"""Read and decode items in a thread while earlier ones are processed."""
 from __future__ import annotations
 
 from collections import deque
@@ -8,15 +8,18 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Generator, Iterable, TypeVar
 
 Item = TypeVar('Item')
-MOST = 4  # read ahead: enough for a pair that takes long, and little memory
+MOST = 4  # items read ahead: covers a pair that is slow to decode, and needs little memory
 
 
 def ahead(items: Iterable[Item], most: int = MOST) -> Generator[Item, None, None]:
     """
-    Yield items that a thread of its own fetches some ahead, in their order.
+    Yield items in their order, fetched some ahead by a thread.
 
-    An error comes after the items before it.  Who stops early closes it, and waits
-    for those under way: what they are read from may be closed then.
+    An error is raised after the items before it.  A caller that stops early closes the generator,
+    which waits for the reads in progress; then the source may be closed.
+
+    :param items: the items; only the thread iterates over them.
+    :param most: number of items fetched ahead.
     """
     iterator, end = iter(items), object()
     with ThreadPoolExecutor(1, 'ahead') as thread:

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Files that appear in their place only when they are whole: written aside, then renamed."""
+"""Write files so that they appear only when complete: to a temporary place, then renamed."""
 from __future__ import annotations
 
 from contextlib import contextmanager
@@ -18,9 +18,9 @@ PathLike = Union[str, Path]
 
 def prepare_folder(out_dir: PathLike) -> Path:
     """
-    Make the output folder and try that it can be written, before the work begins.
+    Make the output folder and check that it is writable, before the work begins.
 
-    :raises InputError: it is a file, or cannot be made or written.
+    :raises InputError: it is a file, cannot be made or is not writable.
     """
     folder = Path(out_dir)
     try:
@@ -35,12 +35,12 @@ def prepare_folder(out_dir: PathLike) -> Path:
 @contextmanager
 def staged(out_dir: PathLike, older: Sequence[str] = ()) -> Iterator[Path]:
     """
-    Give a hidden folder to write into, whose files are moved into another when all went well.
+    Yield a hidden folder whose files are moved into the output folder if the block succeeds.
 
-    :param out_dir: that other folder, made when it is not there; its other files stay.
-    :param older: names of the files of an older run there, removed first, in this order. The
-        first of them tells that a run is complete, so the new one of this name comes last.
-    :raises InputError: a folder or file that cannot be written.
+    :param out_dir: output folder, made where it is missing; its other files stay.
+    :param older: names of files of an older run, removed first, in this order. The first name
+        marks a run as complete, so the new file of that name is moved last.
+    :raises InputError: a folder or file cannot be written.
     """
     where = folder = prepare_folder(out_dir)
     try:
@@ -60,12 +60,12 @@ def staged(out_dir: PathLike, older: Sequence[str] = ()) -> Iterator[Path]:
 def write_whole(out_dir: PathLike, files: Mapping[str, Union[str, bytes]],
                 older: Sequence[str] = ()) -> None:
     """
-    Write files of a folder, all of them aside before the first is moved in.
+    Write files of a folder; the first is moved into place only when all have been written.
 
-    :param out_dir: the folder, made when it is not there.
-    :param files: contents by name; text is written as UTF-8, its line ends as they are.
+    :param out_dir: the folder, made where it is missing.
+    :param files: contents by name; text is written as UTF-8, with its line ends unchanged.
     :param older: as for :func:`staged`.
-    :raises InputError: a folder or file that cannot be written.
+    :raises InputError: a folder or file cannot be written.
     """
     with staged(out_dir, older) as aside:
         for name, content in files.items():
@@ -75,9 +75,9 @@ def write_whole(out_dir: PathLike, files: Mapping[str, Union[str, bytes]],
 
 def csv_text(columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
     """
-    Give the text of a CSV file, its lines ended by a line feed.
+    Return the text of a CSV file whose lines end with a line feed.
 
-    :param columns: names of the first line.
+    :param columns: names for the header line.
     :param rows: cells as they are to be printed.
     """
     buffer = io.StringIO()

@@ -3,8 +3,8 @@
 """
 Read stereo pairs from a bag: rosbag2 (MCAP or SQLite) or ROS 1, raw or compressed images.
 
-Opening a bag scans the header stamps, without decoding an image, so that the pairing is known,
-and every fault of the recording told, before the first pair is given out. Images are streamed.
+Opening a bag scans the header stamps without decoding an image, so that the pairing is known and
+every fault of the recording is reported before the first pair is yielded. Images are streamed.
 """
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class StereoBag:
     tolerance_ns: int  # decided or given, ns
     unpaired_left: int  # left images without a partner
     unpaired_right: int  # right images without a partner
-    # Told the images of each pair as they came, before the pair is given out.
+    # Called with each pair and its images as received, before the pair is yielded.
     watcher: Optional[Callable[[StereoPair, SourceImage, SourceImage], None]] = None
 
     def __init__(self, path: Union[str, Path], left: Optional[str] = None,
@@ -115,17 +115,17 @@ class StereoBag:
 
     @property
     def pairing(self) -> dict[str, Any]:
-        """How the images were paired, for ``summary.json``."""
+        """Return how the images were paired, for ``summary.json``."""
         return {'pairs': len(self._plan), 'tolerance_ns': self.tolerance_ns,
                 'method': 'nearest' if self.tolerance_ns else 'exact',
                 'unpaired_left': self.unpaired_left, 'unpaired_right': self.unpaired_right}
 
     def pairs(self) -> Iterator[StereoPair]:
         """
-        Stream the pairs in time order; an image is kept only until its partner has come.
+        Stream the pairs in time order; an image is held only until its partner is read.
 
         :raises BagError: an image that cannot be decoded, or no pair.
-        :raises CalibrationError: an image that has not the calibration's size.
+        :raises CalibrationError: an image whose size is not the calibration's.
         """
         if not len(self._plan):
             left, right = self._stamps
@@ -141,7 +141,7 @@ class StereoBag:
 
         :param indices: which, rising, below :attr:`pair_count`.
         :raises BagError: an image that cannot be decoded.
-        :raises CalibrationError: an image that has not the calibration's size.
+        :raises CalibrationError: an image whose size is not the calibration's.
         """
         wanted = list(indices)
         stream = self._stream(self._plan[wanted])

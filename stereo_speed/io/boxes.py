@@ -1,9 +1,9 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Boxes of vehicles that a detector outside the package found (CSV).
+Read boxes of vehicles that were detected by another program (CSV).
 
-A row for each box: ``stamp_ns,left_px,top_px,width_px,height_px`` and, if given, ``score``.
+Each row is a box: ``stamp_ns,left_px,top_px,width_px,height_px`` and optionally ``score``.
 """
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ..detection.protocol import Detector, ImageBox, TakesBoxes
 
 COLUMNS = ('stamp_ns', 'left_px', 'top_px', 'width_px', 'height_px')
 OPTIONAL = 'score'
-_LARGEST_PX = 1e6  # a larger number is no pixel
+_LARGEST_PX = 1e6  # a larger number is no pixel coordinate
 _LAST_NS = 2 ** 63 - 1  # stamps have 64 bits
 _BOUNDS = {
     'left_px': (-_LARGEST_PX, _LARGEST_PX, 'a column in px'),
@@ -31,7 +31,7 @@ _BOUNDS = {
 
 def load_boxes(path: PathLike) -> dict[int, list[ImageBox]]:
     """
-    Return the boxes of a file by the stamp of the left image they were found in, in its order.
+    Return the boxes of a file by the stamp of their left image, in the order of the file.
 
     :raises InputError: names the line and column at fault.
     """
@@ -50,12 +50,12 @@ def load_boxes(path: PathLike) -> dict[int, list[ImageBox]]:
 
 class BoxFeed:
     """
-    Gives a detector the boxes of a file, those of each pair just before the pair.
+    Passes the boxes of a file to a detector, those of each pair just before the pair.
 
-    :param detector: of the pipeline.
-    :param path: the file; None where there is none.
-    :param name: of the detector, for errors.
-    :raises InputError: no boxes for a detector that takes them, or the other way round.
+    :param detector: detector of the pipeline.
+    :param path: file of boxes; None where there is none.
+    :param name: name of the detector, for errors.
+    :raises InputError: a detector that takes boxes gets none, or one that takes none gets some.
     """
 
     def __init__(self, detector: Optional[Detector], path: Optional[Path], name: str) -> None:
@@ -71,9 +71,9 @@ class BoxFeed:
 
     def through(self, pairs: Iterable[StereoPair]) -> Iterator[StereoPair]:
         """
-        Yield the pairs.
+        Yield the pairs, passing the boxes of each to the detector first.
 
-        :raises InputError: in the end, where no pair has the stamp of any box.
+        :raises InputError: after the last pair, if no box has the stamp of a pair.
         """
         for pair in pairs:
             if self.taker is not None:

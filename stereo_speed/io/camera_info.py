@@ -17,11 +17,11 @@ from ..geometry.camera import Camera
 from ..geometry.rig import StereoRig
 
 
-_LARGEST = 1e9  # beyond it squares and products leave the range of numbers before long
+_LARGEST = 1e9  # larger numbers would soon overflow in squares and products
 
 
 def _numbers(msg: Any, field: str, where: object) -> Array:
-    """Read a matrix as a flat (n,) float array, whichever way its field is spelt."""
+    """Read a matrix as a flat (n,) float array; its field is in lower or upper case."""
     values = getattr(msg, field.lower(), None)
     if values is None:
         values = getattr(msg, field, None)
@@ -71,7 +71,7 @@ def _rotation(msg: Any, where: object) -> Array:
     if off > 1e-3 or np.linalg.det(rotation) < 0:
         raise CalibrationError(where, 'CameraInfo R', rotation.reshape(-1).tolist(),
                                'a rotation matrix (rectification)')
-    # printed digits of a file are no exact rotation; the nearest one is
+    # the digits of a file are not an exact rotation, so the nearest one is taken
     u, _, vt = np.linalg.svd(rotation)
     return np.asarray(u @ vt)
 
@@ -107,7 +107,7 @@ def rig_from_info(left_msg: Any, right_msg: Any, where: object) -> StereoRig:
 
 
 def same_calibration(first: Any, second: Any) -> bool:
-    """Tell whether two ``CameraInfo`` messages hold the same calibration."""
+    """Return whether two ``CameraInfo`` messages hold the same calibration."""
     names = [n for f in 'DKRP' for n in (f, f.lower()) if hasattr(first, n)]
     return all(np.array_equal(getattr(first, n), getattr(second, n)) for n in names) and all(
         getattr(first, n) == getattr(second, n)

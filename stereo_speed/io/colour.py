@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Turn image messages into colour arrays, for what tells objects apart by their colours."""
+"""Turn image messages into colour arrays, for methods that use colour."""
 from __future__ import annotations
 
 from typing import Any
@@ -15,7 +15,7 @@ from ..core.errors import BagError
 
 Colour = NDArray[np.uint8]
 CHANNELS = {'bgr8': 3, 'rgb8': 3, 'bgra8': 4, 'rgba8': 4}
-# OpenCV names a mosaic by its second row, second column; ROS by its first row.
+# OpenCV names a Bayer pattern from its second row and column, ROS from its first.
 BAYER = {'bayer_rggb8': cv2.COLOR_BayerBG2BGR, 'bayer_bggr8': cv2.COLOR_BayerRG2BGR,
          'bayer_gbrg8': cv2.COLOR_BayerGR2BGR, 'bayer_grbg8': cv2.COLOR_BayerGB2BGR}
 _TO_BGR = {'bgr8': None, 'rgb8': cv2.COLOR_RGB2BGR, 'bgra8': cv2.COLOR_BGRA2BGR,
@@ -31,7 +31,7 @@ def bgr_from_message(msg: Any, where: object) -> Colour:
     :return: (H, W, 3) uint8, BGR; grey images have three equal channels.
     :raises BagError: an encoding that is not supported, or data that do not make an image.
     """
-    grey = grey_from_message(msg, where)  # the checks are the same, whatever comes of it
+    grey = grey_from_message(msg, where)  # checks the message
     if hasattr(msg, 'encoding'):
         encoding = str(msg.encoding).lower()
         if encoding in _TO_BGR:
@@ -50,7 +50,7 @@ def bgr_from_message(msg: Any, where: object) -> Colour:
 
 
 def bgr_of_grey(grey: NDArray[Any]) -> Colour:
-    """Give a grey image (H, W), of 8 or 16 bits, three equal channels of 8."""
+    """Return a grey image (H, W), of 8 or 16 bits, as three equal channels of 8 bits."""
     eight = grey if grey.dtype == np.uint8 else (grey >> 8).astype(np.uint8)
     return np.asarray(cv2.cvtColor(eight, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
 
@@ -61,5 +61,5 @@ def _raw(msg: Any, encoding: str, where: object) -> Colour:
     pixels = pixel_rows(msg, channels, where)
     if channels > 1:
         pixels = pixels.reshape(len(pixels), -1, channels)
-    # a copy where nothing is converted: one may draw on it
+    # a copy even where nothing is converted, because callers may draw on it
     return np.array(pixels) if code is None else np.asarray(cv2.cvtColor(pixels, code), np.uint8)

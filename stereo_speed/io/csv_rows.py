@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Rows of CSV files, read number by number, every fault named by its line."""
+"""Read the numbers in rows of CSV files, with the line of every fault."""
 from __future__ import annotations
 
 import csv
@@ -15,7 +15,7 @@ from ..core.errors import InputError
 
 @dataclass(frozen=True)
 class CsvRow:
-    """A row: its file and line for errors, and what stands in each column."""
+    """A row: its file and line for errors, and the text in each column."""
 
     path: PathLike
     line: str
@@ -24,11 +24,11 @@ class CsvRow:
     def number(self, name: str, wanted: str, low: float = -1e300, high: float = 1e300,
                step: float = 0.0) -> Decimal:
         """
-        Return a finite number, exact: a stamp in ns has more digits than a float.
+        Return a finite number without rounding; a stamp in ns has more digits than a float.
 
-        :param wanted: what it should be, for the error.
-        :param step: it is a multiple of that; 0 for any.
-        :raises InputError: another one, or none.
+        :param wanted: what the number should be, for the error.
+        :param step: the number must be a multiple of this; 0 allows any.
+        :raises InputError: no number, or one that is not allowed.
         """
         try:
             value = Decimal(self.values[name] or 'nan')
@@ -43,7 +43,7 @@ def read_rows(path: PathLike, kind: str) -> tuple[tuple[str, ...], list[CsvRow]]
     """
     Return the columns and the rows of a file.
 
-    :param kind: what it should be, for errors.
+    :param kind: what the file should be, for errors.
     :raises InputError: a file that cannot be read, a row without a value for each column.
     """
     try:

@@ -1,12 +1,12 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Decode images that may be damaged, or made to do damage.
+Decode images that may be damaged or malicious.
 
-OpenCV fills what a damaged JPEG lacks with grey and gives it out as an image; only a line that
-libjpeg writes to the standard error of the process tells. That line is caught here, and makes the
-image one that cannot be used. What an image says of its size is looked at before any of it is
-decoded: a few bytes can stand for gigabytes.
+OpenCV fills the missing part of a damaged JPEG with grey and returns it as an image; the only sign
+is a line that libjpeg writes to the standard error of the process. That line is caught here, and
+the image is then refused. The size that an image states is checked before it is decoded, because a
+few bytes can stand for gigabytes.
 """
 from __future__ import annotations
 
@@ -25,23 +25,23 @@ from ..core.errors import InputError
 
 MOST_BYTES = 1 << 27  # of decoded pixels: 33 megapixels in colour, 67 of 16-bit grey
 _JPEG_START, _PNG_START = b'\xff\xd8\xff', b'\x89PNG\r\n\x1a\n'
-# Lines of the decoders, by how they begin; what others write meanwhile is passed on.
+# How lines of the decoders begin; lines of other writers are passed on.
 _HARMLESS = ('Unknown Adobe', 'Warning: unknown JFIF', 'Corrupt JPEG data: bad ICC',
              'libpng warning', '[ WARN', '[ERROR', '[ INFO', 'Cleanup called',
              'imdecode_(', 'imread_(', 'OpenCV(', '\n')
 _DAMAGE = ('Corrupt JPEG', 'Premature end', 'Invalid SOS', 'Inconsistent progression',
            'Application transferred', 'Invalid', 'Unsupported', 'libpng error', 'Unexpected',
            'Bogus', 'Not a JPEG')
-_one_at_a_time = threading.RLock()  # there is one standard error
+_one_at_a_time = threading.RLock()  # the process has one standard error
 
 
 def decode_image(data: NDArray[np.uint8], flags: int) -> tuple[Optional[NDArray[Any]], str]:
     """
-    Decode an image that is compressed.
+    Decode a compressed image.
 
     :param data: the bytes of its file.
-    :param flags: of ``cv2.imdecode``.
-    :return: the image, None where it cannot be used; then why, in a few words.
+    :param flags: flags of ``cv2.imdecode``.
+    :return: the image, and an empty reason; or None and a short reason.
     """
     size = stated_size(data[:1 << 20].tobytes())
     if size is not None and not 0 < size[0] * size[1] * size[2] <= MOST_BYTES:
@@ -63,12 +63,12 @@ def decode_image(data: NDArray[np.uint8], flags: int) -> tuple[Optional[NDArray[
 
 def read_image(path: PathLike, flags: int, wanted: str, what: str = 'image') -> NDArray[Any]:
     """
-    Read the image of a file.
+    Read an image file.
 
-    :param flags: of ``cv2.imdecode``.
-    :param wanted: kind of image, for errors.
-    :param what: it is, for errors.
-    :raises InputError: no such file, or one that makes no image.
+    :param flags: flags of ``cv2.imdecode``.
+    :param wanted: kind of image that is expected, for errors.
+    :param what: what the image is used as, for errors.
+    :raises InputError: the file cannot be read or decoded.
     """
     try:
         data = np.fromfile(path, np.uint8)
@@ -82,15 +82,14 @@ def read_image(path: PathLike, flags: int, wanted: str, what: str = 'image') -> 
 
 def stated_size(head: bytes) -> Optional[tuple[int, int, int]]:
     """
-    Read what a JPEG or PNG says its size is, without decoding it.
+    Return the size that a JPEG or PNG states, without decoding it.
 
     :param head: its first bytes.
-    :return: width and height, px, and bytes of a pixel when it is decoded; None where it does
-        not say.
+    :return: width and height, px, and bytes per decoded pixel; None where no size is stated.
     """
     if head.startswith(_PNG_START) and len(head) >= 26:
         width, height, depth, kind = struct.unpack_from('>IIBB', head, 16)
-        # grey, colour, palette (decoded to colour), each perhaps with transparency
+        # one channel for grey, else four: colour or palette, perhaps with transparency
         return int(width), int(height), (1 if kind == 0 else 4) * (2 if depth == 16 else 1)
     if not head.startswith(_JPEG_START):
         return None
@@ -100,7 +99,7 @@ def stated_size(head: bytes) -> Optional[tuple[int, int, int]]:
         if kind == 0xff:  # fill
             at += 1
             continue
-        # Start of frame; three of the kinds in this range are something else.
+        # Start of frame; three markers in this range have another meaning.
         if 0xc0 <= kind <= 0xcf and kind not in (0xc4, 0xc8, 0xcc):
             height, width = struct.unpack_from('>HH', head, at + 5)
             return int(width), int(height), 3
@@ -109,7 +108,7 @@ def stated_size(head: bytes) -> Optional[tuple[int, int, int]]:
 
 
 def _chunks_fit(data: NDArray[np.uint8]) -> bool:
-    """Return whether the chunks of a PNG lie within it: a decoder makes room for what they say."""
+    """Return whether all chunks of a PNG end within it; decoders allocate the stated length."""
     if data[:8].tobytes() != _PNG_START:
         return True
     at = 8
@@ -124,11 +123,12 @@ def _chunks_fit(data: NDArray[np.uint8]) -> bool:
 @contextmanager
 def caught_chatter(everything: bool = False) -> Iterator[list[str]]:
     """
-    Catch the lines that C libraries write to standard error, of which they make no exception.
+    Catch the lines that C libraries write to standard error instead of raising an exception.
 
-    :param everything: whether all lines are theirs; otherwise they are known by how they begin.
-    :return: a list that has those lines when the block is over; lines that no decoder writes go
-        where they would have gone.
+    :param everything: whether to take all lines for theirs; otherwise they are recognised by their
+        beginning.
+    :return: a list that has those lines after the block; lines of other writers are passed on to
+        standard error.
     """
     lines: list[str] = []
     with _one_at_a_time:

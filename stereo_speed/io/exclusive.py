@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Files that one run at a time writes."""
+"""Files that only one run at a time may write."""
 from __future__ import annotations
 
 import fcntl
@@ -12,9 +12,9 @@ from ..core.errors import InputError
 
 def open_alone(path: Path, what: str) -> TextIO:
     """
-    Open a text file to read and to append, which nobody else may while it is open.
+    Open a text file for reading and appending, with an exclusive lock.
 
-    :param what: it is, for errors.
+    :param what: what the file is, for errors.
     :raises InputError: another run has it open.
     """
     file = path.open('a+', encoding='utf-8')

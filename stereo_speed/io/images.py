@@ -4,7 +4,7 @@
 Turn image messages into grey arrays.
 
 The messages are duck-typed (``sensor_msgs`` ``Image`` or ``CompressedImage``, of ROS 1 or 2),
-so that live nodes and offline replay see the same pixels.
+so that live nodes and offline replay get the same pixels.
 """
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from .decoding import decode_image
 from ..core.errors import BagError
 
-# OpenCV names a mosaic by its second row, second column; ROS by its first row.
+# OpenCV names a Bayer pattern from its second row and column, ROS from its first.
 _BAYER = {
     'bayer_rggb8': cv2.COLOR_BayerBG2GRAY,
     'bayer_bggr8': cv2.COLOR_BayerRG2GRAY,
@@ -31,7 +31,7 @@ _COLOUR = {
     'rgba8': (4, cv2.COLOR_RGBA2GRAY),
 }
 ENCODINGS = ('mono8', 'mono16', *_COLOUR, *_BAYER)
-# The pixels as stored: no turning by EXIF, and 16 bits stay 16 bits.
+# The pixels as stored: no rotation by EXIF, and 16 bits stay 16 bits.
 _GREY = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
 _JPEG_START, _JPEG_END = b'\xff\xd8\xff', b'\xff\xd9'
 _PNG_START, _PNG_END = b'\x89PNG\r\n\x1a\n', b'IEND'
@@ -96,7 +96,7 @@ def _from_compressed(msg: Any, where: object) -> NDArray[Any]:
     data = np.frombuffer(msg.data, dtype=np.uint8)
     _check_complete(data, where)
     bayer = _BAYER.get(str(msg.format).partition(';')[0].strip().lower())
-    # A mosaic may be compressed as it is: then one channel holds three colours.
+    # A Bayer mosaic may be compressed as it is: then one channel holds three colours.
     flags = cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION if bayer is not None else _GREY
     image, why = decode_image(data, flags)
     if image is None:
@@ -110,7 +110,7 @@ def _from_compressed(msg: Any, where: object) -> NDArray[Any]:
 
 
 def _check_complete(data: NDArray[np.uint8], where: object) -> None:
-    """Refuse a cut JPEG or PNG: OpenCV would fill the rest with grey and say nothing."""
+    """Refuse a truncated JPEG or PNG, which OpenCV would silently fill with grey."""
     head, tail = data[:8].tobytes(), data[data.size // 2:].tobytes()
     wanted = 'a whole JPEG or PNG image'
     if head.startswith(_JPEG_START):

@@ -1,7 +1,7 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Boxes in the MOTChallenge's format, read and written.
+Read and write boxes in the MOTChallenge's format.
 
 A line is ``frame,id,x,y,w,h,conf,-1,-1,-1``; frames are counted from 1.
 """

@@ -1,9 +1,9 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-A finished pass, and the tracks of a pair, as JSON: for topics, databases and evidence.
+Finished passes, and the tracks after a pair, as JSON for topics, databases and evidence.
 
-``pass.schema.json`` and ``track_states.schema.json`` beside this module describe both.
+``pass.schema.json`` and ``track_states.schema.json`` beside this module describe the formats.
 """
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ TRACK_STATES_SCHEMA = Path(__file__).with_name('track_states.schema.json')
 
 def new_run(now: Optional[datetime] = None) -> str:
     """
-    Return a name for a run of the instrument that no other run has, on any machine.
+    Return a name for a run of the instrument that is unique across machines.
 
-    :param now: when it begins; None for the present moment.
+    :param now: start of the run; None for the present time.
     :return: the time in UTC, so that names sort, and 32 random bits.
     """
     now = datetime.now(timezone.utc) if now is None else now.astimezone(timezone.utc)
@@ -35,9 +35,9 @@ def new_run(now: Optional[datetime] = None) -> str:
 
 def track_id(run: str, track: int) -> str:
     """
-    Return what names a vehicle's pass among all that were ever measured.
+    Return an id for a pass that is unique among all passes of all runs.
 
-    :param run: names the run of the instrument; no two runs of one share it.
+    :param run: name of the run of the instrument, unique.
     :param track: number of the track, never reused within a run.
     """
     return f'{run}-{track:06d}'
@@ -45,9 +45,9 @@ def track_id(run: str, track: int) -> str:
 
 def pass_record(run: str, result: PassResult) -> dict[str, Any]:
     """
-    Return a pass as plain values: SI units, stamps in ns, None for what is not known.
+    Return a pass as plain values: SI units, stamps in ns, None for unknown values.
 
-    :param run: names the run of the instrument; no two runs of one share it.
+    :param run: name of the run of the instrument, unique.
     :param result: measured or rejected.
     """
     first_mps, last_mps, max_mps = result.profile_mps
@@ -89,11 +89,11 @@ def pass_text(run: str, result: PassResult) -> str:
 
 def track_states_text(run: str, pair: StereoPair, updates: Sequence[TrackUpdate]) -> str:
     """
-    Return what is known of all tracks after one pair, as one line of JSON.
+    Return the states of all tracks after a pair, as one line of JSON.
 
-    :param run: names the run of the instrument.
-    :param pair: the pair, both of whose stamps are told.
-    :param updates: of the tracks that followed their vehicles in it; there may be none.
+    :param run: name of the run of the instrument.
+    :param pair: the pair; both of its stamps are included.
+    :param updates: updates of the tracks by this pair; may be empty.
     """
     return json.dumps({
         'stereo_speed_tracks': FORMAT,
@@ -105,7 +105,7 @@ def track_states_text(run: str, pair: StereoPair, updates: Sequence[TrackUpdate]
 
 
 def _state(run: str, update: TrackUpdate) -> dict[str, Any]:
-    """Return a track's state; a speed only where it is a measurement."""
+    """Return a track's state; it has a speed only if confirmed."""
     measured = update.state is TrackState.CONFIRMED
     return {
         'id': track_id(run, update.track),

@@ -1,11 +1,11 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Passes and readings in an SQLite file, by anyone's tools, while it is written.
+Passes and readings in an SQLite file that any tool can read while it is written.
 
-Every pass is in the file, synced, before :meth:`PassLog.add_pass` returns: a power cut loses none
-that was added, and leaves a file that opens.  The table ``passes`` has the columns of
-``passes.csv`` that a pass's JSON tells, its ``id``, which no other pass has, and all of its JSON.
+Every pass is in the file, synced, before :meth:`PassLog.add_pass` returns: a power cut loses no
+added pass, and leaves a file that opens.  The table ``passes`` has a pass's unique ``id``, the
+columns of ``passes.csv`` that its JSON contains, and the JSON itself.
 """
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _PASSES = {
 _TRACKS = {
     'stamp_ns': 'INTEGER', 'vehicle': 'TEXT', 'speed_mps': 'REAL', 'speed_std_mps': 'REAL',
     'x_m': 'REAL', 'y_m': 'REAL', 'z_m': 'REAL'}
-_BUSY_S = 5.0  # a reader may hold the file for so long
+_BUSY_S = 5.0  # how long to wait for a reader that holds a lock on the file
 
 Value = Union[str, int, float, None]
 
@@ -38,9 +38,9 @@ class PassLog(AbstractContextManager['PassLog']):
     """
     An SQLite file of passes and readings; a context manager.
 
-    :param path: of the file; one that is there already is added to.
-    :param live: whether others read it meanwhile: it then has a write-ahead log beside it.
-    :raises InputError: it cannot be written, or is something else.
+    :param path: path of the file; an existing file is appended to.
+    :param live: whether others read it meanwhile; it then uses a write-ahead log.
+    :raises InputError: the file cannot be written, or is not such a database.
     """
 
     def __init__(self, path: Path, *, live: bool = True) -> None:
@@ -61,16 +61,16 @@ class PassLog(AbstractContextManager['PassLog']):
                 from None
 
     def __exit__(self, *_: object) -> None:
-        """Keep what was added, and close the file."""
+        """Commit what was added, and close the file."""
         self.close()
 
     def close(self) -> None:
-        """Keep what was added, and close the file."""
+        """Commit what was added, and close the file."""
         self._database.commit()
         self._database.close()
 
     def _check(self) -> None:
-        """Refuse a file whose tables are of other columns."""
+        """Refuse a file whose tables have other columns."""
         for name, columns in (('passes', _PASSES), ('tracks', _TRACKS)):
             found = [row[1] for row in self._database.execute(f'PRAGMA table_info({name})')]
             if found != list(columns):
@@ -78,11 +78,11 @@ class PassLog(AbstractContextManager['PassLog']):
 
     def add_pass(self, text: str) -> bool:
         """
-        Add a pass, unless it is there already, and sync it to the disk.
+        Add a pass, unless it is already in the file, and sync it to disk.
 
-        :param text: its JSON, as on the topic ``passes``.
+        :param text: JSON of the pass, as on the topic ``passes``.
         :return: whether it was new.
-        :raises InputError: text that is no pass.
+        :raises InputError: the text does not describe a pass.
         """
         row = _pass_row(text)
         with self._database:
@@ -94,25 +94,25 @@ class PassLog(AbstractContextManager['PassLog']):
     def add_track(self, stamp_ns: int, vehicle: str, speed_mps: Optional[float],
                   speed_std_mps: Optional[float], position_m: Sequence[float]) -> None:
         """
-        Add a track's state in a pair; it is kept with the next pass, or by :meth:`keep`.
+        Add a track's state in a pair; it is committed with the next pass, or by :meth:`keep`.
 
         :param vehicle: name of the track, ``vehicle_<number>``.
-        :param speed_mps: None where it is no measurement.
-        :param position_m: (3,) of its front, left optical frame.
+        :param speed_mps: speed; None where the track is not confirmed.
+        :param position_m: (3,) position of its front, left optical frame.
         """
         self._database.execute(
             f'INSERT INTO tracks VALUES ({", ".join("?" * len(_TRACKS))})',  # noqa: S608
             (stamp_ns, vehicle, speed_mps, speed_std_mps, *map(float, position_m)))
 
     def keep(self) -> bool:
-        """Sync to the disk what was added; return whether there was anything."""
+        """Commit what was added to disk; return whether there was anything."""
         some = self._database.in_transaction
         self._database.commit()
         return some
 
 
 def _pass_row(text: str) -> list[Value]:
-    """Return the cells of a pass."""
+    """Return the row of a pass."""
     try:
         data: Mapping[str, Any] = json.loads(text)
         if data['stereo_speed_pass'] != FORMAT:
@@ -136,8 +136,8 @@ def write_pass_log(path: Path, run: str, updates: Sequence[TrackUpdate],
     """
     Write passes and readings of a finished run; the same run gives the same bytes.
 
-    :param path: of a new file.
-    :param run: names the run in the ids of its passes.
+    :param path: path of a new file.
+    :param run: name of the run, for the ids of its passes.
     """
     with PassLog(path, live=False) as log:
         for u in sorted(updates, key=lambda u: (u.stamp_ns, u.track)):

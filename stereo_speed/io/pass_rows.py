@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Passes read back from the folders of runs, from SQLite files, and references from CSV."""
+"""Read passes from folders of runs and SQLite files, and reference speeds from CSV."""
 from __future__ import annotations
 
 from decimal import Decimal
@@ -24,11 +24,11 @@ _FASTEST_MPS = 150.0
 
 def read_vehicles(places: Sequence[Path]) -> list[Vehicle]:
     """
-    Return the passes of runs, in the order of their places and rows.
+    Return the passes of runs, in the order of the places and their rows.
 
     :param places: folders of runs, folders that hold folders of runs, or SQLite files with a
         table ``passes``.
-    :raises InputError: a place without passes, a table that cannot be used.
+    :raises InputError: a place without passes, or an unusable table.
     """
     out: list[Vehicle] = []
     for place in places:
@@ -53,7 +53,7 @@ def _of_folder(folder: Path) -> list[Vehicle]:
 
 
 def _of_database(path: Path) -> list[Vehicle]:
-    """Return the passes of a table of the columns of ``passes.csv``."""
+    """Return the passes of a database whose table has the columns of ``passes.csv``."""
     try:
         database = sqlite3.connect(f'{path.resolve().as_uri()}?mode=ro', uri=True)
         try:
@@ -77,7 +77,7 @@ def _check(path: Path, columns: Sequence[str], wanted: Sequence[str]) -> None:
 
 
 def _limits(path: Path) -> Mapping[str, Optional[float]]:
-    """Return the speed limits of lanes that a run's summary tells, m/s."""
+    """Return the speed limits of the lanes in a run's summary, m/s."""
     try:
         lanes = json.loads(path.read_text(encoding='utf-8'))['lanes']
         return {name: None if lane.get('speed_limit_mps') is None

@@ -1,10 +1,10 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-One table of the passes of many runs, as Parquet and as SQLite.
+Write the passes of many runs as one table, in Parquet and in SQLite.
 
-Its columns are ``bag`` and those of ``passes.csv``; what is empty there is null here. The same
-runs give the same bytes.
+The columns are ``bag`` and those of ``passes.csv``; empty cells become null. The same runs give
+the same bytes.
 """
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from ..core.errors import InputError
 
 PARQUET, SQLITE = 'passes.parquet', 'passes.sqlite'
 COLUMNS = ('bag', *PASS_COLUMNS)
-_ROWS = 50_000  # of a block that is held at once
+_ROWS = 50_000  # rows held in memory at once
 
 Value = Union[str, int, float, None]
 
@@ -32,14 +32,14 @@ def write_pass_tables(out_dir: PathLike, runs: Mapping[str, Path],
     """
     Write ``passes.parquet`` and ``passes.sqlite`` of a folder.
 
-    The SQLite file has a second table, ``bags``, with a row for each bag and why it failed, null
-    when it did not.
+    The SQLite file has a second table, ``bags``, with a row for each bag and the reason why it
+    failed, null where it did not.
 
     :param out_dir: the folder.
     :param runs: name of each bag to the folder of its run.
-    :param failed: name of each bag without a run to the reason.
+    :param failed: name of each failed bag to the reason.
     :return: number of passes.
-    :raises InputError: a run whose table cannot be read, a folder that cannot be written.
+    :raises InputError: the table of a run cannot be read, or the folder cannot be written.
     """
     kinds = {name: kind_of(name) for name in COLUMNS}
     arrow = {int: pyarrow.int64(), float: pyarrow.float64(), str: pyarrow.string()}
@@ -76,7 +76,7 @@ def _insert(database: sqlite3.Connection, rows: Sequence[Sequence[Value]]) -> No
 
 
 def _blocks(runs: Mapping[str, Path]) -> Iterator[list[tuple[Value, ...]]]:
-    """Yield the rows of all runs, by bag and track, in blocks that fit the memory."""
+    """Yield the rows of all runs, by bag and track, in blocks that fit in memory."""
     block: list[tuple[Value, ...]] = []
     for name, folder in sorted(runs.items()):
         for row in _rows(folder / PASSES):

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Records as lines of JSON and back, without loss: every float and array comes back the same."""
+"""Convert records to lines of JSON and back without loss of floats and arrays."""
 from __future__ import annotations
 
 import dataclasses
@@ -14,26 +14,26 @@ from ..core import passes, records
 from ..core.errors import InputError
 
 _TYPE, _VALUE = '!', 'v'
-_KINDS = {**vars(records), **vars(passes)}  # nothing else comes back
+_KINDS = {**vars(records), **vars(passes)}  # the only types that are read back
 
 
 def record_text(value: Any) -> str:
     """
     Return a value as one line of JSON.
 
-    :param value: of records of ``core.records`` and ``core.passes``, their words, numbers, texts,
-        arrays, lists, tuples (which come back as lists) and dictionaries.
+    :param value: made of records and enumerations of ``core.records`` and ``core.passes``, and of
+        numbers, texts, arrays, lists, tuples (read back as lists) and dictionaries.
     """
     return json.dumps(_plain(value), separators=(',', ':'))
 
 
 def record_of(text: str, where: object) -> Any:
     """
-    Return the value that a line describes.
+    Return the value of a line.
 
-    :param text: as of :func:`record_text`.
+    :param text: a line of :func:`record_text`.
     :param where: file, for errors.
-    :raises InputError: text that describes none.
+    :raises InputError: the text describes no such value.
     """
     try:
         return _value(json.loads(text))
@@ -43,7 +43,7 @@ def record_of(text: str, where: object) -> Any:
 
 
 def _plain(value: Any) -> Any:
-    """Return what JSON knows; what it does not know carries its type."""
+    """Return a value in JSON types; other types are stored with their name."""
     if isinstance(value, Enum):
         return {_TYPE: type(value).__name__, _VALUE: value.value}
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
@@ -59,7 +59,7 @@ def _plain(value: Any) -> Any:
 
 
 def _value(plain: Any) -> Any:
-    """Return what :func:`_plain` has made plain: known records, and nothing else."""
+    """Invert :func:`_plain`, for known types only."""
     if isinstance(plain, list):
         return [_value(item) for item in plain]
     if not isinstance(plain, dict):

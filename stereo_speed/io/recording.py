@@ -1,9 +1,9 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Read serialized messages from any kind of bag, and turn what damage does into one clear line.
+Read serialized messages from any kind of bag, and report any damage in one clear line.
 
-Here and in ``sim`` alone is rosbags known.
+Only this module and ``lab.sim`` use rosbags.
 """
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ WHOLE = "a whole, readable bag ('mcap recover' or 'ros2 bag reindex' may repair 
 
 class RawMessage(NamedTuple):
     """
-    A message as it lies in the bag; it must begin with a ``std_msgs/Header``.
+    A serialized message of the bag; it must begin with a ``std_msgs/Header``.
 
     :param topic: its topic.
-    :param msgtype: for instance ``sensor_msgs/msg/Image``, for ROS 1 as well.
+    :param msgtype: for instance ``sensor_msgs/msg/Image``; the same for ROS 1.
     :param stamp_ns: its header stamp, ns.
     :param log_time_ns: when it was recorded (receive time), ns.
     :param data: the serialized message.
@@ -46,10 +46,10 @@ class RawMessage(NamedTuple):
 @contextmanager
 def _reading(path: Path) -> Iterator[None]:
     """
-    Turn whatever a damaged file makes the reader raise into one line.
+    Turn any exception that a damaged file causes in the reader into one line.
 
-    The libraries below raise their own errors and, on bytes that make no sense, nearly any
-    built-in one; only calls into them belong inside.
+    The libraries raise their own errors and, on damaged bytes, nearly any built-in one; so only
+    calls into them belong inside the block.
     """
     try:
         yield
@@ -72,7 +72,7 @@ def header_stamp_ns(data: Union[bytes, memoryview], big_endian: bool = False) ->
 
 
 def _checked(connection: Any) -> Any:
-    """Refuse a topic whose name, type or count is none: a bag's metadata may say anything."""
+    """Check the types of a topic's metadata, which may be damaged."""
     for value, kind in ((connection.topic, str), (connection.msgtype, str),
                         (connection.msgcount, int)):
         if not isinstance(value, kind):
@@ -93,7 +93,7 @@ class Recording:
         self._reader: Optional[AnyReader] = None
         _check_path(path)
         with _reading(path):
-            # the default serves bags that bring no message definitions
+            # the default store is for bags without message definitions
             reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY))
             reader.open()
             self._reader = reader
@@ -108,11 +108,11 @@ class Recording:
 
     @property
     def types(self) -> dict[str, str]:
-        """Message type of each topic that holds messages."""
+        """Return the message type of each topic that holds messages."""
         return {c.topic: c.msgtype for c in self._connections if c.msgcount}
 
     def count(self, topics: Collection[str]) -> int:
-        """Give the number of messages the bag's index tells of."""
+        """Return the number of messages on some topics, according to the bag's index."""
         return sum(c.msgcount for c in self._connections if c.topic in topics)
 
     def messages(self, topics: Collection[str]) -> Iterator[RawMessage]:
@@ -125,22 +125,22 @@ class Recording:
                 if found is None:
                     return
                 connection, log_time_ns, data = found
-                # the second byte of CDR is even when big-endian; ROS 1 is little-endian
+                # the second byte of CDR is even for big-endian data; ROS 1 is little-endian
                 stamp_ns = header_stamp_ns(data, big_endian=reader.is2 and not data[1] & 1)
             yield RawMessage(connection.topic, connection.msgtype, stamp_ns, log_time_ns, data)
 
     @property
     def connections(self) -> Sequence[Connection]:
-        """Return the topics with their types, as rosbags tells them."""
+        """Return the connections of rosbags: topics with their types."""
         return self._connections
 
     @property
     def store(self) -> Typestore:
-        """Return what knows the types of the messages."""
+        """Return the type store of the messages."""
         return self._open().typestore
 
     def everything(self) -> Iterator[tuple[Connection, int, bytes]]:
-        """Stream all messages, with or without a header, and when each was recorded, ns."""
+        """Stream all messages, with or without a header, and their recording times, ns."""
         source = self._open().messages(self._connections)
         while True:
             with _reading(self.path):
@@ -175,7 +175,7 @@ def _check_path(path: Path) -> None:
 
 def hash_files(path: Path) -> str:
     """
-    Hash a bag's files, whatever its folder is called.
+    Hash a bag's files, independently of the folder's name.
 
     :return: SHA-256, hex: of the file, or for a folder of the lines that ``sha256sum`` prints
         for its files, in order of their names.

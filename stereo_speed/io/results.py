@@ -4,8 +4,9 @@
 Write the files of a run: ``tracks.csv``, ``passes.csv`` and ``summary.json``.
 
 The same run gives the same files, byte for byte: numbers have a fixed number of digits, rows
-and keys a fixed order, and no wall-clock time enters. The files are written aside and renamed
-when whole, ``summary.json`` last, so that a folder with a summary is a finished run.
+and keys a fixed order, and no wall-clock time is written. The files are written to a temporary
+place and renamed when complete, ``summary.json`` last, so that a folder with a summary is a
+finished run.
 """
 from __future__ import annotations
 
@@ -37,14 +38,14 @@ PASS_COLUMNS = ('track', 'lane', 'first_ns', 'last_ns', 'pairs', 'speed_mps', 's
                 'std_matching_mps', 'std_path_mps', 'std_stamps_mps', 'std_calibration_mps',
                 'second_mps', 'second_std_mps', 'second_pairs', 'direction', 'class',
                 'class_probability', 'width_m', 'width_std_m', 'height_m', 'height_std_m')
-PLOTS = ('speed.png', 'road.png', 'strip.png')  # written beside them by report
-REPORTS = ('report.html', 'video.avi', 'run.sqlite')  # and these, where they are asked for
-_OLDER = (SUMMARY, TRACKS, PASSES, *PLOTS, *REPORTS)  # without its summary a run is not complete
-_DIGITS = 5  # 0.01 mm and 0.01 mm/s: finer than anything measured here
+PLOTS = ('speed.png', 'road.png', 'strip.png')  # written by ``report``
+REPORTS = ('report.html', 'video.avi', 'run.sqlite')  # optional files
+_OLDER = (SUMMARY, TRACKS, PASSES, *PLOTS, *REPORTS)  # the summary is removed first
+_DIGITS = 5  # 0.01 mm and 0.01 mm/s, well below the uncertainty of any result
 
 
 def kind_of(column: str) -> type:
-    """Return the type of a column: ``int``, ``float`` or ``str``, which its name tells."""
+    """Return the type of a column by its name: ``int``, ``float`` or ``str``."""
     if column in ('track', 'pairs') or column.endswith(('_ns', '_pairs')):
         return int
     return float if column.endswith(('_mps', '_m', '_s', '_deg', '_probability')) else str
@@ -55,13 +56,12 @@ def write_run(out_dir: PathLike, updates: Optional[Sequence[TrackUpdate]],
     """
     Write the three files of a run and remove those of an older run in the same folder.
 
-    :param out_dir: folder, made when it is not there.
+    :param out_dir: folder, made where it is missing.
     :param updates: every update of every track, in any order; None leaves ``tracks.csv`` to
         :class:`.track_rows.TrackRows`.
     :param passes: every pass, in any order.
-    :param summary: versions, parameters, seed, input hash, timings: nothing that changes when
-        the run is repeated.
-    :raises InputError: a folder that cannot be written.
+    :param summary: versions, parameters, seed, input hash, timings; the same for a repeated run.
+    :raises InputError: the folder cannot be written.
     """
     tracks = {} if updates is None else {TRACKS: tracks_csv(updates, passes)}
     write_whole(out_dir, {**tracks, PASSES: passes_csv(passes), SUMMARY: summary_json(summary)},
@@ -70,15 +70,15 @@ def write_run(out_dir: PathLike, updates: Optional[Sequence[TrackUpdate]],
 
 def staged_run(out_dir: PathLike) -> ContextManager[Path]:
     """
-    Give a hidden folder for a run of more than three files; see :func:`whole.staged`.
+    Yield a hidden folder for a run of more than three files; see :func:`.atomic.staged`.
 
-    :param out_dir: where they are moved to, in place of those of an older run.
+    :param out_dir: output folder, where the files replace those of an older run.
     """
     return staged(out_dir, _OLDER)
 
 
 def file_sha256(path: Path) -> str:
-    """Return the SHA-256 of a file, hex, read in blocks: bags are large."""
+    """Return the SHA-256 of a file, hex; large files are read in blocks."""
     digest = hashlib.sha256()
     with path.open('rb') as stream:
         for block in iter(lambda: stream.read(1 << 20), b''):
@@ -88,10 +88,10 @@ def file_sha256(path: Path) -> str:
 
 def tracks_csv(updates: Iterable[TrackUpdate], passes: Iterable[PassResult]) -> str:
     """
-    Give the text of ``tracks.csv``: a row per vehicle and pair, by stamp, then track.
+    Return the text of ``tracks.csv``: a row per vehicle and pair, by stamp, then track.
 
     :param updates: the live updates.
-    :param passes: they hold the smoothed speeds; where there is none the field is empty.
+    :param passes: the passes, for the smoothed speeds; a missing one leaves the field empty.
     """
     smoothed = {p.track: p.smoothed for p in passes}
     return csv_text(TRACK_COLUMNS, [
@@ -112,7 +112,7 @@ def track_row(update: TrackUpdate, smoothed_mps: Optional[float]) -> tuple[objec
 
 
 def passes_csv(passes: Iterable[PassResult]) -> str:
-    """Give the text of ``passes.csv``: a row per vehicle, by track."""
+    """Return the text of ``passes.csv``: a row per vehicle, by track."""
     rows = []
     for p in sorted(passes, key=lambda p: p.track):
         parts = (None,) * 4 if p.budget is None else (
@@ -126,14 +126,14 @@ def passes_csv(passes: Iterable[PassResult]) -> str:
 
 
 def _second(second: Optional[SecondEstimate]) -> tuple[str, str, str]:
-    """Print the independent estimate; nothing where none was asked for."""
+    """Return the cells of the second estimate, empty where there is none."""
     if second is None:
         return '', '', ''
     return fixed(second.speed_mps), fixed(second.speed_std_mps), str(second.pairs)
 
 
 def _vehicle(vehicle: Optional[VehicleKind]) -> tuple[str, ...]:
-    """Print class and size of a vehicle; nothing where they were not found out."""
+    """Return the cells of a vehicle's class and size, empty where they are unknown."""
     if vehicle is None:
         return ('',) * 6
     return (vehicle.name, *map(fixed, (
@@ -142,13 +142,13 @@ def _vehicle(vehicle: Optional[VehicleKind]) -> tuple[str, ...]:
 
 
 def summary_json(summary: Mapping[str, Any]) -> str:
-    """Give the text of ``summary.json``: sorted keys; what is not a finite number is null."""
+    """Return the text of ``summary.json``: sorted keys; non-finite numbers become null."""
     return json.dumps(_plain(summary), indent=2, sort_keys=True, ensure_ascii=False,
                       allow_nan=False) + '\n'
 
 
 def software_versions() -> dict[str, str]:
-    """Versions of what the results depend on."""
+    """Return the versions of the software that the results depend on."""
     from .. import __version__  # here, so that io can be imported by the package itself
     try:
         rosbags = version('rosbags')
@@ -162,7 +162,7 @@ def software_versions() -> dict[str, str]:
 
 def stream_timings(stamps_ns: Sequence[int]) -> dict[str, Any]:
     """
-    Tell the timing of the recorded stream, which is the same whenever it is replayed.
+    Return the timing of the recorded stream, which does not depend on the replay.
 
     :param stamps_ns: stamps of the pairs, rising, ns.
     """
@@ -179,7 +179,7 @@ def stream_timings(stamps_ns: Sequence[int]) -> dict[str, Any]:
 
 
 def fixed(value: Optional[float]) -> str:
-    """Print a number with fixed digits; nothing where it is not known; no negative zero."""
+    """Return a number with fixed digits; '' where it is unknown; no negative zero."""
     if value is None or not math.isfinite(value):
         return ''
     text = f'{value:.{_DIGITS}f}'
@@ -187,7 +187,7 @@ def fixed(value: Optional[float]) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """Turn records, arrays and numpy numbers into what JSON knows."""
+    """Return records, arrays and numpy numbers as JSON types."""
     if isinstance(value, Enum):
         return _plain(value.value)
     if dataclasses.is_dataclass(value) and not isinstance(value, type):

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The map of a scene: its image (PNG) and the polygons it is drawn from (YAML)."""
+"""Read the map of a scene: its image (PNG), and the polygons it is drawn from (YAML)."""
 from __future__ import annotations
 
 import cv2
@@ -19,7 +19,7 @@ def load_map(path: PathLike) -> Labels:
     """
     Read a map: 8-bit, one channel, 255 pathway, 128 accessible, 0 inaccessible.
 
-    :raises InputError: unreadable, or anything else in it.
+    :raises InputError: unreadable, another format, or other values.
     """
     wanted = 'an 8-bit grey image of 255 pathway, 128 accessible, 0 inaccessible'
     image = read_image(path, cv2.IMREAD_UNCHANGED, wanted, 'map')
@@ -33,10 +33,10 @@ def load_map(path: PathLike) -> Labels:
 
 def check_map_size(labels: Labels, image: NDArray[np.uint8], where: object) -> None:
     """
-    Refuse a map that has not the size of the frames.
+    Refuse a map whose size differs from the frames'.
 
-    :param labels: (H, W) the map.
-    :param image: (H, W, 3) a frame.
+    :param labels: (H, W), the map.
+    :param image: (H, W, 3), a frame.
     :param where: the map's file.
     :raises InputError: names both sizes.
     """
@@ -50,7 +50,7 @@ def load_regions(path: PathLike) -> tuple[list[Region], str]:
     """
     Read a polygons file (``stereo_speed_map: 1``).
 
-    :return: the regions, in the order they are drawn, and the kind of the rest.
+    :return: the regions, in drawing order, and the kind of the background.
     :raises SiteError: names the field, what was found and what was wanted.
     """
     top = StrictMapping(path, '', load_yaml(path, 'stereo_speed_map'),

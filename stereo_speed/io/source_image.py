@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""An image as its camera sent it, kept as bytes: to be stored without loss, and shown."""
+"""An image as received from the camera, kept as bytes for lossless storage and display."""
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
@@ -16,8 +16,8 @@ from .images import grey_from_message, pixel_rows
 from ..core.errors import BagError
 from ..vision.grey import to_eight_bits
 
-_PNG = (cv2.IMWRITE_PNG_COMPRESSION, 1)  # images of the road gain little from more
-_TO_BGR = {  # transparency stays: nothing is left out of what is stored
+_PNG = (cv2.IMWRITE_PNG_COMPRESSION, 1)  # higher compression gains little on road images
+_TO_BGR = {  # transparency is kept: nothing is dropped from what is stored
     'rgb8': cv2.COLOR_RGB2BGR, 'rgba8': cv2.COLOR_RGBA2BGRA}
 
 
@@ -26,13 +26,13 @@ class SourceImage:
     """
     One image message, without its stamp.
 
-    :param encoding: of a raw image, as ``sensor_msgs/Image`` names it; of a compressed one the
-        ``format`` of its message.
-    :param data: its bytes.
-    :param width_px: of a raw image; 0 for a compressed one, which knows by itself, as
-    :param height_px: and
-    :param step: bytes in a row, are.
-    :param big_endian: of 16-bit images.
+    :param encoding: encoding of a raw image, as ``sensor_msgs/Image`` names it; the ``format`` of
+        a compressed one.
+    :param data: bytes of the message's data.
+    :param width_px: width of a raw image; 0 for a compressed one, whose data state its size.
+    :param height_px: height of a raw image; 0 for a compressed one.
+    :param step: bytes per row of a raw image; 0 for a compressed one.
+    :param big_endian: byte order of 16-bit images.
     """
 
     encoding: str
@@ -44,7 +44,7 @@ class SourceImage:
 
     @classmethod
     def from_message(cls, msg: Any) -> SourceImage:
-        """Return an ``Image`` or ``CompressedImage`` message, of ROS 1 or 2, with its own copy."""
+        """Return a copy of an ``Image`` or ``CompressedImage`` message of ROS 1 or 2."""
         if not hasattr(msg, 'encoding'):
             return cls(str(msg.format), bytes(msg.data))
         return cls(str(msg.encoding).lower(), bytes(msg.data), int(msg.width), int(msg.height),
@@ -52,21 +52,21 @@ class SourceImage:
 
     @property
     def compressed(self) -> bool:
-        """Return whether it came as a JPEG or PNG image."""
+        """Return whether it was received as JPEG or PNG."""
         return not self.width_px
 
     def grey(self, where: object) -> NDArray[Any]:
         """
-        Return the grey image that is measured in.
+        Return the grey image used for measuring.
 
-        :param where: for errors.
+        :param where: source of the image, for errors.
         :return: (H, W) uint8 or uint16.
-        :raises BagError: data that make no image.
+        :raises BagError: the data cannot be decoded.
         """
         return grey_from_message(self._message(), where)
 
     def _message(self) -> SimpleNamespace:
-        """Return the message that it came as."""
+        """Return the fields of the original message."""
         if self.compressed:
             return SimpleNamespace(format=self.encoding, data=self.data)
         return SimpleNamespace(
@@ -75,12 +75,12 @@ class SourceImage:
 
     def file(self, where: object) -> tuple[str, bytes]:
         """
-        Return the ending and the bytes of a file that holds the image as it came.
+        Return suffix and content of a file that holds the image without loss.
 
-        JPEG and PNG images are kept to the byte; raw ones become PNG, without loss, mosaics of
-        colours as they are.
+        JPEG and PNG data are kept unchanged; raw images become PNG, Bayer mosaics without
+        demosaicing.
 
-        :param where: for errors.
+        :param where: source of the image, for errors.
         """
         if self.compressed:
             return ('.jpg' if self.data.startswith(b'\xff\xd8') else '.png'), self.data
@@ -88,9 +88,9 @@ class SourceImage:
 
     def colours(self, where: object) -> NDArray[np.uint8]:
         """
-        Return the image for people.
+        Return the image in colour, for display.
 
-        :param where: for errors.
+        :param where: source of the image, for errors.
         :return: (H, W, 3) uint8, BGR.
         """
         grey = self.grey(where)
@@ -99,9 +99,9 @@ class SourceImage:
         return bgr_from_message(self._message(), where)
 
     def _pixels(self, where: object) -> NDArray[Any]:
-        """Return the pixels of a raw image, (H, W) or (H, W, 3 or 4) with blue first."""
+        """Return the pixels of a raw image, (H, W) or (H, W, 3 or 4), blue first."""
         channels = CHANNELS.get(self.encoding)
-        if channels is None:  # one number a pixel: grey, or a mosaic that stays one
+        if channels is None:  # one value per pixel: grey, or an unchanged Bayer mosaic
             plain = 'mono16' if self.encoding == 'mono16' else 'mono8'
             return replace(self, encoding=plain).grey(where)
         rows = pixel_rows(self._message(), channels, where)

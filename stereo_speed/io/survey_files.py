@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Figures of many passes as CSV, Parquet or SQLite; a verification as CSV and JSON.  All in SI."""
+"""Write traffic figures as CSV, Parquet or SQLite, and verifications as CSV and JSON, in SI."""
 from __future__ import annotations
 
 from dataclasses import asdict, fields
@@ -26,7 +26,7 @@ def traffic_file(groups: Sequence[TrafficGroup], form: str) -> tuple[str, Union[
     """
     Return name and content of a table of traffic figures.
 
-    :param form: one of ``FORMATS``.
+    :param form: format, one of ``FORMATS``.
     """
     rows: list[tuple[Value, ...]] = [
         (one.by, one.group, *asdict(one.figures).values()) for one in groups]
@@ -39,7 +39,7 @@ def traffic_file(groups: Sequence[TrafficGroup], form: str) -> tuple[str, Union[
 
 
 def _parquet(rows: Sequence[Sequence[Value]]) -> bytes:
-    import pyarrow  # here: a large library, which only this form of a table needs
+    import pyarrow  # a large library that only this format needs
     from pyarrow import parquet
     kinds = [pyarrow.string() if name in ('by', 'name') else pyarrow.int64()
              if name in _WHOLE else pyarrow.float64() for name in _COLUMNS]
@@ -68,7 +68,7 @@ def _sqlite(rows: Sequence[Sequence[Value]]) -> bytes:
 
 
 def verification_csv(found: Verification) -> str:
-    """Return a row for each vehicle of a reference, as CSV."""
+    """Return a verification as CSV, with a row for each vehicle of the reference."""
     rows = []
     for m in found.matches:
         v = m.vehicle

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The output folder of a run of the monocular tracker."""
+"""Write the output folder of a run of the monocular tracker."""
 from __future__ import annotations
 
 import math
@@ -21,7 +21,7 @@ END_COLUMNS = ('id', 'first_frame', 'last_frame', 'frames', 'end')
 
 
 def targets_text(estimates: Iterable[TargetEstimate]) -> str:
-    """Return the text of ``targets.csv``; a distance that is infinite reads ``inf``."""
+    """Return the text of ``targets.csv``; an infinite distance is written ``inf``."""
     rows = [(e.frame, e.id, *map(fixed, (*e.box_px, math.degrees(e.angle_rad), e.distance_px,
                                          e.distance_rate_px)))
             for e in sorted(estimates, key=lambda e: (e.frame, e.id))]
@@ -29,7 +29,7 @@ def targets_text(estimates: Iterable[TargetEstimate]) -> str:
 
 
 def ends_text(ends: Iterable[TargetEnd]) -> str:
-    """Return the text of ``ends.csv``: a row per target with how it ended."""
+    """Return the text of ``ends.csv``: how each target ended, a row per target."""
     return csv_text(END_COLUMNS, [
         (e.id, e.first_frame, e.last_frame, e.frames, e.state.value)
         for e in sorted(ends, key=lambda e: e.id)])
@@ -43,7 +43,7 @@ def write_targets(out_dir: PathLike, estimates: Sequence[TargetEstimate],
 
     The files of an older run in that folder are removed.
 
-    :param annotated: the finished video, which is moved; None for a run without.
+    :param annotated: finished video, which is moved into the folder; None where there is none.
     :raises InputError: a folder that cannot be written.
     """
     texts = {BOXES: boxes_text(estimates), TARGETS: targets_text(estimates),

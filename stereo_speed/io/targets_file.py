@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Targets and their initial boxes, as a person marks them in a video (YAML)."""
+"""Read targets and their initial boxes, marked by a person in a video (YAML)."""
 from __future__ import annotations
 
 import math
@@ -14,7 +14,7 @@ from ..core.strict_yaml import kind, load_yaml, StrictMapping
 from ..core.units import is_finite
 from ..monocular.boxes import Target
 
-_LARGEST = 1e6  # px or degrees: a larger number is a typing error
+_LARGEST = 1e6  # px or degrees; a larger number is taken for a typing error
 
 
 def load_targets(path: PathLike) -> list[Target]:
@@ -59,9 +59,9 @@ def _number(fields: StrictMapping, key: str, value: object) -> float:
 
 def check_targets(targets: Sequence[Target], width: int, height: int, where: object) -> None:
     """
-    Refuse a target that is nowhere in the image.
+    Refuse a target whose box is outside the image.
 
-    :raises SiteError: names it.
+    :raises SiteError: names the target.
     """
     for index, target in enumerate(targets):
         x, y, w, h = target.box_px

@@ -30,10 +30,10 @@ class StereoTopics:
 def choose_topics(types: Mapping[str, str], given: tuple[Optional[str], Optional[str]],
                   where: object) -> StereoTopics:
     """
-    Choose the topics: the given ones, else those whose names say left or right.
+    Choose the topics: the given ones, else those named left or right.
 
     :param types: message type of each topic that holds messages.
-    :param given: image topic of each side, or None to look for it.
+    :param given: image topic of each side, or None to find it.
     :param where: the bag, for the error.
     :raises BagError: a side has no topic, or several.
     """
@@ -46,7 +46,7 @@ def choose_topics(types: Mapping[str, str], given: tuple[Optional[str], Optional
 
 
 def side_of(topic: str) -> Optional[str]:
-    """Tell the side a topic's name speaks of; the last part that names just one decides."""
+    """Return the side in a topic's name; the last part that names exactly one decides."""
     for part in reversed(topic.lower().split('/')):
         named = [side for side in SIDES if side in part]
         if len(named) == 1:
@@ -62,7 +62,7 @@ def _listed(types: Mapping[str, str]) -> str:
 def _image_topic(types: Mapping[str, str], side: str, topic: Optional[str],
                  where: object) -> str:
     if topic is not None:
-        # a name relative to the root, as one types it
+        # users may omit the leading slash
         name = topic if topic in types else '/' + topic
         if types.get(name) not in IMAGE_TYPES:
             raise BagError(where, f'--{side} {topic}', _listed(types),
@@ -71,7 +71,7 @@ def _image_topic(types: Mapping[str, str], side: str, topic: Optional[str],
     found = sorted(t for t, kind in types.items()
                    if kind in IMAGE_TYPES and side_of(t) == side
                    and not t.endswith('/compressedDepth'))
-    # the same images, raw and compressed: the raw ones lost nothing
+    # of the same images, raw and compressed, take the raw ones, which are lossless
     found = [t for t in found
              if not (t.endswith(_COMPRESSED) and t[:-len(_COMPRESSED)] in found)]
     if not found:

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""How a pass came about, and the rig it was seen by, as JSON values and back, without loss."""
+"""Convert the trace of a pass, and its rig, to JSON values and back without loss."""
 from __future__ import annotations
 
 import dataclasses
@@ -22,26 +22,26 @@ from ..geometry.camera import Camera
 from ..geometry.rig import StereoRig
 
 FORMAT = 1
-# Fields that follow from the pair that an update is of; a calibrated camera stands still.
+# Left out because the trace or pair implies them; a calibrated camera has no rotation.
 _LEFT_OUT: Mapping[type, tuple[str, ...]] = {
     TrackUpdate: ('stamp_ns', 'track'), Camera: ('rotation',)}
-_IF_KNOWN: Mapping[type, tuple[str, ...]] = {TracePair: ('stamp_std_s',)}  # hardly ever is
+_IF_KNOWN: Mapping[type, tuple[str, ...]] = {TracePair: ('stamp_std_s',)}  # rarely known
 _SHAPES = {'position_m': (3,), 'position_cov_m2': (3, 3), 'axes': (3, 3), **dict.fromkeys(
     ('left_px', 'right_px', 'quad_left_px', 'quad_right_px'), (4, 2))}
 
 
 def trace_record(trace: PassTrace) -> dict[str, Any]:
-    """Return a trace as plain values; floats come back the same."""
+    """Return a trace as plain values, with floats unrounded."""
     return _values(trace)
 
 
 def trace_of(data: Any, where: object) -> PassTrace:
     """
-    Return the trace that plain values describe.
+    Return a trace from plain values.
 
-    :param data: as of :func:`trace_record`.
+    :param data: values of :func:`trace_record`.
     :param where: file or topic, for errors.
-    :raises InputError: values that are none.
+    :raises InputError: values that describe no trace.
     """
     try:
         track = int(data['track'])
@@ -60,9 +60,9 @@ def _pair_of(data: Mapping[str, Any], track: int) -> TracePair:
 
 def trace_text(run: str, result: PassResult) -> str:
     """
-    Return how a pass came about, and its speed in each pair, as one line of JSON.
+    Return the trace of a pass, and its speed in each pair, as one line of JSON.
 
-    :param run: names the run of the instrument.
+    :param run: name of the run of the instrument.
     :param result: measured or rejected.
     """
     profile = [[ns, result.smoothed[ns], result.smoothed_std.get(ns)]
@@ -75,12 +75,12 @@ def trace_text(run: str, result: PassResult) -> str:
 
 def result_of(told: str, traced: str, where: object) -> PassResult:
     """
-    Return the result that a pass's message and its trace's message describe together.
+    Return the result of a pass from the messages of pass and trace.
 
-    :param told: as of :func:`.pass_json.pass_text`.
-    :param traced: as of :func:`trace_text`, of the same pass.
+    :param told: text of :func:`.pass_json.pass_text`.
+    :param traced: text of :func:`trace_text` for the same pass.
     :param where: topic, for errors.
-    :raises InputError: other messages.
+    :raises InputError: the messages do not describe a pass.
     """
     try:
         data, more = json.loads(told), json.loads(traced)
@@ -108,17 +108,17 @@ def result_of(told: str, traced: str, where: object) -> PassResult:
 
 
 def rig_record(rig: StereoRig) -> dict[str, Any]:
-    """Return a rig as plain values; floats come back the same."""
+    """Return a rig as plain values, with floats unrounded."""
     return _values(rig)
 
 
 def rig_of(data: Any, where: object) -> StereoRig:
     """
-    Return the rig that plain values describe.
+    Return a rig from plain values.
 
-    :param data: as of :func:`rig_record`.
+    :param data: values of :func:`rig_record`.
     :param where: file or topic, for errors.
-    :raises InputError: values that are none.
+    :raises InputError: values that describe no rig.
     """
     try:
         return _record(StereoRig, data)
@@ -128,7 +128,7 @@ def rig_of(data: Any, where: object) -> StereoRig:
 
 
 def _values(record: ConfigRecord) -> dict[str, Any]:
-    """Return the fields of a record as JSON knows them, but for ``_LEFT_OUT``."""
+    """Return the fields of a record as JSON types, except those of ``_LEFT_OUT``."""
     return {f.name: _plain(getattr(record, f.name)) for f in dataclasses.fields(record)
             if f.name not in _LEFT_OUT.get(type(record), ()) and not (
                 getattr(record, f.name) is None and f.name in _IF_KNOWN.get(type(record), ()))}
@@ -144,11 +144,11 @@ def _plain(value: Any) -> Any:
 
 def _record(kind: type[Record], data: Mapping[str, Any], **known: Any) -> Record:
     """
-    Return the record that plain values describe; what an older one did not tell is as usual.
+    Return a record from plain values; fields that older data lack get their defaults.
 
-    :param kind: of record.
-    :param data: as of :func:`_values`.
-    :param known: fields that are known already.
+    :param kind: type of the record.
+    :param data: values of :func:`_values`.
+    :param known: fields whose values are given.
     """
     of = _types(kind)
     return kind(**known, **{
@@ -157,15 +157,15 @@ def _record(kind: type[Record], data: Mapping[str, Any], **known: Any) -> Record
         and (f.name in data or f.default is dataclasses.MISSING)})
 
 
-_types = lru_cache(maxsize=None)(get_type_hints)  # of the fields of a record
+_types = lru_cache(maxsize=None)(get_type_hints)  # types of the fields of a record
 
 
 def _value(kind: Any, value: Any, name: str) -> Any:
-    """Return a value of the type that a field of a record has."""
+    """Convert a plain value to the type of a record's field."""
     origin, inner = get_origin(kind), get_args(kind)
     if origin is Union:
         return None if value is None else _value(inner[0], value, name)
-    if origin in (np.ndarray, NDArray):  # by the version of numpy and Python
+    if origin in (np.ndarray, NDArray):  # which of them depends on the versions
         array = np.array(value, dtype=np.float64)
         if array.shape != _SHAPES.get(name, array.shape):
             raise ValueError(f'an array {array.shape} instead of {_SHAPES[name]}')

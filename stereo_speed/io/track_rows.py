@@ -1,10 +1,10 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-``tracks.csv`` written while a run goes on, so that hours of traffic fit the memory.
+Write ``tracks.csv`` during the run, so that hours of traffic fit in memory.
 
-A row is final when the pass of its track has been measured, for it holds the smoothed speed; the
-file is in order of stamps, so rows wait for the tracks that began before them.
+A row contains the smoothed speed, so it is final only when the pass of its track has been
+measured. The file is ordered by stamp, so final rows wait for those of tracks that began earlier.
 """
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ from ..core.records import TrackUpdate
 
 class TrackRows(AbstractContextManager['TrackRows']):
     """
-    The rows of ``tracks.csv``, kept in a file without a name; a context manager.
+    The rows of ``tracks.csv``, kept in an unnamed temporary file; a context manager.
 
-    :param folder: where that file is kept; what is killed leaves nothing there.
-    :raises InputError: a folder that cannot be written.
+    :param folder: folder of that file; a killed process leaves nothing there.
+    :raises InputError: the folder cannot be written.
     """
 
     def __init__(self, folder: PathLike) -> None:
@@ -36,7 +36,7 @@ class TrackRows(AbstractContextManager['TrackRows']):
         self._final: list[tuple[int, int, str]] = []  # a heap of stamp, track, line
 
     def __exit__(self, *_: object) -> None:
-        """Let go of the file."""
+        """Discard the temporary file."""
         self._file.close()
 
     @property
@@ -47,12 +47,12 @@ class TrackRows(AbstractContextManager['TrackRows']):
     def add(self, updates: Sequence[TrackUpdate], passes: Sequence[PassResult],
             open_tracks: Collection[int]) -> None:
         """
-        Take in what came of one pair.
+        Add the updates and passes of one pair.
 
-        :param updates: later than all before.
-        :param passes: that are over since.
-        :param open_tracks: numbers of the tracks whose passes are still to come; what is not
-            among them, and is no pass, was no vehicle.
+        :param updates: updates of the pair, later than all before.
+        :param passes: passes that have ended since.
+        :param open_tracks: numbers of the tracks whose passes are still to come; rows of any
+            other track without a pass are dropped, because it was no vehicle.
         """
         for update in updates:
             self._open.setdefault(update.track, []).append(update)
@@ -64,7 +64,7 @@ class TrackRows(AbstractContextManager['TrackRows']):
 
     def save(self, path: Path) -> None:
         """
-        Write the whole table; only when the run is over.
+        Write the whole table; call it only after the run.
 
         :param path: the file.
         """
@@ -75,14 +75,14 @@ class TrackRows(AbstractContextManager['TrackRows']):
             shutil.copyfileobj(self._file, out)
 
     def _close(self, result: PassResult) -> None:
-        """Complete the rows of a pass by its smoothed speeds."""
+        """Complete the rows of a pass with its smoothed speeds."""
         for update in self._open.pop(result.track, ()):
             row = track_row(update, result.smoothed.get(update.stamp_ns))
             heapq.heappush(self._final, (update.stamp_ns, result.track,
                                          csv_text([str(cell) for cell in row], ())))
 
     def _write(self) -> None:
-        """Write the rows that no row to come is before."""
+        """Write the final rows that are earlier than all waiting ones."""
         first_ns = min((rows[0].stamp_ns for rows in self._open.values()), default=None)
         while self._final and (first_ns is None or self._final[0][0] < first_ns):
             self._file.write(heapq.heappop(self._final)[2].encode())

@@ -15,9 +15,9 @@ from .csv_rows import CsvRow, read_rows
 from ..core.errors import InputError
 from ..core.records import Array
 
-# Truth is written in whole microseconds, to which stamps may have been cut or rounded.
+# Truth is written in whole microseconds, to which stamps may have been truncated or rounded.
 SAME_NS = 2000
-_LARGEST = 9e9  # s; as ns it still fits 64 bits
+_LARGEST = 9e9  # s; in ns it still fits in 64 bits
 _POSITION = ('x', 'y', 'z')
 
 
@@ -38,7 +38,7 @@ class VehicleTruth:
     position_m: Array
 
     def at(self, stamps_ns: Sequence[int]) -> NDArray[np.int64]:
-        """Return the rows of stamps; -1 where there is none."""
+        """Return the row index of each stamp; -1 where there is none."""
         wanted = np.asarray(stamps_ns, dtype=np.int64)
         row = np.clip(np.searchsorted(self.stamps_ns, wanted), 1, len(self.stamps_ns) - 1) \
             if len(self.stamps_ns) > 1 else np.zeros(len(wanted), dtype=np.int64)
@@ -48,14 +48,14 @@ class VehicleTruth:
         return np.where(np.abs(self.stamps_ns[row] - wanted) <= SAME_NS, row, -1)
 
     def speed_at(self, stamps_ns: Sequence[int]) -> Array:
-        """Return the true speeds at stamps, m/s; NaN where they are not known."""
+        """Return the true speeds at stamps, m/s; NaN where they are unknown."""
         row = self.at(stamps_ns)
         return np.where(row < 0, np.nan, self.speed_mps[row])
 
 
 def truth_of_rows(rows: Sequence[Mapping[str, Any]]) -> tuple[VehicleTruth, ...]:
     """
-    Return rows by vehicle, in the order of the vehicles' numbers.
+    Group rows by vehicle, in the order of the vehicles' numbers.
 
     :param rows: with ``stamp_ns``, ``vehicle``, ``speed`` and, where known, ``x``, ``y``, ``z``.
     """
@@ -89,7 +89,7 @@ def read_truth(path: Union[str, Path]) -> tuple[VehicleTruth, ...]:
 
 
 def _row(row: CsvRow) -> dict[str, Any]:
-    """Return the numbers of a line."""
+    """Return the values of a row."""
     def parse(name: str) -> Decimal:
         return row.number(name, 'a finite number', -_LARGEST, _LARGEST)
     known = [c for c in _POSITION if row.values.get(c)]

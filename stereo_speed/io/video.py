@@ -22,7 +22,7 @@ from ..core.errors import BagError, InputError
 
 IMAGE_SUFFIXES = ('.png', '.jpg', '.jpeg', '.bmp', '.tif', '.tiff', '.ppm')
 _BAG_SUFFIXES = ('.mcap', '.db3', '.bag')
-_MOST_FRAMES = 1e9  # files that do not know their number of frames state huge ones
+_MOST_FRAMES = 1e9  # files of unknown length state a huge number of frames
 _WANTED = 'a video file, a folder of images, or a bag'
 
 
@@ -30,7 +30,7 @@ class Frame(NamedTuple):
     """
     One frame.
 
-    :param number: its number in the video, from 1.
+    :param number: number of the frame in the video, from 1.
     :param stamp_ns: its header stamp, ns; None where it is not from a bag.
     :param image: (H, W, 3) uint8, BGR.
     """
@@ -45,8 +45,8 @@ def read_frames(path: Union[str, Path], topic: Optional[str] = None) -> Iterator
     Stream the frames of a video.
 
     :param path: video file, folder of images (in the natural order of their names), or bag.
-    :param topic: image topic of a bag; None for the only one there is.
-    :raises InputError: nothing that can be read, no frame, or frames of several sizes.
+    :param topic: image topic of a bag; None for its only one.
+    :raises InputError: an unreadable source, no frame, or frames of several sizes.
     """
     path = Path(path)
     if not path.exists():
@@ -62,11 +62,11 @@ def read_frames(path: Union[str, Path], topic: Optional[str] = None) -> Iterator
 
 def frames_missing(path: Union[str, Path], frames: int) -> int:
     """
-    Return how many frames a video file should have beyond those that could be read.
+    Return how many frames a video file states beyond those that were read.
 
     :param frames: number of frames read.
-    :return: 0 for folders and bags, where the file states no number, and for a single frame: the
-        stated numbers are not exact.
+    :return: 0 for folders and bags, which state no number, and for a difference of one frame,
+        because the stated numbers are not exact.
     """
     path = Path(path)
     if not path.is_file() or is_bag(path):
@@ -80,7 +80,7 @@ def frames_missing(path: Union[str, Path], frames: int) -> int:
 
 
 def is_bag(path: Path) -> bool:
-    """Return whether a path is a bag, by its name and what lies in it."""
+    """Return whether a path is a bag, by its name and content."""
     if path.is_dir():
         return (path / 'metadata.yaml').is_file() or (
             image_files(path) == [] and any(p.suffix in _BAG_SUFFIXES for p in path.iterdir()))
@@ -95,7 +95,7 @@ def image_files(folder: Path) -> list[Path]:
 
 
 def _checked(frames: Iterator[Frame], path: Path) -> Iterator[Frame]:
-    """Pass frames on; refuse a video without any, and a change of size."""
+    """Pass frames on; refuse an empty video and a change of size."""
     size: Optional[tuple[int, ...]] = None
     for frame in frames:
         if size is not None and frame.image.shape != size:
@@ -112,7 +112,7 @@ def _size_of(shape: tuple[int, ...]) -> str:
 
 
 def _file_frames(path: Path) -> Iterator[Frame]:
-    with caught_chatter(everything=True):  # a file that cannot be read is told by what comes of it
+    with caught_chatter(everything=True):  # an unreadable file shows by the result
         capture = cv2.VideoCapture(str(path))
     try:
         number = 0
@@ -155,7 +155,7 @@ def _image_topic(recording: Recording, topic: Optional[str], path: Path) -> str:
         if name not in found:
             raise BagError(path, f'--topic {topic}', listed, 'a topic of images in the bag')
         return name
-    # of the same images, raw and compressed, the raw ones lost nothing
+    # of the same images, raw and compressed, take the raw ones, which are lossless
     found = [t for t in found
              if not (t.endswith('/compressed') and t[:-len('/compressed')] in found)]
     if len(found) != 1:

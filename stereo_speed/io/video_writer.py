@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Write frames as a video that appears when it is complete."""
+"""Write frames to a video that appears only when complete."""
 from __future__ import annotations
 
 import os
@@ -13,17 +13,17 @@ from numpy.typing import NDArray
 
 from ..core.errors import InputError
 
-_CODEC = 'MJPG'  # OpenCV writes it by itself, wherever it runs
+_CODEC = 'MJPG'  # OpenCV encodes it on every platform without further libraries
 
 
 class VideoWriter:
     """
-    An AVI file in the making.
+    An AVI file that is being written.
 
-    :param path: where it will be.
-    :param shape: (H, W, 3) of the frames.
+    :param path: final path of the file.
+    :param shape: (H, W, 3), shape of the frames.
     :param rate_hz: frames per second when played.
-    :raises InputError: it cannot be written.
+    :raises InputError: the file cannot be written.
     """
 
     def __init__(self, path: Path, shape: tuple[int, ...], rate_hz: float = 10.0) -> None:
@@ -41,13 +41,13 @@ class VideoWriter:
         self._writer.write(image)
 
     def keep(self) -> None:
-        """Finish the file and put it in its place."""
+        """Finish the file and move it into place."""
         self._writer.release()
         os.replace(self._aside, self.path)
         self._kept = True
 
     def close(self) -> None:
-        """End; what was not kept is removed."""
+        """Close the file; remove it unless :meth:`keep` was called."""
         self._writer.release()
         if not self._kept:
             self._aside.unlink(missing_ok=True)

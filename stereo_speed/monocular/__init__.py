@@ -1,3 +1,3 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""One camera, the environment as state (Zhu, Lao and Zheng 2010)."""
+"""Tracking in one camera with the environment as part of the state (Zhu et al. 2010)."""

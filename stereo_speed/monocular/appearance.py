@@ -3,16 +3,16 @@
 """
 The likelihood of a box from its colours (2010, Section IV.D, eq. 23-24).
 
-A joint RGB histogram of 16 bins a channel is compared with that of the initial box by their
-Bhattacharyya coefficient. Three departures can be switched on, each from work that the paper
-builds on: colours that the surroundings share count less (Comaniciu, Ramesh and Meer 2003, its
-[1]); the box is divided into parts (Perez et al. 2002, its [27]); and the reference is renewed
-slowly (Zhou, Chellappa and Moghaddam 2004, its [24]). Two are our own: the contrast with the
-surroundings (a box that is too small has the target's colours about it), and that targets occlude
-those behind them.
+A joint RGB histogram of 16 bins per channel is compared with that of the initial box by their
+Bhattacharyya coefficient. Five extensions can be switched on. Three come from work that the paper
+builds on: colours shared with the surroundings count less (Comaniciu, Ramesh and Meer 2003, its
+[1]); the box is divided into parts (Perez et al. 2002, its [27]); the reference is slowly adapted
+(Zhou, Chellappa and Moghaddam 2004, its [24]). Two are our own: the contrast with the surroundings
+(a box that is too small has the target's colours around it), and occlusion of targets by nearer
+ones.
 
-A box may be marked before the background about it was ever seen, as in the first frame. Then the
-ground in it passes for the target, and the box is sampled again as the background becomes known.
+A box may be marked before its background has been seen, as in the first frame. Then its reference
+includes ground, and the box is sampled again when the background becomes known.
 """
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ from ..core.records import Array
 
 class Evidence(NamedTuple):
     """
-    How much boxes look like the target.
+    How similar boxes are to the target.
 
-    :param similarity: (N,) of what is seen of each box to the reference, 0 to 1.
-    :param seen: (N,) share of the box that is in the image and not occluded.
-    :param visible: (N,) share of the box in the image.
+    :param similarity: (N,), similarity of the visible part of each box to the reference, 0 to 1.
+    :param seen: (N,), share of the box that is in the image and not occluded.
+    :param visible: (N,), share of the box in the image.
     """
 
     similarity: Array
@@ -49,9 +49,9 @@ class Likelihood(NamedTuple):
     """
     The likelihood of boxes.
 
-    :param log: (N,) its logarithm (eq. 23), up to a constant.
-    :param similarity: (N,) with what is not seen counted in, 0 to 1.
-    :param visible: (N,) share of the box in the image.
+    :param log: (N,), logarithm of the likelihood (eq. 23), up to a constant.
+    :param similarity: (N,), similarity including a default for the unseen part, 0 to 1.
+    :param visible: (N,), share of the box in the image.
     """
 
     log: Array
@@ -64,9 +64,9 @@ class InitialView:
     """
     The initial box in its frame, kept until all of its background is known.
 
-    :param image: (H, W, 3) the frame.
+    :param image: (H, W, 3), the frame.
     :param box: the initial box.
-    :param occluded: (M,) which samples showed another target in front; None where none did.
+    :param occluded: (M,), which samples showed another target in front; None where none did.
     :param known: share of the box's background that was known when it was last sampled.
     """
 
@@ -83,7 +83,7 @@ class InitialView:
         return envelope(np.concatenate([self.box.centre_px[0] - size / 2, size]), angle)
 
     def samples(self, background: BackgroundModel) -> Samples:
-        """Return the samples of the box with what is now known of its background."""
+        """Return the samples of the box, using the background known by now."""
         found = _sample_finely(BinImage(self.image, background), self.box)
         if self.occluded is None:
             return found
@@ -92,9 +92,9 @@ class InitialView:
 
 class UsualValue:
     """
-    What a value is as a rule: its mean, and later a running mean.
+    The usual level of a value: at first the mean, later a running mean.
 
-    :param renewal: share of a new value in the running mean.
+    :param renewal: weight of a new value in the running mean.
 
     ``value`` is 0 before the first.
     """
@@ -103,7 +103,7 @@ class UsualValue:
         self.renewal, self.value, self._count = renewal, 0.0, 0
 
     def add(self, value: float) -> None:
-        """Average a value in."""
+        """Include a value in the mean."""
         self._count += 1
         self.value += max(1.0 / self._count, self.renewal) * (value - self.value)
 
@@ -114,14 +114,14 @@ class UsualValue:
 
 class Appearance:
     """
-    What a target looks like.
+    The appearance of a target.
 
     :param config: parameters of the likelihood.
-    :param frame: the frame the target is marked in.
+    :param frame: the frame in which the target is marked.
     :param box: the initial box.
 
-    ``usual`` is the similarity that the target has as a rule; 0 at first: a target just marked is
-    not occluded.
+    ``usual`` is the target's usual similarity; it starts at 0, because a target that was just
+    marked is not occluded.
     """
 
     def __init__(self, config: MonocularConfig, frame: BinImage, box: Boxes) -> None:
@@ -140,13 +140,13 @@ class Appearance:
 
     @property
     def unseen_similarity(self) -> float:
-        """Return the similarity that counts for what is not seen."""
+        """Return the similarity that is assumed for unseen parts."""
         return self.config.unseen_share * self.usual.value
 
     def log_likelihood(self, frame: BinImage, boxes: Boxes) -> Likelihood:
         """Return the likelihood of boxes (eq. 23)."""
         similarity, seen, visible = self.compare(frame, boxes)
-        # what is outside the image, or behind others, may look like anything
+        # parts outside the image or behind other targets get a default similarity
         similarity = seen * similarity + (1.0 - seen) * self.unseen_similarity
         log_likelihood = -self.config.lambda_b * (1.0 - similarity)
         if self.config.contrast_weight > 0:
@@ -154,28 +154,28 @@ class Appearance:
         return Likelihood(log_likelihood, similarity, visible)
 
     def compare(self, frame: BinImage, boxes: Boxes) -> Evidence:
-        """Compare what is seen of each box with the reference."""
+        """Compare the seen part of each box with the reference."""
         found = self.reference.histograms(frame.sample(boxes, self._layout.at), self._layout)
         alike = self.reference.similarity(found)
         if found.seen is None:
             return Evidence(alike.mean(axis=1), found.visible, found.visible)
-        # parts count as far as they are seen
+        # parts are weighted by their seen share
         total = np.maximum(found.seen.sum(axis=1), 1e-9)
         return Evidence(np.sum(alike * found.seen, axis=1) / total, found.seen.mean(axis=1),
                         found.visible)
 
     def surround_similarity(self, frame: BinImage, boxes: Boxes) -> Array:
-        """Return the similarity (N,) of what is seen around each box to the reference."""
+        """Return the similarity (N,) of the seen surroundings of each box to the reference."""
         samples = frame.sample(boxes, self._ring.at)
         return self.reference.similarity_to_whole(self.reference.histograms(samples, self._ring))
 
     def review(self, background: BackgroundModel, now_px: Array) -> bool:
         """
-        Sample the initial box again when more of the background in it has become known.
+        Sample the initial box again when more of its background has become known.
 
-        What another target occluded when the box was marked stays left out.
+        Samples that another target occluded when the box was marked stay excluded.
 
-        :param now_px: (4,) where the target is now: what is learnt there is not believed.
+        :param now_px: (4,), current box of the target; the background learnt there is not trusted.
         :return: whether it was sampled again.
         """
         view = self._initial
@@ -185,13 +185,13 @@ class Appearance:
         again = known >= view.known + self.config.background_gain or known == 1.0
         if again:
             self.reference = self._reference(self._histogram(view.samples(background)))
-            self.usual.restart()  # what was usual was so with the other reference
+            self.usual.restart()  # the usual similarity belonged to the old reference
             view = replace(view, known=known)
         self._initial = None if known == 1.0 else view
         return again
 
     def renew(self, frame: BinImage, box: Boxes) -> None:
-        """Blend the reference with what the target looks like now, by ``adaptation``."""
+        """Blend the reference with the target's current appearance, by ``adaptation``."""
         share = self.config.adaptation
         if share > 0:
             now = self._histogram(_sample_finely(frame, box))
@@ -205,12 +205,12 @@ class Appearance:
 
 
 def _sample_finely(frame: BinImage, box: Boxes) -> Samples:
-    """Sample a single box as the reference is made of it."""
+    """Sample a single box with the fine grid of the reference."""
     return frame.sample(box, grid_points(*INITIAL_SAMPLES))
 
 
 def _surroundings(frame: BinImage, box: Boxes, ring: Layout) -> Array:
-    """Return the histogram (bins,) of what is around the initial box; background counts fully."""
+    """Return the histogram (bins,) around the initial box; background has share 1."""
     samples = BinImage(frame.image).sample(box, ring.at)
     seen = samples.bins if samples.outside is None else samples.bins[~samples.outside]
     counts = np.bincount(seen.ravel(), minlength=ALL_BINS).astype(np.float64)

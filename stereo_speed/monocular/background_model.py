@@ -1,11 +1,11 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-What a fixed camera sees where nothing moves, learnt as the frames come.
+The background of a fixed camera, learnt frame by frame.
 
-The paper takes the environment as static (2010, Section III.B). So it looks the same in every
-frame, and a pixel that looks like it belongs to no target. The background is a running mean of
-each pixel, at half the resolution, over the frames in which no target is there.
+The paper assumes a static environment (2010, Section III.B). Its appearance is then the same in
+every frame, and a pixel that looks like the background belongs to no target. The background is a
+running mean of each pixel, at half resolution, over the frames in which no target covers it.
 """
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from .boxes import TargetEstimate
 from ..core.records import Array
 
 _STEP = 2  # pixels of the image to one cell of the background, each way
-_BANDS = 4  # away from targets one row in so many is learnt per frame, which saves time
-_NEAR = 1.0  # rows this near to a target, as a share of its box, are learnt in every frame
-_MARGIN = 0.1  # nothing is learnt in a target's box widened by this share: boxes are not exact
+_BANDS = 4  # away from targets only every such row is learnt per frame, to save time
+_NEAR = 1.0  # margin around a target, as a share of its box, that is learnt in every frame
+_MARGIN = 0.1  # a target's box is excluded with this margin, because boxes are not exact
 
 
 class BackgroundModel:
     """
-    The background of a video and what stands out from it.
+    The background of a video, and the foreground that differs from it.
 
-    :param width: of the frames, px.
-    :param height: of the frames, px.
-    :param contrast: levels of any channel by which a foreground pixel differs at least.
+    :param width: width of the frames, px.
+    :param height: height of the frames, px.
+    :param contrast: least difference of a foreground pixel in any channel, grey levels.
     :param frames: frames that the running mean spans.
     """
 
@@ -40,18 +40,18 @@ class BackgroundModel:
         self._band = -1
         shape = (-(-height // _STEP), -(-width // _STEP))
         self.mean = np.zeros((*shape, 3), np.float32)
-        self.count = np.zeros(shape, np.float32)  # of the updates of each cell
+        self.count = np.zeros(shape, np.float32)  # updates of each cell
 
     def foreground(self, image: NDArray[np.uint8], left: int, top: int, right: int,
                    bottom: int) -> NDArray[np.bool_]:
         """
-        Return which pixels of a rectangle are not known to be background.
+        Return a mask of the pixels of a rectangle that are not known to be background.
 
         :param image: (H, W, 3) uint8, BGR.
-        :param right: column after its last one; ``bottom`` likewise.
+        :param right: column after the last one; ``bottom`` likewise for rows.
         :return: (bottom - top, right - left); pixels never seen without a target are foreground.
         """
-        # a little more, so that the median has neighbours
+        # one more cell on each side, for the median filter
         rows = slice(max(top // _STEP - 1, 0), -(-bottom // _STEP) + 1)
         columns = slice(max(left // _STEP - 1, 0), -(-right // _STEP) + 1)
         here = np.ascontiguousarray(image[::_STEP, ::_STEP][rows, columns])
@@ -66,10 +66,10 @@ class BackgroundModel:
 
     def known_share(self, box_px: Array, excluded_px: Array, least_count: int) -> float:
         """
-        Return the share of a box whose background was seen without a target.
+        Return the share of a box whose background is known.
 
-        :param box_px: (4,).
-        :param excluded_px: (4,) a box in which nothing counts as known.
+        :param box_px: (4,), the box.
+        :param excluded_px: (4,), a box inside which nothing counts as known.
         :param least_count: updates after which a cell is known.
         :return: 0 to 1; 1 for a box outside the image.
         """
@@ -82,11 +82,11 @@ class BackgroundModel:
         return float(known.mean()) if known.size else 1.0
 
     def forget(self, box_px: Array) -> None:
-        """Take what is in an upright box (4,) as never seen."""
+        """Discard the background inside an upright box (4,)."""
         self.count[_cells(box_px, _MARGIN)] = 0
 
     def learn(self, image: NDArray[np.uint8], targets: Iterable[TargetEstimate]) -> None:
-        """Average a frame in, except for the boxes of the targets."""
+        """Include a frame in the mean, except for the boxes of the targets."""
         free = np.ones(self.count.shape, np.float32)
         near = []
         for target in targets:

@@ -20,25 +20,25 @@ class TargetState(str, Enum):
     """Life of a target."""
 
     TRACKED = 'tracked'
-    OCCLUDED = 'occluded'  # not seen at present; its box is a prediction
+    OCCLUDED = 'occluded'  # currently not seen; its box is predicted
     LOST = 'lost'  # occluded for too long; ended
     LEFT_VIEW = 'left_view'  # ended
     STREAM_ENDED = 'stream_ended'
 
     @property
     def followed(self) -> bool:
-        """Whether the target has not ended."""
+        """Return whether the target has not ended."""
         return self in (TargetState.TRACKED, TargetState.OCCLUDED)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Target:
     """
-    A target as a person marks it.
+    A target as marked by a person.
 
-    :param id: its number.
-    :param frame: the frame it is marked in, from 1.
-    :param box_px: (4,) the initial box: x, y, w, h, px.
+    :param id: number of the target.
+    :param frame: the frame in which it is marked, from 1.
+    :param box_px: (4,), the initial box: x, y, w, h, px.
     :param angle_rad: angle of the box about its centre; 0 for an upright object, whose box never
         rotates.
     """
@@ -50,7 +50,7 @@ class Target:
 
     @property
     def upright(self) -> bool:
-        """Whether the box never rotates."""
+        """Return whether the box never rotates."""
         return self.angle_rad == 0.0
 
 
@@ -62,12 +62,12 @@ class TargetEstimate:
     :param frame: number of the frame, from 1.
     :param id: the target's number.
     :param state: tracked or occluded.
-    :param box_px: (4,) x, y, w, h, px, before it is rotated.
+    :param box_px: (4,), x, y, w, h, px, before rotation.
     :param angle_rad: angle of the box about its centre.
     :param distance_px: d of the environment state, px; infinite in inaccessible regions.
-    :param distance_rate_px: its change per frame of the video, px.
+    :param distance_rate_px: change of d per frame of the video, px.
     :param similarity: Bhattacharyya coefficient with the reference, 0 to 1.
-    :param velocity_px: (2,) of the reference point, px per frame of the video.
+    :param velocity_px: (2,), velocity of the reference point, px per frame of the video.
     """
 
     frame: int
@@ -91,8 +91,8 @@ class TargetEnd:
     """
     How a target ended.
 
-    :param id: its number.
-    :param first_frame: the frame it was marked in.
+    :param id: number of the target.
+    :param first_frame: the frame in which it was marked.
     :param last_frame: the last frame with a box.
     :param frames: number of frames with a box.
     :param state: lost, left_view or stream_ended.
@@ -106,7 +106,7 @@ class TargetEnd:
 
 
 def corners(box_px: Array, angle_rad: float) -> Array:
-    """Return where a rotated box ends: (4, 2) px, from the upper left on, clockwise."""
+    """Return the four corners of a rotated box, (4, 2) px, clockwise from the upper left."""
     x, y, w, h = box_px
     half = np.array([[-w, -h], [w, -h], [w, h], [-w, h]]) / 2
     c, s = np.cos(angle_rad), np.sin(angle_rad)

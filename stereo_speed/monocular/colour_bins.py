@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Frames as numbers of colour bins, sampled in boxes by all targets."""
+"""Colour bins of a frame's pixels, sampled in the boxes of all targets."""
 from __future__ import annotations
 
 from typing import NamedTuple, Optional, Union
@@ -12,21 +12,21 @@ from .background_model import BackgroundModel
 from ..core.records import Array
 
 BINS = 16  # of each channel, as in the paper
-BACKGROUND = BINS ** 3  # the bin of pixels that look as the background does
-ALL_BINS = BACKGROUND + 1  # the number of bins with that of the background
-INITIAL_SAMPLES = (40, 60)  # across and down the initial box: it is sampled once, so finely
-_SHIFT = 4  # bits by which 256 levels become BINS
-_RING = (1.15, 1.3)  # sizes of the two frames around the box, as shares of it
-_RING_SAMPLES = 12  # along each side of each frame
+BACKGROUND = BINS ** 3  # the bin of pixels that look like the background
+ALL_BINS = BACKGROUND + 1  # number of bins, including the background's
+INITIAL_SAMPLES = (40, 60)  # across and down; fine, because the initial box is sampled once
+_SHIFT = 4  # bits to shift, from 256 levels to BINS
+_RING = (1.15, 1.3)  # sizes of two rectangles around the box, as shares of its size
+_RING_SAMPLES = 12  # samples along each side of each rectangle
 
 
 class Boxes(NamedTuple):
     """
     Boxes to sample.
 
-    :param centre_px: (N, 2).
-    :param size_px: (N, 2).
-    :param angle_rad: (N,), or None where all are upright.
+    :param centre_px: (N, 2), centres.
+    :param size_px: (N, 2), widths and heights.
+    :param angle_rad: (N,), angles, or None where all are upright.
     """
 
     centre_px: Array
@@ -65,7 +65,7 @@ class Grid(NamedTuple):
 
     @property
     def points(self) -> Points:
-        """Return all of them one by one."""
+        """Return the points of the grid as a list."""
         return Points(np.tile(self.x, len(self.y)), np.repeat(self.y, len(self.x)))
 
 
@@ -73,10 +73,9 @@ class Samples(NamedTuple):
     """
     The pixels at the points of boxes.
 
-    :param bins: (N, M) numbers of their colour bins.
-    :param outside: (N, M) whether they are outside the image; None where none is.
-    :param occluded: (N, M) whether they show a target that occludes what is behind; None where
-        none does.
+    :param bins: (N, M), indices of their colour bins.
+    :param outside: (N, M), whether they are outside the image; None where none is.
+    :param occluded: (N, M), whether they show an occluding target; None where none does.
     """
 
     bins: NDArray[np.uint16]
@@ -85,7 +84,7 @@ class Samples(NamedTuple):
 
     @property
     def unseen(self) -> Optional[NDArray[np.bool_]]:
-        """Which points are outside or occluded; None where none is."""
+        """Return which points are outside or occluded; None where none is."""
         if self.outside is None or self.occluded is None:
             return self.occluded if self.outside is None else self.outside
         return self.outside | self.occluded
@@ -93,13 +92,13 @@ class Samples(NamedTuple):
 
 class BinImage:
     """
-    A frame whose pixels are numbers of colour bins; sampled by all targets.
+    A frame as colour bins, sampled by all targets.
 
-    Bins are computed only where they are asked for.
+    Bins are computed only where they are needed.
 
     :param image: (H, W, 3) uint8, BGR.
-    :param background: its pixels belong to no target and have a bin of their own; None where all
-        pixels may belong to a target.
+    :param background: model of the background, whose pixels belong to no target and have their
+        own bin; None where all pixels may belong to a target.
     """
 
     def __init__(self, image: NDArray[np.uint8],
@@ -112,7 +111,7 @@ class BinImage:
 
     def occlude(self, box_px: Array) -> None:
         """
-        Let the foreground in an upright box occlude, from now on, what is behind it.
+        Mark the foreground in an upright box as occluding, for all later samples.
 
         :param box_px: (4,).
         """
@@ -123,13 +122,13 @@ class BinImage:
         self._occluders[top:bottom, left:right] = True
 
     def background_share(self, box: Boxes) -> float:
-        """Return the share of a single box that looks as the background does: 0 to 1."""
+        """Return the share of a single box that looks like the background, 0 to 1."""
         samples = self.sample(box, grid_points(*INITIAL_SAMPLES))
         inside = samples.bins if samples.outside is None else samples.bins[~samples.outside]
         return float(np.mean(inside == BACKGROUND)) if inside.size else 0.0
 
     def background_changed(self) -> None:
-        """Discard the bins, so that they are computed with the background as it is now."""
+        """Discard the bins, so that they are recomputed with the current background."""
         self._computed.clear()
 
     def sample(self, boxes: Boxes, at: Union[Grid, Points]) -> Samples:
@@ -154,17 +153,17 @@ class BinImage:
         occluded = None
         if self._occluders is not None:
             occluded = self._occluders.ravel()[index]
-            # where the background is seen nothing is in front of it
+            # where the background is visible, nothing occludes it
             occluded = occluded & (bins != BACKGROUND) if occluded.any() else None
         return Samples(bins, outside, occluded)
 
     def _compute(self, left: int, top: int, right: int, bottom: int) -> None:
-        """Compute the bins of a rectangle, if they are not there yet."""
+        """Compute the bins of a rectangle unless they are already computed."""
         for a, b, c, d in self._computed:
             if a <= left and b <= top and c >= right and d >= bottom:
                 return
         part = self.image[top:bottom, left:right]
-        # the upper four bits of each channel, beside one another
+        # concatenate the upper four bits of each channel
         bins = (part[..., 2] & 0xf0).astype(np.uint16) << 4
         bins |= part[..., 1] & 0xf0
         bins |= part[..., 0] >> _SHIFT
@@ -194,7 +193,7 @@ def _pixels(boxes: Boxes, at: Union[Grid, Points]
 
 
 def _nearest(offset_px: Array, centre_px: Array) -> NDArray[np.int32]:
-    """Return the numbers (N, M) of the pixels nearest to offsets from centres (N, 1)."""
+    """Return the indices (N, M) of the pixels nearest to offsets from centres (N, 1)."""
     return np.floor(offset_px + (centre_px + 0.5)).astype(np.int32)
 
 
@@ -204,7 +203,7 @@ def grid_points(across: int, down: int) -> Grid:
 
 
 def ring_points() -> Points:
-    """Return points around a box."""
+    """Return points on the rectangles around a box."""
     along = (np.arange(_RING_SAMPLES) + 0.5) / _RING_SAMPLES - 0.5
     x, y = [], []
     for size in _RING:

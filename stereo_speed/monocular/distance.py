@@ -1,11 +1,12 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-The distance field of a scene and the frame along its contours (2010, Section III, eq. 8-10).
+The distance field of a scene and the local frame along its contours (2010, Section III, eq. 8-10).
 
-Boundaries are the curves between regions of different kind. They are found to a fraction of a
-pixel: each region's mask is smoothed a little and its level one half traced through the grid, as
-the paper smooths its boundaries before use. The field is computed once; looking up is bilinear.
+Boundaries are the curves between regions of different kinds. They are located to a fraction of a
+pixel: the mask of each region is slightly smoothed and its level of one half is traced through the
+grid, as the paper smooths its boundaries before use. The field is computed once and looked up by
+bilinear interpolation.
 """
 from __future__ import annotations
 
@@ -19,10 +20,10 @@ from ..core.records import Array
 Labels = NDArray[np.uint8]
 PATHWAY, ACCESSIBLE, INACCESSIBLE = 255, 128, 0  # grey levels of a map
 KINDS = (PATHWAY, ACCESSIBLE, INACCESSIBLE)
-_SMOOTHING_PX = 2.0  # of the masks; takes the pixel steps out of a boundary
-_NEAR_PX = 8.0  # nearer than this, the boundary is taken as lines between its points
-_NEIGHBOURS = 5  # points of the boundary that are tried as ends of such a line
-_JOINED_PX2 = 2.5  # points farther apart, squared, are on different curves
+_SMOOTHING_PX = 2.0  # smoothing of the masks, which removes the pixel steps of a boundary
+_NEAR_PX = 8.0  # nearer than this, the boundary is interpolated linearly between its points
+_NEIGHBOURS = 5  # boundary points that are tried as ends of such a line
+_JOINED_PX2 = 2.5  # squared distance above which points belong to different curves
 _GRADIENT_PX = 1.5  # smoothing of the field before its gradient is taken
 _Layers = NDArray[np.float32]
 
@@ -31,7 +32,7 @@ class DistanceField:
     """
     Signed distance to the region boundaries, and contour tangent and normal, at any point.
 
-    Coordinates are pixels, (x, y), the centre of the top-left pixel at (0, 0). Pathways have
+    Coordinates are pixels (x, y), with the centre of the top-left pixel at (0, 0). Pathways have
     negative, other accessible regions positive and inaccessible regions infinite distance (eq.
     10). A map without boundaries is allowed: its distance is the image's diagonal everywhere.
 
@@ -44,20 +45,20 @@ class DistanceField:
         self.boundary_px = boundary_points(self.labels)
         self.unsigned_px = _unsigned(self.height, self.width, self.boundary_px)
         sign = np.where(labels == PATHWAY, -1.0, 1.0)
-        # finite everywhere, so that it can be interpolated; infinity is added by the look-up
+        # finite everywhere for interpolation; the look-up adds infinity
         self.signed_px = (sign * self.unsigned_px).astype(np.float32)
         along_y, along_x = _gradient(_smoothed(self.signed_px))
         slope_y, slope_x = _gradient(self.signed_px)
-        # opposite gradients, as beside a ridge, agree once their angles are doubled
+        # doubling the angles makes opposite gradients, as on both sides of a ridge, agree
         steep = np.maximum(_smoothed(slope_x ** 2 + slope_y ** 2), 1e-6)
         doubled = [_smoothed(slope_x ** 2 - slope_y ** 2) / steep,
                    _smoothed(2.0 * slope_x * slope_y) / steep]
         self._doubled = np.stack(doubled, axis=-1).astype(np.float32)
-        # side by side, so that one look-up serves all three
+        # stacked, so that one look-up returns all three
         self._layers = np.stack([self.signed_px, along_x, along_y], axis=-1)
 
     def accessible(self, xy_px: Array) -> NDArray[np.bool_]:
-        """Return which points (..., 2) are not in an inaccessible region; outside the image all."""  # noqa: E501
+        """Return which points (..., 2) are accessible; points outside the image count as such."""
         column = np.rint(xy_px[..., 0]).astype(np.intp)
         row = np.rint(xy_px[..., 1]).astype(np.intp)
         within = (column >= 0) & (row >= 0) & (column < self.width) & (row < self.height)
@@ -68,13 +69,13 @@ class DistanceField:
         """
         Return the weighted distance d (eq. 10) at points.
 
-        :param xy_px: (..., 2); beyond the image the nearest pixel of its edge counts.
+        :param xy_px: (..., 2), points; outside the image the nearest edge pixel is used.
         :return: (...), px; infinite in inaccessible regions.
         """
         return np.where(self.accessible(xy_px), self.level(xy_px), np.inf)
 
     def level(self, xy_px: Array) -> Array:
-        """Return the distance as :meth:`distance` does, but finite in inaccessible regions."""
+        """Return the distance like :meth:`distance`, but finite in inaccessible regions."""
         return self._sample(self.signed_px[..., None], xy_px)[..., 0]
 
     def level_and_gradient(self, xy_px: Array) -> tuple[Array, Array]:
@@ -82,7 +83,7 @@ class DistanceField:
         Return the level and its gradient, which is the contour's normal, at points.
 
         The gradient's length is 1 except near ridges of the field, where two boundaries are
-        equally near: there the contour has no tangent and the length falls towards 0.
+        equally near: there the contour has no tangent and the length approaches 0.
 
         :param xy_px: (..., 2).
         :return: (...) px, and (..., 2) along x and y.
@@ -92,11 +93,11 @@ class DistanceField:
 
     def orientation(self, xy_px: Array) -> Array:
         """
-        Return the contours' orientation, which ridges between parallel boundaries have too.
+        Return the contours' orientation, also defined on ridges between parallel boundaries.
 
         :param xy_px: (..., 2).
-        :return: (..., 2) along x and y: the normal with its angle doubled, of length 1 where all
-            contours about a point are parallel and towards 0 where they are not.
+        :return: (..., 2) along x and y: the normal with its angle doubled; its length is 1 where
+            the contours around a point are parallel and approaches 0 where they are not.
         """
         return self._sample(self._doubled, xy_px)
 
@@ -114,7 +115,7 @@ class DistanceField:
 
 
 def _smoothed(field: _Layers) -> _Layers:
-    """Take the pixels' steps out of a field (H, W)."""
+    """Smooth the pixel steps of a field (H, W)."""
     return np.asarray(cv2.GaussianBlur(field, (0, 0), _GRADIENT_PX,
                                        borderType=cv2.BORDER_REPLICATE), dtype=np.float32)
 
@@ -168,7 +169,7 @@ def _unsigned(height: int, width: int, boundary_px: Array) -> Array:
     about = cv2.distanceTransform(off_boundary, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     best = np.empty((height, width))
     tree = cKDTree(boundary_px)
-    far = about >= _NEAR_PX  # there the points are dense enough by themselves
+    far = about >= _NEAR_PX  # there the boundary points are dense enough
     best[far] = np.asarray(tree.query(_pixels(far))[0])
     best[~far] = _near_distance(tree, _pixels(~far), boundary_px)
     return best

@@ -1,9 +1,9 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-The adaptive dynamics (2010, Section IV.B, eq. 15-19): motion that keeps to the contours.
+The adaptive dynamics (2010, Section IV.B, eq. 15-19): motion that follows the contours.
 
-Everything here is deterministic: it gives the mean of eq. 19, to which a filter adds its noise.
+Everything here is deterministic: it gives the mean of eq. 19, to which the filter adds noise.
 """
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ import numpy as np
 from .distance import DistanceField
 from ..core.records import Array
 
-_ITERATIONS = 3  # of Newton's method for the crossing of circle and contour
-_LARGEST_STEP_RAD = 0.3  # of an iteration, so that it stays near the crossing ahead
-_LEAST_SLOPE = 0.2  # of the distance along the circle; where it is flatter no step is taken
-_CERTAIN = 0.9  # length of the gradient from which the contour counts fully
-_UNCERTAIN = 0.5  # length of the gradient below which the contour does not count
-_AHEAD = 0.8  # cosine of the change of heading from which the contour is followed fully
-_ASIDE = 0.5  # cosine of the change of heading below which it is not followed
+_ITERATIONS = 3  # Newton iterations for the intersection of circle and contour
+_LARGEST_STEP_RAD = 0.3  # largest Newton step, so that it stays near the intersection ahead
+_LEAST_SLOPE = 0.2  # least slope of the distance along the circle for which a step is taken
+_CERTAIN = 0.9  # gradient length above which the contour has full weight
+_UNCERTAIN = 0.5  # gradient length below which the contour has no weight
+_AHEAD = 0.8  # cosine of the heading change above which the contour is followed fully
+_ASIDE = 0.5  # cosine of the heading change below which the contour is not followed
 
 
 def certainty(gradient: Array) -> Array:
     """
-    Return how well the contour is known: 0 on a ridge of the field, 1 away from it.
+    Return how well the contour is defined: 0 on a ridge of the field, 1 away from it.
 
-    :param gradient: (N, 2) of the field, or its orientation.
+    :param gradient: (N, 2), gradient of the field, or its orientation.
     """
     length = np.hypot(gradient[:, 0], gradient[:, 1])
     return np.asarray(np.clip((length - _UNCERTAIN) / (_CERTAIN - _UNCERTAIN), 0.0, 1.0))
@@ -34,13 +34,13 @@ def certainty(gradient: Array) -> Array:
 def contour_velocity(field: DistanceField, point_px: Array, velocity_px: Array,
                      distance_rate_px: Array, frames: float) -> Array:
     """
-    Return the velocity that keeps its length and meets the contour expected (eq. 15-16).
+    Return the velocity of the same magnitude that reaches the expected contour (eq. 15-16).
 
-    The contour is that of ``d + d_rate * frames``; of the two points of the circle that are on
-    it, the one ahead is taken. The velocity stays more and more as it was where the field is too
-    curved for it, where there is no contour (ridges), and where the heading would change sharply.
+    The contour is that of ``d + d_rate * frames``; of its two intersections with the circle, the
+    one ahead is taken. The result blends back to the given velocity where the field is too curved,
+    where there is no contour (ridges), and where the heading would change sharply.
 
-    :param point_px: (N, 2).
+    :param point_px: (N, 2), points.
     :param velocity_px: (N, 2), px per frame.
     :param distance_rate_px: (N,), px per frame.
     :param frames: time to the next frame used, frames of the video.
@@ -50,7 +50,7 @@ def contour_velocity(field: DistanceField, point_px: Array, velocity_px: Array,
     radius = np.maximum(speed * frames, 1e-9)
     level, gradient = field.level_and_gradient(point_px)
     wanted = level + distance_rate_px * frames
-    # first guess: exact where the contours are straight and parallel
+    # initial guess: exact where the contours are straight and parallel
     side = np.sign(gradient[:, 0] * velocity_px[:, 1] - gradient[:, 1] * velocity_px[:, 0])
     across = np.arccos(np.clip(distance_rate_px * frames / radius, -1.0, 1.0))
     bearing = np.arctan2(gradient[:, 1], gradient[:, 0]) + np.where(side < 0, -across, across)
@@ -74,12 +74,12 @@ def contour_velocity(field: DistanceField, point_px: Array, velocity_px: Array,
 
 def contour_rotation(field: DistanceField, from_px: Array, to_px: Array) -> Array:
     """
-    Return the angle by which the contour's tangent rotates from points to points (eq. 17-18).
+    Return the rotation of the contour's tangent between points (eq. 17-18).
 
     :param from_px: (N, 2).
     :param to_px: (N, 2).
-    :return: (N,) rad, in [-pi/2, pi/2]: a tangent has no direction; less where contours about
-        the point are not parallel.
+    :return: (N,) rad, in [-pi/2, pi/2], because a tangent has no direction; reduced where the
+        contours around the point are not parallel.
     """
     before, after = field.orientation(from_px), field.orientation(to_px)
     doubled = np.arctan2(after[:, 1], after[:, 0]) - np.arctan2(before[:, 1], before[:, 0])

@@ -1,9 +1,10 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-How particles move: along the environment (2010, Section IV), or freely (GPF).
+Motion models of the particles: along the environment (2010, Section IV), or free (GPF).
 
-Both models draw the next states of particles; the likelihood and all else are the same for both.
+Both models draw the next states of particles; the likelihood and the rest of the filter are the
+same.
 """
 from __future__ import annotations
 
@@ -22,20 +23,20 @@ from .perspective import perspective_growth
 from .prior import accept_reject, Index, log_acceptance
 from ..core.records import Array
 
-_SMALLEST_PX = 3.0  # side of a box; a smaller one has too few pixels to compare
-_LARGEST_PX = 1e5  # side of a box, and distance of its reference point from the image's corner
-_FARTHEST_HORIZON_PX = 1e7  # above the image; farther ones make no difference to the sizes
-_MOST_LOG_GROWTH = 20.0  # of a size between frames, so that its exponential is finite
-_STANDING = 0.3  # a target slower than this share of the first velocity's spread stands
-_SPIN_SHARE = 0.2  # of the angle's noise in its rate; the rest is scatter of the angle itself
-_LEAST_CERTAINTY = 0.2  # of the contour; bounds the width of the prior on ridges
+_SMALLEST_PX = 3.0  # least side of a box; a smaller one has too few pixels to compare
+_LARGEST_PX = 1e5  # largest side of a box, and largest coordinate of its reference point
+_FARTHEST_HORIZON_PX = 1e7  # above the image; a farther horizon does not change the sizes
+_MOST_LOG_GROWTH = 20.0  # of the log size between frames, so that its exponential is finite
+_STANDING = 0.3  # a target slower than this share of the initial velocity's spread stands
+_SPIN_SHARE = 0.2  # share of the angle noise that enters its rate; the rest enters the angle
+_LEAST_CERTAINTY = 0.2  # least certainty of the contour; bounds the prior's width on ridges
 
 
 class ParticleMotion(Protocol):
-    """How particles move from one frame used to the next."""
+    """Motion of particles from one used frame to the next."""
 
     def start(self, particles: Particles) -> Particles:
-        """Complete the first particles of a target."""
+        """Complete the initial particles of a target."""
 
     def move(self, particles: Particles, frames: float,
              rng: np.random.Generator) -> tuple[Particles, Array]:
@@ -43,13 +44,13 @@ class ParticleMotion(Protocol):
         Draw the next states.
 
         :param frames: time to the next frame used, frames of the video.
-        :return: the particles, and the logarithm (N,) of the weight each brings along.
+        :return: the particles, and the logarithms (N,) of their importance weights.
         """
 
 
 class PlainMotion:
     """
-    Constant velocities of place, size and angle, and noise: the paper's baseline, GPF.
+    Constant rates of position, size and angle, with noise: the paper's baseline, GPF.
 
     :param upright: whether the box never rotates.
     """
@@ -82,10 +83,10 @@ class PlainMotion:
 
 class EnvironmentMotion:
     """
-    Motion along the contours, kept to likely distances; sizes as perspective demands.
+    Motion along the contours, kept at likely distances, with sizes from the perspective.
 
-    An upright object stands on the ground: its box never rotates and grows with the row of its
-    foot. Others rotate with the contour and keep their size.
+    An upright object stands on the ground: its box never rotates, and its size follows from the
+    row of its foot. Other objects rotate with the contour and keep their size.
 
     :param field: the environment.
     :param config: parameters.
@@ -98,7 +99,7 @@ class EnvironmentMotion:
         self.initial_foot_px = float(target.box_px[1] + target.box_px[3])
 
     def start(self, particles: Particles) -> Particles:
-        """Return the particles with the rates of the distance that go with their velocities."""
+        """Return the particles with the distance rates that follow from their velocities."""
         return replace(particles, distance_rate_px=self._rate(
             particles.point_px + particles.velocity_px, particles.velocity_px, 1.0))
 
@@ -131,10 +132,10 @@ class EnvironmentMotion:
 
     def _completed(self, old: Particles, velocity: Array, point: Array, frames: float,
                    rng: np.random.Generator) -> Particles:
-        """Draw the rest of the states, given their places and velocities."""
+        """Draw the remaining state variables, given positions and velocities."""
         c, count, root = self.config, len(old), np.sqrt(frames)
         rate = self._rate(point, velocity, frames)
-        # sizes vary about what the perspective says, and do not drift away
+        # sizes vary about the perspective values without drifting away
         keep = np.exp(-frames / c.spread_frames)
         spread = np.array([c.width_spread, c.height_spread]) * np.sqrt(1 - keep ** 2)
         deviation = keep * old.deviation + spread * rng.standard_normal((count, 2))
@@ -146,7 +147,7 @@ class EnvironmentMotion:
             velocity, rate = velocity * growth[:, None], rate * growth
             horizon = foot - (foot - horizon) * np.exp(
                 c.horizon_noise * root * rng.standard_normal(count))
-            # each above its own foot and that of the initial box
+            # above the particle's foot and that of the initial box
             horizon = np.clip(horizon, -_FARTHEST_HORIZON_PX,
                               np.minimum(self.initial_foot_px, foot) - _SMALLEST_PX)
             size = size * ((foot - horizon) / (self.initial_foot_px - horizon))[:, None]
@@ -158,7 +159,7 @@ class EnvironmentMotion:
                        distance_rate_px=rate, deviation=deviation)
 
     def _rate(self, point: Array, velocity: Array, frames: float) -> Array:
-        """Return the rate (N,) of the distance over the last step, without its scatter."""
+        """Return the rate (N,) of the distance over the last step, without position noise."""
         before = self.field.level(point - velocity * frames)
         return np.asarray((self.field.level(point) - before) / frames)
 
@@ -166,11 +167,11 @@ class EnvironmentMotion:
 def stop_and_start(particles: Particles, frames: float, config: MonocularConfig,
                    rng: np.random.Generator) -> tuple[Array, NDArray[np.bool_]]:
     """
-    Let some of the targets that move stop, and some of those that stand set off again.
+    Let some moving particles stop, and some standing ones start again.
 
-    The noise of eq. 19 covers neither; a new velocity is drawn as at the start of a target.
+    The noise of eq. 19 covers neither; a new velocity is drawn as for a new target.
 
-    :return: (N, 2) velocities, px per frame; (N,) which are new.
+    :return: velocities (N, 2), px per frame, and a mask (N,) of the changed ones.
     """
     count, scale = len(particles), particles.scale_px
     speed = np.hypot(particles.velocity_px[:, 0], particles.velocity_px[:, 1])
@@ -186,10 +187,10 @@ def scattered(particles: Particles, velocity_px: Array, frames: float,
               config: MonocularConfig, rng: np.random.Generator,
               index: Index) -> tuple[Array, Array]:
     """
-    Draw velocities and places around the ones expected (eq. 19).
+    Draw velocities and positions around the expected ones (eq. 19).
 
     :param velocity_px: (N, 2) expected velocities of all particles.
-    :param index: (n,) the particles to draw for.
+    :param index: (n,), the particles to draw for.
     :return: (n, 2) velocities and (n, 2) points.
     """
     noise = particles.scale_px[index, None, None] * np.sqrt(frames) * rng.standard_normal(

@@ -3,9 +3,9 @@
 """
 The state of a target as particles (2010, Section II.A and IV.B).
 
-The dynamics state y is the place, size and angle of the box and their rates; the environment state
-e = [d, d_rate] is the distance at the box's reference point, which the field gives, and its rate.
-An upright object touches the ground at the middle of its lower edge: that is its reference point.
+The dynamics state y is position, size and angle of the box and their rates; the environment state
+e = [d, d_rate] is the distance at the box's reference point, looked up in the field, and its rate.
+An upright object touches the ground at the middle of its lower edge, which is its reference point.
 The reference point of an oriented box is its centre (Section V.A).
 """
 from __future__ import annotations
@@ -25,15 +25,15 @@ class Particles:
     """
     N states.
 
-    :param point_px: (N, 2) reference point, px.
-    :param velocity_px: (N, 2) its velocity, px per frame.
-    :param size_px: (N, 2) width and height of the box, px.
-    :param size_rate: (N, 2) rate of the logarithm of the size, per frame.
-    :param angle_rad: (N,) angle of the box.
-    :param spin_rad: (N,) its rate, per frame.
-    :param distance_rate_px: (N,) rate of the distance d, px per frame.
-    :param horizon_px: (N,) row of the horizon, px.
-    :param deviation: (N, 2) logarithm of the size over that of the perspective.
+    :param point_px: (N, 2), reference point, px.
+    :param velocity_px: (N, 2), its velocity, px per frame.
+    :param size_px: (N, 2), width and height of the box, px.
+    :param size_rate: (N, 2), rate of the logarithm of the size, per frame.
+    :param angle_rad: (N,), angle of the box.
+    :param spin_rad: (N,), rate of the angle, per frame.
+    :param distance_rate_px: (N,), rate of the distance d, px per frame.
+    :param horizon_px: (N,), row of the horizon, px.
+    :param deviation: (N, 2), logarithm of the ratio of the size to the perspective size.
     """
 
     point_px: Array
@@ -51,15 +51,15 @@ class Particles:
 
     @property
     def scale_px(self) -> Array:
-        """Return the size (N,) that noise is a share of: square root of the box's area, px."""
+        """Return the scale (N,) of the noise: the square root of the box's area, px."""
         return np.asarray(np.sqrt(self.size_px[:, 0] * self.size_px[:, 1]))
 
     def take(self, index: NDArray[np.intp]) -> Particles:
-        """Return some of the particles, in the order and number of the indices."""
+        """Return the particles with the given indices."""
         return replace(self, **{f.name: getattr(self, f.name)[index] for f in fields(self)})
 
     def resampled(self, weights: Array, rng: np.random.Generator) -> Particles:
-        """Return as many particles, drawn systematically by their weights."""
+        """Return the same number of particles, resampled systematically by their weights."""
         return self.take(systematic(weights, len(self), rng))
 
 
@@ -73,7 +73,7 @@ def mean_box(particles: Particles, weights: Array, upright: bool) -> tuple[Array
     """
     Return the posterior mean as a box (eq. 14): (4,) px, and its angle.
 
-    Sizes are averaged in their logarithm and angles on the circle.
+    Sizes are averaged as logarithms, and angles on the circle.
     """
     x, y = weights @ particles.point_px
     w, h = np.exp(weights @ np.log(particles.size_px))
@@ -86,7 +86,7 @@ def mean_box(particles: Particles, weights: Array, upright: bool) -> tuple[Array
 def first_particles(target: Target, count: int, start_speed: float, horizon_px: Array,
                     rng: np.random.Generator) -> Particles:
     """
-    Spread the particles of a target as it is marked: its box is known, its velocity is not.
+    Draw the initial particles of a target, with known box and unknown velocity.
 
     :param start_speed: spread of the velocity, per axis, as a share of the size.
     :param horizon_px: (N,) rows of the horizon.

@@ -11,16 +11,16 @@ from numpy.typing import NDArray
 from ..core.records import Array
 
 Index = NDArray[np.intp]
-_LEAST_LOG = -745.0  # the least logarithm whose exponential is not 0
+_LEAST_LOG = -745.0  # smallest logarithm whose exponential is not 0
 
 
 def log_acceptance(distance_px: Array, expected_px: Array, std_px: Array) -> Array:
     """
-    Return the logarithm of the chance that a candidate is accepted (eq. 22).
+    Return the log probability that a candidate is accepted (eq. 22).
 
-    :param distance_px: (N,) d of the candidates; infinite is never accepted.
-    :param expected_px: (N,) d + d_rate of the states they come from.
-    :param std_px: (N,) sigma_e.
+    :param distance_px: (N,), d of the candidates; an infinite one is never accepted.
+    :param expected_px: (N,), d + d_rate of the states they come from.
+    :param std_px: (N,), sigma_e.
     """
     with np.errstate(invalid='ignore', over='ignore'):
         z = (distance_px - expected_px) / std_px
@@ -32,15 +32,15 @@ def accept_reject(propose: Callable[[Index], Array], log_chance: Callable[[Index
     """
     Draw one sample per index by accept-reject (Algorithm 1), all indices at once.
 
-    Rounds are bounded, as an index may have no acceptable candidate at all. In the last round the
-    candidate is kept untested and carries its chance as an importance weight, which gives the
-    same distribution.
+    The number of rounds is bounded, because an index may have no acceptable candidate. In the last
+    round the candidate is kept untested with its acceptance probability as importance weight,
+    which gives the same distribution.
 
     :param propose: draws candidates (n, D) for indices (n,) from the instrumental distribution.
-    :param log_chance: logarithm of the chance of acceptance of candidates, (n,).
+    :param log_chance: returns log acceptance probabilities (n,) of candidates.
     :param count: number of samples.
-    :param rounds: rounds at most.
-    :param rng: randomness.
+    :param rounds: maximum number of rounds.
+    :param rng: random generator.
     :return: samples (count, D) and the logarithms (count,) of their weights, 0 where accepted.
     """
     waiting = np.arange(count)
@@ -52,6 +52,6 @@ def accept_reject(propose: Callable[[Index], Array], log_chance: Callable[[Index
         if not len(waiting):
             return samples, log_weights
         samples[waiting] = propose(waiting)
-    # a test of these too would count the likely ones twice
+    # testing these as well would count the likely ones twice
     log_weights[waiting] = np.maximum(log_chance(waiting, samples[waiting]), _LEAST_LOG)
     return samples, log_weights

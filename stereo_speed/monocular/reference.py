@@ -3,7 +3,7 @@
 """
 Colour histograms of the parts of a box, and the reference they are compared with.
 
-Only the few colours that the reference has are counted; all others are one.
+Only the few colours in the reference are counted individually; all others share one bin.
 """
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ _LEAST_SHARE = 1e-3  # added to a colour's share of the box, so that rare colour
 @dataclass(frozen=True, eq=False)
 class Layout:
     """
-    Where a box is sampled, and the part of it that each point is in.
+    The sample points of a box, and the part of the box that each belongs to.
 
     :param at: the points (M,).
-    :param part: (M,) number of the part, from 0 at the top.
+    :param part: (M,), index of the part, from 0 at the top.
     :param parts: number of parts.
     """
 
@@ -42,7 +42,7 @@ class Layout:
 
     @classmethod
     def ring(cls) -> Layout:
-        """Return the surroundings of the box, which are one part."""
+        """Return points around the box, as one part."""
         points = ring_points()
         return cls(points, np.zeros(len(points.x), dtype=np.intp), 1)
 
@@ -56,11 +56,11 @@ class Layout:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Histograms:
     """
-    Histograms of what is seen of boxes, over the colours of a reference.
+    Histograms of the seen parts of boxes, over the colours of a reference.
 
-    :param shares: (N, parts, K) share of each colour, the first of which is all others.
-    :param seen: (N, parts) share of each part that is seen; None where all is.
-    :param visible: (N,) share of the points in the image.
+    :param shares: (N, parts, K), share of each colour; the first stands for all other colours.
+    :param seen: (N, parts), seen share of each part; None where all is seen.
+    :param visible: (N,), share of the points in the image.
     """
 
     shares: Array
@@ -72,12 +72,12 @@ class Reference:
     """
     The histograms of a target, and weights of their colours.
 
-    A colour counts less the more of it is in the surroundings of the initial box (Comaniciu,
-    Ramesh and Meer 2003).
+    A colour counts less the more it occurs around the initial box (Comaniciu, Ramesh and Meer
+    2003).
 
-    :param histogram: (parts, bins) of the initial box; rows sum to 1.
-    :param surroundings: (bins,) share of each colour around the initial box.
-    :param surround_weight: how far shared colours count less; 0 for not at all.
+    :param histogram: (parts, bins), histogram of the initial box; rows sum to 1.
+    :param surroundings: (bins,), share of each colour around the initial box.
+    :param surround_weight: how much shared colours are down-weighted; 0 for not at all.
     """
 
     def __init__(self, histogram: Array, surroundings: Array, surround_weight: float) -> None:
@@ -102,7 +102,7 @@ class Reference:
         seen = None
         if unseen is not None:
             seen = ~unseen @ layout.averaging
-            colours[unseen] = self._colours  # a column of their own, which is left out
+            colours[unseen] = self._colours  # an extra column, which is dropped
         columns = self._colours + 1
         first = np.arange(count, dtype=np.int32)[:, None] * (layout.parts * columns)
         index = colours + (first + layout.part * columns)
@@ -116,8 +116,8 @@ class Reference:
         """
         Return the weighted Bhattacharyya coefficient (N, parts) of each part, 0 to 1.
 
-        A box with more of the weightiest colours than the reference would be more than alike; it
-        counts as alike.
+        The result is capped at 1, which a box with more of the heaviest colours than the reference
+        would exceed.
         """
         alike = np.einsum('npb,pb->np', np.sqrt(found.shares), self._roots) / self._norms
         return np.asarray(np.minimum(alike, 1.0))
@@ -132,24 +132,25 @@ def box_histogram(samples: Samples, layout: Layout, least_free_share: float) -> 
     """
     Return the histogram (parts, bins) of a single box.
 
-    :param samples: of the box.
-    :param layout: where it was sampled.
+    :param samples: samples of the box.
+    :param layout: its sample points.
     :param least_free_share: see :class:`.MonocularConfig`, ``initial_free_share``.
     """
     index = (layout.part * ALL_BINS + samples.bins[0])[_showing_target(samples, least_free_share)]
     counts = np.bincount(index, minlength=layout.parts * ALL_BINS)
     counts = counts.reshape(layout.parts, ALL_BINS).astype(np.float64)
-    # a part that is wholly outside the image is taken to look like the rest
+    # a part that is completely outside the image is assumed to look like the rest
     counts[counts.sum(axis=1) == 0] = counts.sum(axis=0)
     return np.asarray(counts / np.maximum(counts.sum(axis=1, keepdims=True), 1.0))
 
 
 def _showing_target(samples: Samples, least_free_share: float) -> NDArray[np.bool_]:
     """
-    Return which points (M,) of an initial box show the target; there always are some.
+    Return which points (M,) of an initial box show the target; at least one does.
 
-    A box that others occlude almost wholly is sampled with them in it: a person marked it there,
-    so something of the target shows. One outside the image is sampled at the image's edge.
+    A box that is almost completely occluded by other targets is sampled including them: a person
+    marked it, so part of the target must be visible. A box outside the image is sampled at the
+    image's edge.
     """
     inside = np.ones(samples.bins.shape[1], dtype=bool)
     if samples.outside is not None and not samples.outside[0].all():

@@ -1,14 +1,14 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-The monocular tracker: frames in, the targets' boxes out (2010, Section IV).
+The monocular tracker: takes frames and returns the targets' boxes (2010, Section IV).
 
-A bootstrap filter per target (eq. 11-14): resample, move, weigh, average. A target that does not
-look like itself any more is occluded; its particles go on as they moved. One that stays occluded
-is lost, one that leaves the image has left: it ends and is never reacquired.
+Each target has a bootstrap filter (eq. 11-14): resample, predict, weight, average. A target that
+no longer looks like itself is occluded; its particles continue by the motion model. A target that
+stays occluded is lost, and one that leaves the image has left; it ends and is never reacquired.
 
 Targets are located from the nearest to the farthest, by the rows of their feet, and each occludes
-what is behind it. So two of them do not take the same pixels for themselves.
+those behind it. So two targets do not claim the same pixels.
 """
 from __future__ import annotations
 
@@ -39,12 +39,12 @@ class TargetFilter:
     The filter of one target.
 
     :param target: as marked.
-    :param frame: the frame it is marked in.
+    :param frame: the frame in which it is marked.
     :param field: the environment.
-    :param motion: how it moves.
-    :param particles: its first states.
+    :param motion: its motion model.
+    :param particles: its initial particles.
     :param config: parameters.
-    :param rng: randomness.
+    :param rng: random generator.
     """
 
     def __init__(self, target: Target, frame: BinImage, field: DistanceField,
@@ -65,17 +65,17 @@ class TargetFilter:
 
     def step(self, number: int, frame: BinImage) -> Optional[TargetEstimate]:
         """
-        Follow the target into a frame.
+        Track the target into a frame.
 
-        :param number: of the frame; only its distance from the last one counts.
-        :return: where it is; None when it has ended, see ``state``.
+        :param number: number of the frame; only the difference to the last one matters.
+        :return: its estimate; None when it has ended, see ``state``.
         """
         frames = float(number - self.last_frame)
         moved, log_weights = self.motion.move(
             self.particles.resampled(self.weights, self.rng), frames, self.rng)
         boxes = self._boxes(moved)
         found = self.appearance.log_likelihood(frame, boxes)
-        # a target that is not seen may look like anything: no box is less likely than that
+        # the likelihood of an unseen target is the lower bound for every box
         unseen = -self.config.lambda_b * (1.0 - self.appearance.unseen_similarity)
         visible = found.visible >= self.config.least_visible
         log_weights = log_weights + np.where(visible, np.maximum(found.log, unseen), unseen)
@@ -94,7 +94,7 @@ class TargetFilter:
         return self.estimate
 
     def expected_px(self, number: int) -> Array:
-        """Return the box (4,) that it has in a frame if it keeps its velocity, px."""
+        """Return the box (4,) predicted for a frame with constant velocity, px."""
         box = self.estimate.box_px.copy()
         box[:2] += self.estimate.velocity_px * (number - self.last_frame)
         return box
@@ -109,7 +109,7 @@ class TargetFilter:
         """
         Decide whether the target is tracked, occluded, lost or has left.
 
-        It is seen where its box looks more like it than the surroundings do, nearly as usual.
+        It is tracked where its box exceeds its surroundings in similarity nearly as much as usual.
 
         :param outside: weight of the particles outside the image.
         """
@@ -155,8 +155,8 @@ class _Due:
     """
     A target to be located in a frame.
 
-    :param target: as marked.
-    :param box_px: (4,) where it was last, px.
+    :param target: the target, as marked.
+    :param box_px: (4,), its last box, px.
     :param seen: whether it was seen there.
     """
 
@@ -168,9 +168,9 @@ class _Due:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Occluder:
     """
-    A target that occludes others in a frame in which it is not to be located itself.
+    A target that occludes others in a frame in which it is not due itself.
 
-    :param box_px: (4,) where it is expected, px.
+    :param box_px: (4,), its expected box, px.
     """
 
     box_px: Array
@@ -179,15 +179,15 @@ class _Occluder:
 
 class MonocularTracker:
     """
-    Follows all targets of a video; each from its initial box on, in every ``stride``-th frame.
+    Tracks all targets of a video, each from its initial box on, in every ``stride``-th frame.
 
     :param field: the environment.
-    :param targets: as marked.
+    :param targets: the targets, as marked.
     :param config: parameters.
     :param tracker: ``environment`` or ``plain``.
-    :param seed: of all randomness; each target has its own stream.
+    :param seed: seed of all random numbers; each target has its own stream.
     :param stride: use every stride-th frame.
-    :param more_later: targets may be marked while frames are processed already.
+    :param more_later: whether further targets may be marked while frames are processed.
     :raises InputError: no such tracker.
     """
 
@@ -207,14 +207,14 @@ class MonocularTracker:
 
     def process(self, number: int, image: NDArray[np.uint8]) -> list[TargetEstimate]:
         """
-        Follow the targets into a frame; frames come in order.
+        Track the targets into a frame; frames must come in order.
 
-        A frame left out makes the step to the next one longer. A target marked in it is never
-        followed.
+        Skipping a frame makes the step to the next one longer. A target marked in a skipped frame
+        is never tracked.
 
-        :param number: of the frame, from 1.
+        :param number: number of the frame, from 1.
         :param image: (H, W, 3) uint8, BGR.
-        :return: the targets seen or predicted in it; none when no target is due.
+        :return: estimates of the targets that are due, seen or predicted; may be empty.
         """
         due = [t for t in self.targets if t.frame <= number
                and (number - t.frame) % self.stride == 0
@@ -242,12 +242,13 @@ class MonocularTracker:
 
     def mark(self, target: Target, frames: Sequence[tuple[int, NDArray[np.uint8]]]) -> None:
         """
-        Follow a target that is marked only when later frames have been processed.
+        Start a target that is marked after later frames have been processed.
 
-        What hides it in those is not known any more, so nothing does.
+        Other targets do not occlude it in those frames, because their positions there are no
+        longer known.
 
-        :param target: with a number that no other target has.
-        :param frames: number and image of the frame of its mark, and of all since.
+        :param target: the target, with a number that no other target has.
+        :param frames: number and image of the marked frame and of all frames since.
         """
         self.targets.append(target)
         for number, image in frames:
@@ -256,7 +257,7 @@ class MonocularTracker:
                 self._locate(target, number, BinImage(image, self.background))
 
     def _locate(self, target: Target, number: int, frame: BinImage) -> Optional[TargetFilter]:
-        """Start a target or follow it into a frame; return its filter, None when it ended."""
+        """Start a target or track it into a frame; return its filter, None when it ended."""
         known = self.filters.get(target.id)
         if known is None:
             known = self.filters[target.id] = self._start(target, frame)
@@ -267,7 +268,7 @@ class MonocularTracker:
 
     def _nearest_first(self, due: Sequence[Target],
                        number: int) -> list[Union[_Due, _Occluder]]:
-        """Order the targets due and those that occlude them: seen ones first, then the nearest."""
+        """Order the due targets and their occluders: seen ones first, then by nearness."""
         order: list[Union[_Due, _Occluder]] = []
         for target in due:
             known = self.filters.get(target.id)
@@ -288,7 +289,8 @@ class MonocularTracker:
         """
         Learn the background, except where the targets are.
 
-        A target that stood still before it was marked is learnt too; see :meth:`_unlearn`.
+        A target that stood still before it was marked is learnt as background; see
+        :meth:`_unlearn`.
         """
         if self.background is not None:
             self.background.learn(image, [f.estimate for f in self.filters.values()])
@@ -299,7 +301,7 @@ class MonocularTracker:
         return ended
 
     def stop(self, number: int) -> None:
-        """Follow a target no further; one that is not followed is left as it is."""
+        """Stop tracking a target; does nothing if it is not tracked."""
         known = self.filters.pop(number, None)
         if known is not None:
             self._ended.append(known.end())
@@ -311,7 +313,7 @@ class MonocularTracker:
         return self.ended()
 
     def _start(self, target: Target, frame: BinImage) -> TargetFilter:
-        """Make the filter of a target in the frame it is marked in."""
+        """Make the filter of a target in the frame in which it is marked."""
         rng = np.random.default_rng([self.seed, target.id])
         c, upright = self.config, target.upright
         known = [t for t in self.targets if t.upright] if upright else [target]
@@ -324,10 +326,10 @@ class MonocularTracker:
 
     def _unlearn(self, target: Target, frame: BinImage) -> None:
         """
-        Forget the background in an initial box that hardly stands out from it.
+        Discard the background in an initial box that looks almost like it.
 
-        A target that stood there before was learnt as background. What is behind it is learnt
-        when it has gone, and the initial box is then sampled again.
+        A target that stood there before was learnt as background. The true background is learnt
+        when the target has gone, and the initial box is then sampled again.
         """
         box = Boxes.one(target.box_px, target.angle_rad, target.upright)
         if self.background is not None \

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Plots of the laboratory: trackers and settings side by side, and what they cost."""
+"""Plots of the laboratory: trackers and settings in comparison, and their run times."""
 from __future__ import annotations
 
 from dataclasses import dataclass, field
@@ -14,7 +14,7 @@ from .plots import COLOURS, new_figure, png_of, show_legend
 from ..core.records import Array
 from ..core.units import MPH_MPS
 
-Curve = Sequence[tuple[float, float]]  # what grows, and ms
+Curve = Sequence[tuple[float, float]]  # size of the problem, and time in ms
 
 _MARKS = 'osD^vPX*'
 
@@ -24,8 +24,8 @@ class Readings:
     """
     Live readings of one vehicle by one tracker.
 
-    :param times_s: (n,) since the first pair.
-    :param speeds_mps: (n,).
+    :param times_s: (n,), times since the first pair.
+    :param speeds_mps: (n,), speeds read.
     """
 
     times_s: Array
@@ -35,12 +35,12 @@ class Readings:
 @dataclass(frozen=True, kw_only=True)
 class ErrorCurve:
     """
-    Errors over what is varied.
+    Errors over a varied quantity.
 
-    :param name: of the curve.
-    :param values: what is varied.
+    :param name: name of the curve.
+    :param values: values of the varied quantity.
     :param errors_mph: the errors.
-    :param dashed: another's figures.
+    :param dashed: whether the figures are published by others; drawn dashed.
     """
 
     name: str
@@ -52,12 +52,12 @@ class ErrorCurve:
 @dataclass(frozen=True, kw_only=True)
 class SurvivalCurve:
     """
-    The targets that one tracker keeps.
+    Share of the targets that one tracker keeps.
 
-    :param name: with its number of particles.
-    :param strides: what is varied.
-    :param shares: share of the targets kept to the end, at each.
-    :param errors: their standard errors.
+    :param name: name of the tracker, with its number of particles.
+    :param strides: the varied strides.
+    :param shares: share of the targets kept to the end, at each stride.
+    :param errors: standard errors of the shares.
     """
 
     name: str
@@ -72,7 +72,7 @@ def speeds_figure(title: str, trackers: Mapping[str, Sequence[Readings]],
     Draw the speed over time by each tracker, and the truth.
 
     :param trackers: name to the readings of each vehicle.
-    :param truth: of each vehicle.
+    :param truth: true speeds of each vehicle.
     """
     figure, axes = new_figure(10.0, 5.4)
     for i, (name, vehicles) in enumerate(trackers.items()):
@@ -93,7 +93,7 @@ def speeds_figure(title: str, trackers: Mapping[str, Sequence[Readings]],
 
 def _limits(truth: Sequence[Readings],
             trackers: Mapping[str, Sequence[Readings]]) -> Optional[tuple[float, float]]:
-    """Fit the axis to the truth and most of what is read; what is far off leaves the picture."""
+    """Return axis limits that show the truth and most readings; outliers are cut off."""
     told = [one.speeds_mps for one in truth]
     read = [one.speeds_mps for vehicles in trackers.values() for one in vehicles]
     told, read = [v for v in told if len(v)], [v for v in read if len(v)]
@@ -107,9 +107,9 @@ def _limits(truth: Sequence[Readings],
 
 def errors_figure(title: str, what: str, curves: Sequence[ErrorCurve]) -> Figure:
     """
-    Draw errors over what is varied, on a logarithmic axis.
+    Draw errors over the varied quantity, on a logarithmic axis.
 
-    :param what: label of what is varied.
+    :param what: label of the varied quantity.
     """
     figure, axes = new_figure(9.0, 5.0)
     for i, curve in enumerate(curves):
@@ -123,7 +123,7 @@ def errors_figure(title: str, what: str, curves: Sequence[ErrorCurve]) -> Figure
 
 
 def draw_survival(path: Path, title: str, curves: Sequence[SurvivalCurve]) -> None:
-    """Write the plot."""
+    """Write the plot of the shares over the strides."""
     figure, axes = new_figure(8.0, 4.6)
     for i, curve in enumerate(curves):
         axes.errorbar(curve.strides, [100 * s for s in curve.shares],
@@ -139,11 +139,11 @@ def draw_survival(path: Path, title: str, curves: Sequence[SurvivalCurve]) -> No
 
 def growth_plot(path: Path, curves: Mapping[str, Curve], across: str) -> None:
     """
-    Write a plot of times.
+    Write a plot of times over the size of the problem.
 
-    :param path: of the image.
-    :param curves: by their names.
-    :param across: what grows, for the axis.
+    :param path: path of the image.
+    :param curves: curves by name.
+    :param across: label of the horizontal axis.
     """
     figure, axes = new_figure(6.5, 4.0)
     for colour, (name, points) in zip(COLOURS, curves.items()):

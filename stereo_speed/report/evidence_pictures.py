@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of one pass: the vehicle and its path marked in both views, a close-up, its speed."""
+"""Pictures of one pass: vehicle and path marked in both views, a close-up, and a speed plot."""
 from __future__ import annotations
 
 from typing import Any, Mapping, Sequence
@@ -20,9 +20,9 @@ from ..road.lanes import LanePath
 Image = NDArray[np.uint8]
 
 FRONT_COLOUR = COLOURS[0]
-_CLOSE_UP_SHARE = 0.6  # of the front's size, beyond it
+_CLOSE_UP_SHARE = 0.6  # margin of a close-up on each side, as a share of the front's size
 _CLOSE_UP_PX = 640  # least width of a close-up
-_QUALITY = 92  # of JPEG files, of 100
+_QUALITY = 92  # JPEG quality, up to 100
 
 
 def marked(views: tuple[Image, Image], fronts_px: tuple[Array, Array], path: LanePath,
@@ -31,8 +31,8 @@ def marked(views: tuple[Image, Image], fronts_px: tuple[Array, Array], path: Lan
     Return both views of a pair with a vehicle's front and its path drawn in.
 
     :param views: (H, W, 3) uint8, BGR, left and right.
-    :param fronts_px: (4, 2) corners of the front, left and right.
-    :param path: of the lane that it was measured along.
+    :param fronts_px: (4, 2), corners of the front, left and right.
+    :param path: path of the lane that the vehicle was measured along.
     :param rig: the cameras.
     :param caption: a line of text at the lower edge.
     """
@@ -61,10 +61,10 @@ def _marked(view: Image, front_px: Array, path_px: Array, valid: NDArray[np.bool
 
 def close_up(view: Image, front_px: Array) -> Image:
     """
-    Return the vehicle alone, enlarged where it is small.
+    Return a crop of the vehicle, enlarged where it is small.
 
     :param view: (H, W, 3) uint8, BGR.
-    :param front_px: (4, 2) corners of its front in it.
+    :param front_px: (4, 2), corners of its front in the view.
     """
     part = view[window(view, front_px, _CLOSE_UP_SHARE)]
     scale = max(_CLOSE_UP_PX / part.shape[1], 1.0)
@@ -74,11 +74,11 @@ def close_up(view: Image, front_px: Array) -> Image:
 
 def window(view: NDArray[Any], front_px: Array, beyond: float = 0.0) -> tuple[slice, slice]:
     """
-    Return the rows and columns of the part of an image about a front.
+    Return the rows and columns of the image region around a front.
 
     :param view: (H, W) or (H, W, 3).
-    :param front_px: (4, 2) corners of the front in it.
-    :param beyond: share of the front's size by which the part is larger, on each side.
+    :param front_px: (4, 2), corners of the front in the view.
+    :param beyond: margin on each side, as a share of the front's size.
     """
     low, high = front_px.min(axis=0), front_px.max(axis=0)
     reach = beyond * (high - low)
@@ -89,7 +89,7 @@ def window(view: NDArray[Any], front_px: Array, beyond: float = 0.0) -> tuple[sl
 
 
 def jpeg(image: Image, quality: int = _QUALITY) -> bytes:
-    """Return the bytes of a JPEG file of a picture for people."""
+    """Return a picture as the bytes of a JPEG file."""
     done, data = cv2.imencode('.jpg', image, (cv2.IMWRITE_JPEG_QUALITY, quality))
     if not done:
         raise InputError('picture', 'pixels', image.shape, 'what JPEG can hold')
@@ -101,10 +101,10 @@ def speed_plot(updates: Sequence[TrackUpdate], result: PassResult,
     """
     Return a PNG file of the speed over a pass.
 
-    :param updates: live ones of the pass.
-    :param result: its smoothed speeds, its final one and the second estimate.
-    :param lanes: for their limits.
-    :param unit: of the speeds.
+    :param updates: live updates of the pass.
+    :param result: the pass, with smoothed speeds, final speed and second estimate.
+    :param lanes: the lanes, for their speed limits.
+    :param unit: unit of the speeds.
     """
     from .plots import png_of, speed_figure  # matplotlib is slow to load
     return png_of(speed_figure(updates, [result], lanes, unit=unit))

@@ -17,7 +17,7 @@ from ..vision.grey import to_eight_bits
 
 Image = NDArray[np.uint8]
 
-# BGR, told apart also by the colour-blind (Okabe and Ito)
+# BGR, distinguishable with colour blindness (Okabe and Ito)
 COLOURS = ((0, 159, 230), (233, 180, 86), (115, 158, 0), (66, 228, 240), (167, 121, 204),
            (0, 94, 213))
 PATH_COLOUR = (178, 114, 0)
@@ -37,10 +37,10 @@ def draw(pair: StereoPair, updates: Sequence[TrackUpdate], lanes: Mapping[str, L
     Draw paths, fronts and speeds over one image of a pair.
 
     :param pair: the pair.
-    :param updates: what the pipeline said of it.
+    :param updates: updates of the tracks by this pair.
     :param lanes: the lanes' paths.
     :param rig: the cameras.
-    :param right: over the right image, instead of the left one.
+    :param right: whether to draw over the right image instead of the left one.
     :return: (H, W, 3) uint8, BGR.
     """
     grey = to_eight_bits(pair.right if right else pair.left)
@@ -96,7 +96,7 @@ def _draw_path(image: Image, lane: LanePath, rig: StereoRig, unit: float, right:
 
 
 def path_points(lane: LanePath) -> Array:
-    """Return the points (n, 3) of a lane's path that it is drawn through."""
+    """Return the points (n, 3), m, through which a lane's path is drawn."""
     count = max(int(np.ceil(lane.path.length_m / _STEP_M)) + 1, 2)
     return lane.path.position(np.linspace(0.0, lane.path.length_m, count))
 
@@ -108,7 +108,7 @@ def visible_runs(uv: Array, valid: NDArray[np.bool_]) -> list[Array]:
 
 
 def fixed_point(uv: Array) -> NDArray[np.int32]:
-    """Turn pixels (n, 2) into OpenCV's fixed point, kept within what it can hold."""
+    """Convert pixels (n, 2) to OpenCV's fixed-point numbers, clipped to their range."""
     fixed: NDArray[np.int32] = np.clip(
         np.round(uv * 2.0 ** SHIFT), -2.0 ** 24, 2.0 ** 24).astype(np.int32)
     return fixed

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A report as one HTML file that needs nothing else: pictures are in it, nothing is loaded."""
+"""A report as one self-contained HTML file with embedded pictures."""
 from __future__ import annotations
 
 import base64
@@ -33,7 +33,7 @@ class Picture:
 
     @property
     def uri(self) -> str:
-        """Return it as a data URI."""
+        """Return the picture as a data URI."""
         return f'data:image/{self.kind};base64,{base64.b64encode(self.data).decode()}'
 
     @classmethod
@@ -49,11 +49,11 @@ class Section:
 
     :param heading: its title.
     :param text: its paragraphs.
-    :param columns: heads of its table; none for no table.
+    :param columns: column headings of its table; empty for no table.
     :param rows: cells of the table.
-    :param large: whether they are set in large type.
-    :param pictures: shown below.
-    :param details: text that is shown when it is asked for.
+    :param large: whether the cells are set in large type.
+    :param pictures: pictures below the table.
+    :param details: text that the reader can unfold.
     """
 
     heading: str
@@ -66,7 +66,7 @@ class Section:
 
 
 def page_html(title: str, sections: Sequence[Section]) -> str:
-    """Return a report as the text of an HTML file; whatever stands in it is escaped."""
+    """Return a report as the text of an HTML file, with all texts escaped."""
     environment = Environment(loader=FileSystemLoader(_TEMPLATES), autoescape=True,
                               undefined=StrictUndefined, trim_blocks=True)
     return environment.get_template('page.html').render(title=title, sections=sections)

@@ -1,7 +1,7 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Plots of a run: speed over time with its 1-sigma band, and the vehicles' places on the road.
+Plots of a run: speed over time with its 1-sigma band, and the vehicles' positions on the road.
 
 The same run gives the same bytes: fixed size and resolution, no pyplot state, no metadata.
 """
@@ -24,7 +24,7 @@ from ..road.lanes import LanePath
 # Vehicle name to rows of (stamp in ns, speed in m/s).
 Truth = Mapping[str, Sequence[tuple[int, float]]]
 
-# Told apart also by the colour-blind (Okabe and Ito); the same tracks as on the overlay
+# Distinguishable with colour blindness (Okabe and Ito); each track has its overlay's colour.
 COLOURS = ('#e69f00', '#56b4e9', '#009e73', '#f0e442', '#cc79a7', '#d55e00')
 _DPI = 110
 _LEGEND = 40  # entries; more would leave no room for the axes
@@ -39,10 +39,10 @@ def write_plots(out_dir: Union[str, Path], updates: Sequence[TrackUpdate],
 
     :param out_dir: an existing folder.
     :param updates: the live updates.
-    :param passes: the passes, for the smoothed speeds and the final ones.
-    :param lanes: the lanes, for paths and limits.
-    :param truth: true speeds, where they are known.
-    :param unit: of the speeds shown.
+    :param passes: the passes, for their smoothed and final speeds.
+    :param lanes: the lanes, for paths and speed limits.
+    :param truth: true speeds; None where they are unknown.
+    :param unit: unit of the speeds shown.
     :return: the files written.
     """
     figures = {'speed.png': speed_figure(updates, passes, lanes, truth, unit),
@@ -68,7 +68,7 @@ def colour_of(track: int) -> str:
 def speed_figure(updates: Sequence[TrackUpdate], passes: Sequence[PassResult],
                  lanes: Mapping[str, LanePath], truth: Optional[Truth] = None,
                  unit: SpeedUnit = SpeedUnit()) -> Figure:
-    """Draw speed over time: live, smoothed, limits, and the truth where it is given."""
+    """Draw live and smoothed speeds over time, the limits, and the truth where given."""
     figure, axes = new_figure(10.0, 5.4)
     stamps = [u.stamp_ns for u in updates]
     stamps += [stamp for rows in (truth or {}).values() for stamp, _ in rows]
@@ -97,7 +97,7 @@ def speed_figure(updates: Sequence[TrackUpdate], passes: Sequence[PassResult],
 
 
 def road_figure(updates: Sequence[TrackUpdate], lanes: Mapping[str, LanePath]) -> Figure:
-    """Draw the road from above, forward to the right: the lanes' paths, and each place."""
+    """Draw the road from above, forward to the right: lane paths and vehicle positions."""
     figure, axes = new_figure(11.0, 4.2)
     for name, lane in sorted(lanes.items()):
         _draw_lane(axes, name, lane)
@@ -122,7 +122,7 @@ def road_figure(updates: Sequence[TrackUpdate], lanes: Mapping[str, LanePath]) -
 
 
 def new_figure(width_in: float, height_in: float) -> tuple[Figure, Axes]:
-    """Make a figure with one pair of axes in the style of all plots."""
+    """Make a figure with one set of axes, in the style of all plots."""
     figure = Figure(figsize=(width_in, height_in), layout='constrained')
     axes = figure.add_subplot()
     axes.grid(color='#e3e6ea', lw=0.8)
@@ -138,7 +138,7 @@ def show_legend(figure: Figure, axes: Axes, columns: int = 4) -> None:
         if len(labels) > _LEGEND:
             handles, labels = handles[:_LEGEND], labels[:_LEGEND]
             labels[-1] += ', and so on'
-        # Below the axes, where it hides nothing; the layout leaves room for legends of axes.
+        # Below the axes it hides nothing; the constrained layout makes room for it.
         axes.legend(handles, labels, loc='upper center', bbox_to_anchor=(0.5, -0.14),
                     ncols=columns, frameon=False, fontsize=9)
 
@@ -189,7 +189,7 @@ def _draw_smoothed(axes: Axes, result: PassResult, origin_ns: int, unit: SpeedUn
 
 
 def _draw_second(axes: Axes, result: PassResult, origin_ns: int, unit: SpeedUnit) -> None:
-    """Draw the independent estimate over the pass as a line with a bar in its middle."""
+    """Draw the second estimate as a line over the pass with an error bar in the middle."""
     second = result.second
     if second is None or second.speed_mps is None:
         return
@@ -205,7 +205,7 @@ def _draw_second(axes: Axes, result: PassResult, origin_ns: int, unit: SpeedUnit
 
 def _fit_speeds(axes: Axes, updates: Sequence[TrackUpdate], passes: Sequence[PassResult],
                 truth: Optional[Truth], unit: SpeedUnit) -> None:
-    """Fit the axis to what is measured; wide first bars must not press the rest flat."""
+    """Fit the axis to the confirmed speeds; wide first error bars must not flatten the rest."""
     sure = [u for u in updates if u.state is TrackState.CONFIRMED] or list(updates)
     values = [v for u in sure for v in (u.speed_mps - u.speed_std_mps,
                                         u.speed_mps + u.speed_std_mps)]
@@ -219,7 +219,7 @@ def _fit_speeds(axes: Axes, updates: Sequence[TrackUpdate], passes: Sequence[Pas
 
 def _draw_limits(axes: Axes, lanes: Mapping[str, LanePath], used: set[str],
                  unit: SpeedUnit) -> None:
-    """Draw the limits of the lanes that were driven on; the axis stretches to a near one."""
+    """Draw the speed limits of the used lanes; the axis is extended to a limit nearby."""
     for name in sorted(used & set(lanes)):
         limit = lanes[name].speed_limit_mps
         if limit is None:
@@ -233,7 +233,7 @@ def _draw_limits(axes: Axes, lanes: Mapping[str, LanePath], used: set[str],
 
 
 def _draw_lane(axes: Axes, name: str, lane: LanePath) -> None:
-    """Draw a lane's path with an arrow along travel and its name."""
+    """Draw a lane's path with its name and an arrow in the direction of travel."""
     points = lane.path.position(np.linspace(0.0, lane.path.length_m, 200))
     axes.plot(points[:, 2], points[:, 0], color='#b9c0c9', lw=5, solid_capstyle='round',
               zorder=1)

@@ -19,23 +19,23 @@ from ..core.units import SpeedUnit
 from ..road.lanes import LanePath
 from ..survey.traffic import Vehicle
 
-MOST_PROFILES = 60  # plots of single vehicles; more would make a file that no browser likes
+MOST_PROFILES = 60  # plots of single vehicles; more would make the file too large for a browser
 _JPEG_QUALITY = 88
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunFacts:
     """
-    What a report of a run is made of.
+    The content of a report of a run.
 
-    :param name: of what was measured.
-    :param updates: of its tracks.
-    :param passes: its passes.
+    :param name: name of the bag.
+    :param updates: updates of the run's tracks.
+    :param passes: passes of the run.
     :param lanes: lane name to lane path.
-    :param site: the lanes' paths over an image; None where there is none.
+    :param site: the lanes' paths drawn over an image; None where there is none.
     :param frames: annotated images of the run.
     :param summary: content of ``summary.json``.
-    :param warnings: what a reader should know, a line each.
+    :param warnings: warnings to the reader, a line each.
     """
 
     name: str
@@ -103,7 +103,7 @@ def _profiles(facts: RunFacts, passes: Sequence[PassResult], unit: SpeedUnit) ->
 
 
 def _site(facts: RunFacts) -> Section:
-    """Return the site's paths over an image, the places from above, and some images."""
+    """Return the lane paths over an image, the positions from above, and some images."""
     pictures = [Picture(caption, jpeg(image, _JPEG_QUALITY), 'jpeg') for caption, image in (
         ('Paths of the lanes, over the left image', facts.site),
         ('Some pairs of the run', facts.frames)) if image is not None]

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Reports of many passes: of the traffic, and of a verification against a reference."""
+"""Reports on many passes: traffic statistics, and verification against a reference."""
 from __future__ import annotations
 
 from typing import Optional, Sequence
@@ -19,13 +19,13 @@ _MOST_BINS = 60
 
 
 def traffic_columns(unit: SpeedUnit) -> list[str]:
-    """Return the heads of the table of a traffic report."""
+    """Return the column headings of a traffic report's table."""
     return ['', 'passes', 'measured', f'mean, {unit.name}', 'sd', 'median', '85th percentile',
             f'pace, {unit.name}', 'in the pace', 'greatest', 'over the limit']
 
 
 def traffic_rows(groups: Sequence[TrafficGroup], unit: SpeedUnit) -> list[list[str]]:
-    """Return a row of a traffic report for each group."""
+    """Return the table rows of a traffic report, one for each group."""
     rows = []
     for one in groups:
         f = one.figures
@@ -56,7 +56,7 @@ def traffic_page(groups: Sequence[TrafficGroup], vehicles: Sequence[Vehicle], un
 
 
 def histogram(vehicles: Sequence[Vehicle], unit: SpeedUnit) -> Figure:
-    """Draw how many vehicles drove how fast, by lane."""
+    """Draw a histogram of the speeds by lane."""
     figure, axes = new_figure(9.0, 4.2)
     lanes = sorted({v.lane for v in vehicles})
     speeds = [[v.speed_mps / unit.mps for v in vehicles
@@ -73,7 +73,7 @@ def histogram(vehicles: Sequence[Vehicle], unit: SpeedUnit) -> Figure:
 
 
 def hours(groups: Sequence[TrafficGroup], unit: SpeedUnit) -> Figure:
-    """Draw mean and 85th percentile by hour of the day, and how many vehicles there were."""
+    """Draw mean, 85th percentile and number of vehicles by hour of the day."""
     figure, axes = new_figure(9.0, 4.2)
     some = [g for g in groups if g.by == 'hour' and g.figures.mean_mps is not None]
     at = [int(g.group) for g in some]
@@ -121,7 +121,7 @@ def verification_page(found: Verification, unit: SpeedUnit) -> str:
 
 
 def error_figure(found: Verification, unit: SpeedUnit) -> Figure:
-    """Draw the errors over the speeds, between the limits of error."""
+    """Draw the errors over the speeds, with the limits of error."""
     figure, axes = new_figure(9.0, 4.2)
     some = [m for m in found.matches if m.counts]
     speeds = np.array([m.reference.speed_mps for m in some])

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Annotated frames of the monocular tracker, and the map laid over a frame."""
+"""Annotated frames of the monocular tracker, and the map drawn over a frame."""
 from __future__ import annotations
 
 from typing import Iterable, Optional
@@ -22,10 +22,10 @@ _FONT = cv2.FONT_HERSHEY_SIMPLEX
 def draw_targets(image: Image, estimates: Iterable[TargetEstimate],
                  labels: Optional[NDArray[np.uint8]] = None) -> Image:
     """
-    Return a frame with boxes and numbers drawn over it; predicted boxes are thin.
+    Return a frame with boxes and numbers of the targets; predicted boxes are thin.
 
-    :param image: (H, W, 3) uint8, BGR; is left as it is.
-    :param estimates: the targets in it.
+    :param image: (H, W, 3) uint8, BGR; it is not changed.
+    :param estimates: the targets in the frame.
     :param labels: the map, to draw its boundaries; None draws none.
     """
     drawn = image.copy()
@@ -48,9 +48,9 @@ def draw_targets(image: Image, estimates: Iterable[TargetEstimate],
 def draw_field(field: DistanceField, image: Optional[Image] = None,
                step_px: float = 20.0) -> Image:
     """
-    Return a drawing of a map: regions tinted, boundaries, and contours of the distance.
+    Return a drawing of a map: tinted regions, boundaries, and contours of the distance.
 
-    :param image: (H, W, 3) frame to lay it over; None for grey.
+    :param image: (H, W, 3), frame to draw over; None for a grey one.
     :param step_px: distance between the contours.
     """
     if image is None:

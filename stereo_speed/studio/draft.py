@@ -1,10 +1,10 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-A site as it is being drawn: like a site file, but allowed to be unfinished.
+A site while it is being drawn: like a site file, but possibly unfinished.
 
-Lines and lanes have numbers that stay when they are renamed. A lane may run against the order in
-which its lines were clicked; the file then has those lines in the order of travel.
+Lines and lanes have numbers that do not change when they are renamed. A lane may run against the
+order in which its lines were clicked; the site file then has those lines in the order of travel.
 """
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from ..site.file import PickedLine, Site, SurveyedLine
 from ..site.write import speed_text
 
 VIEWS = ('left', 'right')
-BACK = '_back'  # ends the name of a line that lanes of both directions share, once reversed
-CORNERS = 4  # of a front
-ENDS = 2  # of a length between two points
-LEAST_POINTS = 2  # of a line in each view
-FILE_DIGITS = 4  # of a pixel, as a site file has them
+BACK = '_back'  # suffix of the reversed copy of a line that lanes of both directions share
+CORNERS = 4  # corners of a front
+ENDS = 2  # end points of a length between two points
+LEAST_POINTS = 2  # least number of points of a line in each view
+FILE_DIGITS = 4  # decimals of pixels in a site file
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Point:
 
     :param u: px to the right.
     :param v: px down.
-    :param std_px: 1-sigma across the line where the image told it; None for a click.
+    :param std_px: 1-sigma across the line, if found in the image; None for a click.
     """
 
     u: float
@@ -44,7 +44,7 @@ class Point:
 
 
 class InTwoViews:
-    """What has points in both raw views."""
+    """An item with points in both raw views."""
 
     left: tuple[Point, ...]
     right: tuple[Point, ...]
@@ -58,7 +58,7 @@ Drawn = TypeVar('Drawn', 'DraftLine', 'DraftLength', 'DraftFront')
 
 
 def with_view(thing: Drawn, name: str, points: Iterable[Point]) -> Drawn:
-    """Return what is drawn with other points in one view."""
+    """Return an item with other points in one view."""
     points = tuple(points)
     return replace(thing, left=points) if name == 'left' else replace(thing, right=points)
 
@@ -68,12 +68,12 @@ class DraftLine(InTwoViews):
     """
     A line.
 
-    :param number: its number.
-    :param name: of the line.
-    :param left: points in the left view, in one order.
+    :param number: number of the line.
+    :param name: name of the line.
+    :param left: points in the left view, in order.
     :param right: points in the right view, in the same direction.
-    :param points_m: of a surveyed line, (x, y, z) each.
-    :param std_m: of a surveyed line.
+    :param points_m: points (x, y, z) of a surveyed line, m.
+    :param std_m: 1-sigma of a surveyed line's points, m.
     """
 
     number: int
@@ -85,7 +85,7 @@ class DraftLine(InTwoViews):
 
     @property
     def complete(self) -> bool:
-        """Return whether it has enough points to be a line."""
+        """Return whether the line has enough points."""
         return bool(self.points_m) or min(len(self.left), len(self.right)) >= LEAST_POINTS
 
 
@@ -94,14 +94,14 @@ class DraftLane:
     """
     A lane.
 
-    :param number: its number.
-    :param name: of the lane.
+    :param number: number of the lane.
+    :param name: name of the lane.
     :param right: number of the line on the driver's right.
     :param left: number of the line on the driver's left.
-    :param path: number of the line that is its path, in their place.
-    :param speed_limit: as a person writes it.
-    :param backward: travel runs against the order of the lines' points.
-    :param class_limits: other limits, of some classes of vehicles, as the file has them.
+    :param path: number of the line that is its path, instead of right and left lines.
+    :param speed_limit: speed limit as text, with its unit.
+    :param backward: whether travel runs against the order of the lines' points.
+    :param class_limits: limits for classes of vehicles, as in the file.
     """
 
     number: int
@@ -115,26 +115,26 @@ class DraftLane:
 
     @property
     def lines(self) -> tuple[int, ...]:
-        """Numbers of its lines."""
+        """Return the numbers of its lines."""
         return tuple(n for n in (self.path, self.right, self.left) if n is not None)
 
     @property
     def complete(self) -> bool:
-        """Return whether it has its path, or both its lines."""
+        """Return whether the lane has its path, or both its lines."""
         return self.path is not None or (self.right is not None and self.left is not None)
 
 
 @dataclass(frozen=True)
 class DraftLength(InTwoViews):
     """
-    A length that somebody knows.
+    A known length.
 
-    :param number: its number.
-    :param name: of the length.
-    :param length_m: what is known.
-    :param std_m: its 1-sigma.
+    :param number: number of the length.
+    :param name: name of the length.
+    :param length_m: the length, m.
+    :param std_m: its 1-sigma, m.
     :param kind: ``between`` two lines, of ``dashes`` of a line, or of two ``points``.
-    :param lines: numbers of the lines it is between, or of the dashed line.
+    :param lines: numbers of the two lines, or of the dashed line.
     :param left: its two points in the left view.
     :param right: the same two points in the right view.
     :param pick_std_px: 1-sigma of the points.
@@ -152,7 +152,7 @@ class DraftLength(InTwoViews):
 
     @property
     def complete(self) -> bool:
-        """Return whether all is there that it needs."""
+        """Return whether the length has all points or lines that its kind needs."""
         if self.kind == 'points':
             return len(self.left) == len(self.right) == ENDS
         return len(self.lines) == (2 if self.kind == 'between' else 1)
@@ -161,13 +161,13 @@ class DraftLength(InTwoViews):
 @dataclass(frozen=True)
 class DraftFront(InTwoViews):
     """
-    A vehicle's front that is being marked.
+    A front of a vehicle that is being annotated.
 
-    :param number: its number.
+    :param number: number of the front.
     :param frame: index of the pair.
     :param left: corners in the left view, clockwise from the image's top-left corner.
     :param right: corners in the right view.
-    :param of: number of the vehicle's first mark, where this one is a later one, for truth.
+    :param of: number of the vehicle's first mark, if this is a further one, for truth.
     """
 
     number: int
@@ -178,25 +178,25 @@ class DraftFront(InTwoViews):
 
     @property
     def complete(self) -> bool:
-        """Return whether all corners are there."""
+        """Return whether all corners are set."""
         return len(self.left) == len(self.right) == CORNERS
 
 
 @dataclass(frozen=True)
 class Draft:
     """
-    What is being drawn.
+    The state of a drawing.
 
-    :param name: of the site.
-    :param lines: in the order they were made.
-    :param lanes: in the order of the file.
+    :param name: name of the site.
+    :param lines: lines, in the order of their creation.
+    :param lanes: lanes, in the order of the file.
     :param lengths: known lengths.
-    :param fronts: vehicles that are marked.
-    :param correction: pan, tilt and roll of the right camera in rad, then the covariance's nine
-        numbers; None where nobody looked.
-    :param tolerances: of the rig, as the file has them.
-    :param calibrated: day of the rig's calibration, as the file has it; None where it has none.
-    :param next_id: number of what is made next.
+    :param fronts: annotated fronts.
+    :param correction: pan, tilt and roll of the right camera, rad, then the nine elements of their
+        covariance; None where the rig was not checked.
+    :param tolerances: tolerances of the rig, as in the file.
+    :param calibrated: date of the rig's calibration, as in the file; None where it has none.
+    :param next_id: number for the next new item.
     """
 
     name: str = 'site'
@@ -210,33 +210,33 @@ class Draft:
     next_id: int = 1
 
     def line_named(self, name: str) -> Optional[DraftLine]:
-        """Return the line of that name in a file, in either order; None without one."""
+        """Return the line with a name of the file, in either direction; None without one."""
         named = {line.name: line for line in self.lines}
         return named.get(name) or named.get(name.removesuffix(BACK))
 
     @property
     def rig_correction(self) -> Optional[RigCorrection]:
-        """Return the extrinsic drift as a site has it."""
+        """Return the extrinsic drift in the form of a site."""
         if self.correction is None:
             return None
         return RigCorrection(np.array(self.correction[:3]),
                              np.array(self.correction[3:]).reshape(3, 3))
 
     def rig_now(self, rig: StereoRig) -> StereoRig:
-        """Return the rig as the draft has it stand, given as it was calibrated."""
+        """Return the calibrated rig with the draft's extrinsic drift applied."""
         known = self.rig_correction
         return rig if known is None else rig.drifted(known.drift_rad)
 
 
 def as_numbers(correction: Optional[RigCorrection]) -> Optional[tuple[float, ...]]:
-    """Return an extrinsic drift as a draft keeps it."""
+    """Return an extrinsic drift in the form of a draft."""
     if correction is None:
         return None
     return (*correction.drift_rad.tolist(), *correction.covariance_rad2.ravel().tolist())
 
 
 def points_of(uv_px: Array, std_px: Optional[Array] = None) -> tuple[Point, ...]:
-    """Return points (n, 2), with their 1-sigmas (n,) where they are known."""
+    """Return :class:`Point` items of pixels (n, 2), with their 1-sigmas (n,) where known."""
     stds = [None] * len(uv_px) if std_px is None else std_px.tolist()
     return tuple(Point(u, v, std) for (u, v), std in zip(uv_px.tolist(), stds))
 
@@ -286,7 +286,7 @@ def draft_of(site: Site) -> Draft:
 
 
 def fronts_of(fronts: Iterable[InitialFront], first_id: int) -> tuple[DraftFront, ...]:
-    """Return marked fronts as a draft has them, numbered from ``first_id``."""
+    """Return annotated fronts in the form of a draft, numbered from ``first_id``."""
     return tuple(DraftFront(number, front.frame, points_of(front.left_px),
                             points_of(front.right_px))
                  for number, front in enumerate(fronts, first_id))
@@ -294,7 +294,7 @@ def fronts_of(fronts: Iterable[InitialFront], first_id: int) -> tuple[DraftFront
 
 class Names:
     """
-    Names of a draft's lines as a file has them, in the order of travel of its lanes.
+    Names of a draft's lines in a site file, where lines follow the direction of travel.
 
     :param draft: the draft.
     """
@@ -307,19 +307,19 @@ class Names:
         self._turned = back - ahead
 
     def of(self, number: int, backward: bool) -> str:
-        """Return the name of a line for a lane of one direction."""
+        """Return the name of a line for a lane of the given direction."""
         name = self._lines[number].name
         return name + BACK if backward and number in self._both else name
 
     def entries(self, line: DraftLine) -> list[tuple[str, bool]]:
-        """Return the names under which a line is written, and whether reversed."""
+        """Return the names under which a line is written, each with whether it is reversed."""
         if line.number in self._both:
             return [(line.name, False), (line.name + BACK, True)]
         return [(line.name, line.number in self._turned)]
 
 
 def line_data(line: DraftLine, reverse: bool = False) -> dict[str, Any]:
-    """Return a line as a site file has it."""
+    """Return a line in the form of a site file."""
     way = slice(None, None, -1 if reverse else 1)
     if line.points_m:
         out: dict[str, Any] = {'points_m': [list(p) for p in line.points_m][way]}
@@ -336,9 +336,9 @@ def line_data(line: DraftLine, reverse: bool = False) -> dict[str, Any]:
 
 def site_data(draft: Draft) -> dict[str, Any]:
     """
-    Return what is complete of a draft as a site file has it.
+    Return the complete parts of a draft in the form of a site file.
 
-    Its lanes are those of which all lines are complete; what a file must have may be missing.
+    Lanes are included if all their lines are complete; mandatory parts may be missing.
     """
     names = Names(draft)
     whole = [line for line in draft.lines if line.complete]
@@ -367,7 +367,7 @@ def site_data(draft: Draft) -> dict[str, Any]:
 
 
 def length_data(known: DraftLength, names: Names) -> dict[str, Any]:
-    """Return a known length as a site file has it."""
+    """Return a known length in the form of a site file."""
     out: dict[str, Any] = {'name': known.name, 'length_m': known.length_m, 'std_m': known.std_m}
     if known.kind == 'between':
         out['between'] = [names.of(n, False) for n in known.lines]
@@ -382,7 +382,7 @@ def length_data(known: DraftLength, names: Names) -> dict[str, Any]:
 
 
 def init_data(draft: Draft) -> dict[str, Any]:
-    """Return the marked fronts that are complete as an init file has them."""
+    """Return the complete annotated fronts in the form of an init file."""
     def corners(points: tuple[Point, ...]) -> list[list[float]]:
         return [[round(p.u, 2), round(p.v, 2)] for p in points]
     return {'stereo_speed_init': 1, 'vehicles': [
@@ -393,10 +393,10 @@ def init_data(draft: Draft) -> dict[str, Any]:
 
 def with_refined(draft: Draft, site: Site) -> Draft:
     """
-    Return a draft with the points of a refined site in place of those that were clicked.
+    Return a draft whose clicked points are replaced by those of the refined site.
 
-    :param draft: what was refined.
-    :param site: what came of it.
+    :param draft: the draft that was refined.
+    :param site: the refined site.
     """
     names, lines = Names(draft), []
     for line in draft.lines:

@@ -1,9 +1,9 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Changes of a draft, each a small step that a page asks for by name.
+Changes of a draft, as small steps that a page requests by name.
 
-Steps name what they change by its number, so that those of two pages that draw at once join.
+A step refers to items by their numbers, so that steps from two pages that draw at once combine.
 """
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from ..core.errors import InputError
 from ..core.records import Array
 from ..core.strict_yaml import StrictMapping
 
-WHERE = 'page'  # that a fault comes from, in messages
+WHERE = 'page'  # source of a fault, in messages
 MOST_POINTS, MOST_THINGS, MOST_TEXT = 2000, 200, 80
 KINDS = ('between', 'dashes', 'points')
 MOST_LENGTH_M = 1000.0
@@ -31,32 +31,32 @@ Thing = TypeVar('Thing', DraftLine, DraftLane, DraftLength, DraftFront)
 
 
 class Snapper(Protocol):
-    """Moves a point onto the marking that it is near."""
+    """Moves a point onto a marking nearby."""
 
     def __call__(self, view: str, at_px: Array, way: Optional[Array]) -> Optional[Point]:
-        """Return the point moved; None where there is no marking."""
+        """Return the moved point; None where there is no marking."""
 
 
 class Step(StrictMapping):
     """
-    One step as it came from a page.
+    One step as received from a page.
 
     :param data: its fields.
-    :param known: their names.
+    :param known: allowed names of fields.
     """
 
     def __init__(self, data: object, known: Iterable[str]) -> None:
         super().__init__(WHERE, '', data, tuple(known))
 
     def line_text(self, key: str) -> str:
-        """Return a name: one line, not too long."""
+        """Return a text as one line; refuse one that is too long or not printable."""
         text = ' '.join(self.text(key).split())
         if len(text) > MOST_TEXT or not text.isprintable():
             raise self.error(key, repr(text[:MOST_TEXT]), f'at most {MOST_TEXT} printed letters')
         return text
 
     def pixel(self, key: str = 'at') -> Array:
-        """Return the raw pixel, (2,), that a step names."""
+        """Return the raw pixel, (2,), in a field."""
         value = self.data.get(key)
         if not isinstance(value, list) or len(value) != 2:
             raise self.error(key, repr(value), 'a pixel [u, v]')
@@ -65,14 +65,14 @@ class Step(StrictMapping):
         return np.array([inner.number(axis, -_LARGEST_PX, _LARGEST_PX, 'px') for axis in at])
 
     def flag(self, key: str) -> bool:
-        """Return whether something is asked for; not, where nothing is said."""
+        """Return a boolean field; False where it is missing."""
         value = self.data.get(key, False)
         if not isinstance(value, bool):
             raise self.error(key, repr(value), 'true or false')
         return value
 
     def line_or_none(self, key: str, draft: Draft) -> Optional[int]:
-        """Return the number of a line there is, or None."""
+        """Return the number of an existing line; None where the field is empty."""
         value = self.data.get(key)
         if value is None:
             return None
@@ -80,7 +80,7 @@ class Step(StrictMapping):
 
 
 def found(things: Iterable[Thing], number: int, what: str) -> Thing:
-    """Return the thing of a number."""
+    """Return the item with a number."""
     for thing in things:
         if thing.number == number:
             return thing
@@ -88,16 +88,16 @@ def found(things: Iterable[Thing], number: int, what: str) -> Thing:
 
 
 def replaced(things: tuple[Thing, ...], thing: Thing) -> tuple[Thing, ...]:
-    """Return things with one of them changed."""
+    """Return items with one of them replaced."""
     return tuple(thing if other.number == thing.number else other for other in things)
 
 
 def place_for(points: tuple[Point, ...], at: Array) -> int:
     """
-    Return where in a line a new point belongs: between two of its points, or at an end.
+    Return the index at which a new point belongs: between two points, or at an end.
 
-    :param points: of the line, in order.
-    :param at: (2,) the new point.
+    :param points: points of the line, in order.
+    :param at: (2,), the new point.
     """
     uv = pixels_of(points)
     if len(uv) < 2:
@@ -125,11 +125,11 @@ def apply(draft: Draft, name: str, data: object, snapper: Snapper) -> Draft:
     """
     Return a draft after one step.
 
-    :param draft: before.
-    :param name: of the step, one of :data:`STEPS`.
+    :param draft: the draft before the step.
+    :param name: name of the step, one of :data:`STEPS`.
     :param data: its fields.
-    :param snapper: for points that are to snap.
-    :raises InputError: a step that cannot be taken.
+    :param snapper: snaps points, where the step asks for it.
+    :raises InputError: the step is not possible.
     """
     if name not in STEPS:
         raise InputError(WHERE, 'step', repr(name), 'one of ' + ', '.join(STEPS))
@@ -141,7 +141,7 @@ def apply(draft: Draft, name: str, data: object, snapper: Snapper) -> Draft:
 
 
 def _free_name(names: Iterable[str], stem: str) -> str:
-    """Return a name of this stem that is not taken."""
+    """Return an unused name with a stem."""
     taken = set(names)
     return next(f'{stem}_{n}' for n in range(len(taken) + 1) if f'{stem}_{n}' not in taken)
 
@@ -192,7 +192,7 @@ def _turn_line(draft: Draft, step: Step, _: Snapper) -> Draft:
 
 
 def _drawn(draft: Draft, step: Step) -> tuple[DraftLine, str]:
-    """Return the line and the view of a step at one of its points."""
+    """Return the line and the view of a step that changes a point."""
     line = found(draft.lines, step.integer('line'), 'line')
     if line.points_m:
         raise InputError(WHERE, 'line', f'{line.name}, which is surveyed', 'a line that is drawn')
@@ -206,7 +206,7 @@ def _redrawn(draft: Draft, line: DraftLine, view: str, points: Iterable[Point]) 
 
 def _placed(points: tuple[Point, ...], index: int, step: Step, view: str, snapper: Snapper
             ) -> tuple[Point, ...]:
-    """Return points of which one has been moved to where the step says, snapped if asked."""
+    """Return points with one moved to the step's pixel, snapped if requested."""
     at = step.pixel()
     moved = Point(*at.tolist())
     points = (*points[:index], moved, *points[index + 1:])
@@ -331,7 +331,7 @@ def _length_point(draft: Draft, step: Step, _: Snapper) -> Draft:
 
 
 def _with_one_of(thing: Drawn, most: int, step: Step) -> Drawn:
-    """Return what has ``most`` points a view with one more, or with the nearest one moved."""
+    """Add a point to an item of up to ``most`` points per view, else move the nearest one."""
     view, at = step.choice('view', VIEWS), Point(*step.pixel().tolist())
     points: tuple[Point, ...] = thing.view(view)
     points = (*points, at) if len(points) < most else _nearest_moved(points, at)
@@ -339,7 +339,7 @@ def _with_one_of(thing: Drawn, most: int, step: Step) -> Drawn:
 
 
 def _nearest_moved(points: tuple[Point, ...], at: Point) -> tuple[Point, ...]:
-    """Return points of which the nearest has been moved to a place."""
+    """Return points with the nearest one moved to a position."""
     gap = np.linalg.norm(pixels_of(points) - [at.u, at.v], axis=1)
     nearest = int(np.argmin(gap))
     return (*points[:nearest], at, *points[nearest + 1:])
@@ -382,7 +382,7 @@ def _rename_site(draft: Draft, step: Step, _: Snapper) -> Draft:
 
 
 def _set_calibrated(draft: Draft, step: Step, _: Snapper) -> Draft:
-    """Set the day of the rig's calibration; an empty one takes it away."""
+    """Set the date of the rig's calibration; an empty one removes it."""
     if step.data.get('day') == '':
         return replace(draft, calibrated=None)
     text = step.line_text('day')
@@ -419,15 +419,15 @@ STEPS: Mapping[str, tuple[tuple[str, ...], Taken]] = {
 
 
 def no_snap(view: str, at_px: Array, way: Optional[Array]) -> Optional[Point]:
-    """Move no point: there is no image to snap to."""
+    """Return None: without an image there is nothing to snap to."""
     return None
 
 
 def fields_of(step: Mapping[str, Any]) -> tuple[str, str, dict[str, Any]]:
     """
-    Take a step apart as a page sends it: its own identity, its name and its fields.
+    Return identity, name and fields of a step as received from a page.
 
-    :raises InputError: not a step.
+    :raises InputError: it is no step.
     """
     outer = StrictMapping(WHERE, 'step', step, ('id', 'name', 'fields'))
     inner = step.get('fields', {})

@@ -1,10 +1,10 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Records of violations under review: their figures, their files, and whether they are sound.
+Records of violations under review: their figures, their files, and their verification.
 
-Nothing in a record is believed: its files are found by their place in its own list, below its own
-folder only, and what was changed is told beside what it says.
+A record's content is not trusted: its files are looked up by their index in its own list, only
+below its own folder, and its faults are shown beside its content.
 """
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from ..enforcement.schema import schema_fault
 from ..enforcement.verify import CHAIN_FILE, HEAD_FILE, RECORD_FILE, SEAL_FILE, verify
 
 COLUMNS = ('number', 'first_ns', 'lane', 'speed_mps', 'speed_std_mps', 'limit_mps', 'measured',
-           'considered', 'limit', 'unit')  # of a row, beside the record's name
-MOST_BYTES = 64 * 2**20  # of a record's JSON
-_TYPES = {'.jpg': 'image/jpeg', '.png': 'image/png'}  # what a page shows; the rest is handed out
+           'considered', 'limit', 'unit')  # columns of a row, beside the record's name
+MOST_BYTES = 64 * 2**20  # largest accepted JSON of a record
+_TYPES = {'.jpg': 'image/jpeg', '.png': 'image/png'}  # shown on a page; others are downloads
 
 
 @dataclass(frozen=True)
@@ -29,9 +29,9 @@ class RecordFile:
     """
     A file of a record.
 
-    :param path: where it is.
+    :param path: path of the file.
     :param media_type: its MIME type.
-    :param shown: whether a page may show it; it is handed out otherwise.
+    :param shown: whether a page may show it; otherwise it is a download.
     """
 
     path: Path
@@ -43,28 +43,28 @@ class EvidenceRun(Run):
     """
     A folder of records, or one record.
 
-    :param folder: of all records with their chain, or of one.
-    :param name: shown to people.
+    :param folder: folder of all records with their chain, or of one record.
+    :param name: name shown to users.
     """
 
     def __init__(self, folder: Path, name: str) -> None:
         super().__init__(name, 'evidence')
         self.folder = folder
-        self._names: list[str] = []  # of records, in the order they were first seen
+        self._names: list[str] = []  # names of records, in the order they were first seen
         self._read: dict[str, tuple[tuple[int, int], Optional[dict[str, Any]]]] = {}
 
     @staticmethod
     def is_one(folder: Path) -> bool:
-        """Return whether a folder holds records, or is one."""
+        """Return whether a folder contains records, or is one."""
         names = (CHAIN_FILE, HEAD_FILE, RECORD_FILE, SEAL_FILE)
         return any((folder / name).is_file() for name in names)
 
     def overview(self) -> dict[str, Any]:
-        """Return what a list of runs shows."""
+        """Return the entry for the list of runs."""
         return {**super().overview(), 'passes': len(self._found()), 'measured': None}
 
     def rows(self) -> list[Row]:
-        """Return a row for each record; of one that cannot be read its name alone."""
+        """Return a row for each record; an unreadable one has only its name."""
         return [_row(key, name, self._record(name)) for key, name in enumerate(self._found())]
 
     def opened(self, key: int) -> Optional[Opened]:
@@ -82,7 +82,7 @@ class EvidenceRun(Run):
         return [] if record is None else sorted(record['files'])
 
     def file(self, key: int, index: int) -> Optional[RecordFile]:
-        """Return a file by its place in the list; None for what is none, or lies elsewhere."""
+        """Return a file by its index in the list; None if missing or outside the folder."""
         names = self.files(key)
         if index >= len(names):
             return None
@@ -95,10 +95,10 @@ class EvidenceRun(Run):
 
     def verified(self) -> dict[str, Any]:
         """
-        Look whether everything is as it was written; takes time, for all files are read.
+        Verify all records; slow, because all files are read.
 
-        :return: ``faults`` and ``notes``, lines; ``records``, how many; ``keys`` that signed; and
-            under ``of`` the faults that name a record, by its key.
+        :return: ``faults`` and ``notes``, lines; ``records``, their number; ``keys`` of the
+            signers; and ``of``, the faults of each record by its key.
         """
         found = verify(self.folder)
         names = {name: key for key, name in enumerate(self._found())}
@@ -108,7 +108,7 @@ class EvidenceRun(Run):
                         line for line in found.faults if _is_about(line, name)])}}
 
     def _found(self) -> list[str]:
-        """Return the names of the records that have been there, the new ones last."""
+        """Return the names of all records seen so far, new ones last."""
         if (self.folder / RECORD_FILE).is_file():
             return self._names or self._add([self.folder.resolve().name])
         there = sorted(path.name for path in self.folder.iterdir()
@@ -124,7 +124,7 @@ class EvidenceRun(Run):
         return self.folder if (self.folder / RECORD_FILE).is_file() else self.folder / name
 
     def _record(self, name: str) -> Optional[dict[str, Any]]:
-        """Return what a record says; None where it cannot be read, or is none."""
+        """Return the content of a record; None where it is unreadable or invalid."""
         path = self._place(name) / RECORD_FILE
         try:
             stat = path.stat()
@@ -139,7 +139,7 @@ class EvidenceRun(Run):
 
 
 def _parsed(path: Path) -> Optional[dict[str, Any]]:
-    """Return what a record says; None for what is none."""
+    """Return the content of a record; None where it is unreadable or invalid."""
     try:
         record = json.loads(path.read_bytes().decode('utf-8'))
     except (OSError, ValueError, RecursionError):
@@ -148,7 +148,7 @@ def _parsed(path: Path) -> Optional[dict[str, Any]]:
 
 
 def _is_about(line: str, name: str) -> bool:
-    """Return whether a line names a record."""
+    """Return whether a line mentions a record."""
     return re.search(rf'(?<![\w-]){re.escape(name)}(?![\w-])', line) is not None
 
 
@@ -170,7 +170,7 @@ def _profile(record: dict[str, Any]) -> list[Row]:
 
 
 def _more(record: dict[str, Any]) -> Row:
-    """Return what a reader asks of a record first."""
+    """Return the main figures of a record, beyond those of its row."""
     speed, place, instrument = record['speed'], record['place'], record['instrument']
     out: Row = {f'std_{key}': value for key, value in (speed['std_parts_mps'] or {}).items()}
     second = speed['second'] or {}

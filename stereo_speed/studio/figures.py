@@ -1,9 +1,9 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-What a draft is worth: the road that its lines make, and what is wrong with them.
+Assess a draft: fit the road of its lines, and report its accuracy and its faults.
 
-A line that spoils the road is told and left out, so that the others still show theirs.
+A line that prevents a fit is reported and left out, so that the others can be shown.
 """
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ from ..site.refine.report import ANGLES, report
 from ..site.refine.speed_effect import lane_speed_std
 
 WHERE = 'site'
-_CURVE_PLACES = 60  # of a drawn line
-_PATH_PLACES = 40
-_GOOD_PX, _DOUBTFUL_PX = 0.6, 1.5  # residual of clicks beyond which a point is pointed at
-_LEAST_GOOD = 6  # points of a line in a view, of which a line should have more
-_LANE_M = 2.2, 5.5  # widths that are usual
-_MOST_FAULTS = 40  # that are told one after the other
+_CURVE_PLACES = 60  # points of a drawn line
+_PATH_PLACES = 40  # points of a drawn path
+_GOOD_PX, _DOUBTFUL_PX = 0.6, 1.5  # residuals above which a line, and a point, is reported
+_LEAST_GOOD = 6  # a line with fewer points in a view is reported
+_LANE_M = 2.2, 5.5  # usual widths of a lane
+_MOST_FAULTS = 40  # number of faults that are reported
 _FAULT = re.compile(r'(lines|lanes|known_lengths)(?:\.([^.\[]+)|\[(\d+)\])?'
                     r'(?:\.(left|right)_image(?:\[(\d+)\])?)?')
 
@@ -44,14 +44,14 @@ _FAULT = re.compile(r'(lines|lanes|known_lengths)(?:\.([^.\[]+)|\[(\d+)\])?'
 @dataclass(frozen=True)
 class Note:
     """
-    Something a person should know.
+    A message to the user.
 
     :param level: ``error``, ``warning`` or ``todo``.
-    :param text: in words.
-    :param line: number of the line it is about.
-    :param lane: number of the lane it is about.
-    :param view: ``left`` or ``right``, where it is about one view.
-    :param index: of the point it is about.
+    :param text: text of the message.
+    :param line: number of the line that it concerns.
+    :param lane: number of the lane that it concerns.
+    :param view: ``left`` or ``right``, if it concerns one view.
+    :param index: index of the point that it concerns.
     """
 
     level: str
@@ -65,10 +65,10 @@ class Note:
 @dataclass(frozen=True, eq=False)
 class Figures:
     """
-    A draft judged.
+    The assessment of a draft.
 
-    :param data: what the page shows.
-    :param plane: of the road; None where there is none.
+    :param data: content for the page.
+    :param plane: plane of the road; None where there is none.
     """
 
     data: dict[str, Any]
@@ -78,12 +78,12 @@ class Figures:
 def judge(draft: Draft, rig: Optional[StereoRig], config: SiteConfig = SiteConfig(),
           refined: Optional[RefinedSite] = None) -> Figures:
     """
-    Fit the road of a draft and gather what there is to show.
+    Fit the road of a draft and collect the content for the page.
 
-    :param draft: what is drawn.
+    :param draft: the draft.
     :param rig: the cameras as calibrated; None where no bag is open.
-    :param config: what is known of roads.
-    :param refined: how the draft was refined, where it was.
+    :param config: parameters of roads and their refinement.
+    :param refined: the refined site; None where the draft was not refined.
     """
     notes = _unfinished(draft)
     data: dict[str, Any] = {'lines': {}, 'lanes': {}, 'top': None, 'notes': [],
@@ -113,7 +113,7 @@ def judge(draft: Draft, rig: Optional[StereoRig], config: SiteConfig = SiteConfi
 
 
 def _finite(value: Any) -> Any:
-    """Return values with null for what is no finite number, and numbers cut to what is seen."""
+    """Return values with rounded numbers, and None for non-finite ones."""
     if isinstance(value, dict):
         return {key: _finite(inner) for key, inner in value.items()}
     if isinstance(value, (list, tuple)):
@@ -126,7 +126,7 @@ def _finite(value: Any) -> Any:
 
 
 def _unfinished(draft: Draft) -> list[Note]:
-    """Return what is still to be done."""
+    """Return notes on the unfinished parts."""
     out = []
     if not draft.lines:
         out.append(Note('todo', 'add a line and click along a marking or a kerb in both views'))
@@ -146,7 +146,7 @@ def _unfinished(draft: Draft) -> list[Note]:
 
 
 def _fault_note(error: InputError, draft: Draft, data: Mapping[str, Any]) -> Note:
-    """Return a fault of a site as a note at its line or lane."""
+    """Return a fault of a site as a note on its line or lane."""
     text = f'{error.what}: found {error.found}, wanted {error.wanted}'
     match = _FAULT.search(error.what)
     if match is None:
@@ -168,14 +168,14 @@ def _fault_note(error: InputError, draft: Draft, data: Mapping[str, Any]) -> Not
 
 
 def _written_reversed(draft: Draft, number: int) -> bool:
-    """Return whether only lanes against the order of a line's points use it."""
+    """Return whether all lanes that use a line run against the order of its points."""
     ways = {lane.backward for lane in draft.lanes if number in lane.lines}
     return ways == {True}
 
 
 def _sound(draft: Draft, rig: StereoRig, config: SiteConfig, notes: list[Note]
            ) -> tuple[Optional[Site], dict[str, LanePath]]:
-    """Return the site of what is sound in a draft, and its lanes; faults become notes."""
+    """Return the site of the valid parts of a draft, and its lanes; faults become notes."""
     rest = draft
     for _ in range(_MOST_FAULTS):
         data = site_data(rest)
@@ -200,7 +200,7 @@ def _sound(draft: Draft, rig: StereoRig, config: SiteConfig, notes: list[Note]
 
 
 def _without(draft: Draft, note: Note) -> Optional[Draft]:
-    """Return a draft without what a note is about; None where that is everything."""
+    """Return a draft without the item of a note; None where the note concerns all."""
     if note.line is not None:
         lines = tuple(line for line in draft.lines if line.number != note.line)
         lanes = tuple(lane for lane in draft.lanes if note.line not in lane.lines)
@@ -216,7 +216,7 @@ def _without(draft: Draft, note: Note) -> Optional[Draft]:
 
 def _fits(site: Site, rig: StereoRig, config: SiteConfig, notes: list[Note], draft: Draft
           ) -> list[RoadFit]:
-    """Return the road of all picked lines, or one for each lane where they make none together."""
+    """Return the road of all picked lines, or one per lane where no common road fits."""
     one_way, _ = in_one_direction(site, rig)
     try:
         return fit_roads(one_way, rig, None, config.road)
@@ -260,14 +260,14 @@ def _by_point(points: tuple[Any, ...], uv_px: Array, off_px: Array) -> list[floa
 
 
 def _drawn(uv_px: Array) -> list[list[float]]:
-    """Return a curve of raw pixels (n, 2) without what is not seen."""
+    """Return a curve of raw pixels (n, 2) without its invisible points."""
     return [[round(u, 2), round(v, 2)] for u, v in uv_px.tolist()
             if math.isfinite(u) and math.isfinite(v)]
 
 
 def _tell_points(notes: list[Note], line: int, name: str, view: str, residual: list[float]
                  ) -> None:
-    """Point at the worst point of a line, and at lines of few points."""
+    """Report the worst point of a line, and lines with few points."""
     worst = int(np.argmax(residual))
     usual = float(np.median(residual))
     if residual[worst] > max(_DOUBTFUL_PX, 4 * usual):
@@ -283,7 +283,7 @@ def _tell_points(notes: list[Note], line: int, name: str, view: str, residual: l
 
 def _add_lanes(out: dict[str, Any], lanes: Mapping[str, LanePath], fits: list[RoadFit],
                rig: StereoRig, draft: Draft, notes: list[Note], worst_speed_std: float) -> None:
-    """Add each lane: its path in both views, width, length and what it does to speeds."""
+    """Add each lane: its path in both views, width, length and the 1-sigma it adds to speeds."""
     for spec in draft.lanes:
         lane = lanes.get(spec.name)
         if lane is None:
@@ -308,7 +308,7 @@ def _add_lanes(out: dict[str, Any], lanes: Mapping[str, LanePath], fits: list[Ro
 
 
 def _width(numbers: tuple[int, ...], fits: list[RoadFit], draft: Draft) -> tuple[float, float]:
-    """Return the width of a lane and its 1-sigma, NaN where no road has both its lines."""
+    """Return the width of a lane and its 1-sigma; NaN where no road has both its lines."""
     for fit in fits:
         of = {line.number: i for i, name in enumerate(fit.names)
               if (line := draft.line_named(name)) is not None}
@@ -319,7 +319,7 @@ def _width(numbers: tuple[int, ...], fits: list[RoadFit], draft: Draft) -> tuple
 
 def _from_above(fit: RoadFit, site: Site, lanes: Mapping[str, LanePath], draft: Draft
                 ) -> dict[str, Any]:
-    """Return lines, lanes and camera from above: m along the road and to its left."""
+    """Return lines, lanes and camera from above, in m along the road and to its left."""
     points, frames = fit.problem.model.reference(fit.x)
     middle = len(points) // 2
     origin, axes = points[middle], frames[middle]
@@ -348,7 +348,7 @@ def _from_above(fit: RoadFit, site: Site, lanes: Mapping[str, LanePath], draft: 
 
 def _rig(draft: Draft, rig: Optional[StereoRig], refined: Optional[RefinedSite]
          ) -> dict[str, Any]:
-    """Return the state of the rig in numbers and words."""
+    """Return the state of the rig as numbers and text."""
     correction = draft.rig_correction
     known = as_calibrated() if correction is None else correction
     std = np.degrees(np.sqrt(np.diag(known.covariance_rad2)))
@@ -375,9 +375,9 @@ def _refinement(refined: RefinedSite) -> tuple[list[dict[str, Any]], list[Note]]
 
 def neighbours(figures: Figures, draft: Draft) -> list[tuple[int, int]]:
     """
-    Return the pairs of lines, right and left, that lie next to each other a lane's width apart.
+    Return the pairs of neighbouring lines, right and left, that are a lane's width apart.
 
-    Those that are a lane already are left out. Numbers are those of travel along the clicks.
+    Existing lanes are left out. Right and left are as seen along the order of the clicks.
     """
     placed = sorted((entry['offset_m'], int(number))
                     for number, entry in figures.data['lines'].items())

@@ -1,14 +1,13 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Who may talk to the server: the browser of whoever has read the address from the terminal.
+Access control: only a browser that was given the address printed in the terminal may connect.
 
-- The address holds a secret word. The first visit turns it into a cookie that scripts cannot
+- The address contains a secret token. The first visit turns it into a cookie that scripts cannot
   read and that other sites cannot send along.
-- Requests must name the server by the address it was started with (a foreign name that resolves
-  to this machine does not), and those that come from a page must come from this one.
-- Pages load scripts, styles and pictures from this server only, and run no script that is written
-  into a page.
+- Requests must name the server by the address it was started with (not by a foreign name that
+  resolves to this machine), and requests from a page must come from this server's page.
+- Pages load scripts, styles and pictures from this server only, and run no inline scripts.
 """
 from __future__ import annotations
 
@@ -36,16 +35,16 @@ HEADERS = {
 }
 DENIED = 'Open the address that the program has printed: it ends in a secret word.\n'
 _SECRET_BYTES = 24
-_MOST_SECRET = 200  # letters of one that is compared
+_MOST_SECRET = 200  # characters of a token that are compared
 
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
 class Guard:
     """
-    The rules for one server.
+    The access rules of one server.
 
-    :param address: that it listens on; an IP address of this machine, not a wildcard.
+    :param address: IP address of this machine to listen on, not a wildcard.
     """
 
     def __init__(self, address: str = LOCALHOST) -> None:
@@ -68,15 +67,15 @@ class Guard:
         """
         Return a socket to listen on.
 
-        :param port: 0 for any that is free.
-        :raises InputError: it cannot be had.
+        :param port: port; 0 for any free one.
+        :raises InputError: the port cannot be bound.
         """
         family = socket.AF_INET6 if ':' in self.address else socket.AF_INET
         sock = socket.socket(family, socket.SOCK_STREAM)
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             sock.bind((self.address, port))
-            sock.listen()  # who is told the URL may come at once
+            sock.listen()  # clients may connect as soon as the URL is printed
         except OSError as error:
             sock.close()
             raise InputError('studio', f'port {port} of {self.address}',
@@ -93,11 +92,11 @@ class Guard:
 
     @property
     def cookie(self) -> str:
-        """Return the name of the cookie; those of one host are shared by all its ports."""
+        """Return the name of the cookie; it has the port, because ports share cookies."""
         return f'studio_{self.port}'
 
     def knows(self, secret: str) -> bool:
-        """Return whether a word is the secret one."""
+        """Return whether a token is the secret one."""
         return hmac.compare_digest(secret[:_MOST_SECRET].encode(), self.secret.encode())
 
     @property
@@ -105,7 +104,7 @@ class Guard:
         return {f'{name}:{self.port}' for name in self._names}
 
     def refusal(self, request: web.Request) -> str:
-        """Return why a request is refused; empty where it is not."""
+        """Return why a request is refused; empty where it is allowed."""
         if request.headers.get('Host', '').lower() not in self._hosts:
             return 'This server answers to the address it was started with only.\n'
         origin = request.headers.get('Origin')
@@ -120,7 +119,7 @@ class Guard:
 
     @web.middleware
     async def middleware(self, request: web.Request, handler: Handler) -> web.StreamResponse:
-        """Refuse what the rules refuse, and give every answer the headers."""
+        """Refuse forbidden requests, and add the security headers to every response."""
         reason = self.refusal(request)
         if reason:
             return web.Response(status=403, text=reason, headers=HEADERS)
@@ -136,7 +135,7 @@ class Guard:
         return response
 
     def _welcome(self, request: web.Request) -> web.Response:
-        """Turn the secret word of the address into a cookie, and take it out of the address."""
+        """Turn the secret token of the address into a cookie, and redirect to the bare address."""
         if not self.knows(request.query['token']):
             return web.Response(status=403, text=DENIED, headers=HEADERS)
         response = web.Response(status=303, headers={**HEADERS, 'Location': '/'})
@@ -145,5 +144,5 @@ class Guard:
 
 
 def _arrives(request: web.Request) -> bool:
-    """Return whether this is a first visit, with the secret word in the address."""
+    """Return whether this is a first visit, with the secret token in the address."""
     return request.method == 'GET' and request.path == '/' and 'token' in request.query

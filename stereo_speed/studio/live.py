@@ -1,9 +1,9 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-What comes in live, as a page shows it: readings, passes, overlays, the state of each node.
+Live data for a page: readings, passes, overlays, and the state of each node.
 
-Whoever listens to the graph feeds it, from any thread; pages read snapshots of it.
+A listener to the ROS graph adds data from any thread; pages read snapshots.
 """
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import threading
 import time
 from typing import Any, Callable, Optional
 
-STALE_S = 2.0  # without a message, beyond which what is shown is old
+STALE_S = 2.0  # time without a message after which the shown data are stale
 KEPT_READINGS, KEPT_PASSES = 600, 200
 
 
@@ -22,10 +22,10 @@ class LiveReading:
     """
     One speed of one vehicle.
 
-    :param track: its name, such as ``vehicle_3``.
-    :param stamp_ns: of the pair.
-    :param speed_mps: m/s.
-    :param std_mps: 1-sigma.
+    :param track: name of the track, such as ``vehicle_3``.
+    :param stamp_ns: stamp of the pair.
+    :param speed_mps: speed.
+    :param std_mps: its 1-sigma.
     """
 
     track: str
@@ -37,12 +37,12 @@ class LiveReading:
 @dataclass(frozen=True)
 class LiveHealth:
     """
-    What a node says of itself.
+    A diagnostic status of a node.
 
-    :param name: of the node and its part.
+    :param name: name of the node and its part.
     :param level: 0 good, 1 warning, 2 error, 3 stale.
-    :param message: in words.
-    :param values: further figures, in words.
+    :param message: text of the status.
+    :param values: further values, as text.
     """
 
     name: str
@@ -53,9 +53,9 @@ class LiveHealth:
 
 class LiveState:
     """
-    The newest of everything.
+    The latest live data.
 
-    :param clock: s, for how old things are.
+    :param clock: returns the time in s, for the age of data.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
@@ -68,26 +68,26 @@ class LiveState:
         self._last: Optional[float] = None
 
     def add_reading(self, reading: LiveReading) -> None:
-        """Take a speed."""
+        """Add a speed."""
         with self._lock:
             self._readings.append((self._clock(), reading))
             self._touch()
 
     def add_pass(self, result: dict[str, Any]) -> None:
-        """Take a pass that has ended; columns are those of ``passes.csv``."""
+        """Add a finished pass, with the columns of ``passes.csv``."""
         with self._lock:
             self._passes.append(dict(result))
             self._touch()
 
     def add_health(self, health: LiveHealth) -> None:
-        """Take what a node says of itself."""
+        """Add a diagnostic status of a node."""
         with self._lock:
             self._health[health.name] = self._clock(), health
             self._number += 1
 
     def add_image(self, view: str, jpeg: bytes) -> None:
         """
-        Take an annotated image.
+        Add an annotated image.
 
         :param view: ``left`` or ``right``.
         :param jpeg: the image.
@@ -106,7 +106,7 @@ class LiveState:
             return self._overlays[view][1] if view in self._overlays else None
 
     def snapshot(self) -> dict[str, Any]:
-        """Return everything as a page takes it."""
+        """Return all data in the form that pages use."""
         with self._lock:
             now = self._clock()
             age = None if self._last is None else now - self._last

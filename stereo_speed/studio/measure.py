@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Measuring the open bag with the site as it is drawn, to see what it gives."""
+"""Measure the open bag with the drawn site, as a trial."""
 from __future__ import annotations
 
 from .runs import RunFolder
@@ -14,11 +14,11 @@ from ..site.file import Site
 
 def measure(scene: Scene, site: Site, name: str, settings: PipelineConfig) -> RunFolder:
     """
-    Measure all vehicles of a bag, as ``replay`` would; in the bag's thread only.
+    Measure all vehicles of a bag like ``replay``; call it in the bag's thread only.
 
     :param scene: the bag.
-    :param site: to measure at.
-    :param name: for the run.
+    :param site: the site.
+    :param name: name for the run.
     :param settings: all parameters.
     """
     place = MeasuringSite.of(site, scene.rig, config=settings.site)

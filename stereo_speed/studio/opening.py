@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What there is to review at a place: runs, a log of passes, records of violations."""
+"""Find what can be reviewed at a path: runs, a log of passes, records of violations."""
 from __future__ import annotations
 
 from pathlib import Path
@@ -13,16 +13,16 @@ from ..core.errors import InputError
 from ..io.pass_tables import SQLITE
 from ..io.results import PASSES, SUMMARY
 
-EVIDENCE = 'evidence'  # folder of records within that of a run
+EVIDENCE = 'evidence'  # folder of records inside the folder of a run
 _WANTED = 'a folder of replay, replay-many or evidence, or an SQLite file of passes'
 
 
 def open_runs(places: Sequence[Path]) -> list[Run]:
     """
-    Return what there is to review.
+    Return the runs, logs and records to review.
 
-    :param places: folders of runs, with the records that lie in them; folders that hold such;
-        folders of records; SQLite files with a table ``passes``.
+    :param places: folders of runs, with the records in them; folders of such folders; folders of
+        records; SQLite files with a table ``passes``.
     :raises InputError: a place without any, or with a damaged one.
     """
     out: list[Run] = []
@@ -42,7 +42,7 @@ def open_runs(places: Sequence[Path]) -> list[Run]:
 
 
 def _of_run(folder: Path, name: str) -> list[Run]:
-    """Return a run, and the records of violations that lie in its folder."""
+    """Return a run, and the records of violations in its folder."""
     out: list[Run] = [RunFolder.read(folder, name)]
     records = folder / EVIDENCE
     if records.is_dir() and EvidenceRun.is_one(records):
@@ -51,7 +51,7 @@ def _of_run(folder: Path, name: str) -> list[Run]:
 
 
 def _of_folders(place: Path, name: str) -> list[Run]:
-    """Return the runs in the folders of a folder, and the table of all where there is one."""
+    """Return the runs in the subfolders of a folder, and their common table if there is one."""
     out: list[Run] = []
     if (place / SQLITE).is_file():
         out.append(PassLogRun(place / SQLITE, f'{name}/{SQLITE}'))

@@ -1,9 +1,9 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Passes in an SQLite file: that of ``log_node``, of ``replay --sqlite`` or of ``replay-many``.
+Passes in an SQLite file of ``log_node``, ``replay --sqlite`` or ``replay-many``.
 
-The file is only read, anew each time, so that what is written meanwhile is seen.
+The file is opened read-only and queried each time, so that new passes are seen.
 """
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from .runs import Cell, Opened, Row, Run, WANTED
 from ..core.errors import InputError
 from ..io.results import kind_of, PASS_COLUMNS
 
-MOST_PASSES = 20_000  # the newest, of more
+MOST_PASSES = 20_000  # number of newest passes that are shown
 _NOT_SHOWN = ('id', 'json', 'key')
-_BUSY_S = 5.0  # a writer may hold the file for so long
+_BUSY_S = 5.0  # how long to wait for a writer that holds a lock on the file
 _PASSES = 'SELECT rowid AS key, * FROM passes'
 _READINGS = ('SELECT * FROM tracks WHERE stamp_ns BETWEEN ? AND ? AND vehicle = ? '
-             'GROUP BY stamp_ns ORDER BY stamp_ns')  # once, where a bag was measured twice
+             'GROUP BY stamp_ns ORDER BY stamp_ns')  # one row per stamp if measured twice
 _STATES = {True: 'confirmed', False: ''}
 
 
@@ -31,9 +31,9 @@ class PassLogRun(Run):
     """
     The passes of a file.
 
-    :param path: of the file.
-    :param name: shown to people.
-    :raises InputError: not such a file.
+    :param path: path of the file.
+    :param name: name shown to users.
+    :raises InputError: it is no such file.
     """
 
     def __init__(self, path: Path, name: str) -> None:
@@ -49,19 +49,19 @@ class PassLogRun(Run):
             "SELECT 1 FROM sqlite_master WHERE type = 'table' AND name = 'tracks'"))
 
     def overview(self) -> dict[str, Any]:
-        """Return what a list of runs shows."""
+        """Return the entry for the list of runs."""
         found, = self._ask("SELECT count(*) AS passes, sum(verdict = 'measured') AS measured "
                            'FROM passes')
         return {**super().overview(), 'passes': found['passes'],
                 'measured': found['measured'] or 0}
 
     def rows(self) -> list[Row]:
-        """Return its newest passes, in the order they were written."""
+        """Return the newest passes, in the order in which they were written."""
         found = self._ask(f'{_PASSES} ORDER BY rowid DESC LIMIT {MOST_PASSES}')
         return [self._row(one) for one in reversed(found)]
 
     def opened(self, key: int) -> Optional[Opened]:
-        """Return one pass closely."""
+        """Return the details of one pass."""
         found = self._ask(f'{_PASSES} WHERE rowid = ?', (key,))
         if not found:
             return None
@@ -70,7 +70,7 @@ class PassLogRun(Run):
         return Opened(self._track(row), more)
 
     def _track(self, row: Row) -> list[Row]:
-        """Return the readings of a pass; none where the file has none."""
+        """Return the readings of a pass; empty where the file has none."""
         if not self._has_tracks:
             return []
         rows = self._ask(_READINGS, (row['first_ns'], row['last_ns'], f'vehicle_{row["track"]}'))
@@ -85,7 +85,7 @@ class PassLogRun(Run):
         return {'key': one['key'], **row}
 
     def _cell(self, name: str, value: Any) -> Cell:
-        """Return a cell of its column's type: the file itself keeps to none."""
+        """Return a cell checked for its column's type, which SQLite does not enforce."""
         kind = kind_of(name)
         if value is None:
             return '' if kind is str and name in WANTED else None
@@ -108,7 +108,7 @@ class PassLogRun(Run):
 
 
 def _told(text: object) -> Row:
-    """Return what the JSON of a pass tells beyond its row, under the names of ``passes.csv``."""
+    """Return the values that only the JSON of a pass has, named as in ``passes.csv``."""
     try:
         data = json.loads(str(text))
         parts, profile = data.get('std_parts_mps') or {}, data.get('profile_mps') or {}

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Runs to be reviewed: the folders that ``replay`` writes, and what was measured on the page."""
+"""Runs to review: folders written by ``replay``, and runs that were measured on the page."""
 from __future__ import annotations
 
 import csv
@@ -19,8 +19,8 @@ from ..io.results import (
     kind_of, PASS_COLUMNS, PASSES, passes_csv, PLOTS, SUMMARY, TRACK_COLUMNS, TRACKS, tracks_csv)
 
 WANTED = PASS_COLUMNS[:9]  # columns that every table of passes has
-MOST_BYTES = 512 * 2**20  # of a table
-FORMULA = ('=', '+', '-', '@', '\t', '\r')  # begin what a table program would compute
+MOST_BYTES = 512 * 2**20  # largest accepted table
+FORMULA = ('=', '+', '-', '@', '\t', '\r')  # first characters of a spreadsheet formula
 
 Cell = Union[str, int, float, None]
 Row = dict[str, Cell]
@@ -29,10 +29,10 @@ Row = dict[str, Cell]
 @dataclass(frozen=True)
 class Opened:
     """
-    One pass closely.
+    The details of one pass.
 
-    :param rows: of its pairs, in time, with the columns of ``tracks.csv`` that are known.
-    :param more: what is known of it beyond its row.
+    :param rows: rows of its pairs, by time, with the known columns of ``tracks.csv``.
+    :param more: values beyond those of its row.
     """
 
     rows: Sequence[Row]
@@ -41,9 +41,9 @@ class Opened:
 
 class Run:
     """
-    Passes that are reviewed together, wherever they are kept.
+    Passes that are reviewed together, from any source.
 
-    :param name: shown to people.
+    :param name: name shown to users.
     :param kind: ``folder``, ``measured``, ``log`` or ``evidence``.
     """
 
@@ -52,7 +52,7 @@ class Run:
 
     @property
     def bag_hash(self) -> str:
-        """Return the hash of the bag that was measured; empty where it is not known."""
+        """Return the hash of the measured bag; empty where it is unknown."""
         return ''
 
     @property
@@ -61,30 +61,30 @@ class Run:
         return []
 
     def overview(self) -> dict[str, Any]:
-        """Return what a list of runs shows."""
+        """Return the entry for the list of runs."""
         return {'name': self.name, 'kind': self.kind}
 
     def rows(self) -> list[Row]:
-        """Return its passes, each with a ``key`` that stays; may take time."""
+        """Return its passes, each with a permanent ``key``; may be slow."""
         raise NotImplementedError
 
     def opened(self, key: int) -> Optional[Opened]:
-        """Return one pass closely; None for a key that none has."""
+        """Return the details of one pass; None for an unknown key."""
         raise NotImplementedError
 
     def at(self, stamp_ns: int) -> list[Row]:
-        """Return the rows of all vehicles in one pair, as far as they are known."""
+        """Return the known rows of all vehicles in one pair."""
         return []
 
     def plot(self, name: str) -> Optional[Path]:
-        """Return where a plot is; None for what is none of them."""
+        """Return the path of a plot; None for an unknown name."""
         return None
 
     def table(self, keys: Sequence[int]) -> str:
         """
-        Return some of its passes as CSV, in the order asked for.
+        Return some of its passes as CSV, in the order of the keys.
 
-        :raises InputError: a key that none has.
+        :raises InputError: an unknown key.
         """
         by_key = {row['key']: row for row in self.rows()}
         missing = [key for key in keys if key not in by_key]
@@ -97,13 +97,13 @@ class Run:
 
 class RunFolder(Run):
     """
-    What ``replay`` has written, or what was measured on the page.
+    A run that ``replay`` has written, or that was measured on the page.
 
-    :param name: of the folder, or what it is.
+    :param name: name of the folder or of the run.
     :param passes: text of its ``passes.csv``.
     :param tracks: text of its ``tracks.csv``.
-    :param summary: what its ``summary.json`` says.
-    :param folder: where its plots are; None for a run that is in no folder.
+    :param summary: content of its ``summary.json``.
+    :param folder: folder of its plots; None for a run without a folder.
     """
 
     def __init__(self, name: str, passes: str, tracks: str, summary: Mapping[str, Any],
@@ -121,9 +121,9 @@ class RunFolder(Run):
     @classmethod
     def read(cls, folder: Path, name: str) -> RunFolder:
         """
-        Read a folder that ``replay`` has finished.
+        Read a finished folder of ``replay``.
 
-        :raises InputError: not such a folder, or a damaged one.
+        :raises InputError: it is no such folder, or damaged.
         """
         texts = {}
         for file in (SUMMARY, PASSES, TRACKS):
@@ -148,33 +148,33 @@ class RunFolder(Run):
     @classmethod
     def measured(cls, name: str, updates: Sequence[TrackUpdate], passes: Sequence[PassResult],
                  summary: Mapping[str, Any]) -> RunFolder:
-        """Return what was measured just now as a run."""
+        """Return a run of newly measured passes."""
         return cls(name, passes_csv(passes), tracks_csv(updates, passes), summary)
 
     @property
     def plots(self) -> list[str]:
-        """Return the names of the plots that are there."""
+        """Return the names of the existing plots."""
         if self.folder is None:
             return []
         return [name for name in PLOTS if (self.folder / name).is_file()]
 
     def plot(self, name: str) -> Optional[Path]:
-        """Return where a plot is; None for what is none of them."""
+        """Return the path of a plot; None for an unknown name."""
         return self.folder / name if self.folder is not None and name in self.plots else None
 
     @property
     def bag_hash(self) -> str:
-        """Return the hash of the bag that was measured; empty where it is not known."""
+        """Return the hash of the measured bag; empty where it is unknown."""
         given = self.summary.get('input')
         value = given.get('bag_sha256') if isinstance(given, dict) else None
         return value if isinstance(value, str) else ''
 
     def rows(self) -> list[Row]:
-        """Return its passes; the key of one is its place in the table."""
+        """Return its passes; the key of each is its index in the table."""
         return [{'key': key, **row} for key, row in enumerate(self.passes)]
 
     def opened(self, key: int) -> Optional[Opened]:
-        """Return one pass closely."""
+        """Return the details of one pass."""
         if key >= len(self.passes):
             return None
         return Opened(self._by_track.get(_whole(self.passes[key]['track']), []))
@@ -184,7 +184,7 @@ class RunFolder(Run):
         return self._by_stamp.get(stamp_ns, [])
 
     def table(self, keys: Sequence[int]) -> str:
-        """Return some of its passes with the digits that they have in the folder."""
+        """Return some of its passes with the digits of the original file."""
         head, *texts = self._texts
         missing = [key for key in keys if not 0 <= key < len(texts)]
         if missing:
@@ -194,13 +194,13 @@ class RunFolder(Run):
                                 zip(known, texts[key])] for key in keys])
 
     def overview(self) -> dict[str, Any]:
-        """Return what a list of runs shows."""
+        """Return the entry for the list of runs."""
         return {**super().overview(), 'passes': len(self.passes),
                 'measured': sum(row['verdict'] == 'measured' for row in self.passes)}
 
 
 def as_cell(value: Cell) -> Cell:
-    """Return a cell as a table program takes it for what it is: a text that is no formula."""
+    """Return a cell that a spreadsheet does not take for a formula."""
     return f"'{value}" if isinstance(value, str) and value.startswith(FORMULA) else value
 
 
@@ -224,7 +224,7 @@ def read_table(text: str, where: str, wanted: Sequence[str]) -> list[Row]:
 
 
 def _cell(column: str, text: str, where: str, line: int) -> Cell:
-    """Read one cell; columns that are not known stay text unless they are numbers."""
+    """Read one cell; cells of unknown columns are numbers if possible, else text."""
     known = column in PASS_COLUMNS or column in TRACK_COLUMNS
     kind = kind_of(column) if known else float
     if kind is str:
@@ -243,6 +243,6 @@ def _cell(column: str, text: str, where: str, line: int) -> Cell:
 
 
 def _whole(value: Cell) -> int:
-    """Return a cell that is a whole number by its column."""
+    """Return a cell whose column holds whole numbers."""
     assert isinstance(value, int)  # noqa: S101 (for the types)
     return value

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a page shows of a bag: clean backgrounds of both views, single pairs, epipolar curves."""
+"""A bag as shown on a page: backgrounds without traffic, single pairs, epipolar curves."""
 from __future__ import annotations
 
 from collections import OrderedDict
@@ -23,23 +23,23 @@ from ..site.refine.empty_road import as_picture, Background, clean_background, M
 from ..site.refine.snap import snap
 from ..vision.grey import to_eight_bits
 
-NEAREST_M, FARTHEST_M, PLACES = 3.0, 2000.0, 80  # of an epipolar curve
+NEAREST_M, FARTHEST_M, PLACES = 3.0, 2000.0, 80  # depths and points of an epipolar curve
 PICK_STD_PX = 0.3  # 1-sigma of a careful click
 BAND_SIGMAS = 3.0
-_KEPT_PAIRS = 24  # of those looked at last
-_MISSES_PX = 2.0  # a place this far outside the image is still worth drawing
+_KEPT_PAIRS = 24  # number of recently shown pairs that are cached
+_MISSES_PX = 2.0  # points this far outside the image are still drawn
 
 Result = TypeVar('Result')
 
 
 class Scene:
     """
-    An open bag and what is made of it; everything of the bag is read in one thread.
+    An open bag and the images made from it; the bag is read in one thread only.
 
     :param path: the bag.
     :param left: topic of the left images; None finds it.
     :param right: topic of the right images; None finds it.
-    :raises BagError: a bag that cannot be used.
+    :raises BagError: the bag is unusable.
     """
 
     rig: StereoRig
@@ -49,7 +49,7 @@ class Scene:
     def __init__(self, path: Path, left: Optional[str] = None, right: Optional[str] = None
                  ) -> None:
         self.path = path
-        self.thread = ThreadPoolExecutor(1, 'bag')  # where to run what reads the bag
+        self.thread = ThreadPoolExecutor(1, 'bag')  # the only thread that reads the bag
         self._bag = StereoBag(path, left=left, right=right)
         self._kept: OrderedDict[int, StereoPair] = OrderedDict()
         try:
@@ -70,13 +70,13 @@ class Scene:
         self._stamps_ns = bag.stamps_ns
         self._index_of = {stamp_ns: index for index, stamp_ns in enumerate(self._stamps_ns)}
         if not bag.pair_count:
-            next(bag.pairs())  # says why
+            next(bag.pairs())  # raises the error with the reason
         self.spread = self._spread(bag)
         self.views = (clean_background([pair.left for pair in self.spread], self.path),
                       clean_background([pair.right for pair in self.spread], self.path))
 
     def _spread(self, bag: StereoBag) -> list[StereoPair]:
-        """Return pairs evenly spread over the bag, as few as memory asks for."""
+        """Return pairs evenly spread over the bag, as many as memory allows."""
         size = self.rig.left.width_px * self.rig.left.height_px
         most = max(min(MOST_PAIRS, MOST_BYTES // size), 2)
         chosen = np.unique(np.linspace(0, bag.pair_count - 1, most).round().astype(int))
@@ -84,9 +84,9 @@ class Scene:
 
     def pair(self, index: int) -> StereoPair:
         """
-        Return one pair; in the bag's thread only.
+        Return one pair; call it in the bag's thread only.
 
-        :param index: from 0.
+        :param index: index of the pair, from 0.
         :raises InputError: no such pair.
         """
         if not 0 <= index < self.pair_count:
@@ -99,7 +99,7 @@ class Scene:
         return self._kept[index]
 
     def index_of(self, stamp_ns: int) -> Optional[int]:
-        """Return the index of the pair of a stamp; None where there is none."""
+        """Return the index of the pair with a stamp; None where there is none."""
         return self._index_of.get(stamp_ns)
 
     def stamp_of(self, index: int) -> Optional[int]:
@@ -107,11 +107,11 @@ class Scene:
         return self._stamps_ns[index] if 0 <= index < len(self._stamps_ns) else None
 
     def run_over(self, work: Callable[[StereoBag], Result]) -> Result:
-        """Run what reads all pairs; in the bag's thread only."""
+        """Run a function that reads all pairs; call it in the bag's thread only."""
         return work(self._bag)
 
     def content_hash(self) -> str:
-        """Return the hash of the bag's files; in the bag's thread only, for it takes time."""
+        """Return the hash of the bag's files; slow, so call it in the bag's thread only."""
         return self._bag.input_hash()
 
     def background_png(self, view: str) -> bytes:
@@ -119,12 +119,12 @@ class Scene:
         return as_png(as_picture(self.views[VIEWS.index(view)]))
 
     def frame_png(self, index: int, view: str) -> bytes:
-        """Return one view of one pair; in the bag's thread only."""
+        """Return one view of one pair; call it in the bag's thread only."""
         pair = self.pair(index)
         return as_png(to_eight_bits(pair.left if view == 'left' else pair.right))
 
     def snapped(self, view: str, at_px: Array, way: Optional[Array]) -> Optional[Point]:
-        """Return a point moved onto the marking near it; None where there is none."""
+        """Return a point moved onto a marking nearby; None where there is none."""
         found = snap(self.views[VIEWS.index(view)], at_px, way)
         if found is None:
             return None
@@ -139,13 +139,13 @@ def as_png(image: NDArray[np.uint8]) -> bytes:
 
 def epipolar_curve(rig: StereoRig, view: str, uv_px: Array) -> Array:
     """
-    Return where a point of one view can be in the other one: (n, 2) raw pixels, far to near.
+    Return the epipolar curve of a point in the other view: (n, 2) raw pixels, far to near.
 
-    A lens bends the line that it would be; places outside the other image are left out.
+    Lens distortion bends the epipolar line; points outside the other image are left out.
 
     :param rig: the cameras.
-    :param view: of the point, ``left`` or ``right``.
-    :param uv_px: (2,) its raw pixel.
+    :param view: view of the point, ``left`` or ``right``.
+    :param uv_px: (2,), its raw pixel.
     """
     depth = np.geomspace(FARTHEST_M, NEAREST_M, PLACES)[:, None]
     if view == 'left':
@@ -162,12 +162,12 @@ def epipolar_curve(rig: StereoRig, view: str, uv_px: Array) -> Array:
 
 def on_plane(rig: StereoRig, plane: Plane, view: str, uv_px: Array) -> Optional[Array]:
     """
-    Return where a point of one view is in the other one if it lies on a plane; None behind it.
+    Transfer a point to the other view by a plane; None where the ray does not meet it ahead.
 
     :param rig: the cameras.
-    :param plane: of the road, in the left frame.
-    :param view: of the point.
-    :param uv_px: (2,) its raw pixel.
+    :param plane: plane of the road, in the left frame.
+    :param view: view of the point.
+    :param uv_px: (2,), its raw pixel.
     """
     if view == 'left':
         ray, centre = rig.left.rays(uv_px), np.zeros(3)

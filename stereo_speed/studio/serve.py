@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The server run: until it is interrupted, or in a thread beside something else."""
+"""Run the server until it is interrupted, or in a background thread."""
 from __future__ import annotations
 
 import asyncio
@@ -13,15 +13,15 @@ from aiohttp import web
 
 from .server import Studio
 
-_SHUTDOWN_S = 2.0  # for answers under way
+_SHUTDOWN_S = 2.0  # time for responses in progress
 
 
 def serve(studio: Studio, sock: socket.socket) -> None:
     """
     Serve until interrupted or terminated.
 
-    :param studio: what is open.
-    :param sock: bound, from :meth:`.guard.Guard.bind`.
+    :param studio: the application.
+    :param sock: bound socket, from :meth:`.guard.Guard.bind`.
     """
     web.run_app(studio.app(), sock=sock, print=None, access_log=None,
                 shutdown_timeout=_SHUTDOWN_S)
@@ -32,8 +32,8 @@ def served(studio: Studio, sock: socket.socket) -> Iterator[None]:
     """
     Serve in a thread as long as the context lasts.
 
-    :param studio: what is open.
-    :param sock: bound, from :meth:`.guard.Guard.bind`.
+    :param studio: the application.
+    :param sock: bound socket, from :meth:`.guard.Guard.bind`.
     """
     loop = asyncio.new_event_loop()
     runner = web.AppRunner(studio.app(), access_log=None, shutdown_timeout=_SHUTDOWN_S)

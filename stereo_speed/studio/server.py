@@ -1,10 +1,10 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-The server: the page's own files, the draft and its figures, runs, and what is live.
+The server: files of the page, the draft and its figures, runs, and live data.
 
-It serves what was opened when it was started, by number or by a fixed list of names: no part of
-an address is ever a path. All that a page shows as text is sent as JSON.
+It serves only what was opened at its start, by number or by a fixed list of names: no part of a
+URL is ever used as a path. All texts that a page shows are sent as JSON.
 """
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ from ..core.errors import InputError, StereoSpeedError
 WEB = Path(__file__).resolve().parent / 'web'
 TYPES = {'.html': 'text/html', '.css': 'text/css', '.js': 'text/javascript',
          '.svg': 'image/svg+xml'}
-MOST_REQUEST = 2**20  # bytes
+MOST_REQUEST = 2**20  # largest request, bytes
 HEARTBEAT_S = 20.0
 _log = logging.getLogger(__name__)
 _LIVE_PERIOD_S = 0.25
-_HELD_RUNS = 20  # measured on the page
+_HELD_RUNS = 20  # number of kept runs that were measured on the page
 
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
@@ -48,19 +48,19 @@ def page_files() -> dict[str, Path]:
 
 class Studio:
     """
-    What is open, and who looks at it.
+    The web application, with its open data and connected pages.
 
-    :param guard: the rules.
+    :param guard: the access rules.
     :param workspace: the draft; None where only runs or live readings are shown.
-    :param runs: to be reviewed.
-    :param live: what comes in now; None where nothing does.
+    :param runs: runs to review.
+    :param live: live data; None where there are none.
     """
 
     def __init__(self, guard: Guard, workspace: Optional[Workspace] = None,
                  runs: Optional[Sequence[Run]] = None, live: Optional[LiveState] = None
                  ) -> None:
         self.guard, self.workspace, self.live = guard, workspace, live
-        self.runs: dict[int, Run] = dict(enumerate(runs or []))  # numbers are not used again
+        self.runs: dict[int, Run] = dict(enumerate(runs or []))  # numbers are not reused
         self._next_run = len(self.runs)
         self.busy, self._measured = '', 0
         self._files = page_files()
@@ -70,7 +70,7 @@ class Studio:
 
     @property
     def scene(self) -> Optional[Scene]:
-        """Return the bag that is open."""
+        """Return the open bag; None where there is none."""
         return None if self.workspace is None else self.workspace.scene
 
     def app(self) -> web.Application:
@@ -111,7 +111,7 @@ class Studio:
             await socket.close()
 
     def _keep(self, task: asyncio.Task[Any]) -> None:
-        """Hold a task until it is done: the loop itself does not."""
+        """Keep a reference to a task until it is done; the event loop holds only a weak one."""
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
@@ -125,7 +125,7 @@ class Studio:
                             charset='utf-8')
 
     async def _whole_state(self) -> dict[str, Any]:
-        """Return all that a page begins with, as it is when this returns."""
+        """Return the state that a page starts with, current when this returns."""
         runs = await self._overviews()
         out: dict[str, Any] = {'kind': 'state', 'busy': self.busy, 'has_live': bool(self.live),
                                'runs': runs,
@@ -143,10 +143,10 @@ class Studio:
         return out
 
     async def _overviews(self) -> list[dict[str, Any]]:
-        """Return a line on each run, read beside what else the server does."""
+        """Return an entry for each run, read in a thread."""
         asked: dict[int, Run] = {}
         found: list[dict[str, Any]] = []
-        while asked != self.runs:  # another one was measured meanwhile
+        while asked != self.runs:  # again if a run was added meanwhile
             asked = dict(self.runs)
             found = await asyncio.to_thread(_overviews, asked)
         return found
@@ -158,7 +158,7 @@ class Studio:
         socket = web.WebSocketResponse(heartbeat=HEARTBEAT_S, max_msg_size=MOST_REQUEST)
         await socket.prepare(request)
         state = await self._whole_state()
-        self._sockets.add(socket)  # what changes from now on is told after the state
+        self._sockets.add(socket)  # from now on changes are sent, after the state
         try:
             await socket.send_json(state)
             if self.live is not None:
@@ -171,7 +171,7 @@ class Studio:
         return socket
 
     async def _tell(self, message: dict[str, Any]) -> None:
-        """Send a message to all pages; one that has gone is forgotten."""
+        """Send a message to all pages; closed ones are removed."""
         text = json.dumps(message)
         for socket in list(self._sockets):
             try:
@@ -180,7 +180,7 @@ class Studio:
                 self._sockets.discard(socket)
 
     async def _tell_live(self) -> None:
-        """Send what is live a few times a second."""
+        """Send the live data a few times per second."""
         live, sent = self.live, -1
         while live is not None:
             await asyncio.sleep(_LIVE_PERIOD_S)
@@ -208,7 +208,7 @@ class Studio:
         return web.json_response({'version': space.version})
 
     async def _changed(self) -> None:
-        """Tell everybody the draft, and judge it."""
+        """Send the draft to all pages, and start its assessment."""
         space = self._drawing()
         await self._tell({'kind': 'draft', 'workspace': space.state()})
         if self._judging is None or self._judging.done():
@@ -216,7 +216,7 @@ class Studio:
             self._keep(self._judging)
 
     async def _judge(self) -> None:
-        """Judge the draft until it has not changed meanwhile."""
+        """Assess the draft, again if it changed meanwhile."""
         space, judged = self._drawing(), -1
         while judged != space.version:
             judged, draft, refined = space.version, space.draft, space.refined
@@ -251,7 +251,7 @@ class Studio:
         return web.json_response({'run': number})
 
     def _hold(self, run: Run) -> int:
-        """Add what was measured, in place of the oldest such one where there are many."""
+        """Add a measured run, and remove the oldest ones beyond the limit."""
         measured = [n for n, other in self.runs.items() if other.kind == run.kind]
         for number in measured[:len(measured) + 1 - _HELD_RUNS]:
             del self.runs[number]
@@ -266,7 +266,7 @@ class Studio:
 
     async def _alone(self, what: str, work: Callable[[], Any], scene: Optional[Scene] = None
                      ) -> Any:
-        """Do what takes seconds, one at a time, with a word to all pages."""
+        """Run slow work, one at a time, and notify all pages."""
         if self.busy:
             raise InputError(WHERE, 'server', self.busy, 'a moment of patience')
         self.busy = what
@@ -317,7 +317,7 @@ class Studio:
                                   'frames': await self._has_frames(run)})
 
     async def _has_frames(self, run: Run) -> bool:
-        """Return whether the bag that is open is the one that was measured."""
+        """Return whether the open bag is the one that was measured."""
         if self.scene is None or not run.bag_hash:
             return False
         loop = asyncio.get_running_loop()
@@ -345,7 +345,7 @@ class Studio:
         return web.json_response(out)
 
     async def _frames(self, run: Run, rows: Sequence[Row]) -> list[dict[str, Any]]:
-        """Return the pair of each row with all vehicles in it; none without its bag."""
+        """Return the pair of each row with all its vehicles; empty where its bag is not open."""
         if self.scene is None or not await self._has_frames(run):
             return []
         rig, out = self.scene.rig, []
@@ -396,18 +396,18 @@ class Studio:
 
 
 def _overviews(runs: Mapping[int, Run]) -> list[dict[str, Any]]:
-    """Return a line on each run that can be read."""
+    """Return an entry for each readable run."""
     found = []
     for number, run in runs.items():
         try:
             found.append({'number': number, **run.overview()})
-        except (StereoSpeedError, OSError):  # gone since; the others are shown
+        except (StereoSpeedError, OSError):  # removed since; the others are shown
             _log.warning('%s cannot be read now', run.name, exc_info=True)
     return found
 
 
 def _in_views(row: dict[str, Any], rig: Any) -> dict[str, Any]:
-    """Return a vehicle's row with where its front is in both views, and its scale there."""
+    """Return a vehicle's row with the position and scale of its front in both views."""
     place = np.array([row['x_m'], row['y_m'], row['z_m']], dtype=np.float64)
     left, right, _, _ = rig.project(place)
     return {**row, 'views': {
@@ -454,7 +454,7 @@ def _refuse_constant(name: str) -> None:
 
 @web.middleware
 async def _errors(request: web.Request, handler: Handler) -> web.StreamResponse:
-    """Answer what a user can cause with one clear line."""
+    """Answer errors that a user can cause with one clear line."""
     try:
         return await handler(request)
     except StereoSpeedError as error:

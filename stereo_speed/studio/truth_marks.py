@@ -1,10 +1,10 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Truth by hand: the front of a vehicle marked in several pairs makes rows of ``truth.csv``.
+Manual truth: fronts of a vehicle marked in several pairs become rows of ``truth.csv``.
 
-Each mark is triangulated; a way over time is fitted through the marks of a vehicle, which is
-straight and even for two or three, and bends and speeds up evenly for more.
+Each mark is triangulated, and a path over time is fitted to the marks of a vehicle: straight with
+constant velocity for two or three marks, a parabola in time for more.
 """
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ from ..io.atomic import csv_text
 
 COLUMNS = ('stamp', 'vehicle', 'speed', 'x', 'y', 'z')
 LEAST_MARKS = 2
-_BENDING_MARKS = 4  # from which a way may bend
+_BENDING_MARKS = 4  # number of marks from which the path may be curved
 
 
 def truth_csv(draft: Draft, rig: StereoRig, stamp_of: Callable[[int], Optional[int]]) -> str:
     """
     Return the text of a ``truth.csv``: a row for each mark, by vehicle and time.
 
-    :param draft: its vehicles that are marked in more than one pair.
-    :param rig: as it stands now.
-    :param stamp_of: gives the stamp of a pair, ns; None where there is no such pair.
-    :raises InputError: nothing to make it of, an unfinished mark, two marks in one pair.
+    :param draft: the draft, with vehicles that are marked in more than one pair.
+    :param rig: the rig with its drift applied.
+    :param stamp_of: returns the stamp of a pair, ns; None where there is no such pair.
+    :raises InputError: no such vehicle, an unfinished mark, or two marks in one pair.
     """
     rows = [row for vehicle, marks in enumerate(_by_vehicle(draft))
             for row in _rows(vehicle, marks, rig, stamp_of)]

@@ -1,10 +1,10 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-The draft that all pages of a server share: its history, what it is worth, and its files.
+The draft that all pages of a server share, with its history, figures and files.
 
-A page may be closed, reloaded or cut off at any time: what it drew is here. Each step carries an
-identity, so that one sent twice is taken once.
+A page may be closed, reloaded or disconnected at any time: its work is kept here. Each step has an
+identity, so that one that is sent twice is applied once.
 """
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ from ..site.lane_paths import lane_paths
 from ..site.refine.refiner import refine_site, RefinedSite
 from ..site.write import site_text
 
-MOST_HISTORY = 1000  # steps that can be undone
-MOST_KNOWN = 5000  # steps whose identity is remembered
+MOST_HISTORY = 1000  # number of steps that can be undone
+MOST_KNOWN = 5000  # number of steps whose identity is remembered
 UNDO, REDO, LANES = 'undo', 'redo', 'lanes_between'
 
 
@@ -40,10 +40,10 @@ class Workspace:
     One draft.
 
     :param scene: the bag it is drawn on; None without one.
-    :param site_path: the site file that is opened, if it is there, and saved to.
+    :param site_path: the site file, opened if it exists, and saved to.
     :param init_path: the init file likewise.
-    :param settings: what is measured with; what is known of roads, and how to refine.
-    :raises InputError: files that are there and cannot be used.
+    :param settings: parameters for measuring, roads and their refinement.
+    :raises InputError: an existing file is unusable.
     """
 
     def __init__(self, scene: Optional[Scene], site_path: Path, init_path: Path,
@@ -67,15 +67,15 @@ class Workspace:
         self._on_disk = {path: _digest(path) for path in (site_path, init_path, self.truth_path)}
         self.figures = self.judged(self.draft, None)
 
-    # -- what there is --------------------------------------------------------------------------
+    # -- state ----------------------------------------------------------------------------------
 
     @property
     def unsaved(self) -> bool:
-        """Return whether the site has changes that are in no file."""
+        """Return whether the site has unsaved changes."""
         return self._content('site') != self._saved['site']
 
     def state(self) -> dict[str, Any]:
-        """Return all that a page needs to draw the draft."""
+        """Return the data that a page needs to draw the draft."""
         return {'version': self.version, 'draft': asdict(self.draft),
                 'undo': len(self._past), 'redo': len(self._future),
                 'unsaved': self.unsaved,
@@ -85,18 +85,18 @@ class Workspace:
                 'truth_file': self.truth_path.name}
 
     def judged(self, draft: Draft, refined: Optional[RefinedSite]) -> Figures:
-        """Judge a draft; takes a moment, may run in any thread."""
+        """Assess a draft; slow, may run in any thread."""
         return judge(draft, None if self.scene is None else self.scene.rig, self.config, refined)
 
     # -- steps ----------------------------------------------------------------------------------
 
     def take(self, message: Mapping[str, Any]) -> bool:
         """
-        Take one step.
+        Apply one step.
 
-        :param message: as a page sends it.
+        :param message: the step as sent by a page.
         :return: whether it was new.
-        :raises InputError: a step that cannot be taken; nothing has changed then.
+        :raises InputError: the step is not possible; the draft is then unchanged.
         """
         identity, name, fields = fields_of(message)
         if identity in self._known:
@@ -119,7 +119,7 @@ class Workspace:
         return no_snap if self.scene is None else self.scene.snapped
 
     def _become(self, draft: Draft) -> None:
-        """Make a draft the present one, and the present one past."""
+        """Make a draft the current one, and add the previous one to the history."""
         if draft == self.draft:
             return
         self._past.append(self.draft)
@@ -138,7 +138,7 @@ class Workspace:
         self.refined = None
 
     def _with_lanes(self) -> Draft:
-        """Return the draft with a lane between all lines a lane's width apart."""
+        """Return the draft with a lane between all neighbouring lines a lane's width apart."""
         figures = self.judged(self.draft, None)
         pairs = neighbours(figures, self.draft)
         if not pairs:
@@ -153,7 +153,7 @@ class Workspace:
         """
         Find the lines of a draft in the images; takes seconds, may run in any thread.
 
-        :raises InputError: a draft that makes no road yet.
+        :raises InputError: the draft does not define a road yet.
         """
         if self.scene is None:
             raise InputError(WHERE, 'bag', 'none', 'a bag, for its images')
@@ -162,7 +162,7 @@ class Workspace:
 
     def accept(self, draft: Draft, refined: RefinedSite) -> None:
         """
-        Take over what a refinement found.
+        Apply the result of a refinement to the draft.
 
         :raises InputError: the draft has changed in the meantime.
         """
@@ -176,9 +176,9 @@ class Workspace:
 
     def site(self, draft: Draft) -> Site:
         """
-        Return a draft as a site, everything of it.
+        Return the whole draft as a site.
 
-        :raises InputError: what a site file cannot hold.
+        :raises InputError: a part is incomplete, or not allowed in a site file.
         """
         for line in draft.lines:
             if not line.complete:
@@ -198,10 +198,10 @@ class Workspace:
 
     def save(self, overwrite: bool = False) -> Path:
         """
-        Write the site file, whole or not at all.
+        Write the site file, completely or not at all.
 
-        :param overwrite: even where the file has changed since it was opened.
-        :raises InputError: a draft that is no site yet, or a file changed by others.
+        :param overwrite: whether to write even if the file has changed since it was opened.
+        :raises InputError: the draft is no site yet, or the file was changed by others.
         """
         site = self.site(self.draft)
         if self.scene is not None:
@@ -209,7 +209,7 @@ class Workspace:
         return self._write('site', self.site_path, site_text(site), overwrite)
 
     def save_init(self, overwrite: bool = False) -> Path:
-        """Write the marked fronts likewise; :raises InputError: none that is complete."""
+        """Write the annotated fronts likewise; :raises InputError: none, or an incomplete one."""
         data = init_data(self.draft)
         first = [front for front in self.draft.fronts if front.of is None]
         if not first or len(data['vehicles']) < len(first):
@@ -219,7 +219,7 @@ class Workspace:
         return self._write('init', self.init_path, text, overwrite)
 
     def save_truth(self, overwrite: bool = False) -> Path:
-        """Write where vehicles were marked in several pairs; :raises InputError: none was."""
+        """Write the truth of vehicles marked in several pairs; :raises InputError: none is."""
         if self.scene is None:
             raise InputError(WHERE, 'bag', 'none', 'a bag, for its cameras and stamps')
         return self._write('truth', self.truth_path, truth_csv(
@@ -235,7 +235,7 @@ class Workspace:
         return path
 
     def _content(self, kind: str) -> str:
-        """Return what a file would say of the present draft, finished or not."""
+        """Return the part of the draft that a file stores, finished or not."""
         if kind == 'init':
             return repr([front for front in self.draft.fronts if front.of is None])
         if kind == 'truth':
@@ -246,5 +246,5 @@ class Workspace:
 
 
 def _digest(path: Path) -> Optional[str]:
-    """Return what tells the content of a file from another; None where there is none."""
+    """Return the SHA-256 of a file; None where it does not exist."""
     return hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else None

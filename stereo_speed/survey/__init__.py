@@ -1,3 +1,3 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What many measured passes say: of the traffic, and of the instrument beside a reference."""
+"""Evaluation of many passes: traffic statistics, and errors against a reference."""

@@ -1,10 +1,10 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Measured passes beside a reference with known speeds: errors, and what they show.
+Compare measured passes with a reference of known speeds: errors, and the claims they support.
 
 The limit of error is that of OIML R 91 (6.4): 3 km/h up to 100 km/h, 3 % above.  A reference is
-good enough where its expanded uncertainty (two of its 1-sigmas) is at most a third of that.
+good enough if its expanded uncertainty (two of its 1-sigmas) is at most a third of that limit.
 """
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from scipy.stats import beta, binom
 from .traffic import Vehicle
 from ..core.units import KMH_MPS
 
-COVERAGE = 2.0  # 1-sigmas of an expanded uncertainty
-REFERENCE_SHARE = 1 / 3  # of the limit of error
+COVERAGE = 2.0  # coverage factor of an expanded uncertainty
+REFERENCE_SHARE = 1 / 3  # greatest uncertainty of a reference, as a share of the limit of error
 _LIMIT_MPS, _LIMIT_SHARE, _LIMIT_FROM_MPS = 3 * KMH_MPS, 0.03, 100 * KMH_MPS
-_MEAN_MPS = 1 * KMH_MPS  # most mean error over a series on the road
+_MEAN_MPS = 1 * KMH_MPS  # limit of the mean error over a series on the road
 _CONFIDENCE = 0.95
-_FAR_S = 1e6  # cost of a match that may not be
-_MOST_PASSES = 10 ** 12  # more are never wanted
-# What is claimed, and passes that it takes at least: Orden ICT/155/2020; KB 12-10-2010.
+_FAR_S = 1e6  # cost of a forbidden match
+_MOST_PASSES = 10 ** 12  # upper end of the search for a number of passes
+# Claims, and the number of passes each requires: Orden ICT/155/2020; KB 12-10-2010.
 CLAIMS = (('approval', 500), ('after installation', 50), ('yearly', 30))
 RELIABILITY = 0.998
 
@@ -40,12 +40,12 @@ def error_limit_mps(speed_mps: float) -> float:
 @dataclass(frozen=True, kw_only=True)
 class ReferenceSpeed:
     """
-    A vehicle as a reference instrument saw it.
+    A vehicle as measured by a reference instrument.
 
-    :param time_ns: when, by the clock of the pairs, ns.
+    :param time_ns: time of the measurement by the clock of the pairs, ns.
     :param lane: name of its lane.
     :param speed_mps: its speed.
-    :param std_mps: the 1-sigma of that.
+    :param std_mps: 1-sigma of the speed.
     """
 
     time_ns: int
@@ -60,17 +60,17 @@ class ReferenceSpeed:
 
     @property
     def is_good_enough(self) -> bool:
-        """Return whether the reference is fit to judge by."""
+        """Return whether the reference is accurate enough for a verification."""
         return COVERAGE * self.std_mps <= REFERENCE_SHARE * self.limit_mps
 
 
 @dataclass(frozen=True, kw_only=True)
 class Match:
     """
-    A vehicle of the reference, and the pass that is its own.
+    A vehicle of the reference, and the pass matched to it.
 
-    :param reference: the vehicle.
-    :param vehicle: the pass; None where there was none.
+    :param reference: the vehicle of the reference.
+    :param vehicle: the pass; None where there is none.
     """
 
     reference: ReferenceSpeed
@@ -78,25 +78,25 @@ class Match:
 
     @property
     def error_mps(self) -> Optional[float]:
-        """Return measured less reference speed; None where nothing was measured."""
+        """Return measured minus reference speed; None where nothing was measured."""
         if self.vehicle is None or self.vehicle.speed_mps is None:
             return None
         return self.vehicle.speed_mps - self.reference.speed_mps
 
     @property
     def counts(self) -> bool:
-        """Return whether it is an error by a reference that is good enough."""
+        """Return whether there is an error and the reference is accurate enough."""
         return self.error_mps is not None and self.reference.is_good_enough
 
 
 @dataclass(frozen=True, kw_only=True)
 class Claim:
     """
-    A number of passes that a claim takes.
+    A claim, with the number of passes that it requires.
 
-    :param name: what is claimed.
-    :param wanted: passes it takes.
-    :param had: passes that count.
+    :param name: name of the claim.
+    :param wanted: number of passes required.
+    :param had: number of passes that count.
     """
 
     name: str
@@ -105,23 +105,23 @@ class Claim:
 
     @property
     def missing(self) -> int:
-        """Return how many passes are still wanted."""
+        """Return how many passes are still missing."""
         return max(self.wanted - self.had, 0)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Verification:
     """
-    What a series of passes beside a reference shows; errors in m/s.
+    The result of comparing a series of passes with a reference; errors in m/s.
 
     :param matches: every vehicle of the reference.
-    :param strangers: passes that no vehicle of the reference fits.
-    :param counted: errors by references that are good enough; the figures are of these.
+    :param strangers: number of passes without a vehicle of the reference.
+    :param counted: number of errors with accurate references; the figures are from these.
     :param mean_mps: mean error; None without any.
     :param std_mps: standard deviation; None for fewer than two.
-    :param worst_mps: the error that is greatest against its limit.
-    :param within: errors within the limit.
-    :param claims: passes wanted for what is claimed.
+    :param worst_mps: the error that is greatest relative to its limit.
+    :param within: number of errors within the limit.
+    :param claims: the claims, with the passes they require.
     """
 
     matches: Sequence[Match]
@@ -133,7 +133,7 @@ class Verification:
     within: int
     claims: Sequence[Claim]
 
-    # Each vehicle of the reference is one of these three or counts.
+    # Each vehicle of the reference either counts or is in one of these three groups.
 
     @property
     def without_pass(self) -> int:
@@ -142,12 +142,12 @@ class Verification:
 
     @property
     def rejected(self) -> int:
-        """Return how many have a pass that was rejected."""
+        """Return how many vehicles of the reference have a rejected pass."""
         return sum(m.vehicle is not None and m.error_mps is None for m in self.matches)
 
     @property
     def not_good_enough(self) -> int:
-        """Return how many have an error, but by a reference that is not good enough."""
+        """Return how many have an error, but a reference that is not accurate enough."""
         return sum(m.error_mps is not None and not m.counts for m in self.matches)
 
     @property
@@ -160,9 +160,9 @@ class Verification:
 def matched(references: Sequence[ReferenceSpeed], vehicles: Sequence[Vehicle],
             tolerance_s: float) -> list[Match]:
     """
-    Return each vehicle of a reference with the pass of its lane that is nearest in time.
+    Match each vehicle of a reference with the pass of its lane that is nearest in time.
 
-    A pass is of one vehicle only; all together are as near as can be, and as many as can be.
+    The assignment is one to one; it has the most matches and, of those, the least total distance.
 
     :param tolerance_s: how long before the first pair or after the last a reference may be.
     """
@@ -183,7 +183,7 @@ def matched(references: Sequence[ReferenceSpeed], vehicles: Sequence[Vehicle],
 
 def verification(references: Sequence[ReferenceSpeed], vehicles: Sequence[Vehicle],
                  tolerance_s: float) -> Verification:
-    """Return what passes beside a reference show; see :func:`matched` for the tolerance."""
+    """Compare passes with a reference; see :func:`matched` for the tolerance."""
     matches = matched(references, vehicles, tolerance_s)
     rows = [(m.error_mps, m.reference.limit_mps) for m in matches
             if m.counts and m.error_mps is not None]
@@ -204,7 +204,7 @@ def verification(references: Sequence[ReferenceSpeed], vehicles: Sequence[Vehicl
 
 def passes_wanted(failures: int) -> int:
     """
-    Return the passes that show ``RELIABILITY``, so many of them having failed.
+    Return the number of passes that demonstrate ``RELIABILITY``, given the failures.
 
     The fewest n with P(failures or fewer of n | reliability) <= 1 - confidence (Clopper and
     Pearson 1934, one side).
@@ -216,7 +216,7 @@ def passes_wanted(failures: int) -> int:
 
 
 def reliability_shown(counted: int, failures: int) -> float:
-    """Return the reliability that so many passes show, at 95 % confidence, as a share."""
+    """Return the reliability demonstrated by passes at 95 % confidence, as a share."""
     if counted <= failures:
         return 0.0
     failing = float(beta.ppf(_CONFIDENCE, failures + 1, counted - failures))

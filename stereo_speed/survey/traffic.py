@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Figures of traffic engineering over many passes: mean, 85th percentile, pace, over the limit."""
+"""Traffic statistics over many passes: mean, 85th percentile, pace, share over the limit."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -18,18 +18,18 @@ PACE_MPS = 10 * MPH_MPS  # width of the pace: 10 mph
 @dataclass(frozen=True, kw_only=True)
 class Vehicle:
     """
-    One pass, as a table has it.
+    One pass, as read from a table.
 
-    :param time_ns: stamp in its middle, ns.
+    :param time_ns: stamp at its middle, ns.
     :param first_ns: stamp of its first pair.
     :param last_ns: stamp of its last pair.
     :param lane: name of its lane.
-    :param direction: ``approaching`` or ``receding``; empty where the table does not say.
-    :param kind: class of the vehicle; empty where the table does not say.
-    :param speed_mps: None where it was rejected.
+    :param direction: ``approaching`` or ``receding``; empty where unknown.
+    :param kind: class of the vehicle; empty where unknown.
+    :param speed_mps: speed; None where the pass was rejected.
     :param speed_std_mps: its 1-sigma; None likewise.
-    :param reason: why it was rejected; empty where it was measured.
-    :param limit_mps: of its lane; None where there is none or it is not known.
+    :param reason: reason of a rejection; empty where the pass was measured.
+    :param limit_mps: speed limit of its lane; None where there is none or it is unknown.
     """
 
     first_ns: int
@@ -44,7 +44,7 @@ class Vehicle:
 
     @property
     def time_ns(self) -> int:
-        """Return the stamp in the middle of the pass, ns."""
+        """Return the stamp at the middle of the pass, ns."""
         return (self.first_ns + self.last_ns) // 2
 
 
@@ -53,17 +53,17 @@ class TrafficFigures:
     """
     Figures of some passes, speeds in m/s; None where no pass was measured.
 
-    :param passes: how many there were.
-    :param measured: of these, how many were measured; all others follow from them.
+    :param passes: number of passes.
+    :param measured: number of measured ones; the other figures are from these.
     :param mean_mps: mean.
     :param std_mps: standard deviation; None for fewer than two.
     :param median_mps: median.
     :param p85_mps: 85th percentile: the speed that 85 % do not exceed.
-    :param pace_low_mps: lower end of the pace, the 10 mph that hold most vehicles.
+    :param pace_low_mps: lower end of the pace, the 10 mph interval with the most vehicles.
     :param pace_share: share of the vehicles in the pace.
-    :param max_mps: greatest.
-    :param limited: vehicles on lanes with a limit.
-    :param over_share: share of these above it, without any tolerance.
+    :param max_mps: greatest speed.
+    :param limited: number of vehicles on lanes with a limit.
+    :param over_share: share of these above the limit, without any tolerance.
     """
 
     passes: int
@@ -84,9 +84,9 @@ class TrafficGroup:
     """
     Figures of a group of passes.
 
-    :param by: what groups them: ``all``, ``lane``, ``direction``, ``class`` or ``hour``.
-    :param group: its name.
-    :param figures: of it.
+    :param by: grouping: ``all``, ``lane``, ``direction``, ``class`` or ``hour``.
+    :param group: name of the group.
+    :param figures: its figures.
     """
 
     by: str
@@ -113,9 +113,9 @@ def traffic_figures(vehicles: Sequence[Vehicle]) -> TrafficFigures:
 
 def pace(speeds_mps: Array) -> tuple[float, float]:
     """
-    Return the lower end, m/s, of the 10 mph that hold most vehicles, and their share.
+    Return the lower end, m/s, of the 10 mph interval with the most vehicles, and their share.
 
-    Of several the slowest; its lower end is the speed of a vehicle.
+    The slowest of several such intervals is taken; its lower end is the speed of a vehicle.
 
     :param speeds_mps: (n,) rising, n >= 1.
     """
@@ -129,9 +129,9 @@ def traffic_groups(vehicles: Sequence[Vehicle], zone: tzinfo) -> list[TrafficGro
     """
     Return the figures of all passes, then by lane, direction, class and hour of the day.
 
-    What no table says, such as the class, makes no groups.
+    Unknown values, such as a missing class, make no group.
 
-    :param zone: time zone that hours are told in.
+    :param zone: time zone of the hours.
     """
     groups = [TrafficGroup(by='all', group='all', figures=traffic_figures(vehicles))]
     keys = {'lane': [v.lane for v in vehicles], 'direction': [v.direction for v in vehicles],

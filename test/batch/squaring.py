@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What processes of the tests of the runner do."""
+"""The work of the jobs in the runner's tests, for worker processes."""
 from __future__ import annotations
 
 import os
@@ -10,7 +10,7 @@ from stereo_speed.core.errors import InputError
 
 
 def work(parameters):
-    """Square a number, leave a trace of having done so, or fail as the parameters say."""
+    """Square a number and record that it ran, or fail, as the parameters say."""
     if parameters.get('trace'):
         with open(parameters['trace'], 'a') as file:
             file.write(f'{parameters["n"]} {os.getpid()}\n')

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A journal keeps what is done, through crashes, for one process at a time."""
+"""The journal keeps finished jobs through crashes, for one process at a time."""
 from __future__ import annotations
 
 import pytest

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Jobs run once each, over processes, through failures, crashes and cut lines."""
+"""Jobs run once each in worker processes, through failures, crashes and truncated lines."""
 from __future__ import annotations
 
 from collections import deque
@@ -21,20 +21,20 @@ from stereo_speed.core.errors import InputError
 
 @pytest.fixture
 def work(monkeypatch):
-    """Give the worker from a module that processes of their own can import."""
+    """Return the worker from a module that worker processes can import."""
     monkeypatch.syspath_prepend(str(Path(__file__).parent))
     return importlib.import_module('squaring').work
 
 
 def jobs_of(count, trace='', **changes):
-    """Make jobs; a change to one is given by its key."""
+    """Make jobs; changes to some are given by their keys."""
     plain = [{'n': n, 'trace': str(trace)} for n in range(count)]
     return [Job(key=f'job{n}', parameters={**row, **changes.get(f'job{n}', {})})
             for n, row in enumerate(plain)]
 
 
 def squares(results):
-    """List what came out."""
+    """Return the values of results."""
     return [None if r.value is None else r.value['square'] for r in results]
 
 
@@ -114,7 +114,7 @@ class StandIn:
 
 
 def deal(groups, turns):
-    """Hand out the jobs of groups to two workers that ask in this order."""
+    """Hand out the jobs of groups to two workers that ask in a given order."""
     queue = deque(deque(Job(key=key, parameters={}) for key in group) for group in groups)
     pool = [StandIn(), StandIn()]
     for turn in turns:
@@ -124,7 +124,7 @@ def deal(groups, turns):
 
 def test_a_group_stays_with_one_worker_until_others_would_idle():
     assert deal(['abcd', 'efgh'], [0, 1] * 4) == ['abcd', 'efgh']
-    # the first is done with its group when e is in work: it takes the end of the rest
+    # the first finishes its group while e is running, and takes the end of the rest
     assert deal(['abcd', 'efgh'], [1, 0, 0, 0, 0, 0, 0, 1, 1]) == ['efghcd', 'ab']
     assert deal(['ab', 'cdef'], [0, 1, 0, 0, 0, 1, 0]) == ['abef', 'cd']
 

@@ -29,14 +29,14 @@ def test_what_is_narrow_and_higher_than_a_rider_is_an_edge(width_m, height_m, ed
 
 
 def test_a_car_before_a_lorry_is_no_lorry_for_the_height_that_is_seen_behind_it():
-    """Its own width says that it is none; the height then tells nothing."""
+    """Its own width excludes a lorry; the height is then not used."""
     never = replace(CONFIG, odd_height_share=0.0)
     assert classified(1.84, 0.08, 3.6, never).name == VehicleClass.HEAVY_VEHICLE
     assert classified(1.84, 0.08, 3.6, CONFIG).name == VehicleClass.UNKNOWN
 
 
 def test_a_probability_by_hand():
-    """Without a height it is the ratio of four likelihoods of the width."""
+    """Without a height it is the ratio of the four width likelihoods."""
     def likelihood(mean, std):
         std = math.hypot(std, 0.1)
         return 0.02 / 3.0 + 0.98 * math.exp(-0.5 * ((1.9 - mean) / std) ** 2) / (

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Bad input: exit 2, one line that names the file and the field, nothing that looks complete."""
+"""Bad input: exit status 2, one line with file and field, and no output that looks complete."""
 from __future__ import annotations
 
 import math
@@ -18,7 +18,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 @pytest.fixture
 def refused(capsys, sample, short_bag, tmp_path):
-    """Give the function that runs ``replay`` in-process, checks how it ends, gives the line."""
+    """Return a function that runs ``replay`` in-process, checks its exit and returns the line."""
     def run(*more: str, bag: Path = short_bag, site: Path = sample / 'site.yaml',
             init: Path | None = sample / 'init.yaml') -> str:
         out = tmp_path / 'out'
@@ -36,13 +36,13 @@ def refused(capsys, sample, short_bag, tmp_path):
 
 
 def assert_names(line: str, *parts: object) -> None:
-    """Check that the line holds each part."""
+    """Check that the line contains each part."""
     for part in parts:
         assert str(part) in line
 
 
 def replaced(msg, field: str, value):
-    """Give the message with a field set, which also fits frozen messages."""
+    """Return the message with a field replaced; works for frozen messages, too."""
     object.__setattr__(msg, field, value)
     return msg
 
@@ -188,7 +188,7 @@ def test_out_is_a_file(capsys, sample, short_bag, tmp_path):
 
 
 def test_as_a_process(sample, tmp_path):
-    """The whole way once: a process, its exit status and its standard error."""
+    """The whole command once, as a process: exit status and standard error."""
     done = subprocess.run(
         [sys.executable, '-m', 'stereo_speed', 'replay', str(tmp_path / 'none.mcap'),
          '--site', str(sample / 'site.yaml'), '--init', str(sample / 'init.yaml'),

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the demo prints of a reading."""
+"""The line that the demo prints for a reading."""
 from __future__ import annotations
 
 from stereo_speed.cli.demo import reading_line

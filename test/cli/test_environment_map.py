@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""``map``: polygons to a map and its overlay, and what is wrong with them."""
+"""``map``: polygons to a map and its overlay, and bad polygons files."""
 from __future__ import annotations
 
 import cv2

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The command line's frame: exit status, one-line errors, lazy commands."""
+"""The common part of the command line: exit status, one-line errors, lazy imports."""
 from __future__ import annotations
 
 import argparse
@@ -14,7 +14,7 @@ from stereo_speed.core.errors import SiteError
 
 @pytest.fixture
 def command(monkeypatch):
-    """Give the function that installs a command that does what it is told."""
+    """Return a function that installs a command that runs a given action."""
     def install(action):
         class Module:
             run = staticmethod(action)
@@ -28,7 +28,7 @@ def command(monkeypatch):
 
 
 def raising(error):
-    """Give an action that raises."""
+    """Return an action that raises."""
     def action(args: argparse.Namespace) -> int:
         raise error
     return action

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""``replay`` on the sample: its files, its table, and the same bytes again."""
+"""``replay`` on the sample: its files, its table, and identical bytes when repeated."""
 from __future__ import annotations
 
 import csv
@@ -16,7 +16,7 @@ from stereo_speed.site.file import load_site
 
 @pytest.fixture(scope='module')
 def run(tmp_path_factory, sample):
-    """Give the function that replays the sample into a new folder."""
+    """Return a function that replays the sample into a new folder."""
     def replay(*more: str) -> Path:
         out = tmp_path_factory.mktemp('run')
         assert main(['replay', str(sample / 'bag'), '--site', str(sample / 'site.yaml'),

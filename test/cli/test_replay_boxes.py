@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Vehicles found elsewhere: boxes from a file, through ``replay``."""
+"""Vehicles detected by another program: boxes from a file, through ``replay``."""
 from __future__ import annotations
 
 import csv
@@ -13,7 +13,7 @@ from stereo_speed.core.units import MPH_MPS
 
 
 def written(path, boxes):
-    """Write boxes by stamp as a file."""
+    """Write boxes by stamp to a file."""
     with path.open('w', newline='') as file:
         rows = csv.writer(file)
         rows.writerow(['stamp_ns', 'left_px', 'top_px', 'width_px', 'height_px', 'score'])

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A replay that reads ahead has for each pass the images that one in turn has."""
+"""A replay that reads ahead records the same images for each pass as one that does not."""
 from __future__ import annotations
 
 from types import SimpleNamespace
@@ -21,14 +21,14 @@ STEP_NS = 100
 
 
 class Recorder:
-    """Notes of each pass which pairs there are both images of when it is offered."""
+    """Records for each offered pass the pairs of which both images are buffered."""
 
     def __init__(self):
         self.ring = ImageRing(2 * HELD * len(image().data), 10 ** 12)
         self.offered = []
 
     def offer(self, record_id, result):
-        """Note what there is."""
+        """Record the buffered pairs."""
         self.offered.append((result.track, [
             k for k in range(PAIRS) if self.ring.get('left', k * STEP_NS)
             and self.ring.get('right', k * STEP_NS + 1)]))

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A replay that has processes help it writes what it would have written alone."""
+"""A replay with helper processes writes the same files as one without."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -22,28 +22,28 @@ from stereo_speed.pipeline.pass_process import PassProcess
 
 @pytest.fixture(autouse=True)
 def two_cores(monkeypatch):
-    """Have helpers pay wherever this runs."""
+    """Make helpers worthwhile on any machine."""
     monkeypatch.setattr(os, 'sched_getaffinity', lambda pid: {0, 1})
 
 
 class Ready(SearchProcess):
-    """Searches from the first pair on: who asks whether it is ready waits until it is."""
+    """Searches from the first pair on: asking whether it is ready waits until it is."""
 
     made = []
 
     def __init__(self, *settings, **more):
-        """Make itself known."""
+        """Register itself."""
         super().__init__(*settings, **more)
         self.made.append(self)
 
     def is_ready(self):
-        """Wait until it is."""
+        """Wait until it is ready."""
         self.wait()
         return True
 
 
 class Dying(Ready):
-    """Is killed as soon as a detector is to move to it."""
+    """Is killed when a detector is about to move to it."""
 
     def is_ready(self):
         """Wait until it is ready, and kill it."""
@@ -95,7 +95,7 @@ def test_the_same_is_written_with_helpers_without_and_where_they_are_killed(
 
 @pytest.fixture(scope='module')
 def dense(sample, tmp_path_factory):
-    """Write a road on which nothing moves, at 20 pairs a second."""
+    """Write a road on which nothing moves, at 20 pairs/s."""
     with StereoBag(sample / 'bag') as source:
         rig, still = source.rig, next(iter(source.pairs()))
     pairs = [replace(still, index=k, stamp_ns=ns, right_stamp_ns=ns)
@@ -106,9 +106,9 @@ def dense(sample, tmp_path_factory):
 @pytest.mark.slow
 def test_parts_of_dense_pairs_end_where_they_do_without_helpers(
         dense, sample, tmp_path, monkeypatch):
-    """When a part is to end the answer of the last search is still under way."""
+    """When a part could end, the answer of the last search is still pending."""
     class Counted(replay.Parts):
-        """Parts that tell after how many pairs they ended."""
+        """Parts that report after how many pairs they ended."""
 
         def begin(self, pipeline, so_far):
             ends.append(len(so_far.stamps_ns))
@@ -151,7 +151,7 @@ def test_short_bags_and_those_of_many_go_without_processes(forks, fewest, monkey
     assert sys.getswitchinterval() == turn_s
 
     class Asked(Helpers):
-        """Tells whether there were to be processes."""
+        """Reports whether processes were requested."""
 
         def __init__(self, processes, *_, **more):
             asked.append(processes)

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""``replay-many``: the bytes of ``replay``, over processes and a cluster, through kills."""
+"""``replay-many`` writes the bytes of ``replay``, over processes and a cluster, through kills."""
 from __future__ import annotations
 
 import json
@@ -25,7 +25,7 @@ ENVIRONMENT = {**os.environ, 'PYTHONPATH': str(ROOT)}
 
 @pytest.fixture(scope='module')
 def bags(rewrite, tmp_path_factory):
-    """Five bags of 3 to 7 pairs."""
+    """Write five bags of 3 to 7 pairs."""
     folder = tmp_path_factory.mktemp('bags')
     return [rewrite(folder / f'bag{n}', pairs=3 + n) for n in range(5)]
 
@@ -38,7 +38,7 @@ def options(sample):
 
 @pytest.fixture(scope='module')
 def one_by_one(bags, options, tmp_path_factory):
-    """Give the folder with what ``replay`` writes of each."""
+    """Return the folder with the output of ``replay`` for each bag."""
     out = tmp_path_factory.mktemp('single')
     for bag in bags:
         assert main(['replay', str(bag), *options, '--out', str(out / bag.name)]) == 0
@@ -46,7 +46,7 @@ def one_by_one(bags, options, tmp_path_factory):
 
 
 def assert_same_bytes(found: Path, wanted: Path) -> None:
-    """Compare two folders of runs, file by file, hidden ones too."""
+    """Compare two folders of runs, file by file, including hidden ones."""
     for run in wanted.iterdir():
         assert sorted(os.listdir(found / run.name)) == sorted(os.listdir(run))
         for path in run.iterdir():
@@ -81,20 +81,20 @@ def test_a_killed_run_goes_on_and_a_bad_bag_costs_only_itself(
     assert told.err.count('error: ') == 1
     assert '5 of 6 bags, 5 passes' in told.out
     assert_same_bytes(out, one_by_one)
-    # Of what was finished before the kill, nothing was measured again.
+    # Bags finished before the kill were not measured again.
     assert all(finished(journal).count(name) == 1 for name in done)
     rows = sqlite3.connect(out / 'passes.sqlite').execute('SELECT bag, pairs FROM passes')
     assert rows.fetchall() == [(f'bag{n}', 3 + n) for n in range(5)]
 
 
 def finished(journal: Path) -> list[str]:
-    """List the bags that a journal has a run of."""
+    """List the bags with a run in a journal."""
     rows = [json.loads(line) for line in journal.read_text().splitlines() if line.endswith('}')]
     return [row['key'] for row in rows if row['value']]
 
 
 def wait_for(condition, process=None, seconds=300.0):
-    """Wait for an event, as long as the process that it comes from is there."""
+    """Wait for an event while the process that causes it is alive."""
     end = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < end, 'the awaited event has not come'
@@ -153,7 +153,7 @@ def test_a_bad_site_is_one_line_for_all(bags, options, tmp_path, capsys):
 
 @pytest.fixture
 def cluster(tmp_path):
-    """Start a scheduler and two workers; gives its address and the workers' processes."""
+    """Start a scheduler and two workers; return its address and the workers' processes."""
     pytest.importorskip('distributed', reason='Dask is not installed (extra: cluster)')
     with socket.socket() as probe:
         probe.bind(('127.0.0.1', 0))

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A long replay that is interrupted goes on, and writes what it would have written."""
+"""A long replay resumes after an interruption, and writes the same files."""
 from __future__ import annotations
 
 import argparse
@@ -41,7 +41,7 @@ def bag(sample, tmp_path_factory):
 
 @pytest.fixture
 def in_parts(monkeypatch):
-    """Make parts short."""
+    """Use short parts."""
     monkeypatch.setattr(replay, 'PART_PAIRS', 10)
 
 
@@ -50,7 +50,7 @@ def files(folder):
 
 
 def interrupt(monkeypatch, pairs):
-    """Let Ctrl-C come after so many pairs of a run."""
+    """Raise a KeyboardInterrupt after some pairs of a run."""
     def some(stream, **_):
         for number, pair in enumerate(stream):
             if number == pairs:
@@ -80,7 +80,7 @@ def test_an_interrupted_run_goes_on_and_writes_the_same(
         assert main(argv('cut')) == 130
     kept = tmp_path / 'cut' / FOLDER
     assert [p.name for p in (tmp_path / 'cut').iterdir()] == [FOLDER]
-    # what a kill cuts off in the middle of a line is not used
+    # a line truncated by a kill is not used
     with (kept / 'steps.jsonl').open('a') as steps:
         steps.write('{"!":"dict","v":[["pairs",35')
     with monkeypatch.context() as patch:
@@ -93,7 +93,7 @@ def test_an_interrupted_run_goes_on_and_writes_the_same(
     assert 32 < done < 50
     assert files(tmp_path / 'cut') == wanted
 
-    # what a run with other options has left is of no use
+    # the results of a run with other options are not used
     with monkeypatch.context() as patch:
         interrupt(patch, 50)
         assert main(argv('other', '--seed', '5', '--no-plots')) == 130

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What ``replay --report --video`` writes beside the tables."""
+"""The files that ``replay --report --video`` writes beside the tables."""
 from __future__ import annotations
 
 import re
@@ -12,7 +12,7 @@ from stereo_speed.cli.main import main
 
 @pytest.fixture(scope='module')
 def outs(sample, tmp_path_factory):
-    """Return the folders of two runs that are alike."""
+    """Return the folders of two identical runs."""
     out = tmp_path_factory.mktemp('report')
     for name in ('a', 'b'):
         assert main(['replay', str(sample / 'bag'), '--site', str(sample / 'site.yaml'), '--init',

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""``self-test`` with the sample, whose speed is known, and with a speed that is not its own."""
+"""``self-test`` with the sample's known speed, and with a wrong speed."""
 from __future__ import annotations
 
 import csv
@@ -13,7 +13,7 @@ from stereo_speed.pipeline.self_test import off_percent
 
 @pytest.fixture()
 def stored(sample, tmp_path):
-    """Return a function that stores the sample with speeds that are off by a factor."""
+    """Return a function that stores the sample with its true speeds multiplied by a factor."""
     def store(factor):
         with (sample / 'truth.csv').open(newline='') as file:
             rows = list(csv.DictReader(file))

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""``site`` from end to end on the sample, and what it refuses."""
+"""``site`` end to end on the sample, and bad input."""
 from __future__ import annotations
 
 import numpy as np
@@ -23,7 +23,7 @@ def test_refine_writes_a_site_that_can_be_used(sample, short_bag, tmp_path, caps
     assert all(line.left_std_px is not None and np.median(line.left_std_px) < 0.06
                for line in site.lines.values())
     assert not np.any(site.correction.drift_rad)
-    # what any program that knows picked lines needs is there
+    # everything needed by a program that reads picked lines
     plain = yaml.safe_load(out.read_text())
     assert plain['stereo_speed_site'] == 1
     assert all(len(p) == 2 for p in plain['lines']['line_0']['right_image'])
@@ -33,7 +33,7 @@ def test_refine_writes_a_site_that_can_be_used(sample, short_bag, tmp_path, caps
 
 @pytest.mark.slow
 def test_check_changes_nothing(edited, short_bag, tmp_path, capsys):
-    """On a site of one line, for it takes as long as there are lines."""
+    """On a site of one line, because the time grows with the lines."""
     def one_line(data):
         data['lines'] = {'edge_right': data['lines']['edge_right']}
         data['lanes'] = [{'name': 'lane_0', 'path': 'edge_right', 'speed_limit': '55 mph'}]

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""``stats`` and ``verify-against`` over runs as ``replay`` writes them."""
+"""``stats`` and ``verify-against`` over runs of ``replay``."""
 from __future__ import annotations
 
 import csv
@@ -26,7 +26,7 @@ def result(track, kmh, lane='near'):
 
 @pytest.fixture()
 def runs(tmp_path):
-    """Write two runs below one folder, and give it."""
+    """Write two runs below one folder, and return it."""
     lanes = {'near': {'speed_limit_mps': 60 * KMH_MPS}, '<far>': {'speed_limit_mps': None}}
     write_run(tmp_path / 'runs' / 'a', [], [result(1, 50), result(2, 70), result(3, None)],
               {'lanes': lanes})
@@ -55,7 +55,7 @@ def test_stats_in_other_forms(runs, tmp_path, form):
     out = tmp_path / 'out'
     assert main(['stats', str(runs / 'a'), str(runs / 'b'), '--out', str(out)]) == 0
     assert main(['stats', str(runs), '--out', str(out), '--format', form]) == 0
-    assert not (out / 'stats.csv').exists()  # an older table of another form is not left beside
+    assert not (out / 'stats.csv').exists()  # an older table in another format is removed
     path = out / f'stats.{form}'
     if form == 'parquet':
         parquet = pytest.importorskip('pyarrow.parquet')

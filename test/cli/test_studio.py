@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The command ``studio``: what it refuses, and a whole run of it."""
+"""The command ``studio``: bad input, and a whole run."""
 from __future__ import annotations
 
 import http.cookiejar

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Which kernels are in use is decided by what is installed and asked for, and told."""
+"""Kernels are chosen by installed packages and by request, and the choice is reported."""
 from __future__ import annotations
 
 import ast
@@ -27,7 +27,7 @@ TYPES = '(f8[:,::1], f8)'
 
 
 def plain_total(values, more):
-    """Sum in the easy way."""
+    """Sum in plain Python."""
     return 'plain', float(np.sum(values)) + more
 
 
@@ -107,7 +107,7 @@ def test_bits_depend_neither_on_history_nor_on_who_compiled(fresh_process, tmp_p
     assert after_others == compiled
 
 
-# Two kernels with helpers: their bits, at once or after arrays of other layouts.
+# Two kernels with helpers: exact results, at first or after arrays of other layouts.
 BITS = """
 import hashlib
 import sys
@@ -178,7 +178,7 @@ def fresh_process(sample):
 
 
 def test_constants_of_a_loop_stand_in_its_own_file():
-    """Compiled code is kept until that file changes: a constant from elsewhere would go stale."""
+    """Compiled code is cached until that file changes; constants from elsewhere might be stale."""
     package = Path(compiled.__file__).parents[1]
     files = [path for path in package.rglob('*.py') if '@kernel(' in path.read_text()]
     assert files

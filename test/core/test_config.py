@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Config records: bounds, choices, sections, and what is said of what is wrong."""
+"""Config records: bounds, choices, sections, and the texts of errors."""
 from __future__ import annotations
 
 from dataclasses import dataclass, fields

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Numbers of frames from their stamps: with jitter and drops, by hand, and after a jump."""
+"""Frame numbers from stamps: with jitter and drops, by hand, and after a jump."""
 from __future__ import annotations
 
 import numpy as np
@@ -14,12 +14,12 @@ JUMP_NS = 1000 * MS
 
 @pytest.fixture()
 def counter():
-    """Return a counter that takes a second back for a jump."""
+    """Return a counter that takes a step back of one second for a jump."""
     return FrameCounter(JUMP_NS)
 
 
 def test_numbers_are_those_of_the_camera(counter):
-    """30 Hz with 3 ms of jitter and one in six dropped."""
+    """At 30 Hz with 3 ms of jitter and one frame in six dropped."""
     rng = np.random.default_rng(8)
     there = rng.random(900) > 1 / 6
     there[:6] = True
@@ -49,7 +49,7 @@ def test_jump_back_is_told_from_a_late_stamp_and_numbers_restart(counter):
 
 
 def test_interval_follows_a_camera_that_changes_its_rate(counter):
-    """After 16 of the 31 latest intervals are the new ones, their median is the new one."""
+    """When 16 of the latest 31 intervals are new, the median is a new one."""
     for i in range(40):
         counter.step(i * 100 * MS)
     start = counter.last_ns

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A process that helps, where it cannot be had."""
+"""Helper processes that cannot be started."""
 from __future__ import annotations
 
 import os
@@ -51,7 +51,7 @@ def test_a_process_whose_priority_is_refused_is_ended_and_leaves_nothing_open(mo
 
 @pytest.mark.parametrize('end', [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_to_all_of_a_group_does_not_end_a_process_that_has_just_been_started(end, capfd):
-    """Which its parent may still need, and has no reason to die with a traceback."""
+    """Its parent may still need it, and it must not end with a traceback."""
     former = signal.pthread_sigmask(signal.SIG_BLOCK, ())
     helper = HelperProcess('stereo_speed.detection.search_process', 5.0)
     for _ in range(10):  # while it imports
@@ -65,7 +65,7 @@ def test_a_signal_to_all_of_a_group_does_not_end_a_process_that_has_just_been_st
 
 @pytest.fixture()
 def forking():
-    """Give a process of one thread with two forks; it is ended."""
+    """Return a single-threaded process with two forks, which is ended afterwards."""
     process = subprocess.Popen([sys.executable, '-c', FORKS], stdin=subprocess.PIPE,
                                stdout=subprocess.PIPE, text=True)
     with process:
@@ -91,7 +91,7 @@ def test_forks_end_with_the_process_that_they_are_of(forking):
 
 
 def is_running(pid):
-    """Return whether there is such a process that has not ended."""
+    """Return whether a process exists and has not ended."""
     try:
         return Path('/proc', pid, 'stat').read_text().rsplit(')', 1)[1].split()[0] != 'Z'
     except FileNotFoundError:

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Whole numbers that no float can hold are refused like any other that is out of bounds."""
+"""Whole numbers beyond the range of floats are refused like any other out of bounds."""
 from __future__ import annotations
 
 import pytest

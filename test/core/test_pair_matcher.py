@@ -10,7 +10,7 @@ MS = 1_000_000
 
 
 def run(matcher, events):
-    """Feed (side, stamp) events; gives the (left, right) stamps as they come out."""
+    """Feed (side, stamp) events, and return the matched (left, right) stamps in order."""
     out = []
     for side, stamp in events:
         add = matcher.add_left if side == 'L' else matcher.add_right

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What is said of a whole pass: further doubt, rejection, the ends of its profile."""
+"""Results of passes: further doubt, rejection, the ends of the profile."""
 from __future__ import annotations
 
 from dataclasses import replace

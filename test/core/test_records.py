@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Pairs know when their views were exposed."""
+"""Exposure times of a pair's views."""
 from __future__ import annotations
 
 import numpy as np

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Threads that give way: they stop where they are asked to, and no longer than that."""
+"""Threads that give way stop when they are asked to, and no longer than needed."""
 from __future__ import annotations
 
 import threading
@@ -13,7 +13,7 @@ _LONG_S = 30.0  # more than a busy machine takes
 
 @pytest.fixture
 def passing():
-    """Return a function that starts a thread which gives way once; it returns what it sets."""
+    """Return a function that starts a thread which gives way once, and returns its event."""
     threads = []
 
     def begin(way):

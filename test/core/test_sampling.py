@@ -27,7 +27,7 @@ def test_sampler_keeps_little_and_spans_all():
 
 
 def sampled(count: int, length: int) -> list[int]:
-    """Run the numbers below ``length`` through a sampler."""
+    """Feed the numbers below ``length`` to a sampler."""
     sampler = EvenSampler(count)
     for item in range(length):
         if sampler.wants():

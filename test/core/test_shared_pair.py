@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Pairs that another process shall see lie side by side in memory, and come out as they were."""
+"""Pairs in shared memory are contiguous, and are restored unchanged."""
 from __future__ import annotations
 
 from mmap import mmap

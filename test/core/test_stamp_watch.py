@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Steps of the clock are told from missing images, from jitter and from uneven exposures."""
+"""Steps of the clock are distinguished from lost images, jitter and uneven exposures."""
 import numpy as np
 import pytest
 from stereo_speed.core.stamp_watch import StampWatch
@@ -49,7 +49,7 @@ def unevenness_s(stamps_ns, most_s=4e-4):
 
 @pytest.mark.parametrize('period_ns', [PERIOD_NS, 33_366_700])
 def test_how_uneven_stamps_are_is_found_but_for_what_twenty_intervals_leave_open(period_ns):
-    """With images missing, too; the mean over many streams is right to a few percent."""
+    """Also with lost images; the mean over many streams is right to a few per cent."""
     rng, std_ns = np.random.default_rng(2), 1.5e6
     found = []
     for _ in range(300):
@@ -60,7 +60,7 @@ def test_how_uneven_stamps_are_is_found_but_for_what_twenty_intervals_leave_open
 
 
 def test_the_first_intervals_leave_more_open():
-    """Whose 1-sigma is taken for the truth is too sure: the mean error over it is 1 or less."""
+    """A 1-sigma taken for the truth would be overconfident: mean error over it is at most 1."""
     rng, ratios = np.random.default_rng(3), []
     for _ in range(2000):
         found = unevenness_s(PERIOD_NS * np.arange(6) + rng.normal(0, 3e6, 6), 0.0)
@@ -70,7 +70,7 @@ def test_the_first_intervals_leave_more_open():
 
 
 @pytest.mark.parametrize('stamps_ns', [
-    PERIOD_NS * np.arange(5.0),  # too few to tell
+    PERIOD_NS * np.arange(5.0),  # too few for an estimate
     PERIOD_NS * np.delete(np.arange(60), [30, 31, 45, 52, 53]),
     PERIOD_NS * np.arange(60) + np.random.default_rng(0).normal(0, 2e5, 60),  # as it should be
     PERIOD_NS * np.arange(60) + 30_000_000 * (np.arange(60) > 50)])  # a step
@@ -86,7 +86,7 @@ def test_stamps_good_to_their_parameter_are_hardly_ever_told_to_be_worse():
 
 
 def told_s(stamps_ns):
-    """Return what is said of the stamps after each of them."""
+    """Return the estimated scatter of the stamps after each of them."""
     watch, told = StampWatch(), []
     for ns in map(int, stamps_ns):
         watch.add(ns)
@@ -97,7 +97,7 @@ def told_s(stamps_ns):
 @pytest.mark.parametrize('rate_hz, std_s', [
     (60.0, 2e-3), (60.0, 3e-3), (30.0, 5e-3), (30.0, 6e-3), (30.0, 8e-3), (5.0, 0.03)])
 def test_however_great_the_scatter_is_it_is_told_and_goes_on_to_be(rate_hz, std_s):
-    """Beyond a sixth of the period no pace shows any more: all scatter of intervals counts."""
+    """Beyond a sixth of the period no pace is recognisable: all scatter of intervals counts."""
     rng, found = np.random.default_rng(5), []
     for _ in range(50):
         told = told_s(1e9 * np.sort(np.arange(80) / rate_hz + rng.normal(0, std_s, 80)))
@@ -154,7 +154,7 @@ def test_jitter_that_begins_is_told_within_a_few_pairs():
 
 
 def odd_shares(stamps_ns, odd_s=9e-4, most_s=0.01, least_s=0.06):
-    """Return the share by which speeds are doubted at each stamp."""
+    """Return the relative speed uncertainty from odd stamps at each stamp."""
     watch, shares = StampWatch(), []
     for ns in map(int, stamps_ns):
         watch.add(ns)
@@ -199,6 +199,6 @@ def test_no_way_is_shorter_than_speeds_are_measured_over_and_no_stamp_off_by_mor
 
 
 def test_a_stamp_that_is_odd_among_the_first_is_noticed():
-    """Of two intervals that differ either may be right: each is off by half."""
+    """Of two different intervals either may be right: each is wrong by half."""
     assert odd_shares(PERIOD_NS * np.arange(3) + [0, 0, 4_000_000])[2] == pytest.approx(2 / 204)
     assert odd_shares(PERIOD_NS * np.arange(4) + [0, 0, 0, 4_000_000])[3] == pytest.approx(4 / 204)

@@ -12,7 +12,7 @@ QUAD = [[10, 10], [50, 11], [51, 40], [9, 39]]
 
 
 def mapping(**data):
-    """Make a mapping that knows its own keys."""
+    """Make a mapping whose keys are all allowed."""
     return StrictMapping('f.yaml', 'at', data, tuple(data))
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Which pairs of a pass show its vehicle where it was measured, and what is gathered of them."""
+"""The pairs of a trace that show the vehicle, and the content of a trace."""
 from __future__ import annotations
 
 import numpy as np
@@ -11,7 +11,7 @@ BOX = np.array([[0.0, 0], [10, 0], [10, 8], [0, 8]])
 
 
 def said(ns, track=0, off_px=0.0, state=TrackState.CONFIRMED):
-    """Return what a track says of a pair."""
+    """Return a track's update for a pair."""
     return TrackUpdate(ns, track, 'near', state, 20.0, 0.1, 5.0, 0.0, np.zeros(3), np.eye(3),
                        np.eye(3), BOX + off_px, BOX)
 
@@ -33,7 +33,7 @@ def test_of_each_other_vehicle_in_a_pair_what_was_said_last_counts():
         builder.add(StereoPair(ns, ns, ns, image, image), 400, said(ns), stamp_std_s=1e-3)
     builder.add_others(1, [said(1), said(1, 1), said(1, 2)])
     builder.add_others(1, [said(1, 1, off_px=3.0)])
-    builder.add_others(3, [said(3, 1)])  # which it was not fed
+    builder.add_others(3, [said(3, 1)])  # which the tracker was not given
     first, second = builder.built().pairs
     assert [(other.track, other.left_px[0, 0]) for other in first.others] == [(1, 3.0), (2, 0.0)]
     assert second.others == ()

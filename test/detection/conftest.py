@@ -33,14 +33,14 @@ class Drive(NamedTuple):
 
 
 def make_lanes(site, rig, folder):
-    """Lanes of a site's content, through a real file."""
+    """Return the lanes of a site's content, read through a real file."""
     path = folder / 'site.yaml'
     path.write_text(yaml.safe_dump(dict(site)))
     return lane_paths(load_site(path), rig)
 
 
 def drive_of(config, seed, folder):
-    """Simulate a pass; its lanes are those of picked lines."""
+    """Simulate a pass, with the lanes of picked lines."""
     sequence = simulate(config, np.random.default_rng(seed))
     truth = {}
     for row in sequence.truth:

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A small world for tests of the detectors: a flat textured front on a flat textured road."""
+"""A small scene for tests of the detectors: a flat textured front on a flat textured road."""
 from __future__ import annotations
 
 from dataclasses import dataclass

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The detector in a process of its own: the same as in turn, and no harm when it dies."""
+"""The detector in a separate process: same results as in sequence, and survival of its death."""
 from __future__ import annotations
 
 from dataclasses import astuple, replace
@@ -38,20 +38,20 @@ def process():
 
 
 def both(drive, process, failed):
-    """Return the detector in turn, and the one beside."""
+    """Return the detector in sequence, and the one in a process."""
     return (PlaneSweepDetector(drive.rig, drive.lanes, DetectorConfig()),
             DetectorBeside(process, drive.rig, drive.lanes, DetectorConfig(), failed))
 
 
 def held(found):
-    """Return the place of a detection as a track that holds it would."""
+    """Return the region of a track that follows a detection."""
     return TrackedRegion(
         lane=found.lane, s_m=found.s_m, lateral_m=found.lateral_m, width_m=found.width_m,
         height_m=found.height_m, left_px=found.left_px, right_px=found.right_px)
 
 
 def assert_same(these, those):
-    """Compare detections to the last bit; earlier pairs are the very same ones."""
+    """Compare detections to the last bit; their earlier pairs must be identical objects."""
     assert len(these) == len(those)
     for one, other in zip(these, those):
         assert (one.earlier is None) == (other.earlier is None)
@@ -67,7 +67,7 @@ def assert_same(these, those):
 
 @pytest.mark.slow
 def test_whatever_tracks_were_expected_to_hold_the_same_is_found(traffic, process):
-    """Expected is what holds, nothing, or what nobody holds, in turn; what holds differs too."""
+    """Expected regions are the true ones, none, or wrong ones in turn; the true ones vary, too."""
     failures, found_ever = [], 0
     turn, beside = both(traffic, process, failures.append)
     known = []
@@ -86,7 +86,7 @@ def test_whatever_tracks_were_expected_to_hold_the_same_is_found(traffic, proces
 
 @pytest.mark.slow
 def test_pairs_in_which_nothing_is_searched_are_not_sent(traffic, process):
-    """At 30 pairs a second two lanes have their turn in six of them, and time jumps once."""
+    """At 30 pairs/s two lanes take turns in six pairs, and time jumps once."""
     failures, sent, found = [], [], 0
     turn, beside = both(traffic, process, failures.append)
     process.share = lambda pair, most: sent.append(number) or SearchProcess.share(
@@ -99,7 +99,7 @@ def test_pairs_in_which_nothing_is_searched_are_not_sent(traffic, process):
             turn.reset(), beside.reset()
         beside.expect(pair, [])
         wanted = turn.update(pair)
-        if number % 7 != 3:  # else nobody asks
+        if number % 7 != 3:  # otherwise there is no request
             assert_same(beside.update(pair), wanted)
             found += len(wanted)
     assert found > 0 and failures == [] and 10 < len(sent) < 35
@@ -132,7 +132,7 @@ def test_a_pair_that_nobody_asks_for_any_more_is_let_go(straight, process):
 
 
 def test_what_a_detector_before_has_not_asked_for_is_no_answer_to_the_next(straight, process):
-    """As when a calibration changes while a search is under way."""
+    """As when the calibration changes during a search."""
     failures, found = [], 0
     _, before = both(straight, process, failures.append)
     before.expect(straight.pairs[3], [])
@@ -153,7 +153,7 @@ def test_a_process_that_dies_leaves_the_search_here(straight, process):
         assert_same(beside.update(pair), turn.update(pair))
     process.process.kill()
     process.process.wait(END_S)
-    # What the process remembered is known here.
+    # The memory of the process is known here.
     for pair in pairs[2:]:
         beside.expect(pair, [])
         assert_same(beside.update(pair), turn.update(pair))
@@ -161,7 +161,7 @@ def test_a_process_that_dies_leaves_the_search_here(straight, process):
 
 
 def test_without_a_process_it_searches_here_until_there_is_one(straight, process):
-    """Whoever goes on remembers the pairs before."""
+    """The detector that continues remembers the earlier pairs."""
     failures, pairs = [], straight.pairs
     turn, beside = both(straight, None, failures.append)
 
@@ -182,7 +182,7 @@ def test_without_a_process_it_searches_here_until_there_is_one(straight, process
 
 @pytest.mark.slow
 def test_wherever_it_moves_to_and_back_the_same_is_found(traffic):
-    """There with the fourth pair, in the middle of a round, and gone after the ninth."""
+    """It moves with the fourth pair, in the middle of a round, and back after the ninth."""
     process, failures, asked, found = SearchProcess(), [], [], 0
     process.wait()
     turn = PlaneSweepDetector(traffic.rig, traffic.lanes, DetectorConfig())
@@ -232,13 +232,13 @@ def test_it_ends_with_the_process_that_started_it():
 
 
 def test_what_was_asked_of_tracks_tells_whether_others_would_have_answered_alike():
-    """A lane along z: 2 m ahead of a track is too near, 50 m is not."""
+    """On a lane along z, 2 m ahead of a track is too near, 50 m is not."""
     path = StraightPath(np.zeros(3), np.array([0.0, 0.0, 1.0]), 100.0)
     spacing = Spacing({'lane': LanePath('lane', path, None, np.zeros(2), 0.0)}, SpacingConfig())
     places = {z: Place(np.array([0.0, 0.0, z]), 0.9, 'lane') for z in (10.0, 12.0, 60.0)}
     asked = Held(spacing, [places[10.0]])
     assert asked.meet('lane', places[12.0]) and not asked.meet('lane', places[60.0])
-    asked.add(places[60.0])  # what is found since counts, and is asked nothing
+    asked.add(places[60.0])  # later detections count, without any request
     assert asked.meet('lane', places[60.0]) and not asked.anew().meet('lane', places[60.0])
     assert [question.answer for question in asked.asked] == [True, False, False, False]
     moved = Place(np.array([0.1, 0.0, 10.3]), 0.9, 'lane')

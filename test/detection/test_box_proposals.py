@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Places on a lane that a box may stand for, and fronts that fit it."""
+"""Positions on a lane that a box may represent, and fronts that fit it."""
 from __future__ import annotations
 
 from drawn_fronts import LANE, RIG

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters of the detectors: combinations that could find nothing are refused."""
+"""Parameters of the detectors: combinations that could detect nothing are refused."""
 from __future__ import annotations
 
 import pytest

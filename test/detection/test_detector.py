@@ -32,7 +32,7 @@ def bound_m(found, drive):
 
 
 def held(found):
-    """Return the place of a detection as a track that holds it would."""
+    """Return the region of a track that follows a detection."""
     return TrackedRegion(
         lane=found.lane, s_m=found.s_m, lateral_m=found.lateral_m, width_m=found.width_m,
         height_m=found.height_m, left_px=found.left_px, right_px=found.right_px)
@@ -75,7 +75,7 @@ def test_where_it_was_is_reported_too(straight):
 
 
 def hidden(pair, row, rig):
-    """Occlude 0.5 m about the middle of a front by a post, in both views."""
+    """Occlude 0.5 m around the middle of a front by a post, in both views."""
     centre = np.array([row[k] for k in 'xyz'], float)
     views = []
     for view, (left, right) in zip(
@@ -127,13 +127,13 @@ def test_what_stands_still_is_no_vehicle(straight):
 
 
 def test_one_view_alone_finds_nothing(straight):
-    """What moves but is at no depth, such as what both cameras see alike, is none."""
+    """Motion without a consistent depth, such as equal content in both cameras, is no vehicle."""
     drive = straight._replace(pairs=[replace(p, right=p.left) for p in straight.pairs])
     assert first_pair_found(drive)[1] == []
 
 
 def test_who_recalls_what_another_remembers_goes_on_as_that_would(traffic):
-    """At any pair, in the middle of a round too."""
+    """A detector that takes over another's memory at any pair continues identically."""
     one, found = PlaneSweepDetector(traffic.rig, traffic.lanes, DetectorConfig()), 0
     for pair in traffic.pairs[:12]:
         other = PlaneSweepDetector(traffic.rig, traffic.lanes, DetectorConfig())
@@ -170,7 +170,7 @@ def test_at_high_rates_the_lanes_take_turns(straight, fps, step, wanted):
             base, index=k * step, stamp_ns=stamp_ns, right_stamp_ns=stamp_ns), ())
         told.append(''.join(searched))
         searched.clear()
-    # there is nothing to compare the first pair with, and all lanes have had their turn in it
+    # the first pair has no predecessor, and all lanes have had their turn in it
     assert told[0] == '' and 'a' in ''.join(told)
     first = next(k for k, lanes in enumerate(told) if lanes)
     assert told[first:] == wanted[:len(told) - first]
@@ -204,7 +204,7 @@ def test_only_vehicles_are_found_in_traffic(traffic):
             vehicle = min(gaps, key=lambda v: np.abs(gaps[v][:2]).sum())
             along, across, _ = gaps[vehicle]
             whole = next(row['visible'] for row in rows if row['vehicle'] == vehicle) > 0.98
-            # What covers part of a front in one view displaces the other part that both match.
+            # Occlusion of a part in one view displaces the remaining part that both views match.
             assert abs(across) < 0.5 and abs(along) < bound_m(one, traffic) * (1 if whole else 2)
             found.setdefault(vehicle, set()).add(one.lane)
     assert all(len(lanes) == 1 for lanes in found.values())
@@ -236,7 +236,7 @@ def test_cameras_exposed_apart_find_and_measure(make_drive, lag_s):
     assert np.abs(one.right_px.mean(axis=0) - later).max() < 1.5
     pipeline = make_pipeline(drive.rig, drive.lanes, PipelineConfig())
     results = []
-    for _ in range(4):  # the first ones tell the time between the views, which then is known
+    for _ in range(4):  # the first pairs determine the time between the views
         results += run(pipeline, drive.pairs).passes
         pipeline.reset()
     verdicts = [r.verdict for r in results]
@@ -268,7 +268,7 @@ def box_of(row, drive, rng):
 
 
 def boxes_by_arrival(drive, rng):
-    """Return boxes by the pair before which they come: up to 3 late, some missing, some false."""
+    """Return boxes by the pair before which they arrive: up to 3 late, some missing or false."""
     out = {}
     for k, pair in enumerate(drive.pairs):
         boxes = [box_of(row, drive, rng) for row in drive.truth[pair.stamp_ns]
@@ -280,7 +280,7 @@ def boxes_by_arrival(drive, rng):
 
 
 def errors_by_vehicle(drive, done):
-    """Return the live errors of each measured pass, by the vehicle that it followed."""
+    """Return the live errors of each measured pass, by its vehicle."""
     out = {}
     for track in [p.track for p in done.passes if p.verdict == 'measured']:
         updates = [u for u in done.updates if u.track == track]

@@ -67,7 +67,7 @@ def test_where_there_is_nothing_nothing_is_found(interval):
 
 
 def test_a_dark_front_is_told_from_what_it_makes_with_its_shadow():
-    """Most of what is mirrored is so about what lies between them, which is no front."""
+    """Most of the symmetry is about the middle of both together, which is no front."""
     dark = interval_of(replace(AT, light=0.12, shadow_m=1.6))
     some = [Proposal(AT.s_m + d, AT.x_m) for d in (-1.0, 0.5)]
     assert refiner_of(least_symmetry=None).refine(some, dark, NOISE) == []

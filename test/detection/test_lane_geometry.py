@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Planes across a lane: few exact points against exact ones, and rates against construction."""
+"""Planes across a lane: interpolated pixels against exact ones, rates against displacements."""
 from __future__ import annotations
 
 import numpy as np

@@ -59,7 +59,7 @@ def test_a_narrow_front_need_not_be_symmetric():
 
 
 def held(width_m, s_m, x_m=0.0):
-    """Return what a track holds of a vehicle."""
+    """Return the region of a track of a vehicle."""
     return TrackedRegion(lane='lane', s_m=s_m, lateral_m=x_m, width_m=width_m, height_m=0.6,
                          left_px=np.zeros((4, 2)), right_px=np.zeros((4, 2)))
 
@@ -87,7 +87,7 @@ def test_what_is_at_the_side_of_a_long_vehicle_is_part_of_it(
 
 @pytest.mark.parametrize('goes_away', [False, True])
 def test_the_side_of_a_vehicle_lies_beyond_what_faces_the_camera(goes_away):
-    """Of one that goes away the rear is tracked: who rides ahead of it is at its side."""
+    """The rear of a receding vehicle is tracked, so a rider ahead of it is at its side."""
     sense = 1.0 if goes_away else -1.0
     path = StraightPath(np.array([0.0, 2.0, 50.0 - 40 * sense]), np.array([0.0, 0.0, sense]),
                         80.0, np.array([0.0, -1.0, 0.0]))
@@ -112,7 +112,7 @@ def test_what_goes_the_other_way_is_no_part_of_a_vehicle(lane, at_side):
 
 
 def test_a_rider_behind_the_front_is_seen_aslant():
-    """So far aside as the camera is, what is behind a front looks wider by some of its depth."""
+    """Seen from the side, objects behind a front appear wider by a part of their depth."""
     def found(length_m):
         detector = PlaneSweepDetector(RIG, LANES, DetectorConfig(
             front=FrontConfig(narrow_length_m=length_m, narrow_most_m=0.6,

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What of a window moves: middles and widths without symmetry, and parts of something wider."""
+"""The moving part of a window: centres and widths without symmetry, and parts of wider objects."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -66,14 +66,14 @@ def width_of(interval, x_m=0.0, half_m=0.35):
 
 @pytest.mark.parametrize('gone_m', [1.0, STEP_M])
 def test_what_goes_with_a_narrow_front_is_as_wide(gone_m):
-    """Neither the road nor what the front has uncovered of it counts."""
+    """Neither the road nor the part of it that the front has uncovered counts."""
     assert width_of(came(gone_m=gone_m)) == pytest.approx(0.7, abs=4 * GRID_M)
 
 
 @pytest.mark.parametrize('right', [False, True], ids=['left soft', 'right soft'])
 @pytest.mark.parametrize('blur_px', [0.7, 1.0, 2.0])
 def test_a_narrow_front_is_as_wide_where_one_view_is_out_of_focus(blur_px, right):
-    """The soft view shows the road behind it as well, if the other one is as soft."""
+    """The blurred view matches the road behind it as well, if the other one is equally blurred."""
     def soft(cars, index):
         pair = pair_of(cars, index)
         views = {'right' if right else 'left': cv2.GaussianBlur(
@@ -103,7 +103,7 @@ def test_a_shadow_that_goes_along_does_not_count():
 
 
 def end_of_wide(side, hidden_now):
-    """Return pairs in one of which the rest of a wide front is behind what drives before it."""
+    """Return pairs in one of which the rest of a wide front is occluded by a vehicle ahead."""
     def pair(s_m, hidden):
         nearer = (START_M - s_m - 8.0) / (START_M - s_m)
         # As the left camera sees it, 0.4 m from the middle to beyond the other end.
@@ -117,5 +117,5 @@ def end_of_wide(side, hidden_now):
 @pytest.mark.parametrize('side', [-1, 1])
 @pytest.mark.parametrize('hidden_now', [False, True])
 def test_what_is_hidden_beside_the_end_of_a_front_may_be_part_of_it(side, hidden_now):
-    """Half a metre of 1.8 m is seen to go along."""
+    """Half a metre of 1.8 m is seen to move along."""
     assert width_of(end_of_wide(side, hidden_now), 0.65 * side, 0.24) > 1.2

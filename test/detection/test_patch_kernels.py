@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The detector's compiled loops against the same in plain numpy."""
+"""The detector's compiled kernels against plain numpy."""
 from __future__ import annotations
 
 import numpy as np

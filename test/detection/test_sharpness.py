@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Fronts in views that are not equally sharp, of which little is seen, or of several kinds."""
+"""Fronts in views of unequal sharpness, of which little is visible, or of several kinds."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -16,14 +16,14 @@ STEP_M = SPEED_MPS * STEP_NS * 1e-9
 
 
 def out_of_focus(pair, side, blur_px, rng):
-    """Return a pair one view of which is blurred, before the noise of its sensor."""
+    """Return a pair with one view blurred, before the sensor noise is added."""
     view = cv2.GaussianBlur(getattr(pair, side), (0, 0), blur_px).astype(float)
     noisy = np.clip(np.round(view + rng.normal(0, 1.0, view.shape)), 0, 255).astype(np.uint8)
     return replace(pair, **{side: noisy})
 
 
 def found_in(fronts, change=lambda pair: pair, config=DetectorConfig()):
-    """Return what is found of fronts (one list for each pair) in each pair."""
+    """Return the detections in each pair, given a list of fronts for each."""
     detector = PlaneSweepDetector(RIG, LANES, config)
     return [detector.update(change(pair_of(one, k))) for k, one in enumerate(fronts)]
 
@@ -47,7 +47,7 @@ def test_what_lies_on_the_road_is_no_front_out_of_focus_either(side):
 
 
 def test_a_front_that_shows_nothing_but_what_is_high_up_is_found():
-    """By night lamps are all there is of a van, above where the fronts of cars are looked for."""
+    """At night only the lamps of a van are visible, above the usual height of cars' fronts."""
     fronts = [[Front(20.0 + k * STEP_M, low_m=0.85)] for k in range(2)]
     assert len(found_in(fronts)[1]) == 1
     low = FrontConfig(raised_low_m=0.2, raised_high_m=0.6, narrow_most_m=0.6)
@@ -56,7 +56,7 @@ def test_a_front_that_shows_nothing_but_what_is_high_up_is_found():
 
 @pytest.mark.slow
 def test_a_front_of_which_only_part_shows_low_down_is_taken_higher_up():
-    """The bumper of a lorry by night is dark but for its middle; near a tie, so in most places."""
+    """A lorry's bumper at night is dark except for its middle; near a tie in most positions."""
     def lorry(s_m):
         return [Front(s_m, half_m=0.7), Front(s_m, half_m=1.2, low_m=0.65)]
     places = (18.0, 19.6, 21.2, 22.8, 24.4)
@@ -67,7 +67,7 @@ def test_a_front_of_which_only_part_shows_low_down_is_taken_higher_up():
 
 
 def test_a_front_is_not_taken_higher_up_for_what_stands_beside_it():
-    """A wall that it passes shows beside the front, but does not move with it."""
+    """A wall that it passes is visible beside the front, but does not move with it."""
     def before_wall(k):
         return [Front(20.0 + STEP_M, half_m=1.2, low_m=0.65), Front(20.0 + k * STEP_M, half_m=0.7)]
     (one,) = found_in([before_wall(k) for k in range(2)])[1]

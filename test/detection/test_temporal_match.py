@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Where a drawn front was in an earlier pair, and how much of it looks as it did there."""
+"""The position of a drawn front in an earlier pair, and its similarity there."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -36,7 +36,7 @@ def before(**changes):
 
 
 def bound_m(sampler, px=0.5):
-    """Return how far along the lane a shift in the left view by half a pixel is."""
+    """Return the displacement along the lane for a shift of half a pixel in the left view."""
     rates = sampler.geometry.rates(np.array([AT.s_m - STEP_M]))
     return px / float(np.abs(rates.px_per_m * rates.climb)[0])
 

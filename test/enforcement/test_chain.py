@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""One text for one seal, and signatures that hold."""
+"""Seals: one text per content, and valid signatures."""
 from __future__ import annotations
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
@@ -24,7 +24,7 @@ def test_no_byte_of_a_line_can_change_unseen(key):
             changed = seal_of(line[:at] + other + line[at + 1:])
             if other == line[at] or changed is None:
                 continue
-            # what is a seal still is another one, and its signature does not hold
+            # if still a seal, it is another one with an invalid signature
             assert changed.sha256 != seal.sha256
             assert key is None or changed.fault([PUBLIC])
 
@@ -34,7 +34,7 @@ def test_signature_is_of_the_key_that_one_trusts():
     assert seal.fault([]) == seal.fault([PUBLIC]) == ''
     assert 'another key' in seal.fault(['00' * 32])
     assert 'not signed' in entry_after([], RECORD, 'a', '00' * 32, None).fault([PUBLIC])
-    # against the library by itself
+    # against the library directly
     KEY.public_key().verify(bytes.fromhex(seal.signature), seal._signed_text())
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Measured, considered and limit speed; what is no violation, and why."""
+"""Measured, considered and limit speed; passes that are no violation, and the reasons."""
 from __future__ import annotations
 
 from dataclasses import fields, replace
@@ -23,7 +23,7 @@ BOX = np.array([[100.0, 100], [200, 100], [200, 150], [100, 150]])
 
 
 def passed(kmh, std_kmh=0.2, second=None, verdict=Verdict.MEASURED):
-    """Return a pass of a speed."""
+    """Return a pass with a speed."""
     return PassResult(
         track=0, lane='near', first_ns=0, last_ns=10 ** 9, pairs=10, speed_mps=kmh * KMH_MPS,
         speed_std_mps=std_kmh * KMH_MPS, verdict=verdict, reason='', smoothed={},
@@ -31,7 +31,7 @@ def passed(kmh, std_kmh=0.2, second=None, verdict=Verdict.MEASURED):
 
 
 def second(kmh, std_kmh=0.2):
-    """Return a second estimate of a speed."""
+    """Return a second estimate with a speed."""
     return SecondEstimate(kmh * KMH_MPS, std_kmh * KMH_MPS, 8)
 
 
@@ -106,7 +106,7 @@ def trace(*others, gap_ns=100_000_000, state=TrackState.CONFIRMED):
 
 
 def doubt(one, config=DecisionConfig(), left_out=()):
-    """Return why its vehicle could be mistaken, with all pairs but some measured from."""
+    """Return the ambiguity of its vehicle, if all pairs but some are measured from."""
     measured = {pair.stamp_ns for pair in one.pairs} - {one.pairs[k].stamp_ns for k in left_out}
     return ambiguity(one, measured, config)
 
@@ -168,7 +168,7 @@ def test_a_calibration_expires(calibrated, days, changes, refused):
 
 
 def outcomes(config):
-    """Return what comes of some passes at the edges of every parameter."""
+    """Return the decisions on some passes at the edges of every parameter."""
     passes = [passed(kmh, std, other) for kmh in (19, 84.05, 90, 130, 185) for std in (0.2, 0.5)
               for other in (None, second(kmh), second(kmh + 1), second(kmh - 2.5, 3.0))]
     decisions = [decide(one, limit * KMH_MPS, config) for one in passes for limit in (10, 80)]

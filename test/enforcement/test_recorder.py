@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""From a pass to a record: what it holds, how it is measured again, when there is none."""
+"""From a pass to a record: its content, its recomputation, and passes without a record."""
 from __future__ import annotations
 
 from dataclasses import fields, replace
@@ -114,7 +114,7 @@ def test_speed_is_measured_again_from_the_folder_alone(written):
 
 @pytest.mark.slow
 def test_speed_of_other_images_is_another_one(evidence):
-    """One pair's images in the place of another's: the recomputation tells."""
+    """With one pair's images replaced by another's the recomputation differs."""
     raw = evidence / NAME / 'raw'
     for side in ('left', 'right'):
         image = cv2.imread(str(raw / f'0005_{side}.png'), cv2.IMREAD_GRAYSCALE)
@@ -136,7 +136,7 @@ def test_whole_images_are_kept_where_crops_are_too_small(sample, tmp_path):
 
 
 def frozen(sample):
-    """Return a ring in which the right camera has sent one image of the pass twice."""
+    """Return a ring in which the right camera has repeated an image during the pass."""
     ring, (first, second) = ImageRing(1 << 30, 10 ** 12), sample.result.trace.pairs[3:5]
     for pair in sample.result.trace.pairs:
         ring.add('left', pair.stamp_ns, sample.ring.get('left', pair.stamp_ns))
@@ -210,7 +210,7 @@ def test_parameters_are_read_from_a_file(sample, tmp_path):
 
 @pytest.fixture(scope='module')
 def recorded(sample):
-    """Give what is recorded of the sample by some parameters, but for its lists of parameters."""
+    """Return the record of the sample for some parameters, without its lists of parameters."""
     result = sample.result
     decision, _ = decide(result, 45 * 0.44704, EnforcementConfig().decision)
     images = [tuple(sample.ring.get(side, ns) for side, ns in zip(
@@ -269,7 +269,7 @@ def test_disclosed_copy_shows_the_vehicle_alone(written, tmp_path):
                               for f in (np.min, np.max))
         low = slice(y0 + round(0.6 * (y1 - y0)), y1), slice(x0 + 1, x1)
         assert np.abs(plain[low] - shown[low]).mean() < 6  # as JPEG keeps it
-        # elsewhere no detail is left: neighbours differ far less than they did
+        # elsewhere no detail remains: neighbours differ far less than before
         plain[y0 - 2:y1 + 2, x0 - 2:x1 + 2] = shown[y0 - 2:y1 + 2, x0 - 2:x1 + 2] = 0
         outside = np.ones(plain.shape[:2], bool)
         outside[y0 - 8:y1 + 8, x0 - 8:x1 + 8] = False
@@ -332,7 +332,7 @@ def test_ring_is_bounded_in_bytes_and_time():
     assert ring.get('left', 190) is not None and ring.get('left', 130) is None
     ring.add('right', 195, SourceImage('jpeg', bytes(900)))
     assert ring.bytes <= 1000 and ring.get('right', 195) is not None
-    # a jump of time lets go of what is of another time
+    # a jump of time drops images of another time
     ring.add('left', 5, SourceImage('jpeg', bytes(10)))
     assert len(ring) == 1
 

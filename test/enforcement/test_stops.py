@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Writers of small records stopped at random steps, with files torn, as ``tamper`` does it."""
+"""Writers stopped at random steps, with torn files, as in ``tamper``."""
 from __future__ import annotations
 
 import os
@@ -16,7 +16,7 @@ from stereo_speed.lab.evaluation.tamper import Outcome, stopped_writers
 
 @pytest.fixture
 def folder(tmp_path, small):
-    """Give two small records."""
+    """Return a folder with two small records."""
     with EvidenceStore(tmp_path / 'evidence') as store:
         for number in (1, 2):
             store.add(f'r{number}', *small(f'r{number}', number))
@@ -39,7 +39,7 @@ def hangs():
 
 
 def is_ended():
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # rclpy may have set another one
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # rclpy may have set another handler
     os.kill(os.getpid(), signal.SIGTERM)
 
 

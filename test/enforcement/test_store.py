@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Records are whole or not there, whatever the disk does and wherever the writer is stopped."""
+"""Records are complete or absent, whatever the disk does and wherever the writer stops."""
 from __future__ import annotations
 
 import errno
@@ -18,7 +18,7 @@ from stereo_speed.enforcement.store import EvidenceStore, StoreError
 from stereo_speed.enforcement.verify import verify
 
 DAY_NS = 86_400 * 10 ** 9
-STEPS = 24  # at which a disk may fill, while one small record is written
+STEPS = 24  # steps of writing a small record, at each of which the disk may fill up
 
 
 class Steps:
@@ -44,12 +44,12 @@ class Steps:
 
 
 def full():
-    """Fail as a disk without space does."""
+    """Fail like a full disk."""
     raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
 def names(folder):
-    """Return the names of the records that a folder holds."""
+    """Return the names of the records in a folder."""
     return sorted(p.name for p in folder.iterdir() if p.is_dir())
 
 
@@ -77,7 +77,7 @@ def test_a_disk_that_fills_at_any_step_leaves_no_half_record(tmp_path, small, mo
 
 
 def write_until_killed(folder, records, at):
-    """Write records, and end without notice at a step."""
+    """Write records, and end the process at a step without cleaning up."""
     patch = pytest.MonkeyPatch()
     with EvidenceStore(folder) as store:
         Steps(patch, at, lambda: os.kill(os.getpid(), signal.SIGKILL))
@@ -170,7 +170,7 @@ def test_records_are_deleted_when_their_time_is_up(tmp_path, small):
     found = verify(tmp_path)
     assert found.sound and found.records == 1
     assert '"kind":"deleted"' in (tmp_path / 'chain.jsonl').read_text()
-    # taken away without an entry it is missing
+    # removed without an entry it counts as missing
     module.shutil.rmtree(tmp_path / 'r1')
     assert verify(tmp_path).faults == ['r1 is missing']
 

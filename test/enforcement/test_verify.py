@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Whatever is changed, removed, added, moved or cut is found and named."""
+"""Every change, removal, addition, move and truncation is detected and named."""
 from __future__ import annotations
 
 import json
@@ -20,7 +20,7 @@ from .conftest import NAME
 
 KEY = Ed25519PrivateKey.from_private_bytes(bytes(range(32)))
 TRUSTED = [public_hex(KEY.public_key())]
-POSITIONS = 60  # of each file flipped; ``tamper`` of the laboratory flips as many as one likes
+POSITIONS = 60  # bytes of each file that are flipped; ``tamper`` flips any number
 
 
 @pytest.fixture(params=[None, KEY], ids=['unsigned', 'signed'])
@@ -33,7 +33,7 @@ def three(request, tmp_path, small):
 
 
 def faults(folder, trusted=()):
-    """Return what is wrong, as one text."""
+    """Return the faults as one text."""
     found = verify(folder, trusted=trusted)
     assert found.sound == (not found.faults)
     return '; '.join(found.faults)
@@ -48,7 +48,7 @@ def test_what_was_written_is_sound(three, written):
 
 @pytest.mark.slow
 def test_every_byte_of_small_records_counts(three):
-    """All of the chain, the head and a seal; the record by a sample."""
+    """All bytes of chain, head and a seal, and a sample of those of the record."""
     folder, trusted = three
     rng = np.random.default_rng(1)
     for path in [*folder.glob('*.json*'), folder / 'r3' / 'seal.json',
@@ -132,7 +132,7 @@ def test_a_head_kept_apart_tells_an_older_copy(tmp_path, small):
 
 
 def test_records_made_anew_are_found_by_their_signature(three, small):
-    """Who has no key can hash everything anew, and is found out."""
+    """Without the key one can recompute all hashes, but not the signatures."""
     folder, trusted = three
     if not trusted:
         return

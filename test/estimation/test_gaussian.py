@@ -39,7 +39,7 @@ def test_what_two_priors_say_together_is_their_sum():
 
 
 def test_measurements_condition_as_the_joint_gaussian_does():
-    """Mean and covariance by the inverse of the joint covariance of unknowns and measurements."""
+    """Mean and covariance against the inverse of the joint covariance of state and data."""
     rng = np.random.default_rng(2)
     root, A, noise = rng.normal(size=(4, 4)), rng.normal(size=(5, 2)), 0.3
     P, y = root @ root.T + np.eye(4), rng.normal(size=5)

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Weights: by hand, and what happens when none is possible."""
+"""Weights by hand, and the case in which no weight is possible."""
 from __future__ import annotations
 
 import numpy as np

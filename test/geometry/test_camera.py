@@ -27,7 +27,7 @@ def make(model, d):
 
 @pytest.mark.parametrize('lens', LENSES)
 def test_projection_is_opencv_s(lens):
-    """Same pixels as cv2.projectPoints and cv2.fisheye.projectPoints."""
+    """Pixels equal those of cv2.projectPoints and cv2.fisheye.projectPoints."""
     model, d = LENSES[lens]
     rng = np.random.default_rng(1)
     points = rng.uniform([-3, -2, 10], [3, 2, 40], (50, 3))
@@ -59,7 +59,7 @@ def test_hand_worked():
 
 
 def test_behind_and_outside():
-    """Behind is NaN and invalid; outside keeps its pixel and is invalid."""
+    """Points behind are NaN and invalid; points outside the image keep their pixel, invalid."""
     uv, valid = make('plumb_bob', []).project(
         np.array([[0.0, 0, -5], [0, 0, 0], [9, 0, 10], [0, 0, 5]]))
     assert valid.tolist() == [False, False, False, True]
@@ -74,7 +74,7 @@ def test_folded_rays_are_not_valid():
 
 
 def test_pixels_without_a_ray_are_nan():
-    """Barrel distortion peaks at a radius; pixels beyond it come from nowhere."""
+    """Barrel distortion has a largest radius; no ray leads to pixels beyond it."""
     camera = make('plumb_bob', [-0.5, 0.0, 0.0, 0.0])
     far = np.array([511.5 + 1500 * 0.7, 383.5])  # x (1 - x^2 / 2) peaks at 0.544
     assert np.isnan(camera.undistort(far)).all()
@@ -86,7 +86,7 @@ def test_pixels_without_a_ray_are_nan():
     ({'D': [0.1, np.inf, 0, 0]}, 'D'), ({'model': 'brown'}, 'distortion_model'),
     ({'width_px': 0}, 'size'), ({'K': [1, 2]}, 'K')])
 def test_refuses(change, what):
-    """What cannot be a camera is named."""
+    """Arguments that cannot be a camera are named."""
     good = {'name': 'left', 'width_px': 1024, 'height_px': 768, 'K': K, 'D': [],
             'model': 'plumb_bob'}
     with pytest.raises(CalibrationError, match=f'left: {what}: found .* wanted'):

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Lens models: what each promises, and closed forms."""
+"""Lens models: their invariants, and closed forms."""
 from __future__ import annotations
 
 import math
@@ -18,7 +18,7 @@ COEFFICIENTS = {
 
 @pytest.mark.parametrize('name', LENSES)
 def test_every_model_keeps_the_protocol(name):
-    """Fewer coefficients are zeros, the axis stays, and the inverse is one."""
+    """Missing coefficients are zeros, the axis is fixed, and the inverse is an inverse."""
     lens = LENSES[name](np.array(COEFFICIENTS[name]))
     assert lens.coefficients.shape == (lens.size,) and not lens.ideal
     assert max(lens.sizes) <= lens.size and 0 in lens.sizes

@@ -49,7 +49,7 @@ def test_a_tilted_sensor_is_left_to_the_lens():
 
 @pytest.mark.parametrize('model', ['ideal', *LENSES, 'tilted'])
 def test_both_views_are_those_of_each_camera(model):
-    """Of points that go on until the right view is exposed."""
+    """For points that move on until the right view is exposed."""
     rng = np.random.default_rng(9)
     kind = {'ideal': 'plumb_bob', 'tilted': 'rational_polynomial'}.get(model, model)
     D = [0.0] * 12 + [0.01, 0.02] if model == 'tilted' else LENSES.get(model, [])

@@ -15,14 +15,14 @@ K = np.array([[1500.0, 0.0, 511.5], [0.0, 1500.0, 383.5], [0.0, 0.0, 1.0]])
 
 
 def make_rig(r=(0.01, -0.03, 0.005), t=(-0.5, 0.01, 0.02), d=(-0.2, 0.1, 1e-3, -1e-3)):
-    """Make a rig that is not parallel, with distortion."""
+    """Make a rig with converging cameras and distortion."""
     left = Camera(name='left', width_px=1024, height_px=768, K=K, D=d, model='plumb_bob')
     right = Camera(name='right', width_px=1024, height_px=768, K=K, D=d, model='plumb_bob')
     return StereoRig(left, right, cv2.Rodrigues(np.array(r, dtype=float))[0], np.array(t))
 
 
 def test_triangulates_its_own_projections():
-    """Noise-free pixels give the points back."""
+    """Noise-free pixels give the original points."""
     rig = make_rig()
     points = np.random.default_rng(2).uniform([-5, -3, 15], [5, 3, 80], (4, 25, 3))
     left, right, _, _ = rig.project(points)
@@ -65,7 +65,7 @@ def test_points_behind_or_at_infinity_are_nan():
 
 @pytest.mark.filterwarnings('error')
 def test_rays_that_are_parallel_but_for_rounding_meet_nowhere():
-    """Their depth is infinite, and nothing warns of what comes of that."""
+    """Their depth is infinite, and no warning is raised."""
     pixel = np.array([600.0, 383.5])
     assert np.isnan(make_rig(r=(0, 0, 0), t=(-0.5, 0, 0), d=()).triangulate(
         pixel, pixel - [1e-10, 0.0])).all()
@@ -90,7 +90,7 @@ def test_frames_round_trip():
 @pytest.mark.parametrize('kwargs, what', [
     ({'t': (0, 0, 0)}, 'baseline'), ({'t': (np.nan, 0, 0)}, 't')])
 def test_refuses(kwargs, what):
-    """What cannot be a rig is named."""
+    """Arguments that cannot be a rig are named."""
     with pytest.raises(CalibrationError, match=f'rig: {what}: found'):
         make_rig(**kwargs)
 
@@ -110,7 +110,7 @@ def test_a_pan_of_the_rig_moves_the_view_to_the_left():
 
 
 def test_a_rig_that_sways_sees_the_world_where_it_was():
-    """Points are triangulated where they are, however the rig stands; its cameras stay apart."""
+    """Points are triangulated at their true positions, however the rig is rotated."""
     motion = RigMotion((0.01, -0.004, 0.02), (0.002, 0.001, -0.003))
     rig = make_rig().as_taken(motion)
     points = np.random.default_rng(2).uniform([-5, -3, 15], [5, 3, 80], (4, 25, 3))
@@ -120,7 +120,7 @@ def test_a_rig_that_sways_sees_the_world_where_it_was():
 
 
 def test_sway_is_a_rotation_of_both_cameras_as_one_body():
-    """In the frame of its left camera a rig that sways is the rig that it was."""
+    """In the frame of its left camera a swaying rig is unchanged."""
     still, sway = make_rig(), (0.01, -0.004, 0.02)
     points = np.random.default_rng(2).uniform([-5, -3, 15], [5, 3, 80], (25, 3))
     there = still.swayed(sway).project(points)[:2]
@@ -128,6 +128,6 @@ def test_sway_is_a_rotation_of_both_cameras_as_one_body():
 
 
 def test_a_rig_that_stood_still_is_itself():
-    """No motion, and a motion of nothing, cost nothing and change nothing."""
+    """No motion, and a zero motion, cost nothing and change nothing."""
     rig = make_rig()
     assert rig.as_taken(None) is rig and rig.as_taken(RigMotion()) is rig

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Images as a rig would have taken them, had it not moved."""
+"""Images transformed to a rig at rest."""
 from __future__ import annotations
 
 import cv2

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""From a bag to a record: the limit that counts is that of the vehicle's lane and class."""
+"""From a bag to a record: the limit is that of the vehicle's lane and class."""
 from __future__ import annotations
 
 import json
@@ -22,7 +22,7 @@ SURE, IN_DOUBT = 0.95, 0.9999  # the sample's vehicle is a car with a probabilit
 ], ids=['of its class', 'its class may drive faster', 'in doubt, the greatest: none',
         'in doubt, the greatest: a record'])
 def test_from_bag_to_record(sample, tmp_path, lanes, least, limit):
-    """55 mph are 88 km/h; less 3 km/h they are above 80 km/h, and not above 90 km/h."""
+    """55 mph are 88 km/h; minus 3 km/h that is above 80 km/h, but not above 90 km/h."""
     site = yaml.safe_load((sample / 'site.yaml').read_text())
     for lane, limits in zip(site['lanes'], lanes):
         lane['class_limits'] = limits

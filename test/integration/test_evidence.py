@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Violations over real DDS: ``evidence_node`` beside the others, as a user runs it."""
+"""Violations over real DDS: ``evidence_node`` with the other nodes."""
 from __future__ import annotations
 
 import json
@@ -23,7 +23,7 @@ STARTUP_S, RECORD_S = 60.0, 180.0
 
 
 def _same(live, offline, where):
-    """Assert equality of what JSON holds; numbers to rounding, which differs by process."""
+    """Assert equality of JSON values; numbers up to rounding, which differs between processes."""
     if isinstance(offline, dict):
         assert live.keys() == offline.keys(), where
         for key in offline:

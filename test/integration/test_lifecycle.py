@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The lifecycle of a node that measures, as a lifecycle manager drives it."""
+"""The lifecycle of a measuring node, driven by a lifecycle manager."""
 from __future__ import annotations
 
 import json
@@ -28,7 +28,7 @@ UNCONFIGURED, INACTIVE, ACTIVE, FINALIZED = (
 
 
 class Manager:
-    """Asks for transitions and states, as ``ros2 lifecycle`` does."""
+    """Requests transitions and states, like ``ros2 lifecycle``."""
 
     def __init__(self, stand_in, name):
         self.node = stand_in
@@ -88,7 +88,7 @@ def test_a_manager_has_it_measure_and_rest_and_measure_again(stand_in, sample):
 
 
 def test_a_site_that_cannot_be_read_refuses_to_be_configured(stand_in, sample, tmp_path):
-    """And can be mended, without a restart."""
+    """The site can be corrected without a restart."""
     site = tmp_path / 'site.yaml'
     with Process('tracker_node', f'site:={site}', 'autostart:=false') as node:
         manager = Manager(stand_in, 'tracker_node')

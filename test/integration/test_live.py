@@ -21,12 +21,12 @@ from stereo_speed.core.units import MPH_MPS  # noqa: E402
 from stereo_speed.io.truth import read_truth  # noqa: E402
 
 STARTUP_S, EVENT_S = 60.0, 20.0
-PATIENT = 'silence_s:=60'  # a busy machine is no stream that has stopped
+PATIENT = 'silence_s:=60'  # a pause of a busy machine is not the end of the stream
 pytestmark = pytest.mark.usefixtures('private_graph')
 
 
 def test_live_readings_equal_replay(sample, tmp_path):
-    """Also at a site that gives tolerances of its own."""
+    """Also for a site with its own tolerances."""
     site = tmp_path / 'own.yaml'
     site.write_text((sample / 'site.yaml').read_text() + 'tolerances: {focal_std: 0.003}\n')
     assert main(['replay', str(sample / 'bag'), '--site', str(site), '--init',
@@ -67,7 +67,7 @@ def test_bad_input_ends_a_node_with_one_line(node, parameters, words, sample, tm
 
 
 def test_a_replay_that_starts_over_gives_a_new_vehicle_and_the_same_speeds(sample):
-    """A looping replay: stamps and the clock jump back, and measuring starts anew."""
+    """A looping replay: stamps and clock jump back, and measuring starts again."""
     from stereo_speed.nodes.demo_listener import Listener
     readings = []
     listener = Listener(lambda *reading: readings.append(reading), lambda *frame: None)
@@ -94,7 +94,7 @@ def test_a_replay_that_starts_over_gives_a_new_vehicle_and_the_same_speeds(sampl
 
 
 def test_vehicles_found_on_a_site_refined_at_start_read_as_replay_does(sample, tmp_path):
-    """Nobody has marked anything: the node refines the site by its first pairs and finds."""
+    """Without annotations: the node refines the site with its first pairs and detects."""
     from stereo_speed.nodes.demo_listener import Listener
     assert main(['replay', str(sample / 'bag'), '--site', str(sample / 'site.yaml'),
                  '--refine-site', '--out', str(tmp_path), '--no-plots']) == 0
@@ -122,7 +122,7 @@ def test_vehicles_found_on_a_site_refined_at_start_read_as_replay_does(sample, t
 
 
 def test_boxes_of_another_node_become_vehicles(sample, sample_boxes, stand_in):
-    """What a neural network's node would publish; stereo measures it."""
+    """Boxes as from a neural network's node; stereo measures the vehicle."""
     from sensor_msgs.msg import PointCloud2
     from std_msgs.msg import Header
     from stereo_speed.detection.protocol import ImageBox

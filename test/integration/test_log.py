@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""``log_node``, over real DDS, killed at once after it has logged."""
+"""``log_node`` over real DDS, killed directly after logging."""
 from __future__ import annotations
 
 import sqlite3

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Trackers and detectors of another package, installed as any package and run by name."""
+"""Trackers and detectors of another installed package, run by name."""
 from __future__ import annotations
 
 import csv
@@ -32,13 +32,13 @@ def outside(tmp_path_factory):
 
 @pytest.fixture
 def environment(outside, monkeypatch):
-    """Let processes that the test starts find it, as if it was installed beside the others."""
+    """Let child processes find the package, as if it was installed with the others."""
     root = Path(__file__).resolve().parents[2]
     monkeypatch.setenv('PYTHONPATH', os.pathsep.join([str(root), str(outside)]))
 
 
 def replay(sample, out, *options):
-    """Run ``replay`` in a process of its own."""
+    """Run ``replay`` in a separate process."""
     return subprocess.run(
         [sys.executable, '-m', 'stereo_speed', 'replay', str(sample / 'bag'), '--site',
          str(sample / 'site.yaml'), '--out', str(out), '--no-plots', *options],
@@ -59,7 +59,7 @@ def test_both_run_in_replay_with_their_parameters(sample, environment, tmp_path)
     assert summary['tracker_parameters'] == {'speed_mps': 12.5}
     assert summary['detector_parameters'] == {'gate_m': 25.0, 'at_pair': 1}
     one, = csv.DictReader((tmp_path / 'out' / 'passes.csv').open())
-    # The clock goes where no vehicle is: both views show the road there.
+    # The tracker follows a clock to where no vehicle is: both views show the road there.
     assert (one['verdict'], one['reason'], one['speed_mps']) == ('rejected', 'views_disagree', '')
 
 

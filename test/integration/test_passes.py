@@ -33,12 +33,12 @@ from stereo_speed.io.pass_json import PASS_SCHEMA, TRACK_STATES_SCHEMA  # noqa: 
 from stereo_speed.lab.cli.faults import helper_of  # noqa: E402
 
 STARTUP_S, EVENT_S = 60.0, 20.0
-SILENCE = 'silence_s:=4.0'  # a busy machine may pause for a second within a stream
+SILENCE = 'silence_s:=4.0'  # a busy machine may interrupt a stream for a second
 ROOT = Path(__file__).resolve().parents[2]
 
 
 def line_of_the_listener_of_the_readme():
-    """Run the consumer of the README, who comes late; return the first line that it prints."""
+    """Run the README's listener, started late, and return the first line that it prints."""
     fence = re.search(r'^```python passes.py\n(.*?)^```', (ROOT / 'README.md').read_text(),
                       re.MULTILINE | re.DOTALL)
     with subprocess.Popen([sys.executable, '-u', '-c', fence[1]], stdout=subprocess.PIPE,
@@ -68,7 +68,7 @@ def test_a_pass_is_told_when_the_stream_stops_and_to_who_comes_late(stand_in, sa
     with Process('stereo_sync_node', *RELIABLE_IMAGES, *RELIABLE_INFOS), \
             Process('tracker_node', *EVERY_PAIR, *RELIABLE_INFOS, f'site:={sample / "site.yaml"}',
                     SILENCE):
-        # By then the nodes know who listens.
+        # By then the nodes have discovered the listener.
         stand_in.wait(lambda: healthy == {'stereo_sync_node', 'tracker_node'}
                       and stand_in.count_publishers('/stereo/image_pair')
                       and stand_in.count_subscribers('/stereo/image_pair')
@@ -97,7 +97,7 @@ def test_a_pass_is_told_when_the_stream_stops_and_to_who_comes_late(stand_in, sa
 
 @pytest.mark.parametrize('fault', ['info_nan', 'odd_encoding'])
 def test_one_process_survives_a_bad_message_and_measures_the_pass(fault, stand_in, sample):
-    """Without the messages of pairs; one image or calibration in the middle is unusable."""
+    """Without pair messages; one image or calibration in the middle is unusable."""
     from stereo_speed.nodes.common import LATCHED, RELIABLE
     told, readings, health = [], [], []
     stand_in.create_subscription(DiagnosticArray, '/diagnostics', health.append, RELIABLE)
@@ -126,7 +126,7 @@ def test_one_process_survives_a_bad_message_and_measures_the_pass(fault, stand_i
     ('pass_process', 'measures passes without a process of its own')])
 def test_a_node_measures_without_a_process_that_works_for_it_and_starts_it_anew(
         stand_in, sample, module, fault):
-    """Killed before a pass, it is missed in that; in the next one there is another one."""
+    """Killed before a pass, the process is missing in that pass and back in the next."""
     from stereo_speed.nodes.common import LATCHED, RELIABLE
     told, said = [], []
     stand_in.create_subscription(DiagnosticArray, '/diagnostics', lambda m: said.extend(

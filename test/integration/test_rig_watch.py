@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The live rig against its site: a node looks at it in a process of its own."""
+"""The live rig against its site: a node checks it in a separate process."""
 from __future__ import annotations
 
 import json
@@ -22,7 +22,7 @@ TURNED_DEG, TRUE_MPH = 0.05, 55.0  # 6 % of the speed
 
 
 def heard_of(stand_in):
-    """Return the list to which what is told of the rig is appended."""
+    """Return the list to which reports on the rig are appended."""
     states = []
     stand_in.create_subscription(
         DiagnosticArray, '/diagnostics',
@@ -31,7 +31,7 @@ def heard_of(stand_in):
 
 
 def turned(topic, _, msg):
-    """Return a message of the sample as calibrated before its right camera turned."""
+    """Return a message of the sample with the calibration before its right camera turned."""
     if topic.endswith('right/camera_info'):
         before = Rotation.from_euler('y', TURNED_DEG, degrees=True).as_matrix()
         msg.r = (msg.r.reshape(3, 3) @ before).ravel()

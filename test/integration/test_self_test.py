@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The self-test of ``tracker_node``: an ERROR and no readings until it is passed."""
+"""The self-test of ``tracker_node``: ERROR and no readings until it has passed."""
 from __future__ import annotations
 
 import pytest
@@ -15,7 +15,7 @@ STARTUP_S, EVENT_S = 60.0, 40.0
 
 
 def levels(stand_in):
-    """Gather the states of the self-test as they come: level and message."""
+    """Collect the states of the self-test as they arrive: level and message."""
     found = []
 
     def take(msg):
@@ -26,7 +26,7 @@ def levels(stand_in):
 
 
 def test_what_the_self_test_found_is_told(stand_in, sample):
-    """What is told while it runs: ``test/nodes/test_self_test.py``."""
+    """Reports during the test are tested in ``test/nodes/test_self_test.py``."""
     found = levels(stand_in)
     with Process('tracker_node', *RELIABLE_INFOS, f'site:={sample / "site.yaml"}',
                  f'self_test:={sample}'):

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The page beside the live nodes: real processes over DDS, a real browser."""
+"""The page with the live nodes: real processes over DDS, a real browser."""
 from __future__ import annotations
 
 from pathlib import Path
@@ -22,7 +22,7 @@ from stereo_speed.io.truth import read_truth  # noqa: E402
 pytestmark = [pytest.mark.usefixtures('private_graph'), pytest.mark.skipif(
     not headless.find(), reason='no headless Chromium here; make browser gets one')]
 STOP_S = 30.0
-# What is shown changes while the nodes run: the page notes it down.
+# The content changes while the nodes run, so the page records it.
 WATCH = """() => {
   window.seen = {speeds: new Set(), rates: new Set(), fresh: new Set()};
   const note = () => {
@@ -35,7 +35,7 @@ SEEN = '() => Object.fromEntries(Object.entries(seen).map(([k, v]) => [k, [...v]
 
 @pytest.fixture
 def studio():
-    """Give the address of the page of a real ``studio_node``."""
+    """Return the address of the page of a real ``studio_node``."""
     with subprocess.Popen([sys.executable, '-m', 'stereo_speed', 'studio', '--live', '--port',
                            '0'], stdout=subprocess.PIPE, text=True) as process:
         try:
@@ -56,11 +56,11 @@ def test_the_page_shows_what_the_nodes_measure(studio, sample):
         readings, _ = live(sample, sample / 'site.yaml', 10, 0.5,
                            read_truth(sample / 'truth.csv')[0])
         page.wait_for_function('() => document.querySelector("#live-passes").textContent'
-                               '.includes("measured")')  # told when the stream has ended
+                               '.includes("measured")')  # published when the stream has ended
         seen = page.evaluate(SEEN)
         told = {f'{speed / MPH_MPS:.1f} mph' for _, _, speed, _ in readings}
         shown = set(seen['speeds'])
-        assert shown and shown <= told, (shown, told)  # a busy browser may leave some out
+        assert shown and shown <= told, (shown, told)  # a busy browser may skip some
         assert 'live' in seen['fresh'] and any(float(rate) > 0 for rate in seen['rates']
                                                if rate != '–')
         row = page.inner_text('#live-passes tbody tr')
@@ -70,7 +70,7 @@ def test_the_page_shows_what_the_nodes_measure(studio, sample):
         for view in ('left', 'right'):
             page.wait_for_function('view => document.querySelector(`.shot[data-view=${view}] img`)'
                                    '.naturalWidth > 0', arg=view)
-        # all nodes have ended: nothing on the page looks as if it were of now
+        # all nodes have ended: everything on the page is marked as old
         page.wait_for_function('() => document.querySelectorAll(".shot.stale").length === 2')
         page.wait_for_function('() => document.querySelector("#fresh").textContent'
                                '.startsWith("nothing for")')

@@ -77,7 +77,7 @@ def picture(seed, shape=(12, 16), dtype=np.uint8):
 
 
 def recording(make, count=3, offset_ns=0, image=None):
-    """Give (topic, message, log time) of a stereo stream; receive times are another clock."""
+    """Return (topic, message, log time) of a stereo stream; receive times use another clock."""
     image = image or (lambda stamp, seed: make.image(stamp, picture(seed)))
     rows = []
     for i in range(count):
@@ -91,7 +91,7 @@ def recording(make, count=3, offset_ns=0, image=None):
 
 
 def write(path, rows, make, kind='mcap'):
-    """Write (topic, message, log time) rows; gives the path to open."""
+    """Write (topic, message, log time) rows, and return the path to open."""
     store = make.store
     if kind == 'ros1':
         path = path.with_suffix('.bag')
@@ -112,7 +112,7 @@ def write(path, rows, make, kind='mcap'):
 
 @pytest.fixture()
 def bags():
-    """Everything above, without an import between test files."""
+    """Return all helpers above, without an import between test files."""
     return SimpleNamespace(
         ros2=Messages(), ros1=Messages(ros1=True), recording=recording, write=write,
         picture=picture, calibration=calibration, STEP_NS=STEP_NS, START_NS=START_NS, SIZE=SIZE)

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Reading ahead changes neither what comes nor its order."""
+"""Reading ahead changes neither the items nor their order."""
 from __future__ import annotations
 
 import threading
@@ -26,7 +26,7 @@ def test_items_are_fetched_before_they_are_asked_for_and_no_further_than_told():
             yield number
     coming = ahead(items(), 2)
     assert next(coming) == 0
-    assert third.wait(30)  # fetched while nobody asks for more than the first
+    assert third.wait(30)  # fetched although only the first was requested
     coming.close()
     assert len(fetched) <= 3
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Nothing half written is seen, and what goes wrong is told."""
+"""No partial file ever appears, and errors are reported."""
 import os
 
 import pytest

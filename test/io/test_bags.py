@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Tiny bags of every kind: written, read, equal; and every way they can be broken."""
+"""Tiny bags of every kind: written, read, compared; and every kind of fault."""
 import hashlib
 import logging
 import shutil
@@ -65,7 +65,7 @@ def test_bare_file(write, kind):
 
 
 def test_receive_time_counts_for_nothing(bags, write):
-    """All left messages first, then the right ones, recorded in an absurd order of sides."""
+    """All left messages are recorded before the right ones, with the sides in an absurd order."""
     rows = bags.recording(bags.ros2)
     rows = sorted(rows, key=lambda r: 'right' in r[0])
     rows = [(topic, msg, 7 + i) for i, (topic, msg, _) in enumerate(rows)]
@@ -133,7 +133,7 @@ def test_input_hash_is_of_the_bytes(write, tmp_path):
 
 
 def refused(path, told, error=BagError, **options):
-    """Check the message: one line that names the path."""
+    """Check that the message is one line that names the path."""
     with pytest.raises(error, match=told) as caught:
         opened(path, **options)
     assert '\n' not in str(caught.value)
@@ -178,7 +178,7 @@ def test_truncated(write, kind, share):
 
 @pytest.mark.parametrize('kind', KINDS)
 def test_overwritten_bytes_never_give_a_traceback(bags, write, kind):
-    """Noise anywhere in the file: one line, or a bag that is still read."""
+    """With noise anywhere in the file there is one line, or the bag is read."""
     path = write(kind=kind)
     file = path if path.is_file() else next(
         p for p in path.iterdir() if p.suffix in ('.mcap', '.db3'))
@@ -196,7 +196,7 @@ def test_overwritten_bytes_never_give_a_traceback(bags, write, kind):
 
 
 def test_messages_missing_from_the_file(bags, write):
-    """The metadata tell of more than the file holds."""
+    """The metadata claim more messages than the file has."""
     folder = write(bags.recording(bags.ros2, count=4))
     short = write(bags.recording(bags.ros2, count=3), name='short')
     shutil.copy(short / 'short.mcap', folder / 'bag.mcap')

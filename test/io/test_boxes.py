@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Files of boxes: what is read, and what is said of what cannot be."""
+"""Files of boxes: accepted ones, and the errors of others."""
 from __future__ import annotations
 
 import pytest

@@ -37,7 +37,7 @@ def test_channels_by_hand(bags):
                                       'bayer_grbg8'])
 @pytest.mark.parametrize('padding', [0, 3])
 def test_bayer_of_one_colour_is_that_colour(bags, encoding, padding):
-    """A flat scene: the mosaic is built by its ROS name, and undone to that colour."""
+    """A flat scene: the mosaic is built by its ROS name, and demosaicing gives the colour."""
     cells = encoding[6:10]
     for rgb in ((200, 0, 0), (0, 200, 0), (0, 0, 200), (30, 90, 180)):
         value = dict(zip('rgb', rgb))

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What fuzzing has found in bags, calibrations and videos: each stays one line."""
+"""Bags, calibrations and videos from fuzzing: each gives one line."""
 from __future__ import annotations
 
 import cv2

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Damaged images are told, made-up sizes are refused, and chatter goes where it belongs."""
+"""Damaged images are detected, false sizes refused, and decoder output sorted from other lines."""
 from __future__ import annotations
 
 import os
@@ -25,7 +25,7 @@ def decoded(data):
 
 
 def png_of(width, height):
-    """Make a PNG that says a size and has no pixels to go with it."""
+    """Make a PNG that states a size without having the pixels."""
     def chunk(kind, body):
         return struct.pack('>I', len(body)) + kind + body + struct.pack(
             '>I', zlib.crc32(kind + body))
@@ -66,7 +66,7 @@ def test_sizes_that_no_camera_has_are_refused_undecoded(size, capfd):
 
 
 def test_the_bytes_of_a_pixel_count_too():
-    """5000x5000 px fit as grey levels of 8 bits, not as colours of 16 with transparency."""
+    """5000x5000 px fit as 8-bit grey, but not as 16-bit colour with transparency."""
     small, large = (stated_size(b'\x89PNG\r\n\x1a\n' + bytes(8) + struct.pack(
         '>IIBB', 5000, 5000, depth, kind)) for depth, kind in ((8, 0), (16, 6)))
     assert (small, large) == ((5000, 5000, 1), (5000, 5000, 8))
@@ -76,7 +76,7 @@ def test_the_bytes_of_a_pixel_count_too():
 def test_a_chunk_that_says_it_is_longer_than_the_file_is_refused():
     data = bytearray(encoded('.png'))
     at = data.index(b'IDAT') - 4
-    data[at:at + 4] = b'\xf0\x00\x00\x00'  # four gigabytes, which a decoder would make room for
+    data[at:at + 4] = b'\xf0\x00\x00\x00'  # four gigabytes, which a decoder would allocate
     assert 'beyond the end' in decoded(bytes(data))[1]
 
 

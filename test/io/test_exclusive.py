@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""One run at a time writes a file; what was in it stays."""
+"""Only one run at a time writes a file, and its content is kept."""
 from __future__ import annotations
 
 import pytest

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Every encoding against OpenCV, through messages of both ROS versions' fields."""
+"""Every encoding against OpenCV, with messages of both ROS versions."""
 from array import array
 from types import SimpleNamespace
 
@@ -117,7 +117,7 @@ def test_layout_that_does_not_fit(bags, change, told):
 @pytest.mark.parametrize('kind', ['jpg', 'png'])
 @pytest.mark.parametrize('share', [0.0, 0.02, 0.5, 0.98])
 def test_cut_image_is_refused(bags, kind, share):
-    """Without the check OpenCV would fill the rest of a cut JPEG with grey."""
+    """Without the check OpenCV would fill the rest of a truncated JPEG with grey."""
     whole = bags.ros2.compressed(0, bags.picture(9, (64, 64)), kind)
     cut = SimpleNamespace(format=kind, data=whole.data[:int(share * len(whole.data))])
     with pytest.raises(BagError, match='compressed image: found .*wanted a whole JPEG or PNG'):

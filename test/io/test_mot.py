@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Boxes of the MOTChallenge: there and back, to the letter, and what is wrong with them."""
+"""Boxes of the MOTChallenge: exact round trip, and bad files."""
 import math
 import re
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Messages of passes and tracks validate against their schemas and say what the results say."""
+"""Messages of passes and tracks: schemas, and agreement with the results."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -29,7 +29,7 @@ MEASURED = PassResult(
 
 
 def valid(text, schema):
-    """Return a message as read, after it was checked."""
+    """Validate a message, and return its content."""
     schema = json.loads(schema.read_text())
     jsonschema.Draft202012Validator.check_schema(schema)
     assert '\n' not in text

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The SQLite file of passes: what is in it, and that nothing added is lost."""
+"""The SQLite file of passes: its content, and its durability."""
 from __future__ import annotations
 
 import json

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""One table of many runs: types, nulls, order, the same bytes again."""
+"""One table of many runs: types, nulls, order, identical bytes when repeated."""
 from __future__ import annotations
 
 import sqlite3

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What goes into a line comes out of it, to the last bit."""
+"""Records survive the round trip through JSON to the last bit."""
 from __future__ import annotations
 
 import dataclasses
@@ -17,7 +17,7 @@ FLOAT = st.floats(allow_nan=False, allow_infinity=False)
 
 
 def same(a, b):
-    """Compare records, arrays within them to the last bit."""
+    """Compare records, with arrays to the last bit."""
     if dataclasses.is_dataclass(a):
         return type(a) is type(b) and all(
             same(getattr(a, f.name), getattr(b, f.name)) for f in dataclasses.fields(a))

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The files of a run, to the letter."""
+"""The files of a run, byte for byte."""
 from dataclasses import replace
 import json
 import math

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Maps and their polygons: there and back, and what is wrong with them."""
+"""Maps and their polygons: round trip, and bad files."""
 import cv2
 import numpy as np
 import pytest

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The folder of a run of the monocular tracker, to the letter."""
+"""The folder of a run of the monocular tracker, byte for byte."""
 import json
 import math
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Targets files: read, and what is wrong with them."""
+"""Targets files: accepted ones, and bad ones."""
 import math
 
 import numpy as np

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""``tracks.csv`` grown on the way is that written at once, and holds few rows in memory."""
+"""``tracks.csv`` written during the run equals one written at once, with little memory."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -23,7 +23,7 @@ PASS = PassResult(track=0, lane='a', first_ns=0, last_ns=1, pairs=1, speed_mps=2
 
 
 def drive(rng, pairs):
-    """Make random traffic: of each pair its updates, the passes that end, the open tracks."""
+    """Make random traffic: for each pair its updates, the finished passes, and the open tracks."""
     alive, number, steps = {}, 0, []
     for k in range(pairs):
         if rng.random() < 0.4:
@@ -50,7 +50,7 @@ def test_rows_are_those_of_the_table_written_at_once(tmp_path, seed):
         for step in steps:
             rows.add(*step)
             most = max(most, rows.waiting)
-        assert os.listdir(tmp_path) == []  # what is killed leaves nothing
+        assert os.listdir(tmp_path) == []  # a killed process leaves nothing
         rows.save(tmp_path / 'tracks.csv')
     assert (tmp_path / 'tracks.csv').read_text() == tracks_csv(
         [u for updates, _, _ in steps for u in updates if u.track in vehicles],

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""One video as a folder, as a file and as bags reads the same; what cannot be read is named."""
+"""A video reads the same as a folder, a file and bags; unreadable ones are named."""
 import cv2
 import numpy as np
 import pytest
@@ -77,7 +77,7 @@ def test_folder_file_and_bags_read_the_same(tmp_path, bags, frames):
 def test_frames_missing_of_a_file_that_breaks_off(tmp_path, bags, frames):
     path = as_file(tmp_path / 'video.avi', frames)
     assert [frames_missing(path, n) for n in (COUNT + 1, COUNT, COUNT - 1, COUNT - 2)] == [
-        0, 0, 0, 2]  # one is within what files tell
+        0, 0, 0, 2]  # a difference of one is within the accuracy of files
     data = path.read_bytes()
     path.write_bytes(data[:int(0.8 * len(data))])
     read = len(list(read_frames(path)))

@@ -107,7 +107,7 @@ def road():
 
 @pytest.fixture()
 def maps():
-    """Everything above, without an import between test files."""
+    """Return all helpers above, without an import between test files."""
     return SimpleNamespace(
         WIDTH=WIDTH, HEIGHT=HEIGHT, CENTRE=CENTRE, RED=RED, BLUE=BLUE, pixels=pixels,
         two_kinds=two_kinds, edge_distance=edge_distance, circle_distance=circle_distance,

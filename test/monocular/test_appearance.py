@@ -134,7 +134,7 @@ def test_what_is_outside_the_image_is_left_out():
 
 
 def test_bins_are_computed_once_and_for_any_part():
-    """A frame that was sampled elsewhere gives what a fresh one does."""
+    """A frame that was sampled elsewhere gives the same as a fresh one."""
     image = np.random.default_rng(3).integers(0, 256, (80, 90, 3), dtype=np.uint8)
     used, grid = BinImage(image), grid_points(7, 5)
     for box in ((20, 20, 10, 12), (60, 50, 40, 20), (25, 24, 16, 18), (88, 5, 30, 30)):
@@ -157,7 +157,7 @@ def test_parts_tell_top_from_bottom():
 
 
 def test_colours_of_the_surroundings_count_less():
-    """Reference half A, half B; all around is B: its weight is 1 / (1 + 4 * 1 / 0.501)."""
+    """Reference half A, half B; surroundings all B, with weight 1 / (1 + 4 * 1 / 0.501)."""
     image = flat(B)
     image[35:65, 60:80] = A
     mark = boxes((69.5, 49.5, 40, 30))
@@ -200,7 +200,7 @@ def test_reference_is_renewed_by_its_share(share):
 
 
 def test_what_another_target_occludes_is_left_out():
-    """The left half is occluded: what is seen is all A, and the rest counts as unseen."""
+    """The left half is occluded: the visible part is all A, and the rest counts as unseen."""
     image = flat(A)
     image[:, :60] = B
     mark, half = boxes((100, 50, 20, 30)), boxes((59.5, 50, 20, 30))
@@ -220,7 +220,7 @@ def test_what_another_target_occludes_is_left_out():
 
 
 def test_background_is_not_occluded():
-    """Where the ground is seen, the target in front is not there."""
+    """Where the ground is visible, no target is in front."""
     background = BackgroundModel(140, 100, 25, 100)
     background.learn(flat(C), [])
     image = flat(C)
@@ -233,7 +233,7 @@ def test_background_is_not_occluded():
 
 
 def test_nothing_is_more_than_alike():
-    """A box full of the weighty colour, which the mark has in half of it, and any other box."""
+    """A box full of the heavy colour, which the mark has in one half, and any other box."""
     image = flat(B)
     image[20:80, 40:60] = A
     image[20:80, 90:130] = A
@@ -272,13 +272,13 @@ def test_unseen_part_counts_as_a_share_of_the_usual():
 
 @pytest.mark.parametrize('now, share', [((110, 40, 20, 30), 0.5), ((38, 28, 44, 44), 0.0)])
 def test_initial_box_is_sampled_again_once_its_background_is_known(now, share):
-    """The left half of the box is ground; it is known when the target has gone from there."""
+    """The left half of the box is ground, which becomes known when the target has left it."""
     background = BackgroundModel(140, 100, 25, 100)
     ground, there = flat(C), flat(C)
     there[30:80, 60:80] = A
     mark = boxes((59.5, 49.5, 40, 40))
     target = Appearance(KNOWING, BinImage(there, background), mark)
-    assert target.reference.histogram[0, 4096] == 0  # the ground still passes for the target
+    assert target.reference.histogram[0, 4096] == 0  # the ground still counts as target
     for frames, wanted in ((1, 0.0), (8, share)):
         for _ in range(frames):
             background.learn(ground, [])
@@ -288,7 +288,7 @@ def test_initial_box_is_sampled_again_once_its_background_is_known(now, share):
 
 
 def test_reference_sampled_again_is_that_of_a_known_background():
-    """Oracle: the same box, marked when the background was known already."""
+    """Oracle: the same box, marked when the background was already known."""
     rng = np.random.default_rng(6)
     ground = rng.integers(60, 80, (100, 140, 3), dtype=np.uint8)
     there = ground.copy()

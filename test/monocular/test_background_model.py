@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The background: worked by hand, what a target hides, and what is learnt of it later."""
+"""The background: worked by hand, occlusion by a target, and learning afterwards."""
 from __future__ import annotations
 
 from types import SimpleNamespace
@@ -36,7 +36,7 @@ def test_nothing_is_background_before_it_was_seen():
 
 @pytest.mark.parametrize('off, seen', [(20, False), (30, True)])
 def test_contrast_that_tells(off, seen):
-    """A block of 12 by 8 px in one channel; the median rounds its corners of one cell each."""
+    """A block of 12 by 8 px in one channel; the median rounds off one cell at each corner."""
     background = BackgroundModel(WIDTH, HEIGHT, 25, 100)
     background.learn(flat(90), [])
     found = whole(background, flat(90, (10, 8, 12, 8), 90 + off))

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Boxes: overlap, corners and envelope against drawing them."""
+"""Boxes: overlap, corners and envelope against rasterised ones."""
 from __future__ import annotations
 
 import cv2

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The parameters of the monocular tracker: what loads, that it runs, and that it matters."""
+"""The parameters of the monocular tracker: loading, running, and effect."""
 from __future__ import annotations
 
 from dataclasses import asdict, fields, replace

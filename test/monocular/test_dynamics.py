@@ -27,7 +27,7 @@ def straight(maps):
     ((0.6, 3), -0.6, 1, (-0.6, 3)),
     ((0, 3), 0.5, 2, (0.5, np.sqrt(8.75))),  # 6 px on, 1 px of them aside
     ((0, 0), 0.0, 1, (0, 0)),
-    ((2, 0.1), 0.0, 1, (2, 0.1)),  # across the contour: the sharp turn is not believed
+    ((2, 0.1), 0.0, 1, (2, 0.1)),  # across the contour: a sharp turn is not followed
     ((2, 0), 2.0, 1, (2, 0)),
 ], ids=str)
 def test_straight_contour_by_hand(straight, velocity, rate, frames, wanted):

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Stops and starts: how often, and what comes of them."""
+"""Stops and starts: their frequency, and their effect."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -38,7 +38,7 @@ def test_some_stop_and_the_others_go_on(frames):
 
 @pytest.mark.parametrize('frames', [1.0, 3.0])
 def test_some_set_off_as_at_the_start(frames):
-    """Slower than 0.3 of the spread, which is 2 px: it stands."""
+    """A target slower than 0.3 of the spread, which is 2 px, stands."""
     config = replace(STILL, start_speed=0.1, stop_chance=0.5, start_chance=0.1)
     velocity, new = stop_and_start(particles((0.3, 0.4))[1], frames, config,
                                    np.random.default_rng(2))
@@ -75,7 +75,7 @@ def test_target_that_stops_stays_where_it_is_and_keeps_its_distance(maps):
 
 
 def test_one_that_strays_far_up_leaves_the_horizons_of_the_others(maps):
-    """Its foot is above all horizons; only its own gives way."""
+    """Its foot is above all horizons; only its own horizon is changed."""
     config = replace(STILL, horizon_noise=0.05, start_chance=0.0)
     target, old = particles((0, 0))
     old = replace(old, horizon_px=np.full(COUNT, 40.0))  # the feet are at 100
@@ -91,7 +91,7 @@ def test_one_that_strays_far_up_leaves_the_horizons_of_the_others(maps):
 
 
 def test_states_stay_finite_however_wild_the_noise(maps):
-    """A walk whose rates walk as well would leave the range of numbers within 40 steps."""
+    """A random walk of rates would overflow within 40 steps."""
     config = MonocularConfig(
         velocity_noise=1.0, position_noise=1.0, start_speed=2.0, stop_chance=0.0,
         size_noise=0.5, size_rate_noise=0.5, horizon_noise=0.5, width_spread=1.0,

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Sizes as perspective has them, and the horizon that initial boxes imply."""
+"""Sizes from the perspective, and the horizon from initial boxes."""
 from __future__ import annotations
 
 from dataclasses import replace

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The environment prior (eq. 20-22): its sampler against the distribution worked out on paper."""
+"""The environment prior (eq. 20-22): its sampler against the distribution derived by hand."""
 from __future__ import annotations
 
 import numpy as np

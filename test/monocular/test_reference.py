@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Histograms of parts and the reference, on samples made by hand and against plain numpy."""
+"""Histograms of parts and the reference, on manual samples and against plain numpy."""
 from __future__ import annotations
 
 import numpy as np

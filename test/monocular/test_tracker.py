@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The monocular tracker on a synthetic road: kept, occluded, lost, left, and in strides."""
+"""The monocular tracker on a synthetic road: targets kept, occluded, lost, departed; strides."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -23,7 +23,7 @@ def box_of(centre, size=SIZE):
 
 
 def drive(road, maps, frames, gone=(), **lane):
-    """Draw a block that drives along the road; it is not there in the frames of ``gone``."""
+    """Draw a block that moves along the road, except in the frames of ``gone``."""
     images = []
     for number in range(1, frames + 1):
         blocks = [] if number in gone else [(*road.place(number, **lane), SIZE, maps.RED)]
@@ -37,7 +37,7 @@ def target_on(road, number=1, frame=1, **lane):
 
 
 def follow(road, images, targets, config=CONFIG, **options):
-    """Run the tracker; gives its estimates by (id, frame), and the ends."""
+    """Run the tracker, and return its estimates by (id, frame), and the ends."""
     tracker = MonocularTracker(road.field, targets, config, **options)
     found, ends = {}, []
     for number, image in enumerate(images, 1):
@@ -180,7 +180,7 @@ def test_several_targets_do_not_disturb_one_another(road, maps):
 
 
 def passing_scene(road, maps, frames):
-    """Draw a person who stands, and one of the same colour who walks past behind."""
+    """Draw a standing person, and one of the same colour who walks past behind."""
     boxes, images = {1: [], 2: []}, []
     for number in range(1, frames + 1):
         boxes[1].append(np.array([112.0, 102, 16, 44]))
@@ -203,7 +203,7 @@ def test_target_that_passes_behind_another_is_kept_and_leaves_it_its_pixels(road
             kept[covering] += all(
                 (i, 33) in found and overlap(found[i, 33].envelope_px, b[-1]) > 0.5
                 for i, b in boxes.items())
-    assert kept == {False: 0, True: 3}  # without it they come to share one block
+    assert kept == {False: 0, True: 3}  # without it they end up on the same block
 
 
 def test_nearest_occludes_also_in_a_frame_in_which_it_is_not_due(road, maps, monkeypatch):

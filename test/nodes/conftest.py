@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Nodes in the process of a test."""
+"""Nodes that run in the process of a test."""
 from __future__ import annotations
 
 from contextlib import contextmanager, ExitStack
@@ -10,7 +10,7 @@ import pytest
 
 @pytest.fixture(scope='session')
 def in_process(private_graph):
-    """Give what makes a node that hears nobody, and ends it when its block is left."""
+    """Return a maker of nodes without connections, which are ended after the block."""
     import rclpy
 
     @contextmanager

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Boxes through their message, and messages of others."""
+"""Boxes through their message, and malformed messages."""
 from __future__ import annotations
 
 import struct

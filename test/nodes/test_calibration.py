@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What is believed of the calibrations that come."""
+"""Acceptance of received calibrations."""
 from __future__ import annotations
 
 from copy import deepcopy
@@ -17,7 +17,7 @@ from stereo_speed.nodes.health import ERROR, OK, Refusals, State, WARN  # noqa: 
 
 
 class Clock:
-    """Steady time that passes when it is told to."""
+    """A monotonic clock that a test advances."""
 
     def __init__(self):
         self.s = 0.0

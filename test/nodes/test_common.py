@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""How nodes start and end, in this process."""
+"""Start and end of nodes, in this process."""
 from __future__ import annotations
 
 import os
@@ -16,7 +16,7 @@ from stereo_speed.nodes.log_node import LogNode, main  # noqa: E402
 
 @pytest.fixture(autouse=True)
 def handlers():
-    """Put the handlers of signals back that a node replaces."""
+    """Restore the signal handlers that a node replaces."""
     former = {one: signal.getsignal(one) for one in (signal.SIGINT, signal.SIGTERM)}
     yield
     for one, handler in former.items():
@@ -50,7 +50,7 @@ def test_an_interrupt_that_rclpy_makes_an_error_of_ends_a_node_all_the_same(
 
 @pytest.mark.parametrize('again', [signal.SIGINT, signal.SIGTERM])
 def test_a_node_that_is_told_twice_to_stop_ends_what_is_under_way(private_graph, tmp_path, again):
-    """As by Ctrl-C under ``ros2 launch``, which a terminal sends to both, and launch on."""
+    """As by Ctrl-C under ``ros2 launch``: the terminal signals both, and launch forwards it."""
     ended = []
 
     class Listening(LogNode):

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The shipped configuration and launch files say what the code does."""
+"""The shipped configuration and launch files agree with the code."""
 from __future__ import annotations
 
 import ast
@@ -67,7 +67,7 @@ def declared(*modules):
 
 
 def test_node_parameters_hold_what_the_tracker_node_declares():
-    """Those that the launch file gives stand there as comments; two have to be given."""
+    """Those from the launch file are comments there; two are mandatory."""
     names = declared('lifecycle', 'measuring_settings', 'self_test', 'rig_watch', 'frames')
     assert {'site', 'init', 'seed', 'autostart', 'self_test', 'road_frame'} <= set(names)
     text = (ROOT / 'config' / 'stereo_speed.params.yaml').read_text()
@@ -80,7 +80,7 @@ def test_node_parameters_hold_what_the_tracker_node_declares():
 
 
 def test_layouts_stand_in_the_frame_of_the_road():
-    """Which has z up, and a name that does not depend on the driver of a camera."""
+    """It has z up, and a name that does not depend on a camera driver."""
     road = declared('frames')['road_frame']
     rviz = yaml.safe_load((ROOT / 'config' / 'stereo_speed.rviz').read_text())
     assert rviz['Visualization Manager']['Global Options']['Fixed Frame'] == road
@@ -124,7 +124,7 @@ def test_parameters_of_the_launch_file_are_declared_by_the_nodes():
 
 @pytest.mark.parametrize('path', sorted((ROOT / 'launch').glob('*.xml')), ids=lambda p: p.name)
 def test_files_of_parameters_win_over_the_launch_file(path):
-    """The last one wins; so files come last, and those shipped leave to it what it gives."""
+    """The last one wins, so files come last, and shipped ones omit what it sets."""
     root = ElementTree.parse(path).getroot()
     shipped = {arg.get('name'): arg.get('default').partition(')/')[2]
                for arg in root.iter('arg') if 'config/' in (arg.get('default') or '')}

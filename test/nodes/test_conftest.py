@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Nodes of a test end, whatever happens while they do."""
+"""Nodes of a test are ended, whatever happens in between."""
 from __future__ import annotations
 
 import pytest

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A task that fails to tell its state is an ERROR, and the others are told."""
+"""A diagnostic task that fails is an ERROR, and the others are still published."""
 from __future__ import annotations
 
 import pytest

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""``environment_node`` as a real process over real DDS, against the command on the same frames."""
+"""``environment_node`` as a real process over DDS, against the command on the same frames."""
 from __future__ import annotations
 
 import csv
@@ -33,7 +33,7 @@ from visualization_msgs.msg import MarkerArray  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures('private_graph')
 STARTUP_S, EVENT_S = 60.0, 60.0
-FRAMES, PERIOD_NS = 8, 200_000_000  # the whole of it is longer than a late image is
+FRAMES, PERIOD_NS = 8, 200_000_000  # the video is longer than the limit for late images
 EARLIER_NS = 10 ** 12  # stamps of what is sent before the video; it jumps back to its own
 BOX = (30, 40, 12, 30)
 
@@ -81,7 +81,7 @@ def camera(stand_in):
 
 
 def settle(camera):
-    """Let the node know its listeners: send frames of another time until all have heard of it."""
+    """Send frames of another time until all listeners have received one."""
     image, sent = next(frames()), []
 
     def heard_everywhere():
@@ -94,12 +94,12 @@ def settle(camera):
 
 
 def of_video(heard):
-    """Leave out what was heard before the video began."""
+    """Drop what was received before the video began."""
     return [m for m in heard if stamp_ns(m.header.stamp) < EARLIER_NS]
 
 
 def drawn(camera, number):
-    """Give the markers of a frame of the video, each time it was shown."""
+    """Return the markers of a frame of the video, each time it was published."""
     return [m.markers for m in camera.markers if m.markers
             and stamp_ns(m.markers[0].header.stamp) == number * PERIOD_NS]
 
@@ -142,7 +142,7 @@ def test_live_tracks_equal_those_of_the_command_and_a_jump_starts_anew(scene, ca
                              ('d_px', 'd_px'), ('d_rate_px', 'd_rate_px')):
             assert row[name] == pytest.approx(float(want[column]), abs=2e-3)
         assert [f.name for f in message.fields] == list(RECORD.names)
-        # what viewers show is the middle of the lower edge
+        # viewers show the middle of the lower edge
         assert row['x'] == pytest.approx(row['left'] + row['width'] / 2, abs=1e-3)
     outline, text = drawn(camera, FRAMES)[0]
     assert len(outline.points) == 5 and text.text.startswith('3 ')
@@ -196,7 +196,7 @@ def test_a_target_marked_late_is_followed_as_if_it_had_been_marked_in_time(
 
 
 def marked(*points):
-    """Give the message that marks some points."""
+    """Return the message that marks some points."""
     msg = PolygonStamped()
     msg.polygon.points = [Point32(x=float(x), y=float(y)) for x, y in points]
     return msg
@@ -252,7 +252,7 @@ def test_a_mark_whose_frame_never_came_is_told_for_a_while_and_counted_for_good(
 
 
 def test_dropped_repeated_and_missed_frames_are_reported_and_the_end_is_quiet(scene, camera):
-    """Frames 1 to 3, 3 again, then 5 to 8; target 4 is marked in frame 4, which never comes."""
+    """Frames 1 to 3, 3 again, then 5 to 8; target 4 is marked in frame 4, which never arrives."""
     (scene / 'two.yaml').write_text(
         (scene / 'targets.yaml').read_text() + f'- {{id: 4, frame: 4, box: {list(BOX)}}}\n')
     told = []

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Static frames by hand, and what messages say of what is not known."""
+"""Static frames by hand, and messages with unknown values."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -63,7 +63,7 @@ def test_the_right_camera_stands_to_the_right_of_the_left_one(place):
 @pytest.mark.parametrize('installed', [True, False])
 def test_frames_are_told_once_for_all_where_the_message_is_installed(
         place, installed, monkeypatch):
-    """Of ROS, but not on PyPI; without it the log says so, and nothing else is missing."""
+    """Part of ROS, but not on PyPI; without it only a log line is written."""
     told, made, logged = [], [], []
 
     def create_publisher(kind, topic, qos):

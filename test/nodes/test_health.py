@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Levels go up with a fault and back after it; logs are kept short; what is missing is counted."""
+"""Levels rise with a fault and fall after it; logs stay short; missing items are counted."""
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
@@ -14,7 +14,7 @@ PERIOD_NS = 33_333_333
 
 
 class Clock:
-    """Steady time that passes when it is told to."""
+    """A monotonic clock that a test advances."""
 
     def __init__(self):
         self.s = 100.0
@@ -46,7 +46,7 @@ def test_a_tally_forgets_what_is_long_ago_and_gives_the_rate(clock):
 
 
 def test_a_tally_nobody_asks_holds_no_more_than_what_is_of_late(clock):
-    """Else a year of images would be a year of memory."""
+    """Otherwise it would grow with every image."""
     tally = Tally(clock)
     for _ in range(10_000):
         clock.s += 0.1
@@ -56,7 +56,7 @@ def test_a_tally_nobody_asks_holds_no_more_than_what_is_of_late(clock):
 
 
 def test_a_tally_is_counted_in_one_thread_and_asked_in_another():
-    """Without a lock, who asks meets a queue that changes under its hands."""
+    """Without a lock the reader would meet a queue that changes during iteration."""
     tally = Tally()
 
     def count():

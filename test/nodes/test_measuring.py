@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a node that measures says of itself as its states change, in this process."""
+"""Diagnostics of a measuring node as its states change, in this process."""
 from __future__ import annotations
 
 from types import SimpleNamespace
@@ -17,7 +17,7 @@ from stereo_speed.pipeline.pass_process import PassProcessError  # noqa: E402
 
 
 class Failing:
-    """Stands for the process of the passes; keeps whether it was closed."""
+    """Stands in for the process of the passes; records whether it was closed."""
 
     def __init__(self, error):
         self.error, self.closed, self.asked = error, False, 0
@@ -36,7 +36,7 @@ class Failing:
 
 
 def given(node, error):
-    """Have a process that fails so measure the passes of a node; return it."""
+    """Give a node a failing process for its passes, and return it."""
     process, measuring = Failing(error), node.measuring
     measuring._passer = Worker('measures passes', lambda: process, measuring.log)
     measuring._passer.start(), measuring._passer.wait()
@@ -56,7 +56,7 @@ def test_each_state_and_a_jump_of_time_are_told(node):
     assert (measuring.state().level, measuring.state().message) == (WARN, 'inactive')
     node.trigger_activate()
     assert 'inactive' not in measuring.state().message
-    assert 'nothing is known' in measuring.stamps().message  # and none are said to be right
+    assert 'nothing is known' in measuring.stamps().message  # and stamps are not reported as right
     measuring._start_anew(SimpleNamespace(reset=lambda: None), 5)
     state = measuring.state()
     assert state.values['resets'] == 1 and 'stamps jumped back' in state.message

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What is counted of pairs and stamps turns into levels, and back."""
+"""Counts of pairs and stamps raise diagnostic levels, and lower them again."""
 from __future__ import annotations
 
 from types import SimpleNamespace
@@ -15,7 +15,7 @@ from stereo_speed.nodes.measuring_state import ClockSteps, Counts, tell_stamps  
 
 
 def stepped(times):
-    """Return what stands for a pipeline whose stamps have stepped so often."""
+    """Return a stand-in for a pipeline with a number of clock steps."""
     watch = StampWatch()
     watch.steps, watch.last_step_s = times, 0.03
     return SimpleNamespace(stamp_watch=watch)
@@ -33,7 +33,7 @@ def test_a_step_of_the_clock_is_told():
 
 
 def test_steps_of_another_pipeline_are_counted_from_its_own_start():
-    """Else the first look after a new calibration finds fewer steps than before, and warns."""
+    """Otherwise the first check after a new calibration finds fewer steps, and warns."""
     now_s = [0.0]
     steps, before = ClockSteps(lambda: now_s[0]), stepped(3)
     assert told(steps, before)[0] == WARN

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Whether the views are crossed: nothing is told before it is known, nobody waits later."""
+"""Detection of swapped views: no reading before it is decided, no delay afterwards."""
 from __future__ import annotations
 
 import threading
@@ -12,7 +12,7 @@ LONG_S = 30.0
 
 
 class Looks:
-    """Answers as told, each in its turn, once it may."""
+    """Returns given answers in order, as soon as it may."""
 
     def __init__(self, *answers):
         self.answers, self.now_s, self.may = list(answers), 0.0, threading.Event()
@@ -47,7 +47,7 @@ def test_later_looks_are_taken_in_with_a_later_pair():
     assert watch.take(None, 1) is False and looks.pairs == [0]  # too soon for another
     looks.may.clear()
     looks.now_s = 11.0
-    assert watch.take(None, 2) is False  # told at once, whatever the look will find
+    assert watch.take(None, 2) is False  # returned at once, whatever the check will find
     looks.may.set()
     assert looks.over.acquire(timeout=LONG_S)
     watch.close()

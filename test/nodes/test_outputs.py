@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a measuring node tells of itself, held in this process."""
+"""Messages of a measuring node, captured in this process."""
 from __future__ import annotations
 
 from collections import defaultdict
@@ -25,13 +25,13 @@ LATER = {**PASSED, 'passed_utc': '2026-11-22T11:00:00Z'}
 
 @pytest.fixture()
 def told():
-    """Return what is published, by topic."""
+    """Return the published messages by topic."""
     return defaultdict(list)
 
 
 @pytest.fixture()
 def outputs(told):
-    """Return the outputs of a node that is none."""
+    """Return the outputs of a stand-in node."""
     node = SimpleNamespace(
         create_publisher=lambda kind, topic, *_, **__: SimpleNamespace(publish=told[topic].append),
         get_logger=lambda: SimpleNamespace(info=lambda line: None), get_clock=Clock)

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What is skipped when the machine does not keep up, and what is not."""
+"""Pairs that are skipped when the machine does not keep up, and pairs that are not."""
 from __future__ import annotations
 
 import threading
@@ -10,7 +10,7 @@ from stereo_speed.nodes.pair_queue import PairQueue, RECOVER_S
 
 
 class Clock:
-    """Steady time that passes when it is told to."""
+    """A monotonic clock that a test advances."""
 
     def __init__(self):
         self.s = 0.0
@@ -20,7 +20,7 @@ class Clock:
 
 
 def served(period_s, work_s, pairs, most_wait_s=1.0):
-    """Run a stream against a worker; return the pairs served, their delays, and how many not."""
+    """Run a stream against a worker; return served pairs, their delays, and the number skipped."""
     clock = Clock()
     queue = PairQueue(most_wait_s, 1000, clock)
     out, delays, skipped, coming, free_s = [], [], 0, 0, 0.0
@@ -103,7 +103,7 @@ def hurried_stream(work_s, lasts_s, most_wait_s=2.0, starts_s=0.0, period_s=0.03
 
 @pytest.mark.parametrize('period_s', [0.033, 0.2])
 def test_a_pair_is_hurried_that_waits_for_most_of_the_time_between_two(period_s):
-    """Every tenth pair takes nine tenths more than there is time for."""
+    """Every tenth pair takes 90 % more time than there is."""
     calls = iter(range(10**6))
     out, _ = hurried_stream(
         lambda s, hurried: period_s * (1.9 if next(calls) % 10 == 0 else 0.5), 300 * period_s,

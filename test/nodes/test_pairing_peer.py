@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The peer that live nodes are timed beside does not go on in silence when its matching fails."""
+"""The benchmark's peer node reports a failing matcher instead of going on silently."""
 from __future__ import annotations
 
 import pytest
@@ -12,14 +12,14 @@ from stereo_speed.nodes.pairing_peer_node import MatchingError, PairingPeerNode 
 
 
 def image(sec, size):
-    """Return a black image of 64 x 128 pixels, with so many bytes of data."""
+    """Return a black image of 64 x 128 pixels with a number of data bytes."""
     msg = Image(height=64, width=128, step=128, encoding='mono8', data=bytes(size))
     msg.header.stamp.sec = sec
     return msg
 
 
 def test_matching_that_fails_ends_the_node_with_the_next_image(in_process):
-    """Its images are cut short, so that they are no images."""
+    """Its images are truncated, and therefore invalid."""
     with in_process(PairingPeerNode, 'matching:=sgbm') as node:
         node._image('left', image(1, 7))
         node._image('right', image(1, 7))

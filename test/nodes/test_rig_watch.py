@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A rig that has moved is not measured with until it is right again, or known anew."""
+"""A moved rig stops the measurement until it is back in place, or its motion is known."""
 from __future__ import annotations
 
 import math
@@ -20,11 +20,11 @@ from stereo_speed.pipeline.look_process import LookProcess, LookProcessError  # 
 from stereo_speed.site.refine.rig_state import RigState  # noqa: E402
 
 LOOK_S = 60.0
-UNKNOWN = 200  # grey level of a pair that tells nothing
+UNKNOWN = 200  # grey level of a pair without information
 
 
 class Given:
-    """Stands for the parameters of a node."""
+    """Stands in for the parameters of a node."""
 
     def __init__(self, **values):
         self.values = values
@@ -35,7 +35,7 @@ class Given:
 
 
 class Log:
-    """Keeps what is logged."""
+    """Records log lines."""
 
     def __init__(self):
         self.lines = []
@@ -53,17 +53,17 @@ class Brightness:
         self.grey, self.turns, self.state, self.closed = [], 0, None, False
 
     def lay(self, pair):
-        """Keep what a look needs of a pair."""
+        """Store what a check needs of a pair."""
         assert self.state is None
         self.grey.append(pair.left[0, 0])
 
     def is_ready(self):
-        """Return whether it has started, as it has when asked again."""
+        """Return whether it has started; true from the second call on."""
         self.turns += 1
         return self.turns > 1
 
     def look(self, used, config, followed, suspected):
-        """Look at the pairs so far."""
+        """Start a check of the pairs so far."""
         assert self.turns > 1
         grey = float(np.mean(self.grey))
         self.state = RigState(grey / 100, 'lane', f'{len(self.grey)}', stance=grey,
@@ -72,7 +72,7 @@ class Brightness:
             self.state = RigState(None, '', 'not known')
 
     def found(self):
-        """Return what it has found, or fail."""
+        """Return the result, or fail."""
         if self.grey[0] == 255:
             raise LookProcessError('too bright')
         return self.state
@@ -84,35 +84,35 @@ class Brightness:
 
 
 class NeverReady(Brightness):
-    """One that does not start."""
+    """A process that does not start."""
 
     def is_ready(self):
-        """Return that it is not."""
+        """Return False."""
         return False
 
 
 class NeverOver(Brightness):
-    """One whose look does not end."""
+    """A process whose check does not end."""
 
     def found(self):
-        """Return that it is under way."""
+        """Report that the check is in progress."""
 
 
 class Dead(Brightness):
-    """One that has been killed."""
+    """A process that was killed."""
 
     def found(self):
-        """Fail as a process that has ended."""
+        """Fail like a process that has ended."""
         raise BrokenPipeError('it has ended')
 
 
 def place():
-    """Return what stands for a site."""
+    """Return a stand-in for a site."""
     return SimpleNamespace(site=None, rig=None, lanes={})
 
 
 def watch(make=Brightness):
-    """Return a watch that has begun."""
+    """Return a watch that has started."""
     out = RigWatch(Given(rig_check_interval_s=0.01, rig_check_pairs=2, rig_check_spread_s=0.0),
                    Log(), make)
     out.begin(place(), SiteConfig())
@@ -120,7 +120,7 @@ def watch(make=Brightness):
 
 
 def looked(watch, grey):
-    """Show pairs of a brightness until a look is over."""
+    """Show pairs of a brightness until a check is over."""
     before, end_s = (watch.looks, watch.failure), time.monotonic() + LOOK_S
     while (watch.looks, watch.failure) == before:
         assert time.monotonic() < end_s
@@ -130,7 +130,7 @@ def looked(watch, grey):
 
 
 def test_a_stream_that_ends_before_the_process_is_ready_is_looked_at_all_the_same():
-    """The pairs are there, and it may be a while until the next one comes."""
+    """The pairs are stored, and the next one may be late."""
     rig, image = watch(), np.full((2, 2), 2, np.uint8)
     for k in range(2):
         rig.take(StereoPair(k, k, k, image, image))
@@ -146,13 +146,13 @@ def test_what_is_off_is_withheld_until_it_is_right_again():
         looked(rig, grey)
         assert (rig.withholds, rig.state().level) == (level == ERROR, level)
     assert rig.log.lines == ['2'] * 3
-    looked(rig, 255)  # a look that fails says nothing of the rig
+    looked(rig, 255)  # a failed check says nothing about the rig
     assert not rig.withholds and rig.state().level == WARN
     rig.close()
 
 
 def shown(watch, grey=0, pairs=5):
-    """Show some pairs of a brightness, without waiting for anything."""
+    """Show some pairs of a brightness, without waiting."""
     image = np.full((2, 2), grey, np.uint8)
     for _ in range(pairs):
         watch.take(StereoPair(0, 0, 0, image, image))
@@ -160,7 +160,7 @@ def shown(watch, grey=0, pairs=5):
 
 @pytest.mark.parametrize('make', [NeverReady, NeverOver])
 def test_a_look_is_waited_for_on_a_busy_machine_and_one_that_hangs_is_made_again_soon(make):
-    """Minutes are few where others have all the processor; what hangs is not given the time."""
+    """A check may take minutes on a busy machine, but a hanging one is not given that time."""
     makes, now_s = [make, Brightness], [0.0]
     given = Given(rig_check_interval_s=600.0, rig_check_pairs=2, rig_check_spread_s=0.0)
     rig = RigWatch(given, Log(), lambda: makes.pop(0)(), lambda: now_s[0])
@@ -173,13 +173,13 @@ def test_a_look_is_waited_for_on_a_busy_machine_and_one_that_hangs_is_made_again
     assert rig.state().level == WARN and 'failed' in rig.failure and len(makes) == 1
     now_s[0] = 1950.0
     shown(rig)
-    assert len(makes) == 1  # not at once: it may take memory or time that is needed
+    assert len(makes) == 1  # not at once, because it may take memory or time
     now_s[0] = 1961.0
     shown(rig)
     assert rig.looks == 1 and rig.state().level == OK
     now_s[0] = 2500.0
     shown(rig)
-    assert rig.looks == 1  # as a look that has ended, only after the interval
+    assert rig.looks == 1  # only after the interval, as after a finished check
 
 
 def test_a_look_whose_process_has_died_has_failed_and_the_next_is_taken():
@@ -234,7 +234,7 @@ def test_a_process_that_is_killed_in_a_look_is_another_one_in_the_next():
 
 def test_what_two_looks_in_a_row_find_alike_is_measured_with():
     rig = watch()
-    for grey in (2, 3):  # each finds another rig
+    for grey in (2, 3):  # each check finds another pose
         looked(rig, grey)
         assert rig.withholds and rig.pop_correction() is None
     looked(rig, 3)
@@ -252,7 +252,7 @@ def test_what_cannot_be_seen_does_not_lift_what_was_found():
     looked(rig, 2)
     looked(rig, UNKNOWN)
     assert rig.withholds and rig.state().level == ERROR
-    looked(rig, 2)  # as the look before that found it
+    looked(rig, 2)  # as found by the check before
     assert rig.pop_correction() == 2
     looked(rig, 0)
     assert not rig.withholds
@@ -294,11 +294,11 @@ def test_what_cannot_be_seen_is_not_held_against_the_rig():
 
 
 @pytest.mark.parametrize(('share', 'std_share', 'turned', 'off'), [
-    (0.004, 0.0009, True, True),  # a camera that has turned, however little it does
+    (0.004, 0.0009, True, True),  # a turned camera, however small its effect
     (0.004, 0.0011, True, False),
     (0.004, 0.0009, False, False),
     (0.015, 0.0015, False, True),
-    (0.015, 0.0098, False, False),  # of a rough site, or of a look that sees little
+    (0.015, 0.0098, False, False),  # from a clicked site, or a check with few details
     (0.2, 0.05, False, True),
 ])
 def test_what_is_off_is_so_beyond_doubt(share, std_share, turned, off):

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The page of what is live, as a real process that listens to real messages."""
+"""The live page, as a real process that listens to real messages."""
 from __future__ import annotations
 
 import http.cookiejar
@@ -37,7 +37,7 @@ def test_what_the_graph_says_is_on_the_page(stand_in):
         (Image, 'overlay/right/image_raw', RELIABLE), (String, 'passes', latched),
         (DiagnosticArray, '/diagnostics', 10)))
     passes.publish(String(data='not a pass'))
-    passes.publish(String(data=json.dumps({  # told before anybody looked
+    passes.publish(String(data=json.dumps({  # published before any page was opened
         'track': 4, 'lane': 'near', 'speed_mps': 20.0, 'speed_std_mps': 0.1,
         'verdict': 'measured', 'reason': ''})))
     command = [sys.executable, '-m', 'stereo_speed', 'studio', '--live', '--port', '0']

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A subscription takes what the publishers of its topic offer."""
+"""Subscriptions are compatible with the publishers of their topics."""
 from __future__ import annotations
 
 import pytest
@@ -27,7 +27,7 @@ def test_it_is_reliable_where_all_publishers_are_and_hears_the_others_too(stand_
         stand_in.wait(lambda: publisher.get_subscription_count() == 1, EVENT_S)
         publisher.publish(String(data=text))
         stand_in.wait(lambda: heard and heard[-1].data == text, EVENT_S)
-    assert not subscription.reliable  # hears everybody, while nobody is known
+    assert not subscription.reliable  # compatible with all publishers while none is known
     reliable = stand_in.create_publisher(String, 'offered', RELIABLE)
     stand_in.wait(lambda: subscription.reliable, EVENT_S)
     hears(reliable, 'one')
@@ -50,6 +50,6 @@ def test_a_reliability_that_is_given_holds(stand_in, given):
     stand_in.create_publisher(
         String, '/offered', BEST_EFFORT if given == 'reliable' else RELIABLE)
     stand_in.wait(lambda: node.count_publishers('/offered') == 1, EVENT_S)
-    assert not list(node.timers)  # that would look at what is offered
+    assert not list(node.timers)  # that would check the offered QoS
     assert subscription.reliable == (given == 'reliable')
     node.destroy_node()

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The parameters of the tracker node, as other nodes see them."""
+"""The parameters of the tracker node, as seen by other nodes."""
 from __future__ import annotations
 
 import pytest

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A process that works for a node: what ails it, and when it is started anew."""
+"""A node's worker process: its failures, and its restarts."""
 from __future__ import annotations
 
 import pytest
@@ -11,13 +11,13 @@ from stereo_speed.nodes.worker import LONGEST_PAUSE_S, PAUSE_S, Worker  # noqa: 
 
 
 class Process:
-    """Stands for a process; ``ready`` is None where it has ended."""
+    """Stands in for a process; ``ready`` is None where it has ended."""
 
     def __init__(self, ready=True):
         self.ready, self.closed = ready, False
 
     def is_ready(self):
-        """Return whether it is, or raise."""
+        """Return whether it is ready, or raise."""
         if self.ready is None:
             raise BrokenPipeError('it has ended')
         return self.ready
@@ -32,7 +32,7 @@ class Process:
 
 
 class Log:
-    """Keeps what is logged."""
+    """Records log lines."""
 
     def __init__(self):
         self.lines = []
@@ -47,7 +47,7 @@ class Case:
         self.worker = Worker('works', self.make, self.log, lambda: self.now_s)
 
     def make(self):
-        """Start the next one, or raise it."""
+        """Start the next process, or raise it."""
         if isinstance(self.next, OSError):
             raise self.next
         self.made.append(self.next)
@@ -55,7 +55,7 @@ class Case:
         return self.made[-1]
 
     def revived_after(self, least_s):
-        """Return how long it takes until another one is started, by looks each 10 ms."""
+        """Return the time until another process is started, with checks every 10 ms."""
         count, begun_s = len(self.made), self.now_s
         while len(self.made) == count:
             self.now_s += 0.01
@@ -100,7 +100,7 @@ def test_one_that_fails_again_and_again_is_started_less_and_less_often(case):
         pauses_s.append(case.revived_after(LONGEST_PAUSE_S))
         case.worker.revive()
     assert pauses_s == pytest.approx([2, 4, 8, 16, 32, 64, 120, 120, 120], abs=0.05)
-    case.now_s += LONGEST_PAUSE_S + 1.0  # it has served for long
+    case.now_s += LONGEST_PAUSE_S + 1.0  # it has run for a long time
     case.worker.failed(case.worker.process, 'it has ended')
     assert case.revived_after(PAUSE_S) == pytest.approx(PAUSE_S, abs=0.05)
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Two vehicles side by side, and what finds them when it is told to."""
+"""Two vehicles side by side, and a detector that finds them on request."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -23,14 +23,14 @@ def start(request):
 
 
 class ScriptedFinder:
-    """Finds what it is told to, in the pairs it is told to; remembers what was occupied."""
+    """Finds given fronts in given pairs; records the occupied regions."""
 
     def __init__(self, marks, lane, pairs):
         self.marks, self.lane, self.pairs, self.occupied = marks, lane, pairs, []
         self.earlier, self.speed_mps, self.std_share = None, 20.0, 0.05
 
     def update(self, pair, occupied):
-        """Give the scripted fronts of this pair."""
+        """Return the scripted fronts of this pair."""
         self.occupied.append(list(occupied))
         self.lag_s = pair.right_lag_s
         if pair.index not in self.pairs:
@@ -42,7 +42,7 @@ class ScriptedFinder:
                 for m in self.marks]
 
     def reset(self):
-        """Remember that it was to forget."""
+        """Record the reset."""
         self.occupied.append('reset')
 
 
@@ -58,18 +58,18 @@ def two_abreast(folder, **changes):
 
 
 def automatic(scene, marks, pairs, config=TrackerConfig(), **more):
-    """Return a pipeline that finds marks in some pairs of a scene, and what finds them."""
+    """Return a pipeline that finds annotated fronts in some pairs of a scene, and its detector."""
     sequence, lanes, _ = scene
     finder = ScriptedFinder(marks, next(iter(lanes)), pairs)
     return SpeedPipeline(sequence.rig, lanes, config, start, detector=finder, **more), finder
 
 
 def project(sequence, mark, k, vehicle=0):
-    """Carry a mark of pair 0 to pair k by the true motion of its vehicle."""
+    """Move an annotation of pair 0 to pair k by the true motion of its vehicle."""
     places = [np.array([row[c] for c in 'xyz']) for pair in (sequence.pairs[0], sequence.pairs[k])
               for row in sequence.truth
               if row['stamp_ns'] == pair.stamp_ns and row['vehicle'] == vehicle]
     rig = sequence.rig
     corners = rig.triangulate(mark.left_px, mark.right_px)
-    depth = places[0] - corners.mean(axis=0)  # the mark's own error of depth
+    depth = places[0] - corners.mean(axis=0)  # depth error of the annotation
     return rig.project(corners + depth + places[1] - places[0])[:2]

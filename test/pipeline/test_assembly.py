@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""From a site file to a pipeline: tolerances, corrections and refinement all arrive."""
+"""From a site file to a pipeline: tolerances, corrections and refinement are all applied."""
 from __future__ import annotations
 
 import numpy as np
@@ -25,7 +25,7 @@ def bag(sample):
 
 @pytest.fixture
 def site_with(sample, tmp_path):
-    """Return the sample's site with other keys beside its own."""
+    """Return the sample's site with additional keys."""
     def write(**keys):
         data = yaml.safe_load((sample / 'site.yaml').read_text())
         (tmp_path / 'site.yaml').write_text(yaml.safe_dump({**data, **keys}))
@@ -77,7 +77,7 @@ def test_what_cannot_be_measured_is_refused(bag, sample):
 
 
 def test_a_site_that_cannot_be_refined_is_measured_as_it_was_read(bag, sample, monkeypatch):
-    """And it is said why."""
+    """The reason is reported."""
     def refuse(*_):
         raise SiteError('site.yaml', 'pan', '+1 degrees', 'at most 0.3')
     monkeypatch.setattr('stereo_speed.pipeline.assembly.refine_site', refuse)

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Passes measured beside the pairs: the same results in the same order, and nobody waits."""
+"""Passes measured in the background: same results in the same order, without delay of pairs."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -123,7 +123,7 @@ def test_a_pass_that_fails_costs_only_itself_where_someone_takes_its_error():
 
 @pytest.mark.parametrize('way', [Beside, Later])
 def test_who_adds_to_a_full_queue_waits_for_its_first_pass(way):
-    """So that images of no more than a few passes are held."""
+    """So that the images of only a few passes are held in memory."""
     go, added = threading.Event(), threading.Event()
     one = way(most=2)
 
@@ -142,7 +142,7 @@ def test_who_adds_to_a_full_queue_waits_for_its_first_pass(way):
 
 
 class Scripted:
-    """A tracker that sees its vehicle in the first pairs, and whose pass is measured when told."""
+    """A tracker that sees its vehicle in the first pairs, with a pass measured on request."""
 
     def __init__(self, request, pairs, go):
         self.track, self.ended, self._left, self._go = request.track, False, pairs, go
@@ -159,13 +159,13 @@ class Scripted:
             quad_left_px=self._front.left_px, quad_right_px=self._front.right_px)
 
     def result(self):
-        """Return the pass, as soon as it may be measured."""
+        """Return the pass as soon as it may be measured."""
         assert self._go.wait(30)
         return PassResult(self.track, 'a', 0, 9, 5, 20.0, 0.1, Verdict.MEASURED, '', {}, {})
 
 
 class Failing(Scripted):
-    """One whose pass cannot be measured."""
+    """A tracker whose pass cannot be measured."""
 
     def result(self):
         raise ZeroDivisionError
@@ -173,7 +173,7 @@ class Failing(Scripted):
 
 @pytest.fixture
 def straight(make_scene):
-    """Give a rig, a lane and a front on it."""
+    """Return a rig, a lane and a front on it."""
     rig = make_scene().rig
     corners_m = np.array([[x, y, 40.0] for x, y in ((-0.9, 1.2), (0.9, 1.2), (0.9, 2), (-0.9, 2))])
     front = InitialFront(0, *rig.project(corners_m)[:2])
@@ -203,7 +203,7 @@ def test_a_pass_that_cannot_be_measured_is_awaited_no_more(straight):
 
 
 def test_other_vehicles_do_not_wait_for_the_end_of_a_pass(beside, straight):
-    """Its end is held up; readings of the next pairs come, and the pass later, as it was."""
+    """Its end is delayed; the next readings continue, and the pass comes later, unchanged."""
     rig, lane, front = straight
     go, lengths = threading.Event(), iter([2, 6])
     pipeline = SpeedPipeline(
@@ -233,7 +233,7 @@ def test_the_sample_measured_beside_the_pairs_reads_as_at_once(sample, beside):
 
 @pytest.mark.slow
 def test_the_sample_measured_later_is_told_as_at_once(sample):
-    """Pair by pair, with its passes, also where one takes longer than some pairs."""
+    """Pair by pair with its passes, even if one takes longer than some pairs."""
     site = load_site(sample / 'site.yaml')
     with StereoBag(sample / 'bag') as bag:
         place, seen = MeasuringSite.of(site, bag.rig), list(bag.pairs())
@@ -251,7 +251,7 @@ def test_the_sample_measured_later_is_told_as_at_once(sample):
 
 
 def two_passes(seen):
-    """Return pairs twice, with some of an empty road between."""
+    """Return the pairs twice, with an empty road in between."""
     empty = replace(seen[0], **{side: np.median([getattr(p, side) for p in seen], axis=0).astype(
         np.uint8) for side in ('left', 'right')})
     step_ns = seen[1].stamp_ns - seen[0].stamp_ns

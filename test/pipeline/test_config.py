@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Files of parameters: what all trackers share, and what is of one tracker or detector."""
+"""Parameter files: shared parameters, and those of one tracker or detector."""
 from __future__ import annotations
 
 import json

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A look at the rig in another process finds what one here finds, and is no burden."""
+"""A rig check in another process has the same result as here, at little cost."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -26,7 +26,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture
 def process():
-    """Give a process that is ready, and end it."""
+    """Return a process that is ready, and end it afterwards."""
     out = LookProcess(patience=0)  # all tests are equal
     out.wait()
     yield out
@@ -35,7 +35,7 @@ def process():
 
 @pytest.fixture(scope='module')
 def seen():
-    """Give the stance of the sample, and five of its pairs."""
+    """Return the stance of the sample, and five of its pairs."""
     with StereoBag(SAMPLE / 'bag') as bag:
         rig, pairs = bag.rig, list(bag.pairs())
     place = MeasuringSite.of(load_site(SAMPLE / 'site.yaml'), rig)
@@ -43,7 +43,7 @@ def seen():
 
 
 def found(process):
-    """Wait for what a look finds."""
+    """Wait for the result of a check."""
     end_s = time.monotonic() + LONGEST_S
     while (state := process.found()) is None:
         assert time.monotonic() < end_s
@@ -57,7 +57,7 @@ def test_it_finds_what_a_look_here_finds(process, seen):
     for pair in pairs:
         kept = replace(pair, left=pair.left.copy(), right=pair.right.copy())
         process.lay(kept)
-        kept.left[:], kept.right[:] = 0, 0  # what was laid is a copy
+        kept.left[:], kept.right[:] = 0, 0  # the stored pair is a copy
     process.look(used, SiteConfig(), RigMotion(), None)
     here, there = look_at_rig(used, pairs, SiteConfig(), RigMotion(), None), found(process)
     assert (there.text, there.share, there.std_share, there.turned) == (
@@ -84,6 +84,6 @@ def test_one_that_has_ended_says_so(process, seen):
     process.process.kill()
     process.process.wait()
     with pytest.raises(OSError):
-        for _ in range(2):  # what is sent may still be taken
+        for _ in range(2):  # the message sent may still be accepted
             process.look(seen[0], SiteConfig(), None, None)
             found(process)

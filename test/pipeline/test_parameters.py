@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Every parameter changes something, and whatever is legal runs."""
+"""Every parameter has an effect, and all legal values run."""
 from __future__ import annotations
 
 from dataclasses import astuple, dataclass, Field, field, replace
@@ -37,8 +37,8 @@ SWEEP, BOXES = 'detectors.plane_sweep.', 'detectors.boxes.'
 FIELDS = {name: field for name, field in {
     **dict(parameters_of(TrackerConfig)), **dict(parameters_of(DetectorConfig, SWEEP)),
     **dict(parameters_of(BoxConfig, BOXES))}.items()
-    # Of what is no car: test/detection/test_narrow_fronts.py.  The speed of boxes is as that of
-    # the plane sweep, which is shown.
+    # For non-cars: test/detection/test_narrow_fronts.py.  The speed of boxes is like that of
+    # the plane sweep, which is tested.
     if '.front.narrow_' not in name and name != BOXES + 'motion.speed_std_share'}
 CHEAP: Values = {'particles': 40}
 
@@ -433,11 +433,11 @@ def swept(scenario: str, value: Any = None, **given: Any) -> Case:
 
 TWO = {'particles': 60, 'particle_budget': 100}
 LORRY = {'front__least_width_m': 2.0, 'front__tall_width_m': 1.5}
-HIGH = {'front__low_m': 1.0, 'front__high_m': 2.5}  # where a car shows nothing
+HIGH = {'front__low_m': 1.0, 'front__high_m': 2.5}  # where a car has no texture
 UNCERTAIN = {'max_speed_std_mps': 0.0, 'max_speed_std_share': 0.0}
 AT_ONCE = {'visibility.confirm_pairs': 1}
 ANY_STD = {'max_speed_std_share': 1.0}
-# Of those that show in other scenarios than the usual one, or at other values.
+# Parameters that have an effect only in other scenarios, or at other values.
 CASES: dict[str, Case] = {
     'particles': Case('passing', 60),
     'resample_ess': Case('passing', 0.0),
@@ -641,7 +641,7 @@ def test_every_parameter_changes_something(name, scenarios, usual):
     assert changed
 
 
-COSTLY = {'particles': 300, 'effort.fewest_particles': 300}  # greatest values drawn of these
+COSTLY = {'particles': 300, 'effort.fewest_particles': 300}  # greatest values drawn for these
 
 
 def drawn(known: Field[Any], rng: np.random.Generator, most: float) -> Any:
@@ -686,7 +686,7 @@ def test_whatever_loads_also_runs(name, seed, scenarios):
         done = replace(scenario, pairs=scenario.pairs[:4 - (name == 'swept')]).run(
             config, lambda pair, step: updates.extend(step.updates))
     except InputError as error:
-        assert name == 'short' and 'first front' in str(error)  # what was annotated is none
+        assert name == 'short' and 'first front' in str(error)  # the annotation is no front then
         return
     for update in updates:
         assert np.isfinite([update.speed_mps, update.speed_std_mps, *update.position_m]).all()

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Passes measured in a process of its own: the same results, and no harm when it dies."""
+"""Passes measured in a separate process: same results, and survival of its death."""
 from __future__ import annotations
 
 from functools import partial
@@ -53,7 +53,7 @@ def test_the_sample_measured_in_it_reads_as_at_once(sample, ready):
 
 
 def test_arrays_of_all_sizes_arrive_as_they_are(ready):
-    """What is large lies in the shared memory, as large as it takes."""
+    """Large ones are in shared memory, which grows as needed."""
     rng = np.random.default_rng(0)
     for count in (10, 10**5, 3 * 10**6, 10**5):
         these = [rng.integers(0, 255, count + k, np.uint8) for k in range(3)]
@@ -84,7 +84,7 @@ def test_one_that_dies_is_told_of():
 
 
 class OnlyThere:
-    """Can be pickled, but not read again."""
+    """Can be pickled, but not unpickled."""
 
     def __reduce__(self):
         return operator.truediv, (1, 0)
@@ -125,7 +125,7 @@ def test_where_it_cannot_be_started_nothing_stays_open(monkeypatch):
 
 @pytest.mark.parametrize('sent_bytes', [10, 4 * 10**6])
 def test_one_that_does_not_answer_is_waited_for_so_long_and_no_longer(sent_bytes):
-    """What is larger than the buffer of the pipe cannot even be sent."""
+    """Data larger than the pipe's buffer cannot even be sent."""
     process = PassProcess(answer_s=0.3)
     process.wait()
     try:

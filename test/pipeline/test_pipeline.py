@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The pipeline's own part: tracks that begin and end by themselves, their lanes and particles."""
+"""The pipeline's own part: automatic start and end of tracks, their lanes and particles."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -64,7 +64,7 @@ def test_one_tolerance_decides_for_all_what_was_exposed_at_once(scene, late_ns, 
 
 
 def seen_before(sequence, marks, moved_px=0.0):
-    """Find the front in pair 2 and say where it was in pair 0, in truth or beside it."""
+    """Return a front in pair 2 with its position in pair 0, the true one or one beside it."""
     now = [project(sequence, marks[0], k) for k in (2, 0)]
     mark = replace(marks[0], left_px=now[0][0], right_px=now[0][1])
     earlier = EarlierFront(pairs=tuple(sequence.pairs[:2]), left_px=now[1][0] + moved_px,
@@ -79,7 +79,7 @@ def test_a_track_starts_where_its_front_was_first_seen(scene):
     finder.earlier = earlier
     updates = [u for pair in sequence.pairs for u in pipeline.process(pair).updates]
     result, = pipeline.finish()
-    # Confirmed at once; nothing is told of pairs that are past, but the pass counts them.
+    # Confirmed at once; past pairs get no readings, but the pass counts them.
     assert [u.stamp_ns for u in updates] == [p.stamp_ns for p in sequence.pairs[2:]]
     assert updates[0].state is TrackState.CONFIRMED
     assert result.pairs == len(sequence.pairs) and result.first_ns == sequence.pairs[0].stamp_ns
@@ -118,14 +118,14 @@ def test_a_track_that_saw_another_speed_than_its_finder_waits_until_it_may_have_
 
 
 def test_a_doubted_track_is_believed_when_its_finder_sees_the_same_speed_later(scene):
-    """As over a crest, where the first pairs show little of where a vehicle came from."""
+    """As over a crest, where the first pairs show little of a vehicle's earlier positions."""
     sequence, lanes, marks = scene
     pipeline, finder = automatic(scene, marks[:1], {0})
     finder.speed_mps = 3.0
     for pair in sequence.pairs[:4]:
         doubted, = pipeline.process(pair).updates
     assert doubted.state is TrackState.TENTATIVE
-    assert finder.occupied[-1] == []  # so that it is looked for again
+    assert finder.occupied[-1] == []  # so that it is searched again
     left_px, right_px = project(sequence, marks[0], 4)
     finder.marks, finder.pairs = [replace(marks[0], left_px=left_px, right_px=right_px)], {4}
     finder.speed_mps = 22.0
@@ -137,7 +137,7 @@ def test_a_doubted_track_is_believed_when_its_finder_sees_the_same_speed_later(s
 
 
 def test_a_doubted_track_stays_so_while_its_finder_sees_another_speed(scene):
-    """One track only, however often it is found."""
+    """There is one track only, however often the vehicle is detected."""
     sequence, _, marks = scene
     pipeline, finder = automatic(scene, marks[:1], {0})
     for k, pair in enumerate(sequence.pairs[:10]):
@@ -152,7 +152,7 @@ def test_a_doubted_track_stays_so_while_its_finder_sees_another_speed(scene):
 
 
 def test_what_stands_is_no_vehicle_though_a_detector_saw_it_move(scene):
-    """As road that a vehicle has just uncovered may be taken to move; it is nowhere told."""
+    """Road that a vehicle has just uncovered may seem to move; it is never published."""
     sequence, _, marks = scene
     pipeline, finder = automatic(scene, marks[:1], {0})
     finder.speed_mps, finder.std_share = 1.8, 1.0
@@ -256,7 +256,7 @@ def test_a_found_front_on_which_the_views_disagree_is_left_alone(scene):
 
 @pytest.mark.parametrize('found', [False, True])
 def test_what_lies_on_the_road_is_told_of_nobody(scene, found, monkeypatch):
-    """What was found is no vehicle then; what a person marked is taken at their word."""
+    """A detection of it is no vehicle then; an annotation is trusted."""
     monkeypatch.setattr(Upright, 'lies', True)
     sequence, lanes, marks = scene
     pipeline = automatic(scene, marks[:1], {0})[0] if found else SpeedPipeline(
@@ -274,7 +274,7 @@ def test_what_lies_on_the_road_is_told_of_nobody(scene, found, monkeypatch):
     (False, 'views_disagree'), (True, 'stamps_uncertain')])
 def test_what_turns_out_to_lie_is_rejected_unless_it_was_before(
         scene, stepped, reason, monkeypatch):
-    """The first reason is told: a clock that steps says nothing of what stands."""
+    """The first reason stays: a step of the clock does not depend on the vehicle."""
     pipeline, _ = automatic(scene, scene[2][:1], {0})
     for pair in scene[0].pairs[:-1]:
         pipeline.process(pair)
@@ -307,7 +307,7 @@ def test_tracks_share_the_particles_there_are(scene):
 
 
 class Told(ScriptedFinder):
-    """Stands for a detector; remembers which pairs it was given."""
+    """Stands in for a detector; records the pairs that it was given."""
 
     def update(self, pair, occupied):
         super().update(pair, occupied)
@@ -317,7 +317,7 @@ class Told(ScriptedFinder):
 
 @pytest.fixture(scope='module')
 def hurries(scene):
-    """Return in which pairs each track of a hurried run was hurried, and what was searched."""
+    """Return the pairs in which each track of a hurried run was hurried, and those searched."""
     sequence, lanes, marks = scene
     finder = Told(marks, '', ())
     finder.given = []
@@ -339,7 +339,7 @@ def test_of_hurried_tracks_that_is_solved_for_whose_solution_is_old(hurries):
 
 
 class OnlyHurries:
-    """A tracker that can hurry, and does not tell how old its last solution is."""
+    """A tracker that can hurry, but does not report the age of its last solution."""
 
     def __init__(self, tracker):
         self.tracker, self.told = tracker, []
@@ -351,7 +351,7 @@ class OnlyHurries:
         return self.tracker.ended
 
     def hurry(self, hurried):
-        """Remember what it was told."""
+        """Record the call."""
         self.told.append(hurried)
         self.tracker.hurry(hurried)
 
@@ -366,7 +366,7 @@ def test_who_does_not_tell_its_age_is_hurried_by_turns_as_well(scene, hurries):
     pipeline = SpeedPipeline(sequence.rig, lanes, TrackerConfig(), starting, annotations=marks)
     for pair in sequence.pairs[:7]:
         pipeline.process(pair, 1 < pair.index < 6)
-    # By turns as those that tell it; who of the two is the first does not matter.
+    # In turns like trackers that report it; which of the two is first does not matter.
     assert sorted(t.told for t in trackers) == sorted(hurries[0])
     assert all(r.verdict is Verdict.MEASURED for r in pipeline.finish())
 
@@ -395,7 +395,7 @@ def test_a_hurried_pass_is_measured_again_by_its_trace(scene, hurries):
 
 @pytest.mark.parametrize('step_ns', [30_000_000, -30_000_000])
 def test_after_a_step_of_the_clock_a_detected_vehicle_is_found_anew(scene, step_ns):
-    """Its first pass has no speed; the second one begins after the step, and is right."""
+    """Its first pass has no speed; the second one starts after the step, and is right."""
     sequence, _, marks = scene
     pipeline, finder = automatic(scene, marks[:1], {0, 5})
     for k in range(20, 0, -1):
@@ -418,7 +418,7 @@ def test_after_a_step_of_the_clock_a_detected_vehicle_is_found_anew(scene, step_
 
 
 def test_a_track_that_begins_among_uneven_stamps_takes_them_for_uncertain(scene):
-    """Its 1-sigma is greater by that; its trace says so, and measures the same again."""
+    """Its 1-sigma is greater accordingly; its trace has this, and recomputes the same."""
     sequence, lanes, marks = scene
     pairs, results = sequence.pairs, []
     for off_ns in (0, 4_000_000):
@@ -459,14 +459,14 @@ def test_stamps_that_are_declared_uncertain_hide_changes_of_speed_too(scene):
 
 
 def jittered(pairs, off_ns):
-    """Return pairs of which every other one has stamps that are late by so much."""
+    """Return pairs, every other one of which has stamps that are late by a given time."""
     return [replace(pair, stamp_ns=ns, right_stamp_ns=ns) for pair, ns in (
         (pair, pair.stamp_ns + off_ns * (k % 2)) for k, pair in enumerate(pairs))]
 
 
 @pytest.mark.parametrize('annotated', [False, True])
 def test_a_track_learns_under_way_that_its_stamps_are_uneven(scene, annotated):
-    """Readings go on with a greater 1-sigma; its pass, and what its trace gives, has it too."""
+    """Readings, pass and recomputation from the trace get a greater 1-sigma."""
     sequence, lanes, marks = scene
     results, stds_mps = [], []
     for off_ns in (0, 4_000_000):
@@ -485,7 +485,7 @@ def test_a_track_learns_under_way_that_its_stamps_are_uneven(scene, annotated):
     assert abs(uneven.speed_mps - 22.352) < 4 * uneven.speed_std_mps
     assert {p.stamp_std_s for p in even.trace.pairs} == {None}
     assert uneven.trace.stamp_std_s is None and uneven.trace.pairs[0].stamp_std_s is None
-    # Five intervals tell it to a factor of two.
+    # Five intervals determine it to a factor of two.
     assert 0.5 < uneven.trace.pairs[-1].stamp_std_s / (0.004 / math.sqrt(2)) < 2.5
     written = trace_record(uneven.trace)
     assert 'stamp_std_s' not in written['pairs'][0] and 'stamp_std_s' in written['pairs'][-1]
@@ -521,7 +521,7 @@ def test_who_goes_on_from_another_pipeline_knows_its_stamps(scene):
 
 @pytest.mark.parametrize('fps, jitter_s', [(5.0, 0.02), (5.0, 0.06), (1.25, 0.25)])
 def test_passes_of_exposures_at_any_time_are_measured(tmp_path, fps, jitter_s):
-    """Whatever the scatter, it is doubted by no more than stamps at arrival may be wrong."""
+    """The assumed stamp error is limited to that of stamps at arrival, whatever the scatter."""
     config = replace(
         straight_config('50 mph', fps=fps, pairs=round(2.4 * fps) + 1, stamp_jitter_s=jitter_s),
         vehicles=(VehicleConfig(speed_mps=22.352, lane=0),))
@@ -532,7 +532,7 @@ def test_passes_of_exposures_at_any_time_are_measured(tmp_path, fps, jitter_s):
         sequence.rig, lane_paths(load_site(tmp_path / 'site.yaml'), sequence.rig), TrackerConfig(),
         start, annotations=load_init(tmp_path / 'init.yaml'))
     now_ns, taken_s = sequence.pairs[0].stamp_ns, []
-    for k in range(20):  # the stream ran before, as unevenly
+    for k in range(20):  # the stream ran before with the same unevenness
         pipeline.stamp_watch.add(now_ns - round(1e9 / fps * (20 - k + 0.4 * (k % 2))))
     for pair in sequence.pairs:
         pipeline.process(pair)
@@ -545,7 +545,7 @@ def test_passes_of_exposures_at_any_time_are_measured(tmp_path, fps, jitter_s):
 
 
 class Trusting:
-    """A tracker that takes no notice of what it hears of its stamps."""
+    """A tracker that ignores the uncertainty of its stamps."""
 
     def __init__(self, tracker):
         self._tracker, self.track = tracker, tracker.track
@@ -573,7 +573,7 @@ def test_what_takes_no_notice_of_uneven_stamps_has_no_speed(scene):
 
 
 def test_who_hurries_much_all_the_time_finds_its_vehicle(sample):
-    """Five pairs a second, 55 mph: each pair has waited."""
+    """At 5 pairs/s and 55 mph each pair has waited."""
     with StereoBag(sample / 'bag') as bag:
         pairs, rig = list(bag.pairs()), bag.rig
     pipeline = MeasuringSite.of(load_site(sample / 'site.yaml'), rig).pipeline(PipelineConfig())
@@ -593,7 +593,7 @@ def test_who_hurries_much_all_the_time_finds_its_vehicle(sample):
 
 @pytest.fixture(scope='module')
 def dense(tmp_path_factory):
-    """Return the scene at 30 pairs a second."""
+    """Return the scene at 30 pairs/s."""
     return two_abreast(tmp_path_factory.mktemp('dense'), fps=30.0, pairs=14)
 
 
@@ -632,7 +632,7 @@ def test_in_a_dense_pair_no_reading_waits_for_the_solution_of_another_track(dens
             solved = [t for t in trackers if t.unsolved_s(ns) == 0.0]
             told.append(([u.track for u in readings], len(solved)))
         step = pipeline.process(pair, readings=note)
-        # Each is told once, and no other.
+        # Each is reported once, and no other.
         assert sorted(track for tracks, _ in told for track in tracks) == [
             u.track for u in step.updates if u.state is TrackState.CONFIRMED]
         if [len(tracks) for tracks, _ in told] == [1, 1]:
@@ -642,7 +642,7 @@ def test_in_a_dense_pair_no_reading_waits_for_the_solution_of_another_track(dens
 
 
 class Placed:
-    """A tracker whose vehicle goes straight on at 30 m/s, some way ahead of another."""
+    """A tracker whose vehicle moves straight at 30 m/s, some way ahead of another."""
 
     def __init__(self, tracker, ahead_m):
         self._tracker, self._ahead_m, self._first_ns = tracker, ahead_m, None
@@ -663,10 +663,10 @@ class Placed:
 @pytest.mark.parametrize('mover', [0, 1])
 @pytest.mark.parametrize('near_m', [1.4, -1.0])
 @pytest.mark.parametrize('from_m', [1.6, 50.0])
-@pytest.mark.parametrize('begins', [5, 6])  # in turns one is solved for, and one is carried on
+@pytest.mark.parametrize('begins', [5, 6])  # in turns one is solved for, and one is predicted
 def test_what_is_told_of_a_pair_is_in_its_step_whatever_comes_near(
         scene, mover, near_m, from_m, begins):
-    """From one pair on one of two tracks is near to the other, to which it crept or jumped."""
+    """From one pair on one of two tracks is near the other, having crept or jumped there."""
     sequence, lanes, marks = scene
     finder = ScriptedFinder(marks[1:], list(lanes)[1], {0})
     finder.speed_mps = 30.0
@@ -686,7 +686,7 @@ def test_what_is_told_of_a_pair_is_in_its_step_whatever_comes_near(
             (u.track, u.speed_mps, u.speed_std_mps) for u in step.updates
             if u.state is TrackState.CONFIRMED]
         tracks.append([u.track for u in step.updates])
-    # The younger one ends: at once where that could be foreseen, else with the pair after.
+    # The younger one ends: at once if that was foreseeable, else with the next pair.
     assert tracks[begins - 1] == [0, 1] and tracks[begins + 1] == [0]
     assert tracks[begins] == [0] or from_m > 3.0
 
@@ -718,7 +718,7 @@ def test_what_is_found_in_the_last_dense_pair_has_no_pass_as_nothing_was_told_of
     assert not [u for pair in sequence.pairs[:4] for u in pipeline.process(pair).updates]
     assert not pipeline.is_idle()
     assert pipeline.finish() == [] and pipeline.is_idle()
-    # With one more pair there is a pass, and the row that tells of it.
+    # With one more pair there is a pass, and its row.
     pipeline, again = automatic(dense, finder.marks, {3})
     again.earlier, again.speed_mps = finder.earlier, 22.0
     updates = [u for pair in sequence.pairs[:5] for u in pipeline.process(pair).updates]
@@ -728,10 +728,10 @@ def test_what_is_found_in_the_last_dense_pair_has_no_pass_as_nothing_was_told_of
 
 
 class Ahead(ScriptedFinder):
-    """One that is told of each pair before it is asked."""
+    """A detector that is told of each pair before it is asked."""
 
     def expect(self, pair, tracked):
-        """Begin with a pair."""
+        """Start with a pair."""
 
 
 @pytest.mark.parametrize('kind', [ScriptedFinder, Ahead])
@@ -763,7 +763,7 @@ def test_what_was_found_in_a_dense_pair_and_has_left_by_the_next_has_no_pass(den
 
 
 def test_of_what_is_found_in_a_dense_pair_all_know_in_that_pair(dense):
-    """Vehicle 0 is marked in pair 0, 1 is found in pair 4."""
+    """Vehicle 0 is annotated in pair 0, 1 is detected in pair 4."""
     sequence, lanes, marks = dense
     left, right = project(sequence, marks[1], 4, vehicle=1)
     finder = ScriptedFinder(
@@ -778,7 +778,7 @@ def test_of_what_is_found_in_a_dense_pair_all_know_in_that_pair(dense):
         assert [known[pair.stamp_ns] for pair in sequence.pairs if pair.stamp_ns in known] == [
             [other] if pair.index >= 4 else []
             for pair in sequence.pairs if pair.stamp_ns in known]
-    # It is where it is: the other's front in that pair.
+    # Its update is the true one: the other's front in that pair.
     shared_ns = sequence.pairs[4].stamp_ns
     held, = (o for fed in newer.trace.pairs if fed.stamp_ns == shared_ns for o in fed.others)
     told, = (fed.update for fed in older.trace.pairs if fed.stamp_ns == shared_ns)
@@ -798,13 +798,13 @@ def test_what_is_found_is_not_followed_over_a_step_of_the_clock(dense):
 
 
 def test_readings_are_told_before_new_vehicles_are_searched_for(scene):
-    """Vehicle 0 is marked in pair 0; 1 is found in pair 4."""
+    """Vehicle 0 is annotated in pair 0; 1 is detected in pair 4."""
     sequence, lanes, marks = scene
     said = []
 
     class Finder(ScriptedFinder):
         def update(self, pair, occupied):
-            """Note that this pair is searched."""
+            """Record that this pair is searched."""
             said.append((pair.stamp_ns, 'searched'))
             return super().update(pair, occupied)
     left, right = project(sequence, marks[1], 4, vehicle=1)
@@ -892,7 +892,7 @@ def test_what_runs_beside_the_road_is_rejected():
 
 
 def test_a_trace_of_before_pairs_could_be_hurried_is_read(hurries):
-    """What it does not tell is as usual; what it must tell is missed."""
+    """Missing optional fields get their defaults; missing mandatory ones are an error."""
     written = trace_record(hurries[2][0].trace)
     for pair in written['pairs']:
         del pair['hurried']

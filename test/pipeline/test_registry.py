@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Trackers and detectors by name, and what is said where one cannot be had."""
+"""Trackers and detectors by name, and the errors for unavailable ones."""
 from __future__ import annotations
 
 from importlib.metadata import EntryPoint

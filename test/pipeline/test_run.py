@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The loop: what it gathers, in which order, and what it leaves out."""
+"""The loop over pairs: what it gathers, in which order, and what it drops."""
 from __future__ import annotations
 
 from concurrent.futures import Future
@@ -31,7 +31,7 @@ def pairs(count):
 
 
 def scripted(steps, at_end):
-    """Return a pipeline that says what it is told to."""
+    """Return a pipeline with scripted output."""
     waiting = iter(steps)
     return SimpleNamespace(process=lambda pair: next(waiting), finish=lambda: at_end)
 
@@ -59,7 +59,7 @@ class Awaited(Future):
     """A pass that is measured when somebody waits for it."""
 
     def result(self, timeout=None):
-        """Return it."""
+        """Return the result."""
         return PASS
 
 
@@ -93,7 +93,7 @@ def test_no_pairs_give_nothing():
 
 
 class Sink:
-    """Counts what it is given."""
+    """Counts the items it is given."""
 
     def __init__(self):
         self.updates, self.passes = 0, []
@@ -104,7 +104,7 @@ class Sink:
 
 
 def test_with_a_sink_only_the_first_vehicles_are_held_whole():
-    """Each of 30 vehicles is seen in 4 pairs; every other track was none."""
+    """Each of 30 vehicles is in 4 pairs; every other track was no vehicle."""
     steps, speeds = [], {}
     for k in range(30):
         seen = [10 * (4 * k + n) for n in range(4)]

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Solutions beside the pairs: readings wait for none, and what comes of a pass is the same."""
+"""Background solving: readings do not wait, and the result of a pass is the same."""
 from __future__ import annotations
 
 from collections import deque
@@ -30,7 +30,7 @@ SPEEDS_MPS = 22.352, 20.117
 
 
 class WhenTold:
-    """Solves when it is told to, so that tests know what is late."""
+    """Solves on request, so that tests control what is late."""
 
     def __init__(self):
         self.tasks, self.waited, self.is_held_up = deque(), 0, False
@@ -42,13 +42,13 @@ class WhenTold:
 
     @contextmanager
     def held_up(self):
-        """Remember that it is: who waits for it now would wait for long."""
+        """Record the delay: waiting for it now would take long."""
         self.is_held_up = True
         yield
         self.is_held_up = False
 
     def wait(self, future):
-        """Do what comes until a task is done."""
+        """Run tasks until a given one is done."""
         assert not self.is_held_up
         self.waited += not future.done()
         while not future.done():
@@ -56,7 +56,7 @@ class WhenTold:
             self.go(1)
 
     def go(self, most=100):
-        """Do the next tasks, as a thread does."""
+        """Run the next tasks, as a thread would."""
         for _ in range(min(most, len(self.tasks))):
             future, task = self.tasks.popleft()
             if future.set_running_or_notify_cancel():
@@ -68,12 +68,12 @@ class WhenTold:
 
 @pytest.fixture(scope='module')
 def dense(tmp_path_factory):
-    """Two vehicles side by side at 30 pairs a second."""
+    """Two vehicles side by side at 30 pairs/s."""
     return two_abreast(tmp_path_factory.mktemp('dense'), fps=30.0, pairs=20)
 
 
 def marked(dense, solving, config=TrackerConfig()):
-    """Return a pipeline that both vehicles are annotated for."""
+    """Return a pipeline with both vehicles annotated."""
     sequence, lanes, marks = dense
     return SpeedPipeline(sequence.rig, lanes, config, start, annotations=marks, solving=solving)
 
@@ -105,13 +105,13 @@ def until_busy(pipeline, solving, pairs):
 
 
 def readings_of(step):
-    """Return the readings of a step by their tracks."""
+    """Return the readings of a step by track."""
     return {u.track: u for u in step.updates if u.state is TrackState.CONFIRMED}
 
 
 def test_readings_do_not_wait_for_solutions(dense):
     solving = WhenTold()
-    # They have seen so little that what braking may hide has them withheld at once.
+    # After so few pairs the braking allowance withholds them at once.
     pipeline = marked(dense, solving, TrackerConfig(
         visibility=VisibilityConfig(unnoticed_braking_mps2=0.0)))
     pairs = dense[0].pairs
@@ -119,7 +119,7 @@ def test_readings_do_not_wait_for_solutions(dense):
         pipeline.process(pair)
         solving.go()
     stds = []
-    for pair in pairs[8:11]:  # nothing is solved for from now on
+    for pair in pairs[8:11]:  # no solutions from now on
         early = []
         readings = readings_of(pipeline.process(pair, readings=early.extend))
         assert sorted(u.track for u in early) == sorted(readings) == [0, 1]
@@ -132,7 +132,7 @@ def test_readings_do_not_wait_for_solutions(dense):
             assert np.linalg.norm(reading.position_m - place) < 1.0
         stds.append([readings[k].speed_std_mps for k in range(2)])
     assert (np.diff(stds, axis=0) > 0).all()
-    for pair in pairs[11:16]:  # until they are not known well enough
+    for pair in pairs[11:16]:  # until they are too uncertain
         step = pipeline.process(pair)
     assert len(step.updates) == 2 and not readings_of(step)
     solving.go()
@@ -187,7 +187,7 @@ def test_a_pass_is_measured_again_by_its_trace(dense):
 
 
 def measured_again(dense, result, config=TrackerConfig()):
-    """Return a pass as its trace has it measured again."""
+    """Return a pass as recomputed from its trace."""
     sequence, lanes, _ = dense
     trace = trace_of(trace_record(result.trace), 'test')
     tracker = start(start_of(
@@ -217,7 +217,7 @@ def test_each_other_front_is_in_the_trace_of_a_pair_once(dense, every):
 
 
 def found(dense, k, **more):
-    """Return a pipeline that finds the first vehicle in pairs k and after, and what finds it."""
+    """Return a pipeline that detects the first vehicle from pair k on, and its detector."""
     sequence, _, marks = dense
     pipeline, finder = automatic(dense, [], set(range(k, len(sequence.pairs))), **more)
 
@@ -242,12 +242,12 @@ def test_what_is_found_is_begun_once_and_told(dense):
     assert abs(measured.speed_mps - SPEEDS_MPS[0]) < 4 * measured.speed_std_mps
     assert {r.reason for r in results if r is not measured} <= {Reason.DUPLICATE}
     assert told and all(abs(u.speed_mps - SPEEDS_MPS[0]) < 4 * u.speed_std_mps for u in told)
-    # Where a track is it is told of, so that a detector that knows finds no other there.
+    # The detector is told of tracks, so that it finds no second vehicle there.
     assert finder.occupied[-1]
 
 
 def test_what_is_doubted_is_no_reading_whoever_carries_it_on(dense):
-    """The detector saw it go half as fast again."""
+    """The detector saw a speed that was half as high again."""
     solving = WhenTold()
     pipeline, finder, mark = found(dense, 1, solving=solving)
     finder.speed_mps, finder.std_share = 1.5 * SPEEDS_MPS[0], 0.01
@@ -261,7 +261,7 @@ def test_what_is_doubted_is_no_reading_whoever_carries_it_on(dense):
 
 
 def test_what_is_being_begun_when_the_stream_ends_has_no_pass(dense):
-    """Earlier pairs would confirm it at once, were it begun."""
+    """Earlier pairs would confirm it at once if it had been started."""
     sequence, _, marks = dense
     passes = []
     for told in False, True:
@@ -283,7 +283,7 @@ def test_what_is_being_begun_when_the_stream_ends_has_no_pass(dense):
 
 
 def test_an_error_beside_the_pairs_costs_its_track_alone(dense, monkeypatch):
-    """Whoever asks for what is over is told of it as of a pass that cannot be measured."""
+    """It is reported like a pass that cannot be measured."""
     solving, errors = WhenTold(), []
     sequence, lanes, marks = dense
     for at_end in False, True:
@@ -338,7 +338,7 @@ def test_one_of_two_tracks_of_a_vehicle_ends_once_it_has_said_all(dense):
     pipeline.process(sequence.pairs[8])
     busy = next(t for t in pipeline._roster.tracks if t.turn is not None)
     other = next(t for t in pipeline._roster.tracks if t is not busy)
-    # It is told to be where the other one is.
+    # Its reported position is that of the other one.
     busy.detection = detected(dense)
     busy.last = replace(other.last, state=TrackState.COASTING)
     pipeline._drop_doubles(sequence.pairs[8].stamp_ns)
@@ -371,7 +371,7 @@ def test_a_step_of_the_clock_waits_for_what_is_being_solved_for(dense):
 
 
 def test_where_the_views_have_two_stamps_solutions_are_waited_for(dense):
-    """Where things are in the right view is known once it is known when they were."""
+    """Positions in the right view are known only when its times are."""
     solving = WhenTold()
     pipeline = marked(dense, solving)
     busy, _, rest = until_busy(pipeline, solving, dense[0].pairs)
@@ -408,7 +408,7 @@ def test_nobody_waits_to_tell_what_is_being_solved_for_of_its_stamps(dense, more
     assert not solving.waited and busy.turn is not None
     assert busy.stamp_std_s is None and other.stamp_std_s == pipeline.uneven_stamps_s > 0.002
     said, = (u for u in step.updates if u.track == busy.tracker.track)
-    assert said.speed_std_mps > 3.0 * even_mps  # it is doubted all the same
+    assert said.speed_std_mps > 3.0 * even_mps  # its 1-sigma is increased nevertheless
     turn_ns = busy.turn.pair.stamp_ns
     for pair in rest[1:1 + more]:
         solving.go()
@@ -467,7 +467,7 @@ def test_what_is_solved_for_takes_the_place_of_what_was_expected(dense):
     pipeline.process(shown)
     pipeline.process(next(pairs))
     solving.tasks.rotate(1)
-    solving.go(1)  # which begins what was found
+    solving.go(1)  # which starts the track of the detection
     pipeline.process(next(pairs))
     known, new = pipeline._roster.tracks
     assert known.turn.pair.stamp_ns == shown.stamp_ns
@@ -526,7 +526,7 @@ def test_a_solution_that_is_half_a_second_late_is_waited_for(dense):
             solving.go()
         worked_on.append([t.turn.pair.stamp_ns for t in pipeline._roster.tracks if t.turn])
         assert all(pair.stamp_ns - ns <= 500_000_000 for ns in worked_on[-1])
-    # Nobody told it to solve from pair 2 on.
+    # No solution was requested from pair 2 on.
     assert worked_on[2] == worked_on[15] != worked_on[-1]
 
 

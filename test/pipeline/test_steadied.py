@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A rig that sways measures as one that stands still, and a camera that turns does not matter."""
+"""A swaying rig measures like one at rest, and a turning camera does not matter."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -23,7 +23,7 @@ ON = PipelineConfig()
 
 
 def measured(config, parameters=ON):
-    """Return the result of the pass, its true speed and the pipeline, on the exact lines."""
+    """Return the pass, its true speed and the pipeline, measured on the exact lines."""
     sequence = simulated_sequence(config, (4,), LineKnowledge.EXACT)
     pipeline = sequence.site.pipeline(parameters, sequence.annotations)
     result, = run(pipeline, sequence.pairs).passes
@@ -32,7 +32,7 @@ def measured(config, parameters=ON):
 
 @pytest.fixture(scope='module')
 def still():
-    """Measure with a rig that stands still."""
+    """Measure with a rig at rest."""
     return measured(SMALL)
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Whose turn it is where there is no time to solve for all vehicles, worked by hand."""
+"""Which vehicle is solved for when there is no time for all, worked by hand."""
 from __future__ import annotations
 
 import math
@@ -18,17 +18,17 @@ INTERVAL_S = 0.06
 
 
 class Aging:
-    """Stands for a tracker whose last solution is so old; keeps what it is told."""
+    """Stands in for a tracker with a given age of its last solution; records its calls."""
 
     def __init__(self, unsolved_s):
         self.age_s, self.told = unsolved_s, None
 
     def unsolved_s(self, stamp_ns):
-        """Return how old its last solution is."""
+        """Return the age of its last solution."""
         return self.age_s
 
     def hurry(self, hurried):
-        """Be told."""
+        """Record the call."""
         self.told = hurried
 
 

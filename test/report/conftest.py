@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A small scene to draw: a parallel rig, a straight lane towards it, one vehicle's pass."""
+"""A small scene to draw: a parallel rig, a straight lane, one vehicle's pass."""
 from __future__ import annotations
 
 from types import SimpleNamespace
@@ -30,12 +30,12 @@ def rig() -> StereoRig:
 
 @pytest.fixture(scope='session')
 def lanes() -> dict:
-    path = StraightPath([0.0, 2.0, 60.0], [0.0, 0.0, -1.0], 80.0)  # on behind the camera
+    path = StraightPath([0.0, 2.0, 60.0], [0.0, 0.0, -1.0], 80.0)  # continues behind the camera
     return {'near': SimpleNamespace(name='near', path=path, speed_limit_mps=22.352)}
 
 
 def quad_px(camera: Camera, centre: np.ndarray) -> np.ndarray:
-    """Project a front of 1.8 m by 0.8 m about a point in the camera's frame."""
+    """Project a front of 1.8 m by 0.8 m around a point in the camera's frame."""
     corners = np.array([[-0.9, -0.4, 0], [0.9, -0.4, 0], [0.9, 0.4, 0], [-0.9, 0.4, 0]])
     return camera.project(corners + centre)[0]
 

@@ -12,7 +12,7 @@ from stereo_speed.report.overlay import colour_of, draw, label, strip
 
 
 def test_path_by_hand(pair, lanes, rig):
-    """See the path at x = 0, y = 2 m, z = 25 m land at (320, 240 + 500 * 2 / 25)."""
+    """The path at x = 0, y = 2 m, z = 25 m is drawn at (320, 240 + 500 * 2 / 25)."""
     image = draw(pair, [], lanes, rig)
     assert image.shape == (480, 640, 3)
     assert image.dtype == np.uint8

@@ -20,7 +20,7 @@ def make_rig():
 
 
 def circle(a):
-    """Give points of a circle of 60 m that comes nearer and downhill."""
+    """Return points of a circle of 60 m that approaches and descends."""
     return np.stack([-6 + 60 * (1 - np.cos(a)), 1 + 4 * a, 60 - 60 * np.sin(a)], axis=-1)
 
 
@@ -35,7 +35,7 @@ def test_exact_picks_give_the_points():
 
 
 def test_errors_of_matches_go_by_their_sine():
-    """Depth errors of noisy picks have the 1-sigma that the sine of the crossing gives."""
+    """Depth errors of noisy picks have the 1-sigma that follows from the crossing's sine."""
     rig, rng, true = make_rig(), np.random.default_rng(6), circle(np.linspace(0.0, 0.6, 200))
     left = rig.project(true)[0]
     exact = rig.project(circle(np.linspace(-0.05, 0.65, 400)))[1]
@@ -58,6 +58,6 @@ def test_other_places_of_the_left_curve_can_be_matched():
 
 
 def test_lines_along_the_epipolar_lines_do_not_match():
-    """A level line under a level baseline has no crossing to speak of."""
+    """A level line under a level baseline hardly crosses its epipolar lines."""
     flat = np.stack([np.linspace(100, 900, 10), np.full(10, 400.0)], axis=-1)
     assert len(match_curves(make_rig(), flat, flat - [10, 0]).points_m) == 0

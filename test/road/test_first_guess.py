@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The start of the fit, from exact picks."""
+"""The initial guess of the fit, from exact picks."""
 from __future__ import annotations
 
 import numpy as np
@@ -32,7 +32,7 @@ def test_exact_picks_of_a_curve(make_scene):
 
 
 def test_a_line_of_which_little_but_its_ends_was_found_says_little(make_scene):
-    """Through its two ends it would cut through the bend."""
+    """A curve through its two ends would cut through the bend."""
     scene = make_scene(curvature=1 / 80, std_px=0.0)
     whole, x = guess_road(scene.rig, list(scene.lines.values()), 1)
     for name in scene.lines:

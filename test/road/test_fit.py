@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The joint fit against made-up roads of known shape."""
+"""The joint fit against synthetic roads of known shape."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -51,7 +51,7 @@ def test_straight_road(make_scene, distorted):
 
 @pytest.mark.parametrize('grade, bends', [(0.0, 0), (0.02, 1)], ids=['level', '2 % grade'])
 def test_curve_of_41_m(make_scene, grade, bends):
-    """A curve that climbs is no plane; the fit finds that out by itself."""
+    """A climbing curve is not planar; the fit detects that automatically."""
     scene = make_scene(curvature=1 / 41, grade=grade, seed=5)
     fit, lane = lane_of(scene)
     shape = fit.problem.model.shape
@@ -84,13 +84,13 @@ def test_claimed_scatter_is_the_scatter(make_scene):
         s = path.arc_length(scene.lane_m[at])
         axes = path.frame(s)[:, 1:]
         scores.append(scene.tangent[at] @ axes / lane.heading_std_rad)
-    assert len(scores) >= 22  # a straight road is hardly ever taken for a curve
+    assert len(scores) >= 22  # a straight road is rarely taken for a curve
     rms = np.sqrt(np.mean(np.square(scores), axis=0))
     assert np.all((rms > 0.6) & (rms < 1.5)), rms
 
 
 def test_one_straight_line_is_that_of_the_closed_form(make_scene):
-    """Two image lines tell just its unknowns: the fit is that of 2012, eq. 19-21."""
+    """Two image lines determine exactly its unknowns: the fit is that of 2012, eq. 19-21."""
     scene = make_scene(seed=2)
     left, right = scene.lines['line_0']
     fit = fit_road(scene.rig, {'line_0': (left, right)})
@@ -114,7 +114,7 @@ def test_one_stray_pick_does_little(make_scene):
 
 @pytest.mark.parametrize('beside', [0.0, 1e-3], ids=['fit', 'beside it'])
 def test_squares_touch_the_robust_cost(make_scene, beside):
-    """They are that of the picks, and as steep by central differences, stray picks or not."""
+    """They equal that of the picks, and so do their gradients, with or without stray picks."""
     scene = make_scene(seed=3)
     lines = {name: (left.copy(), right.copy()) for name, (left, right) in scene.lines.items()}
     lines['line_0'][0][6] += [15.0, 0.0]
@@ -214,7 +214,7 @@ def banked_picks(rig):
 
 
 def test_a_crossfall_that_is_built_up_evenly_is_described_as_such(make_scene):
-    """What it cannot describe it would take for a camera that has turned, or for more bends."""
+    """Otherwise it would be explained by a turned camera, or by more bends."""
     rig = make_scene().rig
     fit = fit_road(rig, *banked_picks(rig), prior=RoadPrior(wander_probability=0.0))
     assert fit.problem.model.shape.curvature == 2
@@ -247,7 +247,7 @@ def plain_picks(rig, rng, off_m, std_px=0.03, count=40):
 
 @pytest.mark.parametrize('stepped', ['right', 'middle', 'left'])
 def test_a_line_that_steps_is_no_crest(make_scene, stepped):
-    """A rigid road explains 6 mm by crests, banks and bends that are none."""
+    """A rigid road would explain 6 mm by false crests, banks and bends."""
     rig, rng = make_scene().rig, np.random.default_rng(3)
     picks = plain_picks(rig, rng, {stepped: lambda s: 0.006 * ((s > 20) & (s < 45))})
     rigid = fit_road(rig, *picks, prior=RoadPrior(wander_probability=0.0))
@@ -259,7 +259,7 @@ def test_a_line_that_steps_is_no_crest(make_scene, stepped):
 
 
 def test_picks_that_are_off_one_by_one_ask_for_no_wandering(make_scene):
-    """The road is that of rigid lines then, to the bit."""
+    """The road is then that of rigid lines, to the bit."""
     rig, rng = make_scene().rig, np.random.default_rng(4)
     picks = plain_picks(rig, rng, {})
     fit, rigid = (fit_road(rig, *picks, prior=prior)
@@ -329,7 +329,7 @@ def dense_log_probability(fit, choices):
 
 @pytest.mark.parametrize('seed', [3, 4])
 def test_whether_lines_wander_is_as_probable_as_dense_algebra_says(make_scene, seed):
-    """With one scatter for roads of both kinds, wandering was thousands of times too probable."""
+    """With one scatter for both kinds of roads, wandering was thousands of times too probable."""
     rig, rng = make_scene().rig, np.random.default_rng([seed, 9])
     fit = fit_road(rig, *plain_picks(rig, rng, {'middle': wandering(rng, 0.006, 15.0)}, 0.1, 12))
     fits = sorted(fit.families, key=lambda one: one.problem.wander is None)
@@ -389,7 +389,7 @@ def test_a_vertical_curve_is_found_as_it_was_built(make_scene, begin_m, end_m, c
 
 
 def test_a_grade_that_changes_evenly_all_along_is_no_transition(make_scene):
-    """Where neither end is in view there is nothing that tells them."""
+    """Without either end in view its ends cannot be determined."""
     rig, rng = make_scene().rig, np.random.default_rng(2)
     fit = fit_road(rig, *crest_picks(rig, rng, -20.0, 105.0, 0.08))
     assert fit.problem.model.shape == RoadShape(vertical=1)
@@ -445,7 +445,7 @@ def test_a_road_reaches_the_end_of_lines_that_are_found_in_part(
 
 @pytest.mark.parametrize('curvature', [0.0, -0.0063])
 def test_far_picks_astray_leave_the_other_lines_as_they_are(make_scene, curvature):
-    """They may ask for a longer road; of those that are tried the most probable is taken."""
+    """They may favour a longer road; the most probable of those tried is taken."""
     scene = make_scene(curvature=curvature)
     lines = {name: tuple(view.copy() for view in line) for name, line in scene.lines.items()}
     astray, *others = lines

@@ -16,7 +16,7 @@ FRAME = np.array([[0, 1.0, 0], [0, 0, -1], [-1, 0, 0]])
 
 @pytest.fixture(scope='module')
 def fit(make_scene):
-    """Give a straight road with lines at 2 m right and 1.5 m left, as if fitted."""
+    """Return a straight road with lines at 2 m right and 1.5 m left, as if fitted."""
     rig, model = make_scene().rig, RoadModel(FRAME, np.array([0, 3.0, 40]), 25.0, 2)
     z = np.linspace(60, 20, 12)
     lines = {}

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The family of roads: hand-worked shapes, and interpolation between nodes."""
+"""The family of roads: shapes worked by hand, and interpolation between nodes."""
 from __future__ import annotations
 
 import numpy as np
@@ -13,7 +13,7 @@ FRAME = np.array([[0, 1.0, 0], [0, 0, -1], [-1, 0, 0]])  # comes nearer, left is
 
 
 def model_of(*shape):
-    """Make a family about a level road 2 m below the camera."""
+    """Make a family around a level road 2 m below the camera."""
     return RoadModel(FRAME, np.array([0, 2.0, 40]), 30.0, 2, RoadShape(*shape))
 
 
@@ -66,7 +66,7 @@ def test_a_vertical_curve_lies_between_two_grades():
 
 @pytest.mark.parametrize('tilt', [0, 2])
 def test_a_road_as_built_is_near_the_polynomial(tilt):
-    """Where it was seen, its height is that of the other within a few mm."""
+    """Where it was seen, the heights of both agree within a few mm."""
     model = model_of(min(tilt, 1), tilt, 2)
     x = np.zeros(model.size)
     x[model.places.vertical] = 0.04, -0.02

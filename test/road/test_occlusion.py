@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A parabola seen from 3 m above its near end: what lies beyond the tangent is hidden."""
+"""A parabola seen from 3 m above its near end: points beyond the tangent are hidden."""
 from __future__ import annotations
 
 import numpy as np

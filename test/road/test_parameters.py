@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Every parameter of what is known of roads changes some lane."""
+"""Every parameter of the road prior changes some lane."""
 from __future__ import annotations
 
 from functools import lru_cache
@@ -65,7 +65,7 @@ def values(name: str) -> list[Any]:
     return [v for v in (min(3 * known.default, high), low, high) if v != known.default]
 
 
-# These decide with the refinement: test/site/refine/test_parameters.py.
+# These have an effect in the refinement: test/site/refine/test_parameters.py.
 ELSEWHERE = 'calibrated_std_deg', 'taper_std_m'
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Paths: straight lines, circles and what every path must keep."""
+"""Paths: straight lines, circles and the invariants of every path."""
 from __future__ import annotations
 
 import numpy as np
@@ -41,7 +41,7 @@ def test_circle_against_its_closed_form():
 @pytest.mark.parametrize('path', [LINE, circle(), circle(n=3)],
                          ids=['straight', 'circle', 'three points'])
 def test_keeps_what_a_path_promises(path):
-    """Arc length is arc length, frames are rotations, arc_length inverts position."""
+    """Arc length is arc length, frames are rotations, and arc_length inverts position."""
     assert isinstance(path, Path)
     s = np.linspace(-20, path.length_m + 20, 400).reshape(20, 20)
     points, h = path.position(s), 1e-4

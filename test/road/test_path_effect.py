@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The linear effect of a path's errors on speeds, against whole solutions."""
+"""The linear effect of a path's errors on speeds, against complete solutions."""
 from __future__ import annotations
 
 import numpy as np

@@ -18,7 +18,7 @@ X = np.array([0, 0, 0, 0, -2.0, 1.5])
 
 
 def picks_on(rig, off_px=0.0):
-    """Pick points of the two lines of MODEL at X, all off by as much to the right."""
+    """Pick points of the two lines of MODEL at X, all displaced equally to the right."""
     z = np.linspace(60, 20, 9)
     lines = {}
     for name, across in (('a', -2.0), ('b', 1.5)):
@@ -58,7 +58,7 @@ def test_feet_are_where_the_picks_were_made(rig):
 
 
 def test_feet_by_brute_force(rig):
-    """No place on the projected line is nearer than the foot."""
+    """No point of the projected line is nearer than the foot."""
     problem = RoadProblem(rig, Picks.of(picks_on(rig, 1.5)), MODEL)
     feet, z = problem.feet(X), np.linspace(14, 70, 200001)
     for i in (0, 8, 14, 20):

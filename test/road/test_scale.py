@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What extrinsic drift does to lengths, against closed forms."""
+"""The effect of extrinsic drift on lengths, against closed forms."""
 from __future__ import annotations
 
 import numpy as np

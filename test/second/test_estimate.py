@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The second estimate of a pass with truth: where it agrees, and what it finds."""
+"""The second estimate of a pass with truth: its agreement, and what it detects."""
 from __future__ import annotations
 
 from dataclasses import astuple, replace
@@ -37,7 +37,7 @@ def followed(sample):
 
 
 def estimate(place, rows, share=0.0, off_px=0.0):
-    """Return the second estimate, told of a vehicle that is faster by a share."""
+    """Return the second estimate, given regions of a vehicle that is faster by a share."""
     lane = place.lanes['lane_0']
     opinion, start_m = SecondOpinion(place.rig, lane, CONFIG), rows[0][1].s_m
     for pair, update in rows:
@@ -57,7 +57,7 @@ def test_both_estimates_of_the_sample_agree_with_the_truth(followed):
 @pytest.mark.parametrize(('share', 'off_px'), [(0.05, 0.0), (-0.05, 0.0), (0.0, 1.5)],
                          ids=['too fast', 'too slow', 'disparity off'])
 def test_where_the_first_one_is_wrong_the_second_is_not(followed, share, off_px):
-    """Regions only mask: moved as a wrong first estimate would, they do not take it along."""
+    """Regions only mask: moved as by a wrong first estimate, they do not move the second one."""
     place, result, rows = followed
     found = estimate(place, rows, share, off_px)
     assert abs(found.speed_mps - TRUE_MPS) < 3 * found.speed_std_mps
@@ -76,7 +76,7 @@ def test_pairs_that_follow_too_soon_tell_nothing_new(followed):
             again = replace(pair, stamp_ns=pair.stamp_ns + later_ns)
             opinion.take(again, update.quad_left_px, update.quad_right_px)
     found, alone = opinion.estimate([pair.stamp_ns for pair, _ in rows]), estimate(place, rows)
-    # Sums of some processors depend in the last bit on where arrays lie.
+    # On some processors the last bit of sums depends on the alignment of arrays.
     assert astuple(found) == pytest.approx(astuple(alone), rel=1e-9)
 
 
@@ -115,7 +115,7 @@ def test_an_uncertain_second_estimate_rejects_only_what_it_can_tell(second_mps, 
 @settings(max_examples=200, deadline=None)
 @given(st.floats(10, 40), st.floats(0.01, 1.0), st.floats(-5, 5))
 def test_no_pass_keeps_a_second_estimate_that_differs_too_much(first, std, sigmas):
-    """However uncertain: what is kept beside a measured pass agrees with it."""
+    """However uncertain: the second estimate of a measured pass agrees with it."""
     config, before = SecondConfig(), a_pass(first, first + sigmas * std, std)
     result = compared(before, config)
     if result.verdict is Verdict.MEASURED and result.second.speed_mps is not None:

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Corners of a textured board whose place in both views is known exactly."""
+"""Corners of a textured board whose positions in both views are known exactly."""
 from __future__ import annotations
 
 import cv2
@@ -66,7 +66,7 @@ def test_a_region_that_shows_nothing_gives_none():
 @pytest.mark.parametrize('runs_px', [(0.0, 0.0, 0.0), (3.0, -8.0, 0.0), (-2.0, 7.0, 2.0)],
                          ids=['as told', 'runs ahead', 'falls back, wrong range too'])
 def test_corners_carry_back_a_region_that_runs_away(runs_px):
-    """A told region that leaves the board by most of its size takes no corner along."""
+    """A given region that leaves the board by most of its size moves no corner."""
     follower, first = CornerFollower(SecondConfig()), None
     for k in range(9):
         scale, at = 1.0 + 0.05 * k, (30.4 + 6 * k, 90.2 + 2.5 * k)
@@ -85,7 +85,7 @@ def test_corners_carry_back_a_region_that_runs_away(runs_px):
 
 
 def test_what_stands_still_behind_carries_no_region_away():
-    """A third of the region shows a still wall: the board, which moves, has more corners."""
+    """A third of the region shows a static wall; the moving board has more corners."""
     follower, rng = CornerFollower(SecondConfig()), np.random.default_rng(8)
     wall = np.repeat(np.repeat(rng.integers(60, 190, (60, 80)), 4, axis=0), 4, axis=1)
     for k in range(6):

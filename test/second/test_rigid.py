@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Places of a body whose corners project with known noise."""
+"""Positions of a body whose corners project with known noise."""
 from __future__ import annotations
 
 import tracemalloc
@@ -63,7 +63,7 @@ def sightings(path, rng, *, speed=20.0, count=9, lag_s=0.0, strangers=0, sliding
 @pytest.mark.parametrize('how', [{}, {'lag_s': 0.005}, {'strangers': 8}],
                          ids=['plain', 'late right view', 'with strangers'])
 def test_moves_are_within_their_sigmas(path, how):
-    """Differences of places are normal with their covariance: no gauge, no bias."""
+    """Differences of positions are normal with their covariance: no gauge, no bias."""
     squares = []
     for seed in range(6):
         seen, s_m = sightings(path, np.random.default_rng(seed), **how)
@@ -72,7 +72,7 @@ def test_moves_are_within_their_sigmas(path, how):
         differ = np.diff(np.eye(len(s_m)), axis=0)
         covariance = differ @ places.covariance[:, 0, :, 0] @ differ.T
         squares.append(moves @ np.linalg.solve(covariance, moves) / len(moves))
-    # mean of 48 squares of normal numbers: 1-sigma is 0.2; strangers cost certainty
+    # mean of 48 squares of normal numbers: 1-sigma is 0.2; static corners add uncertainty
     assert (0.0 if 'strangers' in how else 0.4) < np.mean(squares) < 1.6
 
 
@@ -92,7 +92,7 @@ def drawn_speeds(**how):
 @pytest.mark.slow
 @pytest.mark.parametrize('sliding', [8, 25], ids=['some', 'all'])
 def test_corners_that_slide_leave_an_honest_speed(sliding):
-    """Their errors stay from pair to pair: as independent ones they would be averaged away."""
+    """Their errors are correlated between pairs; treated as independent they would average out."""
     errors, stds = drawn_speeds(sliding=sliding)
     # 24 times the mean of 24 squares of normal numbers: one in 20000 is below 6
     assert 0.25 < np.mean((errors / stds) ** 2) < 1 + 4 * 0.29
@@ -100,7 +100,7 @@ def test_corners_that_slide_leave_an_honest_speed(sliding):
 
 @pytest.mark.slow
 def test_corners_that_slide_cost_certainty():
-    """What stays on the body tells more, and corners that all slide less than some of them."""
+    """Fixed corners have more information; all sliding has less than some sliding."""
     none, some, most = (float(np.mean(drawn_speeds(sliding=n)[1])) for n in (0, 8, 25))
     assert none < some < most
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Speeds from places: lines by hand, least squares as an oracle, braking."""
+"""Speeds from positions: straight lines by hand, least squares as an oracle, braking."""
 from __future__ import annotations
 
 import numpy as np

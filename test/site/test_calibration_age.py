@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A calibration that is young, old, expired, or of the future; and its day in a site file."""
+"""Calibrations that are young, old, expired or in the future; the date in a site file."""
 from __future__ import annotations
 
 from datetime import date, datetime, timezone

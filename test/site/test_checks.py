@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Disorder and crossings of picked lines, by hand."""
+"""Wrong order and crossings of picked lines, by hand."""
 from __future__ import annotations
 
 import numpy as np

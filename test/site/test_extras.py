@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What refined site files say more: read, written and refused, by name."""
+"""Additional fields of refined site files: read, written, and refused by name."""
 from __future__ import annotations
 
 import numpy as np

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Reading of site files: what is taken and what is refused, by name."""
+"""Reading of site files: accepted files, and errors by name."""
 from __future__ import annotations
 
 from pathlib import Path
@@ -33,7 +33,7 @@ def test_site_is_read(write):
 
 
 def test_name_is_optional(write, put):
-    """The file's stem stands in."""
+    """The file's stem is the default."""
     assert load_site(write(put(SITE, ['name'], None))).name == 'file'
 
 
@@ -89,7 +89,7 @@ def test_site_faults(write, place, value, match, put):
 
 
 def test_lines_that_were_found_in_the_images_may_cross_between_their_points(write, put):
-    """In a bend, where one is found here and there alone; clicked, that would be a slip."""
+    """In a bend, if one has few points; for clicked lines that would be a mistake."""
     crossing = put(SITE, ['lines', 'b', 'left_image'], [[180, 300], [150, 420], [130, 500]])
     for view in ('left', 'right'):
         count = len(crossing['lines']['b'][f'{view}_image'])
@@ -109,7 +109,7 @@ def test_files_that_are_no_site(write, text, match):
 
 
 def test_missing_and_binary_files(tmp_path):
-    """A missing file and one that is no text."""
+    """A missing file and a binary file."""
     with pytest.raises(SiteError, match='none.yaml: file: found .*No such file'):
         load_site(tmp_path / 'none.yaml')
     (tmp_path / 'x.yaml').write_bytes(b'\xff\xfe\x00')

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Lane paths of sites: picked, surveyed and mixed lines, and what is refused."""
+"""Lane paths of sites: picked, surveyed and mixed lines, and errors."""
 from __future__ import annotations
 
 import numpy as np
@@ -56,7 +56,7 @@ def test_path_line_and_surveyed_and_mixed(scene):
 
 
 def shuffled(uv):
-    """Swap two picks far from each other."""
+    """Swap two distant picks."""
     uv = uv.copy()
     uv[[4, 6]] = uv[[6, 4]]
     return uv
@@ -84,7 +84,7 @@ def test_refusals(scene):
 
 
 def test_views_that_disagree_are_refused(scene):
-    """A right view whose line bends otherwise than the left one's cannot be one line."""
+    """Lines that bend differently in the two views cannot be the same line."""
     left, right = scene.lines['line_0']
     wave = right + np.stack([40 * np.sin(np.arange(14) * 1.7), np.zeros(14)], axis=-1)
     site = site_of({**scene.lines, 'line_0': (left, wave)})

@@ -22,7 +22,7 @@ def world(rays: NDArray[np.float64]) -> NDArray[np.float64]:
     rng = np.random.default_rng(5)
     x, y = np.moveaxis(rays[..., :2] / rays[..., 2:], -1, 0)
     out = np.full(x.shape, 125.0)
-    # Fine ones tell places, long ones where to look for them.
+    # Short waves determine positions, long ones guide the search.
     for low_px, high_px in 12 * [(9.0, 50.0)] + 4 * [(120.0, 300.0)]:
         length_px = rng.uniform(low_px, high_px)
         angle, phase = rng.uniform(0.0, 2 * np.pi, 2)
@@ -44,7 +44,7 @@ def rig() -> StereoRig:
 
 @pytest.fixture(scope='session')
 def take(rig) -> Callable[..., StereoPair]:
-    """Return what takes a pair."""
+    """Return a function that takes a pair."""
     v, u = np.mgrid[:HEIGHT, :WIDTH].astype(float)
     grid = np.stack([u, v], axis=-1)
     rays = [camera.rays(grid) for camera in (rig.left, rig.right)]
@@ -52,7 +52,7 @@ def take(rig) -> Callable[..., StereoPair]:
     @lru_cache(maxsize=None)
     def taken(index: int, motion: Optional[RigMotion] = None, *, gain: float = 1.0,
               noise: float = NOISE_GREY) -> StereoPair:
-        """Take a pair of a rig that has moved, with noise of its own; its motion is not told."""
+        """Take a pair of a moved rig, with independent noise and unknown motion."""
         now = rig.as_taken(motion)
         turned = np.eye(3) if now.left.rotation is None else now.left.rotation
         rng = np.random.default_rng(index)

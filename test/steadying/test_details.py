@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Patches of an image, found again in it from places that are off by known offsets."""
+"""Patches of an image are found in it from starts with known offsets."""
 from __future__ import annotations
 
 import numpy as np

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a right camera that has turned does to what is told."""
+"""The effect of a turned right camera on the reported uncertainty."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -39,7 +39,7 @@ TURN_RAD = np.radians([0.02, 0.0, 0.0])
 
 
 def steadier(*, turned=False, too_far=False, lost=False, std_deg=0.0005):
-    """Stand in for what has watched the rig."""
+    """Stand in for the object that has watched the rig."""
     drift = SimpleNamespace(turned=turned, too_far=too_far,
                             corrected_rad=TURN_RAD if turned else np.zeros(3),
                             covariance_rad2=np.radians(std_deg) ** 2 * np.eye(3))
@@ -79,7 +79,7 @@ def test_what_cannot_be_corrected_is_withheld(watch, doubt):
 @pytest.mark.parametrize('watch', [steadier(turned=True), steadier()],
                          ids=['found', 'taken back'])
 def test_a_vehicle_seen_before_and_after_a_turn_was_found_is_withheld(watch, doubt):
-    """Its pairs may be of either side of the turn, whatever was corrected in them."""
+    """Its pairs may be on either side of the turn, whatever correction they got."""
     assert doubt.update(UPDATE, watch, TURN_RAD).state is TrackState.TENTATIVE
     assert doubt.share('a', watch, TURN_RAD) > 2 * 20 / 0.5 * TURN_RAD[0]
     result = doubt.result(RESULT, doubt.share('a', watch, TURN_RAD))

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The right camera's rotation from pair to pair: noise, turns and slow creeping."""
+"""The right camera's rotation from pair to pair: noise, turns and slow drift."""
 from __future__ import annotations
 
 import numpy as np
@@ -12,7 +12,7 @@ STD = np.radians(4e-4)  # of one pair, as images show it
 
 
 def fed(turn_deg, pairs=60, config=SteadyingConfig(), seed=0):
-    """Return a filter that has seen a camera turn before its first pair, and those before."""
+    """Return a filter after ten pairs of a camera at rest, and some pairs after a turn."""
     rng, drift = np.random.default_rng(seed), DriftFilter(config)
     for turned in [np.zeros(3)] * 10 + [np.radians(turn_deg)] * pairs:
         drift.update(turned + STD * rng.standard_normal(3), STD ** 2 * np.eye(3))

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Both cameras together: sway of the rig, drift of the right one, and what is unknown."""
+"""Both cameras together: sway of the rig, drift of the right one, and unknown rotations."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -20,7 +20,7 @@ TURN = (float(np.radians(0.03)), 0.0, 0.0)
 
 
 def off_px(found, true):
-    """Return by how many pixels two motions differ, sway and drift, without their rolls."""
+    """Return the difference of two motions in px, for sway and drift, without roll."""
     found, true = found or RigMotion(), true or RigMotion()
     return F_PX * np.abs([np.subtract(found.sway_rad, true.sway_rad)[:2],
                           np.subtract(found.drift_rad, true.drift_rad)[:2]]).max(axis=1)
@@ -74,7 +74,7 @@ def test_a_turn_of_the_right_camera_is_no_sway(rig, take):
 
 
 def test_a_turn_of_the_left_camera_is_one_of_the_rig_and_back_of_the_right(rig, take):
-    # The right camera stays in the world: its own drift undoes what it would have swayed.
+    # The right camera is fixed in the world: its drift cancels the sway.
     pan = float(np.radians(0.03))
     back = rig.R[np.ix_([1, 0, 2], [1, 0, 2])] @ np.array([-pan, 0.0, 0.0])
     true = RigMotion((pan, 0.0, 0.0), tuple(float(a) for a in back))

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The time between the views is found in drawn fronts that move, whatever the stamps say."""
+"""The time between the views is found from moving drawn fronts, whatever the stamps are."""
 from __future__ import annotations
 
 import cv2
@@ -47,7 +47,7 @@ def drawn(camera, points_m, texture, rng):
 
 
 def drive(rig, texture, true_lag_s, gaps_s, seed=0):
-    """Drive a front past; return what is known of the lag after each pair, and the corrected."""
+    """Move a front past; return the estimated lag after each pair, and the corrected pairs."""
     rng, watch, out = np.random.default_rng(seed), ViewLag(rig), []
     for k, gap_s in enumerate(gaps_s):
         time_s = k * PERIOD_S % 1.9
@@ -91,7 +91,7 @@ def test_a_way_that_bends_and_a_front_that_grows_meanwhile_are_no_error(rig, tex
 
 
 def test_what_one_vehicle_leaves_unknown_others_tell():
-    """Looks at one front share its faults: the thousandth tells little, another vehicle more."""
+    """Views of one front share errors: the thousandth adds little, another vehicle more."""
     def std_s(looks, tracks):
         rates_px_s = np.linspace(20.0, 300.0, looks)
         return _solve([_Look(k % tracks, 0.05, 0.05 * rate, rate, 0.0, 0.01)

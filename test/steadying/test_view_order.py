@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Cameras in each other's place show in the images; so do cameras that show nothing."""
+"""Swapped cameras are detected in the images; so are cameras that show nothing."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -13,7 +13,7 @@ from stereo_speed.steadying.view_order import views_crossed
 
 @pytest.fixture(scope='module')
 def first(sample):
-    """Give the rig and the first pair of the sample."""
+    """Return the rig and the first pair of the sample."""
     with StereoBag(sample / 'bag') as bag:
         return bag.rig, next(iter(bag.pairs()))
 

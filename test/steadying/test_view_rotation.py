@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The rotation of one camera, against images of it that are drawn exactly."""
+"""The rotation of one camera, against exactly drawn images."""
 from __future__ import annotations
 
 import numpy as np
@@ -53,7 +53,7 @@ def test_what_moves_by_itself_does_not_count(view, take):
 
 def test_mirrored_lamps_that_slide_do_not_count(rig, take):
     def lit(image, down_px):
-        """Return the image with lamps that a wet road mirrors."""
+        """Return the image with lamps reflected by a wet road."""
         v, u = np.mgrid[:HEIGHT, :WIDTH]
         light = sum(np.exp(-((u - lamp_u) ** 2 + (v - lamp_v - down_px) ** 2) / 8)
                     for lamp_u in range(40, 160, 20) for lamp_v in (260, 290))
@@ -109,7 +109,7 @@ def test_images_of_16_bits_are_as_good(rig, take):
 def test_slow_changes_of_what_it_sees_are_learnt(rig, take):
     config = SteadyingConfig(renew_pairs=3)
     view, first = ViewRotation(rig.left, take(0).left, config), take(0).left
-    # Column after column the place is built over, in the end all of it.
+    # The view is occluded column by column, finally completely.
     other = np.random.default_rng(1).integers(0, 255, first.shape).astype(np.uint8)
     for built in range(0, WIDTH + 1, 16):
         image = np.where(np.arange(WIDTH) < built, other, first).astype(np.uint8)

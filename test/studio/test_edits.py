@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Steps of a draft: what they change, where a point belongs, and what is refused."""
+"""Steps of a draft: their effect, the index of a new point, and errors."""
 from __future__ import annotations
 
 import numpy as np

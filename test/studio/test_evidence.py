@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Records under review: figures, files, verification, and nothing outside of them."""
+"""Records under review: figures, files, verification, and no access outside of them."""
 from __future__ import annotations
 
 import json
@@ -15,13 +15,13 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture
 def evidence(replayed, tmp_path):
-    """Give a copy of the sample's record, in its folder, that a test may spoil."""
+    """Return a copy of the sample's record, in its folder, that a test may damage."""
     return shutil.copytree(replayed / 'evidence', tmp_path / 'evidence')
 
 
 @pytest.fixture
 def record(evidence):
-    """Give the folder of the one record."""
+    """Return the folder of the one record."""
     return next(path for path in evidence.iterdir() if path.is_dir())
 
 
@@ -66,7 +66,7 @@ def test_its_verification_is_told(evidence, record):
 
 
 def test_nothing_outside_a_record_is_handed_out(evidence, record, tmp_path):
-    """A record that lists what is not its own, by its name or through a link."""
+    """A record that lists foreign files, by name or through a link."""
     (tmp_path / 'secret.txt').write_text('secret')
     said = json.loads((record / 'record.json').read_text())
     own = said['files']['close_up.jpg']

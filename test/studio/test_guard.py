@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Who may talk to the server, and what an answer may do in a browser."""
+"""Access to the server, and what its responses allow in a browser."""
 from __future__ import annotations
 
 import re
@@ -47,7 +47,7 @@ def test_secret_words_differ_and_are_long():
 @pytest.mark.parametrize(('method', 'path'), [
     ('POST', '/api/step'), ('GET', '/api/state'), ('GET', '/api/socket')])
 def test_other_sites_and_other_names_are_refused(client, space, header, value, method, path):
-    """The cookie alone is not enough: it must be this page, at this address."""
+    """The cookie is not sufficient: the origin must be this page, at this address."""
     value = value.replace('PORT', str(client.guard.port))
     body = b'{"id": "1", "name": "add_line", "fields": {}}'
     status, _, _ = client.ask(method, path, body if method == 'POST' else None,
@@ -63,7 +63,7 @@ def test_this_page_is_served(client):
 
 
 def test_every_address_asks_who_it_is_and_where_from(client):
-    """Whatever the server answers to, new addresses among them."""
+    """Every route of the server, including new ones."""
     routes = {(route.method, re.sub(r'{\w+}', '0', route.resource.canonical))
               for route in Studio(client.guard).app().router.routes()}
     assert len(routes) > 20

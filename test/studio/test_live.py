@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What is live: the newest of everything, and how old it is."""
+"""Live data: the latest of everything, and its age."""
 from __future__ import annotations
 
 import pytest
@@ -36,7 +36,7 @@ def test_what_comes_in_is_told_and_grows_old():
     later = live.snapshot()
     assert later['stale'] and later['age_s'] == pytest.approx(STALE_S + 0.1)
     assert later['health'][0]['age_s'] == pytest.approx(STALE_S + 0.1)
-    # a node that goes on does not make old pictures and readings new ones
+    # an active node does not make old images and readings current
     live.add_pass({'track': 2, 'verdict': 'measured'})
     last = live.snapshot()
     assert not last['stale'] and last['views']['left'] == pytest.approx(STALE_S + 0.1)

@@ -32,14 +32,14 @@ pytestmark = [pytest.mark.slow, pytest.mark.skipif(
 
 @pytest.fixture(scope='module')
 def browser():
-    """Give a browser; starting one takes a second."""
+    """Return a browser; starting one takes a second."""
     with headless.browsing() as browser:
         yield browser
 
 
 @pytest.fixture
 def visit(browser):
-    """Give the function that opens a page; no page may complain of anything."""
+    """Return a function that opens a page; pages must not log errors."""
     faults, contexts = [], []
 
     def open_page(guard):
@@ -60,14 +60,14 @@ def visit(browser):
 
 @pytest.fixture
 def drawing(space):
-    """Give a server with an empty draft on the sample."""
+    """Return a server with an empty draft on the sample."""
     guard = Guard()
     with guard.bind(0) as sock, served(Studio(guard, space), sock):
         yield guard
 
 
 def measured_mph(scene, path):
-    """Measure the sample with a site as it is in a file."""
+    """Measure the sample with the site of a file."""
     place = MeasuringSite.of(load_site(path), scene.rig)
 
     def work(bag):
@@ -78,7 +78,7 @@ def measured_mph(scene, path):
 
 def test_a_site_drawn_from_nothing_measures_as_one_made_by_hand(
         visit, drawing, space, scene, sample):
-    """Clicked on the picture to half a screen pixel, at 1280x720, snapped to the markings."""
+    """Clicked on the image to half a screen pixel, at 1280x720, snapped to the markings."""
     hands = visit(drawing)
     page = hands.page
     hand = load_site(sample / 'site.yaml')
@@ -162,7 +162,7 @@ def test_a_line_is_drawn_by_keys_alone(visit, drawing, space):
 
 
 def move(page, view, at):
-    """Move the keyboard's cursor of a view to a place, to half a pixel."""
+    """Move the keyboard cursor of a view to a position, to half a pixel."""
     for axis, keys in enumerate((('ArrowLeft', 'ArrowRight'), ('ArrowUp', 'ArrowDown'))):
         gap = round(at[axis] - view['cursor'][axis])
         view['cursor'][axis] += gap
@@ -173,7 +173,7 @@ def move(page, view, at):
 
 
 def tab_to(page, name, most=80):
-    """Press Tab until something is reached that is named so."""
+    """Press Tab until an element with a given name has the focus."""
     for _ in range(most):
         if page.evaluate('() => document.activeElement.id || document.activeElement.ariaLabel'
                          ) == name:
@@ -183,7 +183,7 @@ def tab_to(page, name, most=80):
 
 
 def test_a_whole_site_by_keys_alone(visit, drawing, space, sample):
-    """Lines, lanes, names, a limit, the calibration's day and a save; no mouse at any time."""
+    """Lines, lanes, names, a limit, the date of calibration and a save, without a mouse."""
     hands = visit(drawing)
     page = hands.page
     page.wait_for_selector('canvas[data-transform]')
@@ -223,7 +223,7 @@ def test_a_whole_site_by_keys_alone(visit, drawing, space, sample):
 
 
 def wait_until(page, condition):
-    """Wait for what the server does by itself."""
+    """Wait for automatic actions of the server."""
     for _ in range(200):
         if condition():
             return
@@ -259,7 +259,7 @@ def test_passes_are_sorted_and_filtered_and_foreign_text_is_text(visit, tmp_path
         assert len(lines) == 21 and lines[0].startswith('track,lane,first_ns')
         page.select_option('#run', '1')
         page.wait_for_function('() => document.querySelector("#count").textContent === "180"')
-        # nothing of what the file said has become part of the page
+        # no content of the file was interpreted as HTML
         assert page.title() == 'stereo_speed studio'
         assert page.locator('#passes img, #run b, #detail img').count() == 0
         assert evil in page.inner_text('#passes tbody tr:first-child')
@@ -357,7 +357,7 @@ def test_what_is_half_typed_stays_so_when_somebody_else_draws(visit, drawing, sp
 
 
 def test_a_draft_outlives_its_pages(visit, drawing, space):
-    """All pages are closed and opened again; the address works once more."""
+    """All pages are closed and opened again; the address works again."""
     hands = visit(drawing)
     hands.page.click('#add-line')
     hands.page.wait_for_selector('[data-line].on')

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Runs that are reviewed: read from what ``replay`` has written."""
+"""Runs under review: read from the files of ``replay``."""
 from __future__ import annotations
 
 from contextlib import closing

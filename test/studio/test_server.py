@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The server: steps and files over HTTP, what pages are told, runs."""
+"""The server: steps and files over HTTP, messages to pages, runs."""
 from __future__ import annotations
 
 import asyncio
@@ -21,7 +21,7 @@ WAIT_S = 60.0
 
 
 def wait(condition, seconds=WAIT_S):
-    """Wait for what the server does by itself."""
+    """Wait for automatic actions of the server."""
     end = time.monotonic() + seconds
     while not condition() and time.monotonic() < end:
         time.sleep(0.05)
@@ -40,7 +40,7 @@ def test_a_step_changes_the_draft_and_is_judged(client, space):
 
 
 def test_a_click_snaps_to_the_marking(client, sample):
-    """The right edge line of the sample, some pixels beside it."""
+    """Some pixels beside the right edge line of the sample."""
     client.step('add_line')
     client.step('add_point', line=1, view='left', at=[441.26 + 4, 440.84 + 1], snap=True)
     client.step('add_point', line=1, view='left', at=[558.66 - 3, 608.06 + 1], snap=True)
@@ -119,7 +119,7 @@ def test_a_run_that_is_gone_takes_no_other_with_it(serving, tmp_path, make_run):
 
 
 class Waiting(Run):
-    """A run whose database is held by a writer."""
+    """A run whose database is locked by a writer."""
 
     def __init__(self):
         super().__init__('waiting', 'log')

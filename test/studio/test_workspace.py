@@ -23,7 +23,7 @@ SITE_FIELDS = {'where', 'name', 'lines', 'lanes', 'correction', 'known_lengths',
 
 
 class Drawing:
-    """Someone who takes steps."""
+    """A simulated user who takes steps."""
 
     def __init__(self, space):
         self.space, self.count = space, 0
@@ -43,7 +43,7 @@ class Drawing:
 
 @pytest.fixture
 def drawing(space):
-    """Give someone who draws."""
+    """Return a simulated user."""
     return Drawing(space)
 
 
@@ -53,7 +53,7 @@ def saved(space):
 
 
 def judged(space):
-    """Return the figures of the present draft."""
+    """Return the figures of the current draft."""
     return space.judged(space.draft, space.refined).data
 
 
@@ -158,7 +158,7 @@ small = st.floats(0.001, 0.2, allow_nan=False)
 
 @st.composite
 def site_parts(draw):
-    """Give what a site file may have beside lines and lanes, and 1-sigmas of one line."""
+    """Return the optional parts of a site file, and 1-sigmas of one line."""
     kinds = {'between': ['edge_right', 'line_0'], 'dashes': 'line_0', 'left_image': None}
     lengths = []
     for key in draw(st.lists(st.sampled_from(sorted(kinds)), max_size=3, unique=True)):
@@ -200,18 +200,18 @@ def test_a_file_that_is_opened_and_saved_says_what_it_said(sample, tmp_path, par
     path = tmp_path / 'site.yaml'
     path.write_text(yaml.safe_dump(data))
     was = load_site(path)
-    assert {field.name for field in fields(was)} == SITE_FIELDS  # a new one belongs in here too
+    assert {field.name for field in fields(was)} == SITE_FIELDS  # new fields have to be added here
     space = Workspace(None, path, tmp_path / 'init.yaml')
     assert not space.unsaved
     again = load_site(space.save())
-    if len(stds) < 2:  # those of one view alone count for nothing
+    if len(stds) < 2:  # those of a single view do not count
         clicks = replace(was.picked['line_0'], left_std_px=None, right_std_px=None)
         was = replace(was, lines={**was.lines, 'line_0': clicks})
     assert site_text(again) == site_text(was)
 
 
 def test_a_line_of_both_directions_survives(sample, edited, tmp_path):
-    """One line of paint stands in the file once for each direction of travel."""
+    """One painted line is in the file once for each direction of travel."""
     def more(data):
         middle, edge = data['lines']['line_0'], data['lines'].pop('edge_left')
         for name, line in (('line_0_back', middle), ('edge_left', edge)):
@@ -259,7 +259,7 @@ def test_marked_fronts_are_an_init_file(space, drawing, sample):
 
 
 def mark(drawing, scene, number, front_m, of=None):
-    """Mark a front of 1.6 m by 0.8 m whose middle stands at each place of a path."""
+    """Annotate a front of 1.6 m by 0.8 m, centred at each point of a path."""
     frame, middle = front_m
     drawing('add_front', frame=frame, of=of)
     corners = np.array([[-0.8, -0.4, 0], [0.8, -0.4, 0], [0.8, 0.4, 0], [-0.8, 0.4, 0]])
@@ -271,7 +271,7 @@ def mark(drawing, scene, number, front_m, of=None):
 
 @pytest.mark.parametrize(('frames', 'curved'), [((1, 5), False), ((1, 3, 4, 6, 9), True)])
 def test_marks_in_several_pairs_are_truth(space, drawing, scene, frames, curved):
-    """A way that is known: straight at an even speed, or speeding up."""
+    """On known paths: straight at constant speed, or accelerating."""
     stamps = [scene.stamp_of(frame) for frame in frames]
     seconds = np.array([(ns - stamps[0]) * 1e-9 for ns in stamps])
     velocity = np.array([1.0, 0.5, -20.0]) + np.outer(seconds, [0, 0, -3.0 if curved else 0.0])

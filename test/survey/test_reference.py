@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A verification by hand, and the numbers of passes that the rules name."""
+"""A verification by hand, and the numbers of passes in the rules."""
 from __future__ import annotations
 
 import json
@@ -33,7 +33,7 @@ def test_matches_are_of_one_lane_near_in_time_and_one_to_one():
     vehicles = [measured(10, 50), measured(12.5, 60), measured(10, 70, 'far'), measured(40, 80)]
     found = matched([reference(12.2, 60), reference(11, 50), reference(11, 50, 'other'),
                      reference(43.5, 80)], vehicles, 1.0)
-    # Both first ones lie near two passes; together they fit only this way round.
+    # Both first ones are near two passes; only this assignment fits both.
     assert [m.vehicle for m in found] == [vehicles[1], vehicles[0], None, None]
     assert matched([], vehicles, 1.0) == []
     assert matched([reference(11, 50)], [], 1.0)[0].vehicle is None
@@ -83,7 +83,7 @@ def test_all_within_and_a_mean_that_is_not():
 
 
 def test_every_vehicle_of_the_reference_is_counted_once():
-    """By hand: poor references of a vehicle missed, of one rejected, and of one measured."""
+    """By hand: inaccurate references for a missed, a rejected and a measured vehicle."""
     found = verification(
         [reference(1, 50), reference(11, 50, std_kmh=0.6), reference(21, 50, std_kmh=0.6),
          reference(31, 50, std_kmh=0.6), reference(41, 50), reference(99, 50)],

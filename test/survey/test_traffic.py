@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Figures of the traffic, by hand."""
+"""Traffic statistics, by hand."""
 from __future__ import annotations
 
 from datetime import timezone

@@ -133,7 +133,7 @@ def straight():
 
 @pytest.fixture(scope='session')
 def prepare(tmp_path_factory):
-    """Return the function from a sequence to its lanes and first fronts, through real files."""
+    """Return a function from a sequence to its lanes and first fronts, through real files."""
     def prepared(sequence):
         folder = tmp_path_factory.mktemp('prepared')
         (folder / 'site.yaml').write_text(yaml.safe_dump(dict(sequence.site_exact)))
@@ -145,7 +145,7 @@ def prepare(tmp_path_factory):
 
 @pytest.fixture(scope='session')
 def drive(prepare):
-    """Return the function that drives a sequence: updates and passes; as it is, each once."""
+    """Return a function from a sequence to updates and passes; each default run is made once."""
     known = {}
 
     def driven(sequence, pairs=None, seed=0, config=TrackerConfig()):

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What blurring leaves in doubt of a pass, by hand."""
+"""The uncertainty that blur adds to a pass, by hand."""
 from __future__ import annotations
 
 import numpy as np
@@ -10,7 +10,7 @@ from stereo_speed.tracking.posterior import Posterior
 
 
 def posterior(first_ns, stamps_s, speeds_mps):
-    """Return one whose states but for the speeds are 0."""
+    """Return a posterior whose states are 0 except for the speeds."""
     n = len(stamps_s)
     mean = np.zeros((n, 4))
     mean[:, 3] = speeds_mps
@@ -35,7 +35,7 @@ def test_a_share_of_each_change_is_in_doubt():
 
 
 def test_pairs_that_are_lacking_change_as_those_beside_them():
-    """A third between 0.3 and 0.9 m/s, and at the end as the last."""
+    """A third of the way between 0.3 and 0.9 m/s, and at the end like the last one."""
     other = posterior(PASS.first_ns, [0.0, 0.2], [20.3, 19.9])
     change = np.array([0.3, 0.6, 0.9, 0.9])
     np.testing.assert_allclose(speeds(doubt_of_blur(PASS, [other], 1.0, 10.0)),

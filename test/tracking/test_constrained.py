@@ -36,7 +36,7 @@ def at_most(level, errors):
 
 @pytest.fixture(scope='module')
 def follow(textured):
-    """Return the function that follows pairs from the pose in the first: updates and tracker."""
+    """Return a function that tracks pairs from the first pose, to updates and tracker."""
     def followed(pairs, pose, config=QUICK, seed=0, **changes):
         tracker = ConstrainedTracker.start(
             textured.start(pairs[0], pose, config, seed, **changes), NoParameters())
@@ -167,7 +167,7 @@ def test_a_vehicle_that_was_never_seen_has_no_result(textured, textured_drive):
     pairs, poses = textured_drive
     tracker = ConstrainedTracker.start(
         textured.start(pairs[0], poses[0], QUICK), NoParameters())
-    for pair in pairs[:4]:  # it began in a good one, but is fed others
+    for pair in pairs[:4]:  # it started in a good pair, but is given others
         tracker.update(blank(pair))
     result = tracker.result()
     assert (result.verdict, result.reason, result.pairs) == (
@@ -264,7 +264,7 @@ def test_between_solutions_readings_go_on_within_their_sigma(follow, steady, tex
 @pytest.mark.parametrize(('alone', 'interval_s'), [(1, 0.15), (2, 0.075), (3, 0.05)])
 def test_who_has_a_share_of_the_particles_has_it_of_the_solutions(
         follow, textured_drive, alone, interval_s):
-    """Its readings are those of a track alone whose solutions are as far apart."""
+    """Its readings equal those of a lone track with the same interval between solutions."""
     pairs, poses = textured_drive
     config = replace(QUICK, effort=EffortConfig(solve_interval_s=interval_s))
     shared = follow(pairs[:7], poses[0], config, particles_alone=alone * QUICK.particles)[0]
@@ -289,7 +289,7 @@ def test_who_hurries_is_solved_for_when_its_solution_is_twice_as_old_as_it_shoul
 @pytest.mark.parametrize('hide', [behind_a_post, blank], ids=['post', 'nothing'])
 def test_who_hurries_sees_at_a_glance_that_what_was_occluded_is_back(
         textured, textured_drive, hide):
-    """Hidden in pairs 5 to 8: it would be looked for anyhow after 1.8 s, not before."""
+    """Hidden in pairs 5 to 8: without a quick check it would be searched only after 1.8 s."""
     pairs, poses = textured_drive
     config = replace(QUICK, effort=EffortConfig(solve_interval_s=0.05))
     tracker = ConstrainedTracker.start(
@@ -349,7 +349,7 @@ def test_what_is_hidden_leaves_the_view_in_time(textured, hurried):
 
 @pytest.mark.parametrize('hide', [behind_a_post, blank], ids=['post', 'nothing'])
 def test_what_is_hidden_between_solutions_coasts(follow, textured_drive, hide):
-    """Pair 5 is one that would not be solved for; 7 is the next solution, 9 makes sure."""
+    """Pair 5 would not be solved for; 7 is the next solution, and 9 confirms it."""
     pairs, poses = textured_drive
     hidden = [hide(p) if p.index == 5 else p for p in pairs]
     updates, tracker = follow(hidden, poses[0], SPARING)
@@ -362,7 +362,7 @@ def test_what_is_hidden_between_solutions_coasts(follow, textured_drive, hide):
 
 def test_a_pair_that_does_not_show_the_vehicle_is_looked_at_once_before_it_is_solved_for(
         follow, textured_drive, monkeypatch):
-    """Pair 5 is asked of three times, as by a pipeline that solves beside the pairs."""
+    """Pair 5 is requested three times, as by a pipeline that solves in the background."""
     pairs, poses = textured_drive
     hidden = blank(pairs[5])
     _, tracker = follow(pairs[:5], poses[0], SPARING)
@@ -381,7 +381,7 @@ def test_a_pair_that_does_not_show_the_vehicle_is_looked_at_once_before_it_is_so
 
 
 def test_the_cloud_is_expected_where_its_particles_will_go(follow, textured_drive):
-    """Another computation: forty thousand particles are moved by their random walks."""
+    """By another computation: forty thousand particles moved by their random walks."""
     pairs, poses = textured_drive
     _, tracker = follow(pairs[:6], poses[0])
     n, later_ns = 40_000, pairs[5].stamp_ns + 400_000_000
@@ -425,7 +425,7 @@ def test_what_braked_out_of_sight_is_confirmed_when_two_pairs_have_shown_its_spe
 
 
 def test_a_right_view_exposed_later_counts_at_its_own_time(follow, textured):
-    """Each right image is that of 40 ms later, 0.8 m further on."""
+    """Each right image is taken 40 ms later, 0.8 m further on."""
     times = np.arange(10) / 10
     poses = np.column_stack([6 + MPS * times, np.full(10, 0.1), np.full(10, 1.9)])
     pairs = [textured.pair(k, round(t * SECOND), pose, right_ns=round((t + 0.04) * SECOND),

@@ -23,7 +23,7 @@ def rig():
 
 @pytest.fixture()
 def oncoming():
-    """Lay a straight path from 60 m ahead towards the camera, 2 m below it."""
+    """Return a straight path from 60 m ahead towards the camera, 2 m below it."""
     return StraightPath(np.array([0.0, 2.0, 60.0]), np.array([0.0, 0.0, -1.0]), 50.0)
 
 
@@ -70,7 +70,7 @@ def test_ground_speed_on_a_circle_grows_with_the_radius(offset_m):
 @pytest.mark.parametrize('height_m', [0.0, 0.6, 2.0])
 @pytest.mark.parametrize('up', [1.0, -1.0], ids=['crest', 'sag'])
 def test_ground_speed_over_a_crest_is_that_of_the_wheels(height_m, up):
-    """A point above the road goes (1 + h / R) times as far over a crest of radius R."""
+    """A point above the road moves (1 + h / R) times as far over a crest of radius R."""
     radius, angle = 500.0, np.linspace(-0.1, 0.1, 60)
     points = np.column_stack([np.zeros(60), up * radius * (1 - np.cos(angle)),
                               40 - radius * np.sin(angle)])

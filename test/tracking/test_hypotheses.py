@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What may have happened in a pass, by hand."""
+"""Hypotheses about a pass, by hand."""
 from __future__ import annotations
 
 import numpy as np

@@ -41,7 +41,7 @@ def test_exact_quads_give_the_place_and_its_slopes(textured, pair):
 
 
 def test_the_views_tell_the_depth_better_than_scattered_quads_do(textured, pair):
-    """Quads that are off by their 1-sigma in depth, either way; the offsets stay on the ray."""
+    """Quads are wrong by their 1-sigma in depth, either way; the offsets stay on the ray."""
     start = textured.start(pair, POSE)
     by_quads_m = start.front.std_px * np.sqrt(2 / 4) / SLOPE
     for sign in (-1, 1):
@@ -77,7 +77,7 @@ def test_limits_of_the_start_are_parameters(textured, pair):
 
 
 def test_a_right_view_of_a_later_time_gives_the_same_place(textured):
-    """40 ms later the front is 0.8 m on, 20 m/s being expected."""
+    """40 ms later the front is 0.8 m further on, at an expected speed of 20 m/s."""
     then = POSE + [0.8, 0, 0]
     late = textured.pair(0, 0, POSE, right_ns=40_000_000, right_pose=then)
     start = textured.start(late, POSE)

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The tracker's compiled loops against the same in plain numpy and scipy."""
+"""The tracker's compiled kernels against plain numpy and scipy."""
 from __future__ import annotations
 
 import cv2
@@ -18,7 +18,7 @@ G = ROWS * COLUMNS
 
 
 def agree(one, *args, rtol=1e-9, atol=1e-11):
-    """Compare, relative to the greatest of each result."""
+    """Compare, relative to the greatest value of each result."""
     got, wanted = one.compiled()(*args), one.plain(*args)
     if not isinstance(got, tuple):
         got, wanted = (got,), (wanted,)
@@ -53,7 +53,7 @@ def test_temporal_terms(observations):
 
 
 def test_temporal_terms_of_one_view(observations):
-    """As of views that are exposed apart."""
+    """As for views that are exposed at different times."""
     patches, jacobian, by_relief, outlines, relief, pixels = observations
     agree(photometric_terms._temporal, np.array([3, 0, 1, 6, 2, 5, 4]), patches[:, :1].copy(),
           jacobian[:, :1].copy(), by_relief[:, :1].copy(), outlines[:, :1].copy(), relief, pixels,
@@ -76,7 +76,7 @@ def test_cross_terms(observations, outlined):
 @pytest.mark.parametrize('first', [4.2, -1.5])
 @pytest.mark.parametrize('lit', ['', 'left', 'right', 'both'])
 def test_views(first, lit):
-    """Places within the crop, and some beyond it, as at the edge of an image."""
+    """Points within the crop, and some beyond it, as at the edge of an image."""
     origins = np.array([[100.0, 20.0], [60.0, 25.0]])
     v, u = (a.ravel() for a in np.meshgrid(
         np.linspace(first, 41.0, ROWS), np.linspace(first, 61.5, COLUMNS), indexing='ij'))

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The models of motion, against a Kalman smoother, closed forms and quadrature."""
+"""The motion models against a Kalman smoother, closed forms and quadrature."""
 from __future__ import annotations
 
 import numpy as np
@@ -134,7 +134,7 @@ def test_moves_over_long_times_are_those_of_the_drift():
 @pytest.mark.parametrize('lasts_s', [2.0, 3.0, 5.0])
 @pytest.mark.parametrize('fps', [5.0, 12.0])
 def test_the_evidence_tells_a_change_of_lanes_from_wandering(lasts_s, fps):
-    """A smooth step of 3.5 m is one, however slow; the drift of the lane's own model is none."""
+    """A smooth step of 3.5 m is a lane change, however slow; the lane's own drift is not."""
     times = np.arange(0.0, 5.8, 1 / fps)
     part = np.clip((times - 0.4) / lasts_s, 0.0, 1.0)
     change = 3.5 * part ** 3 * (10 - 15 * part + 6 * part ** 2)

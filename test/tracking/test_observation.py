@@ -70,7 +70,7 @@ def test_derivatives_are_those_of_the_patches(clear, pair, axis, step_m):
 
 
 def test_relief_moves_a_sample_as_going_on_does(clear, pair):
-    """A front that stands out everywhere alike is a front further on."""
+    """A front with constant relief equals a front further on."""
     sampler = sampler_of(clear)
     relief = np.full(sampler.relief_basis.shape[1], 0.5)
     out, on = observe(sampler, pair, relief=relief), observe(sampler, pair, POSE + [0.5, 0, 0])
@@ -117,7 +117,7 @@ def test_a_right_view_of_a_later_time_is_sampled_where_the_front_was_then(clear)
 
 @pytest.mark.parametrize('axis, step_mps', [(0, 5.0), (1, 0.1)])
 def test_what_speeds_change_in_a_later_right_view_is_what_its_own_pose_does(clear, axis, step_mps):
-    """Against differences: the lag times its derivative by the pose; the left view stays."""
+    """Against differences: lag times derivative by the pose; the left view is unaffected."""
     sampler, velocity, lag_s = sampler_of(clear), np.array([20.0, 0.5, 0.0]), 0.04
     late = clear.pair(0, 0, POSE, right_ns=round(lag_s * 1e9),
                       right_pose=POSE + lag_s * velocity)

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Vehicles that keep their speed until they brake, beside each onset solved by itself."""
+"""Vehicles of constant speed until they brake, against solving each onset separately."""
 from __future__ import annotations
 
 import numpy as np
@@ -17,13 +17,13 @@ WAYS = 0.02 ** 2 * np.array([[2.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 2.
 
 
 def speeds_and_ways(begins_s, ends_s):
-    """Return what an acceleration of 1 m/s^2 adds to the speeds and to the places at all times."""
+    """Return the effect of an acceleration of 1 m/s^2 on speeds and positions at all times."""
     lasted_s = np.clip(TIMES_S - begins_s, 0.0, ends_s - begins_s)
     return lasted_s, 0.5 * lasted_s ** 2 + lasted_s * np.maximum(TIMES_S - ends_s, 0.0)
 
 
 def solved(speeds_mps, std_mps, braked_s=None, places_m=None):
-    """Return what places tell, without an onset, or with the acceleration as the last unknown."""
+    """Return the solution from positions, without onset or with the acceleration as last state."""
     size, s, v = AT.steady, AT.poses[:, 0], AT.speeds
     prior = NormalEquations(size + (braked_s is not None))
     for k in range(size):
@@ -86,7 +86,7 @@ def test_mixture_is_that_of_each_onset_by_itself(speeds_mps, std_mps, rate_facto
 
 
 def test_newest_speed_is_less_certain_than_without_onsets():
-    """Nothing yet shows whether it has begun to brake."""
+    """Nothing shows yet whether it has started to brake."""
     steady, mixed = found((20.0,) * 4, 1.0)
     assert mixed.covariance[AT.speeds[3], AT.speeds[3]] \
         > steady.covariance[AT.speeds[3], AT.speeds[3]] * 1.03

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Verdicts and budgets of passes, each reason once, and the figures by hand."""
+"""Verdicts and budgets of passes: each reason once, and figures by hand."""
 from __future__ import annotations
 
 from dataclasses import replace

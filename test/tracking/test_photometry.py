@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Observations as normal equations: in a linear world that is known, and by hand."""
+"""Observations as normal equations: in a known linear world, and by hand."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -93,7 +93,7 @@ def test_equations_find_the_speeds_of_a_linear_world_whose_views_are_exposed_apa
 
 
 def test_views_of_one_exposure_tell_nothing_of_speeds():
-    """As in the equations without these, but for what two views do better than their mean."""
+    """As in the equations without speeds, except that two views are better than their mean."""
     observations, _ = linear_observations(np.random.default_rng(4), 5, FLAT, 0.02)
     alone, apart = photometry()(observations), photometry()(observations, rates_per_s=np.eye(5))
     assert not apart.H[15:20].any() and not apart.right[15:20].any()
@@ -143,7 +143,7 @@ def test_scatters_double_and_the_usual_one_counts_like_pairs():
 
 
 def test_what_is_not_yet_in_place_is_no_outlier():
-    """Were what differs most forgiven, a wrong place would stay as it is."""
+    """If large differences were down-weighted, a wrong position would persist."""
     observations, _ = linear_observations(np.random.default_rng(4), 4, FLAT, 0.02)
     moved = [*observations[:3], replace(observations[3], patches=observations[3].patches
                                         + 0.05 * observations[3].jacobian[:, 0])]
@@ -169,7 +169,7 @@ def test_equations_do_not_depend_on_the_relief_they_were_linearised_at():
 
 
 def test_a_highlight_that_slides_over_the_front_does_not_drag_it_along():
-    """A tenth of each patch shows something else every time; the poses are found all the same."""
+    """A tenth of each patch shows something else each time; the poses are found nevertheless."""
     rng = np.random.default_rng(11)
     errors = []
     for changed in (0, 64):
@@ -236,7 +236,7 @@ def test_no_observation_is_believed_beyond_its_floor(floor, other, row, share):
     observations, _ = linear_observations(np.random.default_rng(10), 2, FLAT, 0.01)
     information = []
     for std in (0.02, 0.0):
-        only = {floor: std, other: 1.0}  # the other term says next to nothing
+        only = {floor: std, other: 1.0}  # the other term has almost no information
         information.append(photometry(independent_share=1.0, **only)(observations).H[row, row])
     assert information[1] > 1e5  # as the noise allows
     assert 0.02 ** 2 * information[0] == pytest.approx(share, rel=0.05)
@@ -255,7 +255,7 @@ def test_observations_occluded_in_part_are_told_from_noisy_ones(cross, unocclude
     """A lack of 0.03, and three times that of the best: 0.03 + 3 * 0.014 or 0.03 + 3 * 0.1."""
     wanted = np.array(unoccluded, bool)
     np.testing.assert_array_equal(seen_with(cross, (0.99,) * 5).unoccluded, wanted)
-    # What the texture lacks tells the same while the views lack a little, too.
+    # The texture's lack is judged in the same way while the views lack a little, too.
     little = np.where(np.arange(5) < 3, 0.99, 0.95)
     np.testing.assert_array_equal(seen_with(little, cross).unoccluded, wanted)
 
@@ -268,7 +268,7 @@ def test_the_views_of_one_more_pair_agree_as_the_best_do(cross, agree):
 
 
 def test_light_that_changes_occludes_nothing():
-    """The views agree as ever: no post stands before the front."""
+    """The views still agree, so no post is in front of the front."""
     views, texture = (0.99, 0.98, 0.99, 0.98, 0.99), (0.99, 0.99, 0.9, 0.7, 0.6)
     assert seen_with(views, texture).unoccluded.all()
 

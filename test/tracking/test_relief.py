@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The relief of a front: its functions, and what it is worth."""
+"""The relief of a front: its functions, and its effect."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -49,11 +49,11 @@ def test_what_is_seen_far_behind_is_found_there_and_the_rest_stays_near_the_plan
         found_m = information * seen_m / whole
         weights = node_weights(np.square(found_m) + 1 / whole, 0.04, 2.0)
     assert found_m[0] < -0.65 and 0 < found_m[1] < 0.5 * seen_m[1]
-    assert weights[2] == pytest.approx(1.0)  # what is not seen is as it was
+    assert weights[2] == pytest.approx(1.0)  # unseen parts are unchanged
 
 
 def test_variances_of_the_relief_are_those_of_poses_and_relief_together():
-    """Beside the inverse of the information of both."""
+    """Against the inverse of the joint information."""
     root = np.random.default_rng(2).standard_normal((9, 9))
     whole = root @ root.T + np.eye(9)
     own, mixed = whole[5:, 5:], whole[5:, :5]

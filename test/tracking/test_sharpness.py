@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Which view is the sharper one: views blurred by known amounts."""
+"""Which view is sharper, for views blurred by known amounts."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -22,7 +22,7 @@ STILL = np.zeros(3)
 
 
 def seen(textured, left_px, right_px, noise=NoiseConfig()):
-    """Return the blurs that are found, and the sampler; images are blurred by so much."""
+    """Return the estimated blurs, and the sampler, for images blurred by given amounts."""
     sampler = ObservationSampler(textured.rig, Front(textured.path, textured.corners_m),
                                  GRID.unit_xy, GRID.shape)
     pair = textured.pair(0, 0, POSE)

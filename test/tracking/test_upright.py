@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What stands and what lies, in images of either that are drawn by their closed forms."""
+"""Upright and lying patches are told apart, in images drawn by their closed forms."""
 from __future__ import annotations
 
 import math
@@ -33,7 +33,7 @@ def waves(x_m, y_m):
 
 
 def view(x_m, stands, ahead_m=0.0):
-    """Draw the view of a camera so far to the right: a wall at the front's depth, or the road."""
+    """Draw a camera's view some way to the right: a wall at the front's depth, or the road."""
     v, u = np.mgrid[:240, :320].astype(float)
     across, down = (u - 160) / FOCAL_PX, np.maximum(v - 40, 0.5) / FOCAL_PX
     if stands:
@@ -47,7 +47,7 @@ def view(x_m, stands, ahead_m=0.0):
 
 
 def seen(stands, lag_ns=0, speed_mps=0.0, lane=LANE, **changes):
-    """Return what one pair tells, in which the right view may be later."""
+    """Return the evidence of one pair, whose right view may be later."""
     images = {'left': view(0.0, stands),
               'right': view(BASELINE_M, stands, speed_mps * lag_ns * 1e-9), **changes}
     corners_m = MIDDLE_M + np.column_stack([SIDES_M, np.zeros(4)])
@@ -66,7 +66,7 @@ def test_what_stands_is_told_from_what_lies(stands, lag_ns):
 
 
 def test_the_road_may_be_a_little_higher_than_its_path_says():
-    """Three centimetres that nobody knows of do not make a shadow stand."""
+    """An unknown 3 cm do not make a shadow upright."""
     raised = LanePath('lane', StraightPath([0, HIGH_M + 0.03, LONG_M], [0, 0, -1.0], 60.0), None,
                       np.zeros(2), 0.0)
     assert seen(False, lane=raised).lies and not seen(True, lane=raised).lies
@@ -80,7 +80,7 @@ def test_what_shows_nothing_tells_nothing(changes):
 
 
 def test_evidence_by_hand():
-    """Views alike in both places tell nothing; alike here and unlike there, the floor's share."""
+    """Equal agreement in both places is no evidence; in one place only, the floor's share."""
     everywhere = np.tile(waves(np.arange(320) / 50.0, 0.0), (240, 1)).astype(np.uint8)
     assert abs(seen(True, left=everywhere, right=everywhere).evidence) < math.log(2.005 / 0.005)
     assert 1.0 < seen(True).evidence < math.log(2.005 / 0.005)
@@ -108,7 +108,7 @@ def test_what_is_not_in_view_tells_nothing():
 
 
 def test_what_hardly_tells_either_is_not_taken_to_lie():
-    """Where both views are noise, the road may meet them a little better, but not by 20 to 1."""
+    """With noise in both views the road may agree slightly better, but not by odds of 20 to 1."""
     rng = np.random.default_rng(4)
     found = [seen(True, left=rng.integers(0, 256, (240, 320), np.uint8),
                   right=rng.integers(0, 256, (240, 320), np.uint8)) for _ in range(20)]

@@ -37,7 +37,7 @@ def window_of(textured, pose, config=TrackerConfig(), sampler=ObservationSampler
 
 
 def feed(window, pairs, poses, speed_mps=MPS, rng=None):
-    """Add pairs, each guessed as badly as particles do; return the posteriors."""
+    """Add pairs, each with an error like that of particles; return the posteriors."""
     rng = np.random.default_rng(1) if rng is None else rng
     return [window.add(pair, np.append(pose, speed_mps) + rng.normal(0, [0.3, 0.02, 0.02, 1.0]))
             for pair, pose in zip(pairs, poses)]
@@ -98,7 +98,7 @@ def test_solving_the_pass_changes_nothing(textured, textured_drive, steady):
     [0.15] + [0.0] * 11,  # the first pair alone
     [0.15, -0.1, 0.1, 0.05, -0.15, 0.1, -0.05, 0.0, 0.1, -0.1, 0.05, -0.1]])
 def test_disparities_that_are_off_are_no_braking_and_no_climbing(textured, textured_drive, off_px):
-    """A twentieth of a pixel is a metre on the way at 60 m; the rows of the images tell better."""
+    """A twentieth of a pixel is 1 m along the path at 60 m; image rows determine it better."""
     _, poses = textured_drive
     ranges_m = textured.far_m - poses[:, 0]
     pairs = [textured.pair(k, round(k * SECOND / 10), pose, right_pose=pose + [
@@ -172,7 +172,7 @@ def ahead_by_hand(states, after_s, gap_s, lateral_mps):
 
 
 def test_between_solutions_a_vehicle_goes_on_as_it_went():
-    """From 20 to 19 m/s in 0.1 s, and so 18.5 m/s after 0.05 s more; the speed is a walk."""
+    """From 20 to 19 m/s in 0.1 s, hence 18.5 m/s after 0.05 s more; the speed is a random walk."""
     rng, config = np.random.default_rng(3), TrackerConfig()
     mean = np.array([[1.0, 0.2, 0.1, 21.0], [3.0, 0.2, 0.1, 20.0], [5.0, 0.3, 0.0, 19.0]])
     root = rng.normal(size=(12, 12))
@@ -246,7 +246,7 @@ def test_an_occluded_observation_leads_but_leaves_no_trace(textured, textured_dr
 @pytest.mark.parametrize('hidden', [1, 2])
 def test_where_the_first_pairs_do_not_show_the_front_they_say_nothing_of_its_place(
         textured, textured_drive, hidden):
-    """What hid it half, where it was found, has put it 1.5 m too far away, and aside."""
+    """The object that half hid it at detection placed it 1.5 m too far away, and aside."""
     pairs, poses = textured_drive
     pairs = [behind_a_post(pair, 0.6) if k < hidden else pair for k, pair in enumerate(pairs)]
     window = window_of(textured, poses[0])
@@ -293,7 +293,7 @@ def test_inactive_keyframes_are_recalled_as_far_as_wanted(textured, textured_dri
     stamps = np.round(solved.stamps_s, 6).tolist()
     assert stamps == sorted(set(stamps)) and set(stamps) <= {k / 10 for k in range(12)}
     assert stamps[0] == 0.0 and stamps[-2:] == [1.0, 1.1]
-    # Recalled where the others say the front was, they are measured as well as these.
+    # Observed again at the positions from the others, they are equally accurate.
     for k, stamp in enumerate(stamps):
         truth = np.append(poses[round(10 * stamp)], MPS)
         assert chi_square(solved, k, truth) < stats.chi2.ppf(0.9999, 4)
@@ -374,7 +374,7 @@ def test_the_lag_of_the_right_view_is_part_of_the_problem(textured, lags_s):
 
 
 def test_so_is_the_way_across_the_path_meanwhile(textured):
-    """In 40 ms at 1.5 m/s it is 6 cm: a disparity of 2 px, and 4 m of the way at 50 m."""
+    """In 40 ms at 1.5 m/s that is 6 cm: a disparity of 2 px, and 4 m along the path at 50 m."""
     pairs, poses = exposed_apart(textured, [0.04] * 8, across_mps=1.5)
     window = window_of(textured, poses[0])
     live = feed(window, pairs, poses)[-1]
@@ -384,7 +384,7 @@ def test_so_is_the_way_across_the_path_meanwhile(textured):
 
 
 def test_a_right_view_off_its_line_tells_nothing_of_the_speed(textured):
-    """In 30 ms a front 2 m below the cameras goes down by 1 px in it: a row is all its speed."""
+    """In 30 ms a front 2 m below the cameras moves down 1 px: a row is its only information."""
     speeds = []
     for off_rows in (0, 1):
         pairs, poses = exposed_apart(textured, [0.03] * 8, height_m=0.0, off_rows=off_rows)
@@ -414,7 +414,7 @@ def test_what_one_pair_leaves_open_of_the_focus_the_next_ones_tell(textured, tex
         posterior = feed(window, pairs[done:], poses[done:])[-1]
         assert window.sampler.blur_px == pytest.approx((1.5, 0.0), abs=0.25)
         assert np.abs(posterior.mean[:, 3] - MPS).max() < 4 * np.sqrt(posterior.covariance[-1, -1])
-    # Observations of before it was known are none of the solution.
+    # Observations from before it was known are not in the solution.
     speeds = [np.mean(one.solve_pass().posterior.mean[:, 3]) for one in (late, known)]
     assert speeds[0] == pytest.approx(speeds[1], abs=0.02)
 
@@ -446,7 +446,7 @@ def test_what_equal_blurs_change_of_a_pass_is_in_doubt(textured, textured_drive)
 
 
 class SeenLess(ObservationSampler):
-    """Sees some pairs no more, or wrongly, with less blur."""
+    """Does not see some pairs, or sees them wrongly, with less blur."""
 
     lost: frozenset[int] = frozenset()
     then_lost = frozenset({3})
@@ -477,7 +477,7 @@ class Unsolved(SeenLess):
 
 
 def doubt_of_speeds(textured, drive, sampler):
-    """Return what blur adds to the covariance (n, n) of the speeds of a pass out of focus."""
+    """Return the covariance (n, n) that blur adds to the speeds of a pass out of focus."""
     def solved(share):
         window = window_of(textured, drive[1][0], TrackerConfig(noise=NoiseConfig(
             blur_doubt=share)), sampler)

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Images of any depth as 8 bits."""
+"""Conversion of images of any depth to 8 bits."""
 from __future__ import annotations
 
 import numpy as np

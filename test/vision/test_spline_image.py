@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Images between their pixels."""
+"""Interpolation of images between pixels."""
 from __future__ import annotations
 
 import numpy as np
@@ -9,7 +9,7 @@ from stereo_speed.vision.spline_image import SplineImage
 
 
 def test_pixels_are_kept_and_outside_is_nan():
-    """All but those on the edge, where a spline knows only one side."""
+    """All except those on the edge, where a spline knows only one side."""
     image = np.random.default_rng(0).uniform(0, 255, (9, 12))
     v, u = np.indices(image.shape)
     read = SplineImage(image, np.float64)(np.stack([u, v], axis=-1))

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Maxima of sampled parabolas, and where there is no parabola."""
+"""Maxima of sampled parabolas, and samples without a maximum."""
 from __future__ import annotations
 
 import numpy as np

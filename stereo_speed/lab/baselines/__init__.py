@@ -1,3 +1,3 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Other ways to measure the same passes, behind the same protocol, for comparison."""
+"""Other published methods to measure the same passes, behind the same protocol."""

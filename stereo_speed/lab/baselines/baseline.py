@@ -1,10 +1,10 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-What all baselines share: the steps of a track, what it reports, and the verdict on its pass.
+The common part of all baselines: the steps of a track, its reports, and the verdict on its pass.
 
-A baseline knows the position and the velocity of the front in 3-D; the path of its lane serves
-only to report where along the lane and how far beside it that is.
+A baseline estimates position and velocity of the front in 3-D; the path of its lane serves only to
+report the position along the lane and beside it.
 """
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ OwnSettings = TypeVar('OwnSettings', bound=MotionSettings)
 @dataclass(frozen=True, eq=False)
 class Estimate:
     """
-    What a baseline knows after a pair.
+    The estimate of a baseline after a pair.
 
-    :param position_m: (3,) centre of the front, left optical frame.
-    :param position_cov: (3, 3) m^2.
-    :param velocity_mps: (3,) of the centre.
-    :param velocity_cov: (3, 3) m^2/s^2.
-    :param axes: (3, 3) columns are heading, left and up.
-    :param quads: (4, 2) corners in the left and in the right raw view, px.
+    :param position_m: (3,), centre of the front, left optical frame.
+    :param position_cov: (3, 3), its covariance, m^2.
+    :param velocity_mps: (3,), velocity of the centre.
+    :param velocity_cov: (3, 3), its covariance, m^2/s^2.
+    :param axes: (3, 3), with the columns heading, left and up.
+    :param quads: (4, 2), corners in the left and in the right raw view, px.
     """
 
     position_m: Array
@@ -51,7 +51,7 @@ class Estimate:
 
     @property
     def speed_mps(self) -> float:
-        """Return the length of the velocity."""
+        """Return the magnitude of the velocity."""
         return float(np.linalg.norm(self.velocity_mps))
 
     @property
@@ -63,20 +63,20 @@ class Estimate:
 
 class Baseline(ABC, Generic[OwnSettings]):
     """
-    Follow one vehicle; what is done with the images is left to each baseline.
+    Track one vehicle; each baseline implements the use of the images.
 
-    :param start: what the track starts from.
-    :param placed: where its first front stands.
-    :param settings: parameters of the baseline alone.
+    :param start: start of the track.
+    :param placed: placement of its first front.
+    :param settings: parameters of this baseline.
     """
 
     Settings: ClassVar[type[MotionSettings]]
-    unseen_reason = Reason.NEVER_SEEN  # why a pass without an observation is rejected
+    unseen_reason = Reason.NEVER_SEEN  # reason for rejecting a pass without an observation
 
     @classmethod
     def start(cls, start: TrackStart, settings: OwnSettings
               ) -> Union[Baseline[OwnSettings], Refusal]:
-        """Return a baseline that follows a front, or the reason why it cannot."""
+        """Return a baseline that tracks a front, or the reason why it cannot."""
         grid = PartGrid(start.config.parts, start.config.samples_per_part)
         placed = place_front(start, grid)
         return placed if isinstance(placed, Refusal) else cls(start, placed, settings)
@@ -85,40 +85,40 @@ class Baseline(ABC, Generic[OwnSettings]):
         self.rig, self.lane, self.config = start.rig, start.lane, start.config
         self.track, self.rng, self.settings = start.track, start.rng, settings
         self.placed, self.life = placed, TrackLife(start)
-        self.missed = 0  # pairs it was not seen in
-        # Of each pair: belief, the step to it, and whether the vehicle was seen.
+        self.missed = 0  # number of pairs in which it was not seen
+        # For each pair: belief, the transition to it, and whether the vehicle was seen.
         self.filtered: list[Gaussian] = []
         self.steps: list[Transition] = []
         self.seen: list[bool] = []
         self.calibration = calibration_share(self.rig, self.lane, self.config)
 
-    # -- what each baseline does ------------------------------------------------------------
+    # -- implemented by each baseline -------------------------------------------------------
 
     @abstractmethod
     def _predict(self, dt_s: float) -> None:
-        """Carry the state to the time of the next pair."""
+        """Predict the state at the time of the next pair."""
 
     @abstractmethod
     def _observe(self, pair: StereoPair) -> bool:
-        """Take in a pair; return False, with the state as predicted, when it is not seen."""
+        """Update by a pair; return False and keep the prediction when the vehicle is not seen."""
 
     @abstractmethod
     def _estimate(self) -> Estimate:
         """Return the state."""
 
     def _profile(self) -> Profile:
-        """Return the speeds in the pairs it was seen in, at least two, from all of them."""
+        """Return the speeds in the pairs (two or more) with observations, from all of them."""
         return smoothed_profile(self.filtered, self.steps, self.seen)
 
     # -- the protocol -----------------------------------------------------------------------
 
     @property
     def ended(self) -> bool:
-        """Return whether the pass is over: out of view, or lost for too long."""
+        """Return whether the pass has ended: out of view, or lost for too long."""
         return self.life.end is not None
 
     def update(self, pair: StereoPair) -> Optional[TrackUpdate]:
-        """Take in one pair, in order of stamps; return None once the pass has ended."""
+        """Process one pair, in order of stamps; return None once the pass has ended."""
         if self.ended:
             return None
         self._predict(self.life.advance_s(pair))
@@ -133,7 +133,7 @@ class Baseline(ABC, Generic[OwnSettings]):
         return self._report(pair, TrackState.COASTING, self._estimate())
 
     def doubt_stamps(self, stamp_std_s: float) -> None:
-        """Take no notice: a baseline takes its 1-sigma from how its places scatter."""
+        """Do nothing: the 1-sigma of a baseline comes from the scatter of its positions."""
 
     def result(self) -> PassResult:
         """Return the measurement of the pass from all its pairs, with its verdict."""
@@ -158,7 +158,7 @@ class Baseline(ABC, Generic[OwnSettings]):
             quad_left_px=estimate.quads[0], quad_right_px=estimate.quads[1])
 
     def _reason(self, profile: Profile) -> Optional[Reason]:
-        """Return why a pass is rejected; None when it is measured."""
+        """Return the reason why a pass is rejected; None when it is measured."""
         limits, seen = self.config.verdict, len(self.life.stamps_ns)
         if seen < limits.least_pairs:
             return self.unseen_reason if self.missed > seen else Reason.TOO_FEW_PAIRS
@@ -185,7 +185,7 @@ class Baseline(ABC, Generic[OwnSettings]):
             stds = np.hypot(profile.std_mps, self.calibration * profile.speed_mps)
             smoothed = dict(zip(stamps, profile.speed_mps.tolist()))
             smoothed_std = dict(zip(stamps, stds.tolist()))
-        # A rejected pass keeps its figures: baselines are there to be compared.
+        # A rejected pass keeps its figures, because baselines serve for comparison.
         return PassResult(
             track=self.track, lane=self.lane.name, first_ns=stamps[0], last_ns=stamps[-1],
             pairs=len(self.life.stamps_ns), speed_mps=speed, speed_std_mps=std,

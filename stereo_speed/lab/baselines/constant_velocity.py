@@ -6,8 +6,8 @@ Kalman filter and smoother of a point that moves at constant velocity.
 The state is (p, v), position and velocity in m and m/s.  The velocity is a Wiener process: over
 dt with rate matrix q its covariance grows by [[q dt^3/3, q dt^2/2], [q dt^2/2, q dt]]
 (Y. Bar-Shalom, X. R. Li, T. Kirubarajan, "Estimation with Applications to Tracking and
-Navigation", 2001, Section 6.2.2).  The rates along and across the velocity differ, for vehicles
-turn harder than they brake ("directional process noise").  Whole passes are smoothed by the
+Navigation", 2001, Section 6.2.2).  The rates along and across the velocity differ, as vehicles
+turn more sharply than they brake ("directional process noise").  Whole passes are smoothed by the
 backward recursion of H. E. Rauch, F. Tung, C. T. Striebel, AIAA Journal 3(8), 1965.
 """
 from __future__ import annotations
@@ -27,8 +27,8 @@ class Gaussian:
     """
     A Gaussian belief.
 
-    :param mean: (n,).
-    :param cov: (n, n).
+    :param mean: (n,), mean.
+    :param cov: (n, n), covariance.
     """
 
     mean: Array
@@ -38,10 +38,10 @@ class Gaussian:
 @dataclass(frozen=True, eq=False)
 class Transition:
     """
-    A linear step x' = F x + noise of covariance Q.
+    A linear transition x' = F x + noise of covariance Q.
 
-    :param F: (n, n).
-    :param Q: (n, n).
+    :param F: (n, n), transition matrix.
+    :param Q: (n, n), covariance of the process noise.
     """
 
     F: Array
@@ -50,9 +50,9 @@ class Transition:
 
 def transition(dt_s: float, rate: Array) -> Transition:
     """
-    Return the step of position and velocity over ``dt_s``.
+    Return the transition of position and velocity over ``dt_s``.
 
-    :param rate: (3, 3) q, covariance that the velocity gains per second, m^2/s^3.
+    :param rate: (3, 3), q, growth of the velocity's covariance per second, m^2/s^3.
     """
     eye, zero = np.eye(3), np.zeros((3, 3))
     return Transition(
@@ -66,9 +66,11 @@ def directional_rate(direction: Array, up: Array, along: float, across: float,
     """
     Return the rate matrix q of standard deviations along, across and above the motion.
 
-    :param direction: (3,) of the velocity, any length but 0.
-    :param up: (3,) rough up direction.
-    :param along: m/s/sqrt(s), and so are the others.
+    :param direction: (3,), direction of the velocity, of any length but 0.
+    :param up: (3,), approximate up direction.
+    :param along: standard deviation along the motion, m/s/sqrt(s).
+    :param across: standard deviation across the motion, m/s/sqrt(s).
+    :param climb: vertical standard deviation, m/s/sqrt(s).
     """
     t = direction / np.linalg.norm(direction)
     p = np.cross(up, t)
@@ -78,16 +80,16 @@ def directional_rate(direction: Array, up: Array, along: float, across: float,
 
 
 def predict(belief: Gaussian, step: Transition) -> Gaussian:
-    """Return a belief after a step: (F m, F P F' + Q)."""
+    """Return a belief after a transition: (F m, F P F' + Q)."""
     return Gaussian(step.F @ belief.mean, step.F @ belief.cov @ step.F.T + step.Q)
 
 
 def correct(belief: Gaussian, measured: Array, noise: Array) -> Gaussian:
     """
-    Return a belief given a measurement of its first unknowns, in Joseph's form.
+    Return a belief updated by a measurement of its first unknowns, in Joseph's form.
 
-    :param measured: (m,).
-    :param noise: (m, m) covariance of the measurement.
+    :param measured: (m,), the measurement.
+    :param noise: (m, m), covariance of the measurement.
     """
     m, n = len(measured), len(belief.mean)
     innovation = belief.cov[:m, :m] + noise
@@ -99,7 +101,7 @@ def correct(belief: Gaussian, measured: Array, noise: Array) -> Gaussian:
 
 
 def distance2(belief: Gaussian, measured: Array, noise: Array) -> float:
-    """Return the squared Mahalanobis distance of a measurement, as above, from a belief."""
+    """Return the squared Mahalanobis distance of a measurement (see above) from a belief."""
     m = len(measured)
     off = measured - belief.mean[:m]
     return float(off @ np.linalg.solve(belief.cov[:m, :m] + noise, off))
@@ -110,8 +112,8 @@ def smooth(filtered: Sequence[Gaussian], steps: Sequence[Transition]
     """
     Return the states of a pass given all its measurements (Rauch, Tung and Striebel 1965).
 
-    :param filtered: k beliefs, each from the measurements up to its own.
-    :param steps: the k - 1 steps between them.
+    :param filtered: k beliefs, each from the measurements so far.
+    :param steps: the k - 1 transitions between them.
     :return: (k, n) means and (k, k, n, n) their joint covariance.
     """
     k, n = len(filtered), len(filtered[0].mean)

@@ -1,11 +1,11 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Grey levels and gradients of many quadrilaterals, as cues of what they hold.
+Histograms of grey levels and outline gradients of many quadrilaterals, as cues of their content.
 
-Histograms compared by the Bhattacharyya coefficient, as P. Perez, C. Hue, J. Vermaak, M. Gangnet,
-"Color-based probabilistic tracking", ECCV 2002, compare those of colours (the 2012 paper's
-reference [4]); gradients along the outline as S. Birchfield, "Elliptical head tracking using
+Histograms are compared by the Bhattacharyya coefficient, as P. Perez, C. Hue, J. Vermaak, M.
+Gangnet, "Color-based probabilistic tracking", ECCV 2002, do for colours (the 2012 paper's
+reference [4]). Gradients along the outline follow S. Birchfield, "Elliptical head tracking using
 intensity gradients and color histograms", CVPR 1998.
 """
 from __future__ import annotations
@@ -19,16 +19,17 @@ from ...vision.haar import PartGrid
 from ...vision.sampling import low_pass_crop, sample_quads
 
 BINS = 16
-_EDGE_SAMPLES = 12  # along each side of a quad
-_GRADIENT_BLUR_PX = 1.0  # gradients of single pixels are noise
-_MARGIN_PX = 3  # around the quads, for the blur
+_EDGE_SAMPLES = 12  # samples along each side of a quad
+_GRADIENT_BLUR_PX = 1.0  # blur before the gradient, against noise of single pixels
+_MARGIN_PX = 3  # margin around the quads, for the blur
 
 
 def histograms(image: NDArray[np.uint8], quads: Array, grid: PartGrid) -> Array:
     """
     Return the histogram of the grey levels in each quad.
 
-    Samples near the outline count less (an Epanechnikov kernel), for they are background first.
+    Samples near the outline, which most likely show background, have less weight (Epanechnikov
+    kernel).
 
     :param quads: (N, 4, 2) finite corners, px.
     :param grid: samples of a quad.
@@ -79,7 +80,7 @@ def outline_gradient(image: NDArray[np.uint8], quads: Array) -> Array:
 
 def _sampled(image: NDArray[np.float32], u: NDArray[np.float32], v: NDArray[np.float32]
              ) -> NDArray[np.float32]:
-    """Return an image at (N, K) pixels, sampled in parts that ``cv2.remap`` takes."""
+    """Sample an image at (N, K) pixels, in parts because of the size limit of ``cv2.remap``."""
     step = 1 << 14
     return np.concatenate([
         cv2.remap(image, u[k:k + step], v[k:k + step], cv2.INTER_LINEAR,

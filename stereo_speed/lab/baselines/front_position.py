@@ -1,11 +1,12 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-From triangulated points on a front to the position of the front, and to its displacement.
+Position and displacement of a front from its triangulated points.
 
-Points come and go from pair to pair, so their bare centroid jumps.  The front is a plane across
-the motion (2012, Section III-A) of normal n: each point gives n.X, their robust mean is the
-plane's distance d, and the front's centre is where the ray of its centre meets that plane.
+Points appear and disappear between pairs, so their centroid jumps.  The front is modelled as a
+plane across the motion (2012, Section III-A) with normal n: each point gives n.X, the robust mean
+of these is the plane's distance d, and the front's centre is where the ray of its centre meets
+that plane.
 """
 from __future__ import annotations
 
@@ -27,9 +28,9 @@ class Measurement:
     """
     A measured position or displacement, m.
 
-    :param mean: (3,).
-    :param cov: (3, 3).
-    :param used: (n,) which points agreed.
+    :param mean: (3,), measured value.
+    :param cov: (3, 3), its covariance.
+    :param used: (n,), mask of the points that agree.
     """
 
     mean: Array
@@ -40,12 +41,12 @@ class Measurement:
 def agreeing(values: Array, stds: Array, outlier_sigmas: float
              ) -> tuple[NDArray[np.bool_], float]:
     """
-    Return which values are near their median.
+    Return a mask of the values near their median.
 
-    :param values: (n,).
-    :param stds: (n,) as expected.
+    :param values: (n,), the values.
+    :param stds: (n,), their expected 1-sigmas.
     :param outlier_sigmas: robust standard deviations beyond which a value does not agree.
-    :return: (n,) which, and by how much more they scatter than expected, at least 1.
+    :return: mask (n,), and the ratio of actual to expected scatter, at least 1.
     """
     ratio = (values - np.median(values)) / stds
     scale = max(1.0, float(median_abs_deviation(ratio, scale='normal')))
@@ -88,11 +89,11 @@ def position_of_front(rig: StereoRig, points_m: Array, centre_px: Array, normal:
 def displacement(rig: StereoRig, before_m: Array, after_m: Array, normal: Array,
                  settings: PointSettings) -> Optional[Measurement]:
     """
-    Return how far the same points moved, the mean over those that agree; None when too few do.
+    Return the mean displacement of the points that agree; None when too few do.
 
-    :param before_m: (n, 3).
-    :param after_m: (n, 3), point by point.
-    :param normal: (3,) direction in which agreement is judged: that of the depth errors.
+    :param before_m: (n, 3), positions before.
+    :param after_m: (n, 3), positions of the same points after.
+    :param normal: (3,), direction in which agreement is checked: that of the depth errors.
     :param settings: errors of the points, and how many must agree.
     """
     if len(before_m) < settings.least_points:

@@ -3,8 +3,8 @@
 """
 Optimal triangulation of R. Hartley and P. Sturm, "Triangulation", CVIU 68(2), 1997.
 
-Of all pairs of image points on corresponding epipolar lines it finds the one nearest to the
-measured pair, by the sum of squared distances in both images: the maximum likelihood under equal
+Of all pairs of image points on corresponding epipolar lines it finds the one with the least sum
+of squared distances to the measured pair in both images: the maximum likelihood under equal
 Gaussian errors (the 2012 paper's reference [27]).
 """
 from __future__ import annotations
@@ -17,19 +17,19 @@ from ...geometry.rig import StereoRig
 
 
 def fundamental(rig: StereoRig) -> Array:
-    """Return the (3, 3) F with ``x_right^T F x_left = 0`` in pixels freed of the distortion."""
+    """Return the (3, 3) F with ``x_right^T F x_left = 0`` in undistorted pixels."""
     return np.linalg.inv(rig.right.K).T @ rig.essential @ np.linalg.inv(rig.left.K)
 
 
 def triangulate(rig: StereoRig, uv_left: Array, uv_right: Array) -> Array:
     """
-    Return the points of matched raw pixels; NaN where their rays do not meet ahead.
+    Triangulate matched raw pixels; NaN where their rays do not meet ahead of the cameras.
 
-    Errors are taken as equal in pixels freed of the distortion, the same as in raw ones wherever
-    a lens hardly scales.
+    Errors are assumed equal in undistorted pixels, which equals raw pixels where the distortion
+    hardly changes the scale.
 
-    :param uv_left: (n, 2) raw pixels.
-    :param uv_right: (n, 2) raw pixels, pair by pair.
+    :param uv_left: (n, 2), raw pixels.
+    :param uv_right: (n, 2), their matches, raw pixels.
     :return: (n, 3), left optical frame, m.
     """
     left, right = ((camera.rays(uv) @ camera.K.T)[:, :2] for camera, uv in

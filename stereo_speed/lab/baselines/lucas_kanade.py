@@ -1,13 +1,13 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Corners on a front, followed by optical flow over time and across the views.
+Corners on a front, tracked by optical flow over time and between the views.
 
 Pyramidal Lucas-Kanade (J.-Y. Bouguet, "Pyramidal implementation of the Lucas Kanade feature
-tracker", 2000) on corners of J. Shi and C. Tomasi, CVPR 1994; matches must survive the way back
-(Z. Kalal, K. Mikolajczyk, J. Matas, "Forward-backward error", ICPR 2010).  The earlier image, and
-the right one, are first warped by the homography that the expected motion, or depth, gives the
-front's plane: what is left for the flow is a pixel or two, without change of scale.
+tracker", 2000) on corners of J. Shi and C. Tomasi, CVPR 1994; matches must pass a forward-backward
+check (Z. Kalal, K. Mikolajczyk, J. Matas, "Forward-backward error", ICPR 2010).  The earlier
+image, and the right one, are first warped by the homography of the front's plane that the expected
+motion, or depth, implies: one or two pixels of flow remain, without change of scale.
 """
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from .settings import FlowSettings
 from ...core.records import Array, StereoPair
 from ...geometry.rig import StereoRig
 
-_LEVELS = 2  # of the pyramid: a pixel or two is left to find
+_LEVELS = 2  # of the pyramid: only one or two pixels of flow remain
 _STOP = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 40, 0.003)  # steps; px
 
 
 class FlowPoints:
     """
-    Follows corners; see the module's docstring.
+    Tracks corners; see the module's docstring.
 
     :param rig: the cameras.
     :param settings: number and strength of corners, limits of matches.
@@ -41,7 +41,7 @@ class FlowPoints:
         self._next_id = 0
 
     def observe(self, pair: StereoPair, expected: ExpectedFront) -> Points:
-        """Return the points of a pair of 8-bit images, those already known among them."""
+        """Return the points of a pair of 8-bit images, including those already known."""
         part, origin = crop_around(pair.left, expected.left, expected.slack_px)
         ids, left = self._follow(part, origin, expected)
         fresh = self._corners(part, origin, expected, left)
@@ -54,7 +54,7 @@ class FlowPoints:
 
     def _follow(self, part: Grey, origin: Array, expected: ExpectedFront
                 ) -> tuple[NDArray[np.int64], Array]:
-        """Return the known points that are found in the next left view, and where."""
+        """Return ids and positions of the known points found in the next left view."""
         if self._known is None:
             return np.zeros(0, np.int64), np.zeros((0, 2))
         ids, old, image = self._known
@@ -67,7 +67,7 @@ class FlowPoints:
 
     def _across(self, image: Grey, part: Grey, origin: Array, left: Array,
                 expected: ExpectedFront) -> Array:
-        """Return where points are in the right view: (n, 2) px, NaN where it is unknown."""
+        """Return positions of points in the right view, (n, 2) px; NaN where unknown."""
         out = np.full((len(left), 2), np.nan)
         warped = _warped(image, expected.right, expected.left, part.shape, origin)
         to, good = flow(part, warped, left - origin, window_px(expected.width_px),
@@ -80,7 +80,7 @@ class FlowPoints:
         return out
 
     def _corners(self, part: Grey, origin: Array, expected: ExpectedFront, known: Array) -> Array:
-        """Return corners on the expected front that are not yet followed: (n, 2) px."""
+        """Return new corners on the expected front, (n, 2) px."""
         wanted = self.settings.most_points - len(known)
         if wanted <= 0:
             return np.zeros((0, 2))
@@ -95,19 +95,19 @@ class FlowPoints:
 
 
 def window_px(width_px: float) -> int:
-    """Return the side of the flow's window, odd: a sixth of the front, within reason."""
+    """Return the odd side of the flow's window: a sixth of the front, within limits."""
     return 2 * int(np.clip(width_px / 12, 4, 10)) + 1
 
 
 def flow(first: Grey, second: Grey, uv: Array, window: int, most_round_trip_px: float
          ) -> tuple[Array, NDArray[np.bool_]]:
     """
-    Return points followed from one image to another, and which came back to where they began.
+    Track points from one image to another, with a forward-backward check.
 
-    :param uv: (n, 2) px in the first image, and where to begin in the second.
+    :param uv: (n, 2), px in the first image, and start of the search in the second.
     :param window: side of the window, px.
-    :param most_round_trip_px: how far from there they may come back.
-    :return: (n, 2) px in the second image, and (n,).
+    :param most_round_trip_px: greatest allowed forward-backward error, px.
+    :return: positions (n, 2) in the second image, px, and a mask (n,) of those that pass.
     """
     if not len(uv):
         return np.zeros((0, 2)), np.zeros(0, bool)
@@ -124,7 +124,7 @@ def flow(first: Grey, second: Grey, uv: Array, window: int, most_round_trip_px: 
 
 def _warped(image: Grey, source: Array, target: Array, shape: tuple[int, ...], origin: Array
             ) -> Grey:
-    """Return a region of an image that is warped so that a quad of it lies on another."""
+    """Return a region of an image, warped so that a quad in it coincides with another."""
     part, first = crop_around(image, source, max(shape))
     h = homography(source - first, target - origin)
     return np.asarray(cv2.warpPerspective(

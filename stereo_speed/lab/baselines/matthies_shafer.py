@@ -6,7 +6,7 @@ Covariance of triangulated points.
 L. Matthies and S. A. Shafer, "Error modeling in stereo navigation", IEEE J. Robotics and
 Automation 3(3), 1987 (the 2012 paper's reference [36]).
 
-Gaussian errors of the matched image points are carried through the image Jacobian: with A the
+Gaussian errors of the matched image points are propagated by the image Jacobian: with A the
 (4, 3) derivative of both projections by the point, least-squares triangulation has the covariance
 sigma^2 (A^T A)^-1.  For parallel cameras that is their J V J^T to first order.
 """
@@ -17,7 +17,7 @@ import numpy as np
 from ...core.records import Array
 from ...geometry.rig import StereoRig
 
-_STEP = 1e-4  # of the central differences, as a share of the depth
+_STEP = 1e-4  # step of the central differences, as a share of the depth
 
 
 def covariances(rig: StereoRig, points_m: Array, std_px: float) -> Array:

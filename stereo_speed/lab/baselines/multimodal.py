@@ -1,22 +1,22 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-``multimodal``: particles weighed by disparity, colour and gradient cues.
+``multimodal``: particles weighted by disparity, colour and gradient cues.
 
 R. Munoz-Salinas, M. Garcia-Silvente, R. Medina Carnicer, "Adaptive multi-modal stereo people
 tracking without background modelling", J. Visual Communication and Image Representation 19(2),
-2008, with the two changes that the 2012 paper makes to compare it (Section V-A): the front is a
-quadrangle, and the depth map is taken against the front's plane, which stands across the path.
-The dynamics are those of our tracker (2012, eq. 24, 27), as the paper has it; its models of
-manoeuvres become the share of particles that try one.
+2008, with the two changes that the 2012 paper makes for its comparison (Section V-A): the front is
+a quadrangle, and the depth map is compared with the front's plane, which is perpendicular to the
+path. As in the paper, the dynamics are those of our tracker (2012, eq. 24, 27); instead of
+manoeuvre models, a share of the particles tries one.
 
 - Disparity: semi-global matching around the front; the median difference to the particle's
-  plane (the mean in their paper: background at the front's edges would bias it).  Its weight in
-  the likelihood is the share of the particles' fronts that has a disparity at all, the confidence
-  that gives the method its name of adaptive.
-- Colour: histograms in both views against references that adapt.  The images carry grey levels
-  only, and so do the histograms.
-- Gradient: across the outline of the front in both views, against the best of the particles.
+  plane (their paper takes the mean, which background at the front's edges would bias).  Its
+  weight in the likelihood is the share of the particles' fronts that has a disparity, the
+  confidence that makes the method adaptive.
+- Colour: histograms in both views against references that adapt.  The images are grey, so the
+  histograms are of grey levels.
+- Gradient: across the outline of the front in both views, relative to the best particle.
 """
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ from ...tracking.protocol import TrackStart
 from ...vision.grey import to_eight_bits
 from ...vision.haar import CELLS, PartGrid
 
-_SPAN_PX = 6.0  # disparities looked for beyond those of the particles
-_MARGIN_PX = 8  # around the fronts of the particles in the disparity map
+_SPAN_PX = 6.0  # margin of the searched disparities beyond those of the particles
+_MARGIN_PX = 8  # margin around the fronts of the particles in the disparity map
 _GRID = np.stack(np.meshgrid((np.arange(8) + 0.5) / 8 - 0.5, (np.arange(5) + 0.5) / 5 - 0.5),
                  axis=-1).reshape(-1, 2)  # samples of the front, as shares of its size
-_STEP_M = np.array([0.05, 0.0, 0.0])  # of the central differences along the path
-_TAIL = 0.01  # share of far-off particles that do not widen the region of the disparity map
+_STEP_M = np.array([0.05, 0.0, 0.0])  # step of the central differences along the path
+_TAIL = 0.01  # share of outlying particles that the region of the disparity map ignores
 
 
 class MultimodalTracker(ParticleTracker[MultimodalSettings]):
@@ -67,7 +67,7 @@ class MultimodalTracker(ParticleTracker[MultimodalSettings]):
     # -- the filter's steps -----------------------------------------------------------------
 
     def _move(self, dt_s: float) -> None:
-        """Random-walk speed along the path, drift across and above it (eq. 24, 27)."""
+        """Apply a random walk of the speed, and drift across and above the path (eq. 24, 27)."""
         c, root = self.config, np.sqrt(dt_s)
         s, a, b, v = self.states.T
         noise = self.rng.standard_normal((3, len(s))) * root
@@ -78,7 +78,7 @@ class MultimodalTracker(ParticleTracker[MultimodalSettings]):
             b + c.drift_up_std_m * noise[1], v_next])
 
     def _observe(self, pair: StereoPair) -> bool:
-        """Take in a pair as 8 bits."""
+        """Update by a pair, converted to 8 bits."""
         return super()._observe(
             replace(pair, left=to_eight_bits(pair.left), right=to_eight_bits(pair.right)))
 
@@ -121,12 +121,12 @@ class MultimodalTracker(ParticleTracker[MultimodalSettings]):
         if not enough.any():
             return np.zeros(len(enough))
         square = np.square(np.nanmedian(off[enough], axis=1) / self.settings.disparity_std_px)
-        score = np.full(len(off), -0.5 * float(square.max()))  # no depth is no merit
+        score = np.full(len(off), -0.5 * float(square.max()))  # without depth: the worst score
         score[enough] = -0.5 * square
         return score * float(share.mean())
 
     def _accept(self, pair: StereoPair) -> bool:
-        """Return whether the mean state resembles the references; blend it into them if so."""
+        """Return whether the mean state resembles the references; if so, adapt them to it."""
         found = [histograms(image, q, self.grid)[0] for image, q in
                  zip((pair.left, pair.right), self._mean_quads(pair.right_lag_s))]
         if self.references is None:
@@ -162,7 +162,7 @@ class MultimodalTracker(ParticleTracker[MultimodalSettings]):
 
 
 def _nearest(image: NDArray[np.float32], uv: Array) -> Array:
-    """Return the nearest pixels of an image to (..., 2) of them; NaN outside."""
+    """Return the values of an image at the pixels nearest to (..., 2) positions; NaN outside."""
     safe = np.where(np.isfinite(uv), uv, -1e6)
     out = np.full(uv.shape[:-1], np.nan)
     u, v = (np.rint(safe[..., k]).astype(int) for k in (0, 1))

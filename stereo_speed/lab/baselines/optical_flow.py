@@ -1,12 +1,12 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-``flow``: what one would wire today from the shelf, optical flow with stereo depth.
+``flow``: what one would build today from standard parts, optical flow with stereo depth.
 
-Corners of the front are followed by pyramidal Lucas-Kanade over time and matched by the same to
-the right view, to a fraction of a pixel (``lucas_kanade``); triangulated, robustly located and
-Kalman-filtered like ``kalman``.  CSRT and its kin are in OpenCV's contrib modules only, and give
-boxes of whole pixels.  The path of the lane is not used.
+Corners of the front are tracked by pyramidal Lucas-Kanade over time and matched in the same way to
+the right view, with sub-pixel precision (``lucas_kanade``); they are triangulated, robustly
+averaged and Kalman-filtered like ``kalman``.  CSRT and similar trackers are only in OpenCV's
+contrib modules, and give boxes in whole pixels.  The path of the lane is not used.
 """
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .settings import FlowSettings
 
 
 class FlowTracker(PointTracker[FlowSettings]):
-    """Filter the positions of points followed by optical flow in both views."""
+    """Filter the positions of points tracked by optical flow in both views."""
 
     Settings = FlowSettings
 

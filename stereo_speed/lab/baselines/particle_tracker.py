@@ -1,10 +1,10 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-A front followed by particles: the loop that both particle filters of the baselines share.
+Tracking of a front by particles: the loop that both particle filters of the baselines share.
 
-Predict, weigh, resample (2012, eq. 1-3); report the mean and the covariance.  What a state is, how
-it moves and how the images score it is each filter's own.
+Predict, weight, resample (2012, eq. 1-3); report mean and covariance.  The state, its motion and
+its likelihood are defined by each filter.
 """
 from __future__ import annotations
 
@@ -22,37 +22,37 @@ from ...estimation.weights import (
 from ...tracking.initialise import Placement
 from ...tracking.protocol import TrackStart
 
-_LEAST_SPREAD = 1e-6  # particles collapsed onto a point still have a width, m^2 or m^2/s^2
+_LEAST_SPREAD = 1e-6  # least variance of collapsed particles, m^2 or m^2/s^2
 
 
 class ParticleTracker(Baseline[OwnSettings]):
     """
-    Follow a front by particles; see the module's docstring and :class:`Baseline`.
+    Track a front by particles; see the module's docstring and :class:`Baseline`.
 
     Subclasses fill ``states`` (N, D).
     """
 
     states: Array
-    freedom: int  # unknowns of a state that are free of one another
+    freedom: int  # number of independent unknowns of a state
 
     def __init__(self, start: TrackStart, placed: Placement, settings: OwnSettings) -> None:
         super().__init__(start, placed, settings)
         self.log_weights = np.zeros(self.config.particles)
         self._dt_s = 0.0
 
-    # -- what each filter does --------------------------------------------------------------
+    # -- implemented by each filter --------------------------------------------------------
 
     @abstractmethod
     def _move(self, dt_s: float) -> None:
-        """Move the particles on, with noise."""
+        """Move the particles, with noise."""
 
     @abstractmethod
     def _score(self, pair: StereoPair) -> Array:
-        """Return the (N,) log-likelihood of a pair; -inf where the front would not be seen."""
+        """Return the (N,) log-likelihood of a pair; -inf where the front would be invisible."""
 
     @abstractmethod
     def _accept(self, pair: StereoPair) -> bool:
-        """Return whether the mean state shows the vehicle; learn from it if it does."""
+        """Return whether the mean state shows the vehicle; if so, adapt to it."""
 
     @abstractmethod
     def _quads(self, states: Array, lag_s: float = 0.0) -> tuple[Array, Array]:
@@ -79,7 +79,7 @@ class ParticleTracker(Baseline[OwnSettings]):
             self._move(dt_s)
 
     def _observe(self, pair: StereoPair) -> bool:
-        """Weigh, resample, learn; keep the particles as predicted when the vehicle is not seen."""
+        """Weight, resample, adapt; keep the predicted particles when the vehicle is not seen."""
         before = self.states.copy(), self.log_weights.copy()
         seen = self._weigh(pair) and self._accept(pair)
         if not seen:
@@ -100,9 +100,9 @@ class ParticleTracker(Baseline[OwnSettings]):
 
     def _spread(self, weights: Array, ancestors: NDArray[np.intp]) -> None:
         """
-        Resample with a Gaussian kernel, shrunk so that the moments stay.
+        Resample with a Gaussian kernel, with shrinkage that preserves the moments.
 
-        (Liu and West 2001 shrink; Musso, Oudjane and Le Gland 2001 give the width.)
+        (Shrinkage: Liu and West 2001; kernel width: Musso, Oudjane and Le Gland 2001.)
         """
         mean, cov = mean_and_covariance(weights, self.states)
         n, dim = len(self.states), self.freedom
@@ -113,7 +113,7 @@ class ParticleTracker(Baseline[OwnSettings]):
         self.states = mean + np.sqrt(1 - h * h) * (self.states[ancestors] - mean) + h * noise
 
     def _record(self, seen: bool) -> None:
-        """Keep the moments of the particles for the whole pass."""
+        """Store the moments of the particles for the smoothing of the pass."""
         mean, cov = self._moments()
         if self.filtered:
             tries = self.config.manoeuvre_probability
@@ -128,11 +128,11 @@ class ParticleTracker(Baseline[OwnSettings]):
 
     def _manoeuvres(self, usual_std: float, unusual_std: float) -> Array:
         """
-        Return the deviation of each particle's noise: a few of them try a manoeuvre.
+        Return the 1-sigma of each particle's noise; a few particles try a manoeuvre.
 
-        Without them there is no particle where a braking vehicle goes, and no recovery.
+        Without them no particle would be near a braking vehicle, and the track would be lost.
 
-        :return: (N,).
+        :return: (N,), 1-sigmas.
         """
         tries = self.rng.random(len(self.states)) < self.config.manoeuvre_probability
         return np.where(tries, max(usual_std, unusual_std), usual_std)

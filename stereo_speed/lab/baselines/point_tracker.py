@@ -1,11 +1,11 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-A front followed by its points: the part that all trackers of points share.
+Tracking of a front by its points: the common part of all point trackers.
 
-In every pair the points give, through the triangulation of Hartley and Sturm, the position of the
-front (``front_position``), and a Kalman filter of constant velocity takes that in with the
-covariance of Matthies and Shafer.  What a tracker then reports is its own affair.
+In every pair the points are triangulated (Hartley and Sturm) and give the position of the front
+(``front_position``), which updates a Kalman filter of constant velocity with the covariance of
+Matthies and Shafer.  Each tracker then decides what it reports.
 """
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ from ...vision.grey import to_eight_bits
 
 OwnSettings = TypeVar('OwnSettings', bound=PointSettings)
 
-_SLOW_MPS = 2.0  # what hardly moves keeps its heading
-_SLACK_SIGMAS = 2.5  # of the predicted position, within which points are sought
-_LEAST_SLACK_PX = 2.0  # and no less than this
+_SLOW_MPS = 2.0  # below this speed the heading is kept
+_SLACK_SIGMAS = 2.5  # sigmas of the predicted position within which points are searched
+_LEAST_SLACK_PX = 2.0  # least search distance
 
 
 class PointTracker(Baseline[OwnSettings]):
-    """Follow a front by its points; see the module's docstring and :class:`Baseline`."""
+    """Track a front by its points; see the module's docstring and :class:`Baseline`."""
 
     unseen_reason = Reason.TOO_FEW_FEATURES
 
@@ -60,7 +60,7 @@ class PointTracker(Baseline[OwnSettings]):
         """Return the source of points."""
 
     def _first_belief(self, start: TrackStart, position: Array) -> Gaussian:
-        """Return the position of the first front, and the velocity of the speed limit."""
+        """Return the belief at the start: the first front's position and the expected velocity."""
         toward = np.array([1.0, *self.placed.offset_slope]) @ self.axes.T
         depth = self.placed.s_std_m ** 2 * np.outer(toward, toward)
         side = 1e-4 * np.eye(3) * (position[2] / 50) ** 2
@@ -76,7 +76,7 @@ class PointTracker(Baseline[OwnSettings]):
     # -- the steps of the filter ------------------------------------------------------------
 
     def _predict(self, dt_s: float) -> None:
-        """Carry the belief on at constant velocity, and turn the front with it."""
+        """Predict the belief with constant velocity, and turn the front with the velocity."""
         velocity = self.belief.mean[3:]
         if np.linalg.norm(velocity) > _SLOW_MPS:
             self.axes = frame_of(velocity / np.linalg.norm(velocity), self.up)
@@ -87,7 +87,7 @@ class PointTracker(Baseline[OwnSettings]):
         self.belief = predict(self.belief, self._step)
 
     def _observe(self, pair: StereoPair) -> bool:
-        """Measure the position of the front and take it in."""
+        """Measure the position of the front, and update the belief."""
         eight = replace(pair, left=to_eight_bits(pair.left), right=to_eight_bits(pair.right))
         seen = self._measure(eight)
         if self.filtered:
@@ -103,14 +103,14 @@ class PointTracker(Baseline[OwnSettings]):
             left, right + shift, self.before, self._slack_px(float(np.ptp(left[:, 0])))))
         predicted = self.rig.project(self.belief.mean[None, :3])[0][0]
         points, centre_px = self._carried_on(found, predicted)
-        # What lies around the front is background, which must not be taken along.
+        # Points around the front are background and must be dropped.
         points = points.only(near_quad(points.left, left + (centre_px - predicted), 1.0))
         both = points.only(points.matched)
         xyz = triangulate(self.rig, both.left, both.right - shift)
         good = np.asarray(np.isfinite(xyz).all(axis=1))
         both, xyz = both.only(good), xyz[good]
         position = position_of_front(self.rig, xyz, centre_px, self.axes[:, 0], self.settings)
-        self.before = left  # the source looked there; overwritten when the vehicle is there
+        self.before = left  # where the source searched; overwritten if the vehicle is found
         if position is None or self._unlikely(position):
             return False
         position = self._on_springs(position)
@@ -121,13 +121,13 @@ class PointTracker(Baseline[OwnSettings]):
         return True
 
     def _unlikely(self, position: Measurement) -> bool:
-        """Return whether a position is too far from the expected one to be the vehicle's."""
+        """Return whether a position is too far from the prediction to be the vehicle's."""
         jolts = self.settings.jolt_std_m ** 2 * np.eye(3)
         return distance2(self.belief, position.mean, position.cov + jolts) \
             > self.settings.most_distance2
 
     def _on_springs(self, position: Measurement) -> Measurement:
-        """Return the position of a front that bounces, unlike the vehicle's path."""
+        """Return a position with the covariance of the bouncing on the springs added."""
         bounce = self.settings.bounce_std_m ** 2 * np.outer(self.up, self.up)
         return replace(position, cov=position.cov + bounce)
 
@@ -136,18 +136,18 @@ class PointTracker(Baseline[OwnSettings]):
         """
         Use the points for more than the position of the front.
 
-        :param ids: (n,) of the points that agree.
-        :param xyz: (n, 3) their positions, m.
-        :param position: that of the front.
+        :param ids: (n,), ids of the points that agree.
+        :param xyz: (n, 3), their positions, m.
+        :param position: position of the front.
         :param pair: the pair.
         """
 
     def _carried_on(self, found: Points, predicted: Array) -> tuple[Points, Array]:
         """
-        Return the points that move like the front, and its centre carried on by them.
+        Return the points that move with the front, and the centre moved with them.
 
-        :param predicted: (2,) where the centre is expected in the raw left view, px.
-        :return: the points that are left and the centre (2,) in the raw left view, px.
+        :param predicted: (2,), expected centre in the raw left view, px.
+        :return: the remaining points, and the centre (2,) in the raw left view, px.
         """
         if self.points is None:
             return found, self.centre_px
@@ -164,7 +164,7 @@ class PointTracker(Baseline[OwnSettings]):
         keep[b[inliers[:, 0] == 0]] = False
         return found.only(keep), similarity[:, :2] @ self.centre_px + similarity[:, 2]
 
-    # -- where points are sought ------------------------------------------------------------
+    # -- search regions --------------------------------------------------------------------
 
     def _quads(self, position: Array) -> tuple[Array, Array]:
         """Return the corners (4, 2) of the front at a position, in both raw views."""
@@ -173,7 +173,7 @@ class PointTracker(Baseline[OwnSettings]):
         return left, right
 
     def _motion_px(self, lag_s: float) -> Array:
-        """Return how far the front moves in the right view between two exposures, (2,) px."""
+        """Return the front's motion in the right view between the two exposures, (2,) px."""
         if lag_s == 0:
             return np.zeros(2)
         here, velocity = self.belief.mean[:3], self.belief.mean[3:]
@@ -181,7 +181,7 @@ class PointTracker(Baseline[OwnSettings]):
         return np.asarray(at[1] - at[0])
 
     def _slack_px(self, width_px: float) -> float:
-        """Return how far the front may be from where it is expected in the left view."""
+        """Return how far the front may be from its expected position in the left view."""
         values, vectors = np.linalg.eigh(self.belief.cov[:3, :3])
         steps = _SLACK_SIGMAS * np.sqrt(np.maximum(values, 0.0)) * vectors
         uv = self.rig.project(self.belief.mean[:3] + np.concatenate([[0 * values], steps.T]))[0]

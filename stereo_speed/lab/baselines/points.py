@@ -1,10 +1,10 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Points on a vehicle's front in both views, the common part of all their sources.
+Points on a vehicle's front in both views, the common part of all sources of points.
 
-A source finds points in a pair near where the front is expected, matches them left to right, and
-recognises those that it found before.
+A source finds points in a pair near the expected front, matches them left to right, and recognises
+those that it found before.
 """
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ...core.records import Array, StereoPair
 from ...geometry.rig import StereoRig
 from ...vision.sampling import crop
 
-_MARGIN_PX = 12  # around a region: points at its edges need surroundings as well
+_MARGIN_PX = 12  # margin around a region, because points at its edges need surroundings
 
 Grey = NDArray[np.uint8]
 
@@ -27,12 +27,12 @@ Grey = NDArray[np.uint8]
 @dataclass(frozen=True, eq=False)
 class ExpectedFront:
     """
-    Where a front is expected.
+    The expected position of a front.
 
-    :param left: (4, 2) expected corners in the raw left view, px.
-    :param right: (4, 2) the same in the raw right view.
-    :param before: (4, 2) its corners in the left view of the last pair it was seen in.
-    :param slack_px: how far off the expectation may be.
+    :param left: (4, 2), expected corners in the raw left view, px.
+    :param right: (4, 2), the same in the raw right view.
+    :param before: (4, 2), its corners in the left view of the last pair in which it was seen.
+    :param slack_px: greatest error of the expectation.
     """
 
     left: Array
@@ -51,9 +51,9 @@ class Points:
     """
     Points of one pair.
 
-    :param ids: (n,) the same number for the same point, from pair to pair.
-    :param left: (n, 2) raw left pixels.
-    :param right: (n, 2) raw right pixels; NaN where there is no match.
+    :param ids: (n,), ids, which a point keeps from pair to pair.
+    :param left: (n, 2), raw left pixels.
+    :param right: (n, 2), raw right pixels; NaN where there is no match.
     """
 
     ids: NDArray[np.int64]
@@ -62,11 +62,11 @@ class Points:
 
     @property
     def matched(self) -> NDArray[np.bool_]:
-        """Return (n,) which are matched in both views."""
+        """Return a mask (n,) of the points matched in both views."""
         return np.asarray(np.isfinite(self.right).all(axis=1))
 
     def only(self, keep: NDArray[np.bool_]) -> Points:
-        """Return some of the points."""
+        """Return the points of a mask."""
         return Points(self.ids[keep], self.left[keep], self.right[keep])
 
 
@@ -74,15 +74,15 @@ class PointSource(Protocol):
     """Finds points in pair after pair."""
 
     def observe(self, pair: StereoPair, expected: ExpectedFront) -> Points:
-        """Return the points of a pair of 8-bit images, those already known among them."""
+        """Return the points of a pair of 8-bit images, including those already known."""
 
 
 def crop_around(image: Grey, corners: Array, margin_px: float) -> tuple[Grey, Array]:
     """
-    Return a region of an image, contiguous, and (2,) its origin there, px.
+    Return a contiguous region of an image, and its origin (2,), px.
 
-    :param corners: (n, 2) points to be within, px.
-    :param margin_px: how far around them.
+    :param corners: (n, 2), points that the region must contain, px.
+    :param margin_px: margin around them.
     """
     part, first = crop(image, corners.min(axis=0), corners.max(axis=0),
                        int(np.ceil(margin_px)) + _MARGIN_PX)
@@ -90,28 +90,28 @@ def crop_around(image: Grey, corners: Array, margin_px: float) -> tuple[Grey, Ar
 
 
 def near_quad(uv: Array, quad: Array, slack_px: float) -> NDArray[np.bool_]:
-    """Return (n,) which points (n, 2) lie in a quad, or outside it by no more than the slack."""
+    """Return a mask (n,) of points (n, 2) in a quad or at most ``slack_px`` outside it."""
     outline = np.ascontiguousarray(quad, dtype=np.float32)[:, None]
     return np.array([cv2.pointPolygonTest(outline, (float(u), float(v)), True) >= -slack_px
                      for u, v in uv], dtype=bool)
 
 
 def off_epipolar_px(rig: StereoRig, left: Array, right: Array) -> Array:
-    """Return (n,) distances of right pixels (n, 2) from the epipolar lines of left ones, px."""
+    """Return distances (n,) of right pixels (n, 2) from the epipolar lines of left ones, px."""
     lines = rig.epipolar_lines_right(left)
     off = np.abs(np.sum(lines * rig.right.rays(right), axis=1))
     return np.asarray(off / np.hypot(lines[:, 0], lines[:, 1]) * float(rig.right.K[1, 1]))
 
 
 def transfer(uv: Array, source: Array, target: Array) -> Array:
-    """Return pixels (n, 2) mapped by the homography that takes one quad (4, 2) to another."""
+    """Return pixels (n, 2) mapped by the homography between two quads (4, 2)."""
     h = homography(source, target)
     out = np.column_stack([uv, np.ones(len(uv))]) @ h.T
     return np.asarray(out[:, :2] / out[:, 2:], np.float64)
 
 
 def homography(source: Array, target: Array) -> Array:
-    """Return the (3, 3) that takes one quad (4, 2) to another."""
+    """Return the homography, (3, 3), that maps one quad (4, 2) to another."""
     return np.asarray(cv2.getPerspectiveTransform(
         np.ascontiguousarray(source, dtype=np.float32),
         np.ascontiguousarray(target, dtype=np.float32)), dtype=np.float64)

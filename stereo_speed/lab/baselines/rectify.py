@@ -3,10 +3,10 @@
 """
 Rectified regions and their disparity: parallel virtual cameras for any rig and lens.
 
-Both virtual cameras look across the baseline (A. Fusiello, E. Trucco, A. Verri, "A compact
-algorithm for rectification of stereo pairs", Machine Vision and Applications 12, 2000); only the
-region that is needed is warped.  Disparity by semi-global matching (H. Hirschmuller, PAMI 30(2),
-2008) of OpenCV.
+Both virtual cameras look perpendicular to the baseline (A. Fusiello, E. Trucco, A. Verri, "A
+compact algorithm for rectification of stereo pairs", Machine Vision and Applications 12, 2000);
+only the needed region is warped.  Disparity is by OpenCV's semi-global matching (H. Hirschmuller,
+PAMI 30(2), 2008).
 """
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from ...core.records import Array
 from ...geometry.rig import StereoRig
 
-_BLOCK = 5  # side of the windows compared, px
-_STEP = 16  # OpenCV wants a number of disparities that is a multiple of this
-_FRACTION = 16  # and returns disparities in this part of a pixel
+_BLOCK = 5  # side of the matching windows, px
+_STEP = 16  # OpenCV requires the number of disparities to be a multiple of this
+_FRACTION = 16  # OpenCV returns disparities in units of this fraction of a pixel
 
 
 class Rectifier:
@@ -41,10 +41,10 @@ class Rectifier:
 
     def project(self, points_m: Array, late_m: Array) -> tuple[Array, Array]:
         """
-        Return points in the left virtual camera, whose axis meets the image at (0, 0).
+        Project points into the left virtual camera, whose principal point is (0, 0).
 
         :param points_m: (..., 3), left optical frame.
-        :param late_m: (..., 3) where they are when the right view is exposed.
+        :param late_m: (..., 3), their positions at the exposure of the right view.
         :return: (..., 2) px and (...,) disparities in px.
         """
         at, late = np.asarray(points_m) @ self.rotation.T, np.asarray(late_m) @ self.rotation.T
@@ -77,13 +77,13 @@ class Rectifier:
 
         :param left: raw left view, 8 bits.
         :param right: raw right view, 8 bits.
-        :param low: (2,) first column and row of the region in the virtual image, whole px.
-        :param high: (2,) the ones after its last.
-        :param span_px: least and greatest disparity to look for.
+        :param low: (2,), first column and row of the region in the virtual image, whole px.
+        :param high: (2,), column and row after the last ones.
+        :param span_px: least and greatest disparity to search.
         """
         least = int(np.floor(span_px[0]))
         count = _STEP * max(1, int(np.ceil((span_px[1] - least) / _STEP)))
-        # The matcher leaves out the columns whose whole range it cannot see.
+        # The matcher skips columns without the full range of disparities.
         margin = max(least + count, 0) + _BLOCK
         start = low - [margin, 0]
         size = (int(high[0] - start[0]) + max(-least, 0) + _BLOCK, int(high[1] - low[1]))

@@ -3,8 +3,8 @@
 """
 SIFT points on a front: D. G. Lowe, IJCV 60(2), 2004 (the 2012 paper's reference [35]).
 
-Matches are mutual nearest neighbours that pass Lowe's ratio test, near where the front's motion
-or its depth would put them; those left to right also lie on their epipolar line.
+Matches are mutual nearest neighbours that pass Lowe's ratio test, near the position expected from
+the front's motion or its depth; left-to-right matches also lie on their epipolar line.
 """
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from ...geometry.rig import StereoRig
 
 Descriptors = NDArray[np.float32]
 
-_WIDTH_PX = 200.0  # fronts smaller than this are magnified for detection
+_WIDTH_PX = 200.0  # fronts narrower than this are magnified for detection
 _MOST_SCALE = 4.0  # a greater magnification shows no more detail
-_SAME_PX = 1.0  # several orientations of one keypoint are no nearer to each other than this
+_SAME_PX = 1.0  # keypoints nearer than this are one, with several orientations
 
 
 class SiftPoints:
@@ -39,7 +39,7 @@ class SiftPoints:
         self._next_id = 0
 
     def observe(self, pair: StereoPair, expected: ExpectedFront) -> Points:
-        """Return the points of a pair of 8-bit images, those already known among them."""
+        """Return the points of a pair of 8-bit images, including those already known."""
         left, left_d = self._detect(pair.left, expected.left, expected)
         right, right_d = self._detect(pair.right, expected.right, expected)
         ids = np.arange(self._next_id, self._next_id + len(left))
@@ -60,7 +60,7 @@ class SiftPoints:
 
     def _detect(self, image: Grey, quad: Array, expected: ExpectedFront
                 ) -> tuple[Array, Descriptors]:
-        """Return points on the expected front: (n, 2) px and (n, 128)."""
+        """Return points on the expected front, (n, 2) px, and descriptors (n, 128)."""
         part, origin = crop_around(image, quad, expected.slack_px)
         scale = float(np.clip(_WIDTH_PX / max(expected.width_px, 1.0), 1.0, _MOST_SCALE))
         if scale > 1:
@@ -69,7 +69,7 @@ class SiftPoints:
         keypoints, descriptors = self._sift.detectAndCompute(part, None)
         if not keypoints:
             return np.zeros((0, 2)), np.zeros((0, 128), np.float32)
-        # Pixel centres: (x + 1/2) grows with the scale, not x.
+        # With pixel centres at integers, (x + 1/2) scales, not x.
         uv = (np.array([k.pt for k in keypoints]) + 0.5) / scale - 0.5 + origin
         inside = near_quad(uv, quad, expected.slack_px)
         return uv[inside], np.asarray(descriptors, np.float32)[inside]
@@ -78,13 +78,13 @@ class SiftPoints:
 def match(expected: Array, first: Descriptors, found: Array, second: Descriptors, near_px: float,
           ratio: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """
-    Return which points of two sets match, as indices into the first and into the second.
+    Match two sets of points, and return indices into the first and into the second.
 
-    :param expected: (n, 2) where the first points should lie in the second image, px.
-    :param first: (n, 128) their descriptors.
-    :param found: (m, 2) where the second points lie.
-    :param second: (m, 128) their descriptors.
-    :param near_px: how far from its expected position a match may be.
+    :param expected: (n, 2), expected positions of the first points in the second image, px.
+    :param first: (n, 128), their descriptors.
+    :param found: (m, 2), positions of the second points.
+    :param second: (m, 128), their descriptors.
+    :param near_px: greatest distance of a match from its expected position.
     :param ratio: greatest distance of a match as a share of that of the second best.
     """
     none = np.zeros(0, dtype=np.intp)

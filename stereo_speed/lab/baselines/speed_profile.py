@@ -3,10 +3,10 @@
 """
 The speed profile of a whole pass.
 
-Trackers that filter are smoothed backwards in time.  What only triangulates has positions and
-nothing else: the speeds between them are fitted by a polynomial of the time, by generalised least
-squares.  Degrees are averaged by the Bayesian information criterion (G. Schwarz, Annals of
-Statistics 6(2), 1978), so that braking fits and noise does not.
+The states of filtering trackers are smoothed backwards in time.  Trackers that only triangulate
+have positions alone: the speeds between them are fitted by a polynomial in time, by generalised
+least squares.  Polynomial degrees are averaged by the Bayesian information criterion (G. Schwarz,
+Annals of Statistics 6(2), 1978), so that the fit follows braking but not noise.
 """
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .constant_velocity import Gaussian, smooth, Transition
 from ...core.records import Array
 from ...estimation.weights import normalise_log_weights
 
-_DEGREES = (0, 1, 2)  # of the polynomials that are averaged
+_DEGREES = (0, 1, 2)  # degrees of the averaged polynomials
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,8 +27,8 @@ class Profile:
     """
     Speeds over a pass.
 
-    :param speed_mps: (n,).
-    :param std_mps: (n,) their 1-sigma.
+    :param speed_mps: (n,), speeds.
+    :param std_mps: (n,), their 1-sigmas.
     :param mean_std_mps: 1-sigma of their mean.
     """
 
@@ -40,11 +40,11 @@ class Profile:
 def smoothed_profile(filtered: Sequence[Gaussian], steps: Sequence[Transition],
                      seen: Sequence[bool]) -> Profile:
     """
-    Return the speeds of a filtered pass of states (p, v), smoothed.
+    Return the smoothed speeds of a filtered pass with states (p, v).
 
     :param filtered: the beliefs of all pairs.
-    :param steps: those between them.
-    :param seen: in which pairs the vehicle was seen; the others bridge gaps only.
+    :param steps: the transitions between them.
+    :param seen: mask of the pairs in which the vehicle was seen; the others only bridge gaps.
     """
     means, joint = smooth(filtered, steps)
     at = np.flatnonzero(seen)
@@ -53,10 +53,10 @@ def smoothed_profile(filtered: Sequence[Gaussian], steps: Sequence[Transition],
 
 def fitted_profile(times_s: Array, positions_m: Array, covs: Array) -> Profile:
     """
-    Return the speeds of a polynomial of the time through those between positions.
+    Return the speeds of a polynomial in time, fitted to those between positions.
 
-    Neighbouring speeds share a position, so their errors hang together: the covariance of all is
-    D V D^T, with V the variances of the positions along the motion and D their differences.
+    Neighbouring speeds share a position, so their errors are correlated: their covariance is
+    D V D^T, with V the variances of the positions along the motion and D the difference operator.
 
     :param times_s: (n,), n >= 2.
     :param positions_m: (n, 3).
@@ -64,7 +64,7 @@ def fitted_profile(times_s: Array, positions_m: Array, covs: Array) -> Profile:
     """
     dt, steps = np.diff(times_s), np.diff(positions_m, axis=0)
     along = _directions(times_s, positions_m)
-    # Lengths of noisy steps are too long; their parts along the motion are right on average.
+    # The length of a noisy step is biased; its component along the motion is not.
     travel = np.sum(steps * 0.5 * (along[1:] + along[:-1]), axis=1)
     differences = np.diff(np.eye(len(times_s)), axis=0) / dt[:, None]
     variance = np.einsum('ni,nij,nj->n', along, covs, along)
@@ -85,7 +85,7 @@ def fitted_profile(times_s: Array, positions_m: Array, covs: Array) -> Profile:
 
 
 def _directions(times_s: Array, positions_m: Array) -> Array:
-    """Return the directions (n, 3) of the motion: of parabolas through the positions."""
+    """Return the directions (n, 3) of the motion, from a parabola through the positions."""
     t = times_s - times_s.mean()
     design = np.vander(t, min(len(t), _DEGREES[-1] + 1), increasing=True)
     x = np.linalg.lstsq(design, positions_m, rcond=None)[0]
@@ -95,9 +95,9 @@ def _directions(times_s: Array, positions_m: Array) -> Array:
 
 def _fit(t: Array, values: Array, noise: Array, degree: int) -> tuple[Array, Array, float]:
     """
-    Return one polynomial, fitted by generalised least squares.
+    Fit one polynomial by generalised least squares.
 
-    :param noise: (n, n) covariance of the values.
+    :param noise: (n, n), covariance of the values.
     :return: coefficients, their covariance and the information criterion.
     """
     white = np.linalg.inv(np.linalg.cholesky(noise))
@@ -105,17 +105,17 @@ def _fit(t: Array, values: Array, noise: Array, degree: int) -> tuple[Array, Arr
     cov = np.linalg.inv(design.T @ design)
     x = cov @ (design.T @ wanted)
     rest = float(np.sum(np.square(wanted - design @ x)))
-    # Errors larger than their covariance show in what is left.
+    # Errors larger than their covariance show in the residual.
     inflation = max(rest / max(len(t) - len(x), 1), 1.0)
     return x, np.asarray(cov * inflation, np.float64), rest + len(x) * float(np.log(len(t)))
 
 
 def _profile(velocity: Array, joint: Array) -> Profile:
     """
-    Return velocities as speeds.
+    Return the speeds of velocities.
 
-    :param velocity: (n, 3).
-    :param joint: (n, n, 3, 3) their joint covariance.
+    :param velocity: (n, 3), velocities.
+    :param joint: (n, n, 3, 3), their joint covariance.
     """
     speed = np.linalg.norm(velocity, axis=1)
     along = velocity / np.maximum(speed, 1e-9)[:, None]

@@ -4,11 +4,11 @@
 ``triangulation``: speed from the motion of triangulated points (2012, Section V-A).
 
 SIFT points are matched left to right and over time and triangulated optimally (Hartley and Sturm
-1997).  The paper takes the displacement of the centroid of all points between pairs for the
-velocity.  Here it is the mean displacement of the points seen in both pairs, robust and weighted
-by their covariances, or that of the front's centre on its plane, whichever is known better: a
-bare centroid jumps with the points that come and go.  Nothing is filtered over time; a Kalman
-filter only predicts where to look next.  The speeds of the whole pass are those of a smooth curve
+1997).  The paper takes the displacement of the centroid of all points between pairs as velocity.
+Here it is the robust mean displacement of the points seen in both pairs, weighted by their
+covariances, or that of the front's centre on its plane, whichever is more certain, because a bare
+centroid jumps when points appear or disappear.  Nothing is filtered over time; a Kalman filter
+only predicts where to search next.  The speeds of the whole pass are those of a smooth curve
 through the positions.
 """
 from __future__ import annotations
@@ -46,7 +46,7 @@ class TriangulationTracker(PointTracker[SiftSettings]):
 
     def _use_points(self, ids: NDArray[np.int64], xyz: Array, position: Measurement,
                     pair: StereoPair) -> None:
-        """Measure the velocity since the last pair it was seen in."""
+        """Measure the velocity since the last pair with an observation."""
         if self.positions:
             dt_s = (pair.stamp_ns - self.life.stamps_ns[-1]) * 1e-9
             before = self.positions[-1]

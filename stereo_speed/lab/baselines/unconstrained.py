@@ -3,19 +3,19 @@
 """
 ``unconstrained``: the particle filter of the 2012 paper without the path, Section III.
 
-Each particle is a plane with its quadrilateral that moves freely, six degrees of freedom with
-constant rotational and translational velocities and Gaussian noise (eq. 9), weighed by both views
-and across them (eq. 12-18), as ours are.  Where it differs in form:
+Each particle is a plane with its quadrilateral and six degrees of freedom, with constant
+rotational and translational velocities and Gaussian noise (eq. 9), weighted by each view and
+across the views (eq. 12-18), like ours.  It differs from the paper in form:
 
 - The rigid motion (eq. 6) is written about the front's centre and in the front's axes, not about
   the camera: 70 m from the camera a rotation by 0.01 rad would be a jump of 0.7 m.  Constant rates
   are the same screw motions.
 - The plane (eq. 10) and the quads (eq. 11) follow from the centre, the axes and the corners in
   3-D by projection: the same as the homographies of eq. 5 and 8, also under lens distortion.
-- Deviations are rates per square root of a second, the speed's is that of our tracker.
-- Resampled particles are spread anew by a Gaussian kernel of their own covariance
-  (C. Musso, N. Oudjane, F. Le Gland, "Improving regularised particle filters", 2001), without
-  which the depths that no image has yet told apart die out.
+- Deviations are rates per square root of a second; the speed's is that of our tracker.
+- Resampled particles are spread by a Gaussian kernel of their own covariance (C. Musso,
+  N. Oudjane, F. Le Gland, "Improving regularised particle filters", 2001), without which depths
+  that no image has distinguished yet would die out.
 
 Whole passes are smoothed backwards from the means and covariances of the particles.
 """
@@ -36,14 +36,14 @@ from ...tracking.likelihood import Reference, score
 from ...tracking.protocol import TrackStart
 from ...vision.haar import PartGrid
 
-_CORNERS = slice(12, 20)  # of a state
+_CORNERS = slice(12, 20)  # elements of a state
 
 
 class UnconstrainedTracker(ParticleTracker[UnconstrainedSettings]):
     """
     Free particles; see the module's docstring and :class:`Baseline`.
 
-    A state is the centre (3), a rotation vector of the front against its first axes (3), the
+    A state is the centre (3), a rotation vector of the front relative to its first axes (3), the
     velocity (3) and the angular velocity (3) in the front's axes, and the corners on the plane
     (8): 20 numbers, of which the first 12 are the paper's 3-D sub-state.
     """
@@ -64,7 +64,7 @@ class UnconstrainedTracker(ParticleTracker[UnconstrainedSettings]):
         self.calibration = math.hypot(self.calibration, depth)
 
     def _first_states(self, start: TrackStart) -> Array:
-        """Return depths on the ray of the first front, and any likely velocity."""
+        """Return states with depths on the first front's ray, and random likely velocities."""
         n, rng, pose = self.config.particles, self.rng, self.placed.pose
         path, along = self.lane.path, first_states(start, self.placed, self.placed.s_std_m)
         uv = self.rig.left.project(path.position(np.array(pose[0])) + (
@@ -84,14 +84,14 @@ class UnconstrainedTracker(ParticleTracker[UnconstrainedSettings]):
         return states
 
     def _spin_std(self) -> Array:
-        """Return the (3,) rates of the angular velocity about heading, left and up."""
+        """Return the (3,) noise rates of the angular velocity about heading, left and up."""
         tilt = self.settings.tilt_share
         return self.settings.rotation_rate_std * np.array([tilt, tilt, 1.0])
 
     # -- the filter's steps -----------------------------------------------------------------
 
     def _move(self, dt_s: float) -> None:
-        """Carry on with constant velocities and their noise (eq. 6, 9, 10)."""
+        """Move the particles with constant velocities and their noise (eq. 6, 9, 10)."""
         n, root, states = len(self.states), np.sqrt(dt_s), self.states
         rate = self._manoeuvres(self.config.speed_rate_std, self.settings.along_rate_std)
         states[:, 6:9] += (rate * root)[:, None] * self.rng.standard_normal((n, 3))
@@ -134,7 +134,7 @@ class UnconstrainedTracker(ParticleTracker[UnconstrainedSettings]):
         return left, self.rig.right.project(self.rig.to_right(late))[0]
 
     def _corners(self, states: Array) -> Array:
-        """Return the (N, 4, 3) corners in space."""
+        """Return the (N, 4, 3) corners in 3-D, m."""
         axes = self._axes(states)
         return states[:, None, :3] + states[:, _CORNERS].reshape(-1, 4, 2) @ np.swapaxes(
             axes[:, :, 1:], 1, 2)

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""``accuracy``: measure simulated passes of many kinds with exact truth, and tabulate."""
+"""``accuracy``: measure simulated passes of many kinds, and tabulate the errors."""
 from __future__ import annotations
 
 import argparse
@@ -22,7 +22,7 @@ from ...io.atomic import write_whole
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what ``accuracy`` takes."""
+    """Add the arguments of ``accuracy``."""
     add = parser.add_argument
     add('--passes', type=number_in(int, 1, 100000), default=200,
         help='passes, drawn over speeds, roads, rigs, heights and noise (default: 200)')
@@ -30,9 +30,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add('--particles', type=int, default=TrackerConfig().particles)
     lines = parser.add_mutually_exclusive_group()
     lines.add_argument('--lines', choices=[k.value for k in LineKnowledge], default='refined',
-                       help='how the lines of the site are known (default: refined)')
+                       help='source of the lines of the site (default: refined)')
     lines.add_argument('--picked', action='store_const', const='picked', dest='lines',
-                       help='picks of 0.3 px scatter as they are')
+                       help='picks with 0.3 px of scatter')
     lines.add_argument('--refine', action='store_const', const='refined', dest='lines',
                        help='picks refined by the images of the pass')
     add('--pan-deg', type=number_in(float, -1, 1), default=0.0, metavar='DEG',
@@ -49,8 +49,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measure the passes that are not measured yet, print the table, write the files."""
-    TrackerConfig(particles=args.particles)  # refuse before the work begins
+    """Measure the remaining passes, print the table, write the files."""
+    TrackerConfig(particles=args.particles)  # checks the number before the work begins
     jobs = accuracy_jobs(args.passes, seed=args.seed, lines=LineKnowledge(args.lines),
                          pan_deg=args.pan_deg, tolerances=args.tolerances, sway_deg=args.sway_deg,
                          changes={'particles': args.particles}, outdoors=held_kinds(args.outdoors),
@@ -75,9 +75,9 @@ def run(args: argparse.Namespace) -> int:
 
 def held_kinds(words: Optional[Sequence[str]]) -> Optional[dict[str, str]]:
     """
-    Return what ``--outdoors`` holds, heading to kind; None without the option.
+    Return the fixed kinds of ``--outdoors``, heading to kind; None without the option.
 
-    :raises InputError: a word of another form, or what is not drawn.
+    :raises InputError: a word of another form, or an unknown heading or kind.
     """
     if words is None:
         return None

@@ -1,10 +1,9 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-``bench``: what measuring costs on one core, beside peers, and how that grows.
+``bench``: time the measurement on one core, in comparison with peers, and its growth.
 
-In the end traffic is played to live nodes, to see how late what they tell is, and how many pairs
-they take.
+In the end traffic is played to live nodes, to measure latency and throughput.
 """
 from __future__ import annotations
 
@@ -37,11 +36,11 @@ _LIVE_S = 20.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what ``bench`` takes."""
+    """Add the arguments of ``bench``."""
     parser.add_argument('sample', nargs='?', type=Path, default=_SAMPLE,
                         help='folder with bag/, site.yaml and init.yaml (default: the sample)')
     parser.add_argument('--particles', type=int, nargs='+', default=[200, 400])
-    parser.add_argument('--rounds', type=int, default=5, help='times each is run, interleaved')
+    parser.add_argument('--rounds', type=int, default=5, help='interleaved runs of each candidate')
     parser.add_argument('--live', type=number_in(float, 0, 3600), default=_LIVE_S, metavar='S',
                         help='seconds of traffic that live nodes are given in the end, some 20 MB '
                              f'each on disk meanwhile; 0 for none (default: {_LIVE_S:g})')
@@ -49,7 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Interleave the candidates, so that a busy machine disturbs all alike; print medians."""
+    """Time the candidates in turns, so that other load affects all alike; print medians."""
     cv2.setNumThreads(1)
     warm_up()
     with StereoBag(args.sample / 'bag') as bag:
@@ -88,7 +87,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _tabulate(scene: Scene, rounds: int, plot: Optional[Path]) -> None:
-    """Print the tables, and plot how the cost grows where that is asked for."""
+    """Print the tables, and plot the growth of the cost on request."""
     print(f'ms of CPU on one core, medians of {rounds} rounds; kernels: {warm_up()}')
     particles, vehicles = likelihood_table(rounds), vehicle_table(scene, rounds)
     sizes = size_table(scene, rounds)

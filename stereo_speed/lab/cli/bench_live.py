@@ -1,11 +1,11 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-How late live speeds come, and how many pairs are taken: real processes over DDS, beside peers.
+Latency and throughput of live speeds: real processes over DDS, in comparison with peers.
 
-Drawn traffic is played in real time to the node that measures, then to one that only pairs the
-images and answers, which is what the way there and back takes, and to one that matches each pair
-densely. All are timed by the same listener, from the clock that is sent before a pair.
+Simulated traffic is played in real time to the measuring node; then to a node that only pairs the
+images and answers, which takes the round-trip time; and to one that computes dense stereo for each
+pair. All are timed by the same listener, from the clock message that is sent before a pair.
 """
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ if TYPE_CHECKING:
     from ...nodes.soak_listener import SoakListener
 
 Listener = TypeVar('Listener', 'SoakListener', 'AnswerListener')
-_LANES, _VEHICLES_PER_S, _SEED = 3, 0.8, 11  # up to four in view, as of ten minutes of soak
+_LANES, _VEHICLES_PER_S, _SEED = 3, 0.8, 11  # up to four in view, as in a ten-minute soak
 _FPS, _WIDTH_PX = 30.0, 1280
 _PEER = 'pairing_peer_node'
 _SLACK_S = 60.0
 
 
 def live_lines(seconds: float) -> str:
-    """Return the table of so many seconds of traffic as Markdown, or in one line why not."""
+    """Return the table for some seconds of traffic as Markdown, or one line why there is none."""
     try:
         with TemporaryDirectory(prefix='stereo_speed_bench_') as folder:
             return live_table(Traffic.drawn(
@@ -42,17 +42,17 @@ def live_lines(seconds: float) -> str:
                 width_px=_WIDTH_PX, vehicles=max(round(seconds * _VEHICLES_PER_S), 1))).markdown()
     except ImportError as error:
         return f'live over DDS: not measured, {error.name} is not installed\n'
-    except (StereoSpeedError, RuntimeError) as error:  # rclpy's are of the second kind
+    except (StereoSpeedError, RuntimeError) as error:  # rclpy raises RuntimeError
         return f'live over DDS: not measured, {" ".join(str(error).split())}\n'
 
 
 def live_table(traffic: Traffic) -> Table:
     """
-    Play traffic to each candidate in turn, and return what came of it.
+    Play traffic to each candidate in turn, and tabulate the times.
 
-    :raises ImportError: there is no rclpy.
-    :raises StereoSpeedError: a node ended, or the nodes do not find each other.
-    :raises RuntimeError: rclpy cannot be started here.
+    :raises ImportError: rclpy is not installed.
+    :raises StereoSpeedError: a node ended, or the nodes do not discover each other.
+    :raises RuntimeError: rclpy cannot be started.
     """
     private_graph()
     from ...nodes.delay_listener import AnswerListener
@@ -92,8 +92,8 @@ def _timed(traffic: Traffic, command: Sequence[str], told: Sequence[str],
 
     :param told: topics that it publishes.
     :param wait_for: topics that have to be connected.
-    :return: who has listened, and the processor time of the node and its helpers for a pair that
-        was taken, ms.
+    :return: the listener, and the processor time of the node and its helpers per accepted pair,
+        ms.
     """
     with ExitStack() as stack:
         nodes = started(stack, [command])
@@ -111,7 +111,7 @@ def _timed(traffic: Traffic, command: Sequence[str], told: Sequence[str],
 
 def _taken_s(node: Process) -> float:
     """
-    Return the processor time that a node and its helpers have taken, s.
+    Return the processor time used by a node and its helpers, s.
 
     :raises GraphError: it has ended.
     """

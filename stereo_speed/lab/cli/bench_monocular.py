@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Time the monocular tracker per target and frame, with the environment and plain."""
+"""Time the monocular tracker per target and frame, with and without the environment."""
 from __future__ import annotations
 
 import time
@@ -15,14 +15,14 @@ from ...monocular.distance import DistanceField
 from ...monocular.tracker import MonocularTracker, TRACKERS
 
 WIDTH, HEIGHT = 768, 576
-_FRAMES = 30  # enough that each target is seen in all of them
-_BOX = (30, 80)  # px, of a person
-_STEP_PX = 4  # per frame, of a person who walks
+_FRAMES = 30  # few enough that each target is in view in all of them
+_BOX = (30, 80)  # size of a person, px
+_STEP_PX = 4  # motion of a walking person per frame
 _COLOURS = ((40, 40, 200), (200, 60, 30), (30, 170, 60), (20, 20, 20))
 
 
 def synthetic_scene() -> tuple[DistanceField, list[Target], list[NDArray[np.uint8]]]:
-    """Return people of one colour each who walk along a road, over a textured ground."""
+    """Return plain-coloured people who walk along a road, on textured ground."""
     rows = np.arange(HEIGHT)
     labels = np.full((HEIGHT, WIDTH), 128, np.uint8)
     labels[(rows > 200) & (rows < 500)] = 255
@@ -55,7 +55,7 @@ def times_ms(tracker: str, particles: int, targets: int) -> list[float]:
 
 
 def rows(rounds: int, particles: int = 150) -> dict[str, list[float]]:
-    """Run the trackers in turns; return the times of each, ms."""
+    """Run the trackers in turns, and return the times of each, ms."""
     times: dict[str, list[float]] = {}
     for _ in range(rounds):
         for tracker in TRACKERS:

@@ -1,12 +1,12 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-``disturb``: copy a bag as if the rig had swayed, or a camera been knocked or out of focus.
+``disturb``: copy a bag as if the rig had swayed, or a camera were displaced or out of focus.
 
-A rehearsal: what would be measured of the same traffic from a pole in the wind?  DIR/bag is
-measured with the same site.  Cameras are turned about their own centres, which images allow
-exactly but for their border: what comes into view there repeats the edge, over about
-f tan(angle), 3 px for 0.1 degrees at f = 1800 px.
+It shows what would be measured of the same traffic from a pole in the wind.  DIR/bag is measured
+with the same site.  Cameras are rotated about their own centres, which is exact except at the
+border: new regions repeat the edge, over about f tan(angle), which is 3 px for 0.1 degrees at f =
+1800 px.
 """
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ CAMERAS = ('left', 'right')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what ``disturb`` takes."""
+    """Add the arguments of ``disturb``."""
     add = parser.add_argument
     add('bag', type=Path, help='rosbag2 folder, .mcap or .db3 file')
     add('--out', type=Path, required=True, metavar='DIR',
@@ -49,11 +49,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """
-    Copy a bag, disturbed.
+    Write a disturbed copy of a bag.
 
     :param args: parsed arguments.
     :return: exit status.
-    :raises InputError: a bag that cannot be used, nothing to do, or a folder that is taken.
+    :raises InputError: an unusable bag, no disturbance, or a folder that is not empty.
     """
     from ..sim.disturb_bag import disturb_bag
 

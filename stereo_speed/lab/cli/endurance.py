@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""``endurance``: what many bags, long ones and long live runs cost in time and memory."""
+"""``endurance``: time and memory of many bags, of long ones and of long live runs."""
 from __future__ import annotations
 
 import argparse
@@ -16,20 +16,20 @@ from ...io.atomic import prepare_folder
 from ...io.results import SUMMARY
 
 _SAMPLE = Path(__file__).resolve().parents[3] / 'sample' / 'straight55'
-_GAP_S = 8.0  # from one vehicle to the next
-_TINY = 4  # pairs of a tiny bag
+_GAP_S = 8.0  # time from one vehicle to the next
+_TINY = 4  # number of pairs of a tiny bag
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what ``endurance`` takes."""
+    """Add the arguments of ``endurance``."""
     actions = parser.add_subparsers(metavar='ACTION', required=True)
-    long = actions.add_parser('long', help='replay bags of ever more passes')
+    long = actions.add_parser('long', help='replay bags with increasing numbers of passes')
     long.add_argument('--passes', type=number_in(int, 1, 100_000), nargs='+', default=[10, 100],
                       metavar='N', help='rounds of the sample in each bag (default: 10 100)')
     long.add_argument('--gap-s', type=number_in(float, 0.01, 86400), default=_GAP_S, metavar='S',
                       help=f'from one round to the next, s (default: {_GAP_S:g})')
     long.set_defaults(run=run_long)
-    many = actions.add_parser('many', help='replay-many over ever more bags')
+    many = actions.add_parser('many', help='replay-many over increasing numbers of bags')
     many.add_argument('--bags', type=number_in(int, 1, 100_000), nargs='+', default=[10, 100],
                       metavar='N', help='bags of each run (default: 10 100)')
     many.add_argument('--jobs', type=number_in(int, 0, 512), default=2, metavar='N')
@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_long(args: argparse.Namespace) -> int:
-    """Replay the sample going round, its vehicle found by itself; print the table."""
+    """Replay the repeated sample with automatic detection, and print the table."""
     rows = []
     folder = prepare_folder(args.out)
     for count in args.passes:
@@ -59,7 +59,7 @@ def run_long(args: argparse.Namespace) -> int:
 
 
 def run_many(args: argparse.Namespace) -> int:
-    """Replay many tiny bags, and once more when all is done; print the table."""
+    """Replay many tiny bags, and again when all are done; print the table."""
     rows = []
     folder = prepare_folder(args.out)
     source = folder / 'tiny'

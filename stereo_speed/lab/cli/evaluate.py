@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""``evaluate``: run trackers over sequences with truth, tabulate and plot; redo the papers'."""
+"""``evaluate``: run trackers over sequences with truth, or over the papers'; tabulate, plot."""
 from __future__ import annotations
 
 import argparse
@@ -30,7 +30,7 @@ _FILES = ('site.yaml', 'init.yaml', 'truth.csv')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what ``evaluate`` takes."""
+    """Add the arguments of ``evaluate``."""
     add = parser.add_argument
     add('bags', nargs='*', type=Path, metavar='BAG',
         help='folder with bag/, site.yaml, init.yaml and truth.csv, as simulate writes it; or '
@@ -66,7 +66,7 @@ def _names(text: str, known: Sequence[str]) -> list[str]:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run what is asked for; what was run before with the same parameters is kept."""
+    """Run the requested evaluations; earlier runs with the same parameters are reused."""
     if args.video:
         return evaluate_monocular.run(args)
     if args.out is None:
@@ -82,7 +82,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _paper(args: argparse.Namespace) -> int:
-    """Run the paper's tables again."""
+    """Reproduce the paper's tables."""
     wanted = PaperPlan(trackers=tuple(args.trackers or TRACKERS.names),
                        lines=LineKnowledge(args.lines))
     if args.quick:
@@ -104,7 +104,7 @@ def _paper(args: argparse.Namespace) -> int:
 
 
 def _paper_plots(out: Path, wanted: PaperPlan, runs: Runs) -> None:
-    """Draw the speeds of each sequence, and the errors of the tables that vary particles."""
+    """Draw the speeds of each sequence, and the errors of tables with varied particles."""
     from ..evaluation.pictures import draw_errors, draw_speeds, paper_curves
 
     for name in wanted.compared:
@@ -137,18 +137,18 @@ def _compare(args: argparse.Namespace) -> int:
 
 
 def _particles(count: int) -> dict[str, int]:
-    TrackerConfig(particles=count)  # refuse before the work begins
+    TrackerConfig(particles=count)  # checks the number before the work begins
     return {'particles': count}
 
 
 def _file_name(number: int, group: Sequence[Experiment]) -> str:
-    """Return a name for the files of a source; bags of one name differ by their number."""
+    """Return a name for the files of a source; bags also have their number."""
     source = group[0].source
     return source.name if source.sequence else f'{number}_{source.name}'
 
 
 def _sources(args: argparse.Namespace) -> list[Source]:
-    """Find the files of the bags."""
+    """Return the bags with their files."""
     if len(args.bags) > 1 and (args.site or args.init or args.truth):
         raise InputError('evaluate', 'BAG', f'{len(args.bags)} bags with --site, --init or '
                          '--truth', 'one bag')
@@ -174,7 +174,7 @@ def _sources(args: argparse.Namespace) -> list[Source]:
 
 
 def _plots(out: Path, groups: Sequence[Sequence[Experiment]], seeds: range, runs: Runs) -> None:
-    """Draw the speeds of each source, and the errors over the particles if these vary."""
+    """Draw the speeds of each source, and errors over the number of particles if it varies."""
     from ..evaluation.pictures import draw_errors, draw_speeds, particle_curves
 
     for i, group in enumerate(groups):

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""``evaluate --video``: the monocular tracker against ground truth, with and without the map."""
+"""``evaluate --video``: the monocular tracker against truth, with and without the map."""
 from __future__ import annotations
 
 import argparse
@@ -18,13 +18,13 @@ from ...io.atomic import prepare_folder, write_whole
 from ...monocular.config import MonocularConfig
 from ...monocular.tracker import TRACKERS
 
-_PARTICLES = {'environment': (150,), 'plain': (150, 300)}  # what the paper compares
+_PARTICLES = {'environment': (150,), 'plain': (150, 300)}  # as in the paper
 _STRIDES = (1, 2, 3)
-_SEEDS = 25  # so that the standard errors are a few per cent
+_SEEDS = 25  # gives standard errors of a few per cent
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add what a video needs beside the options of ``evaluate``."""
+    """Add the options for videos to those of ``evaluate``."""
     group = parser.add_argument_group(
         'videos of one camera', 'with --init the targets and --truth their boxes in the '
         "MOTChallenge's format; --seeds and --particles as above")
@@ -33,11 +33,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument('--strides', type=number_in(int, 1, 1000), nargs='+', metavar='K',
                        default=list(_STRIDES), help='strides (default: 1 2 3)')
     group.add_argument('--likelihood', choices=('default', 'paper'), default='default',
-                       help='paper: one histogram of the box as marked')
+                       help='paper: one histogram of the marked box')
 
 
 def run(args: argparse.Namespace) -> int:
-    """Compare the trackers on one video; write and print the tables and draw the plot."""
+    """Compare the trackers on one video; write and print the tables, and draw the plot."""
     for option in ('map', 'init', 'truth', 'out'):
         if getattr(args, option) is None:
             raise InputError('evaluate --video', f'--{option}', 'nothing', {
@@ -66,7 +66,7 @@ def make_settings(args: argparse.Namespace) -> list[Setting]:
     settings = []
     for tracker in TRACKERS:
         for particles in args.particles or _PARTICLES[tracker]:
-            MonocularConfig(particles=particles)  # refused before the work begins
+            MonocularConfig(particles=particles)  # checks the number before the work begins
             settings += [Setting(tracker=tracker, particles=particles, stride=stride)
                          for stride in dict.fromkeys(args.strides)]
     return settings
@@ -87,7 +87,7 @@ def _write(folder: Path, name: str, settings: Sequence[Setting],
 
 def _draw(path: Path, name: str, settings: Sequence[Setting],
           results: Sequence[Result]) -> None:
-    # here, so that matplotlib is loaded only where it is needed
+    # imported here, so that matplotlib is loaded only if needed
     from ...report.comparison import draw_survival, SurvivalCurve
 
     curves = []

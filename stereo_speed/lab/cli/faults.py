@@ -3,9 +3,9 @@
 """
 ``faults``: break a stream in many ways while the live nodes measure it.
 
-The nodes run as processes of their own over DDS, as ``demo`` runs them; a bag of simulated traffic
-is played to them with one fault after the other, and all they say is compared with the truth. A
-reading or a pass is wrong when it is off by more than 1 mph and by more than 4 sigma.
+The nodes run as separate processes over DDS, as in ``demo``. A bag of simulated traffic is played
+to them with one fault after the other, and all their output is compared with the truth. A reading
+or a pass is wrong if its error exceeds 1 mph and 4 sigma.
 """
 from __future__ import annotations
 
@@ -31,21 +31,21 @@ if TYPE_CHECKING:
     from ...nodes.fault_listener import Heard, HeardReading
 
 _START_S, _AFTER_S = 180.0, 4.0  # the first start compiles the kernels
-_QUIET_S = 2.0  # of the start, in which nothing has come yet
+_QUIET_S = 2.0  # time at the start in which no output is expected
 _NEAR_M, _WRONG_MPH, _WRONG_SIGMAS = 4.0, 1.0, 4.0
-_APART_PERIOD_S = 0.2  # of cameras that expose apart
+_APART_PERIOD_S = 0.2  # period of cameras that expose at different times
 _HOUR_NS = 3_600_000_000_000
-_RESPAWN_S = 0.2  # as the launch file has it
+_RESPAWN_S = 0.2  # as in the launch file
 _KILLS = ('kill_stereo_sync_node', 'kill_tracker_node', 'kill_speed_node')
 _KILLS_ONE = ('kill_speed_camera_node',)
-# Processes that work for the node that measures; it goes on without them.
+# Helper processes of the measuring node, which goes on without them.
 _KILLS_HELPER = {'kill_search_process': 'search_process', 'kill_pass_process': 'pass_process'}
 _APPROXIMATE = ('right_5_ms', 'right_20_ms', 'right_50_ms', 'exposed_apart')
-_ALWAYS = (*_APPROXIMATE, 'swapped', 'jitter', 'no_info')  # who does so does it from the start
-# At the start, before anything is known: the fault that holds then, and for how long, s.
+_ALWAYS = (*_APPROXIMATE, 'swapped', 'jitter', 'no_info')  # active from the start
+# Faults at the start, before anything is known: the fault, and its duration, s.
 _AT_START = {'start_with_info_nan': ('info_nan', 1.0),
              'start_uncalibrated': ('info_uncalibrated', 1.0)}
-# Another way to run the camera's process: parameters of it, and of who pairs the images.
+# Other parameters of the camera's process, and of the node that pairs the images.
 _COMPRESSED = {
     'truncated_file': ('short_data', ['decode:=false'], ['image_transport:=compressed'])}
 _NO_PROFILE = 'camera_without_profile'  # for large images over DDS
@@ -55,18 +55,18 @@ _PROFILE = 'FASTRTPS_DEFAULT_PROFILES_FILE'
 @dataclass(frozen=True)
 class _Row:
     """
-    What came of a fault.
+    The result of a fault.
 
-    :param fault: its name.
-    :param alive: whether all nodes were running in the end that were not killed.
-    :param readings: live ones that were compared with the truth.
-    :param wrong: of these.
-    :param measured: passes that were measured and compared.
-    :param wrong_passes: of these.
-    :param worst_sigmas: greatest error of a measured pass in its sigmas.
-    :param silent_s: time from the end of the fault to the next right reading; None: none came.
-    :param said: findings on /diagnostics while it held or soon after.
-    :param back: whether all levels were OK again before the stream ended.
+    :param fault: name of the fault.
+    :param alive: whether all nodes that were not killed were running in the end.
+    :param readings: number of live readings compared with the truth.
+    :param wrong: number of wrong ones among these.
+    :param measured: number of measured passes compared with the truth.
+    :param wrong_passes: number of wrong ones among these.
+    :param worst_sigmas: greatest error of a measured pass in sigmas.
+    :param silent_s: time from the end of the fault to the next right reading; None for none.
+    :param said: findings on /diagnostics during the fault or soon after.
+    :param back: whether all levels were OK again before the end of the stream.
     """
 
     fault: str
@@ -82,26 +82,26 @@ class _Row:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what ``faults`` takes."""
+    """Add the arguments of ``faults``."""
     parser.add_argument('traffic', type=Path,
                         help='folder that traffic --bag has written: bag, site.yaml, truth.csv')
     parser.add_argument('--fault', action='append', metavar='NAME',
                         help='only this one; may be repeated')
     parser.add_argument('--single', action='store_true',
-                        help='speed_camera_node in place of three')
+                        help='speed_camera_node instead of three nodes')
     parser.add_argument('--rate', type=float, default=1.0, help='pace of the replay')
-    parser.add_argument('--start', type=float, default=5.0, help='when the fault begins, s')
-    parser.add_argument('--length', type=float, default=3.0, help='how long it holds, s')
+    parser.add_argument('--start', type=float, default=5.0, help='start of the fault, s')
+    parser.add_argument('--length', type=float, default=3.0, help='duration of the fault, s')
     parser.add_argument('--play', type=float, default=18.0, help='seconds of the bag to play')
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the faults one after the other and print a row for each."""
+    """Run the faults one after the other, and print a row for each."""
     private_graph()
     from ...nodes.faulty_replay_node import FAULTS
     names = [*FAULTS, *_AT_START, *_COMPRESSED, _NO_PROFILE,
              *(_KILLS_ONE if args.single else _KILLS), *_KILLS_HELPER]
-    names.remove('exposed_apart')  # for a bag of its own, whose period is how far apart they are
+    names.remove('exposed_apart')  # needs a bag made for it
     known = [*names, 'exposed_apart']
     for name in args.fault or ():
         if name not in known:
@@ -182,15 +182,15 @@ def _one(name: str, args: argparse.Namespace, truth: Sequence[VehicleTruth]) -> 
 
 def helper_of(pid: int, module: str) -> int:
     """
-    Return the number of the process that a node has started to run a module.
+    Return the id of the helper process that a node has started for a module.
 
-    :raises InputError: there is none.
+    :raises InputError: there is no such process.
     """
     for folder in Path('/proc').glob('[0-9]*'):
         try:
             parent = int((folder / 'stat').read_text().rpartition(')')[2].split()[1])
             command = (folder / 'cmdline').read_text()
-        except OSError:  # it has ended meanwhile
+        except OSError:  # the process has ended
             continue
         if parent == pid and module in command:
             return int(folder.name)
@@ -198,28 +198,28 @@ def helper_of(pid: int, module: str) -> int:
 
 
 def _exposures(truth: Sequence[VehicleTruth]) -> int:
-    """Return how many exposures of the bag go into the time between two images of a camera."""
+    """Return the number of exposures of the bag between two images of a camera."""
     stamps_ns = np.unique(np.concatenate([vehicle.stamps_ns for vehicle in truth]))
     return max(round(_APART_PERIOD_S / (float(np.diff(stamps_ns).min()) * 1e-9)), 2)
 
 
 def _measures(heard: Heard) -> bool:
-    """Return whether the node that measures has said that it does, if pairs come."""
+    """Return whether the measuring node reports that it is ready to measure."""
     said = [message for _, name, _, message in heard.levels if name.endswith(': pipeline')]
     return bool(said) and not said[-1].startswith(('not configured', 'inactive'))
 
 
 def _newest(heard: Heard) -> dict[str, int]:
-    """Return the newest level of each task."""
+    """Return the latest level of each diagnostic task."""
     return {name: level for _, name, level, _ in heard.levels}
 
 
 def _row(name: str, heard: Heard, truth: Sequence[VehicleTruth],
          times_s: tuple[float, float, float], alive: bool, back: bool) -> _Row:
     """
-    Return what came of a fault.
+    Return the result of a fault.
 
-    :param times_s: when the stream began and the fault ended, and how long it was played.
+    :param times_s: start of the stream, end of the fault, and playing time.
     """
     begun_s, ended_s, played_s = times_s
     errors = [(reading, error) for reading in heard.readings
@@ -245,7 +245,7 @@ def _row(name: str, heard: Heard, truth: Sequence[VehicleTruth],
 
 
 def _short(message: str) -> str:
-    """Return a message without its numbers, so that each is told once."""
+    """Return a message without its numbers, so that repeats are equal."""
     return ' '.join('N' if word.replace('.', '').replace('-', '').replace('+', '').isdigit()
                     else word for word in message.split(';')[0].split(':')[0].split())
 
@@ -257,9 +257,9 @@ def _is_wrong(error_mps: float, std_mps: float) -> bool:
 def _vehicle_at(ns: int, place: tuple[float, float, float], truth: Sequence[VehicleTruth]
                 ) -> Optional[tuple[int, int, int]]:
     """
-    Return which vehicle is there; stamps may be off by a step or an hour.
+    Return the vehicle at a position; stamps may be wrong by a step or an hour.
 
-    :return: index of the vehicle, by how much the stamp is off, ns, and the row of its truth.
+    :return: index of the vehicle, error of the stamp, ns, and the row of its truth.
     """
     best = None
     for index, vehicle in enumerate(truth):
@@ -287,9 +287,9 @@ def _error(reading: HeardReading, heard: Heard, truth: Sequence[VehicleTruth]
 def _pass_error(told: dict[str, object], heard: Heard, truth: Sequence[VehicleTruth]
                 ) -> Optional[tuple[float, float]]:
     """
-    Return the error of a measured pass against the mean of the true speeds during it.
+    Return the error of a measured pass relative to the mean true speed, and its 1-sigma.
 
-    It lasts from its first pair, before the vehicle was found, until its track was last told.
+    The pass lasts from its first pair, before the vehicle was detected, to the last update.
     """
     speed, std = told['speed_mps'], told['speed_std_mps']
     if not isinstance(speed, float) or not isinstance(std, float):

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""``fuzz``: damaged input for all that reads files; nothing may come of it but one line."""
+"""``fuzz``: give damaged files to all readers, which may do nothing but refuse in one line."""
 from __future__ import annotations
 
 import argparse
@@ -13,17 +13,17 @@ from ...cli.options import add_job_options, number_in, report_failures
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what ``fuzz`` takes."""
+    """Add the arguments of ``fuzz``."""
     parser.add_argument('--cases', type=number_in(int, 1, 10 ** 8), default=2000, metavar='N',
-                        help='how many (default: 2000)')
+                        help='number of cases (default: 2000)')
     parser.add_argument('--first', type=number_in(int, 0, 10 ** 9), default=0, metavar='K',
-                        help='number of the first, as a fault names it')
+                        help='number of the first case, as in the report of a fault')
     parser.add_argument('--seed', type=number_in(int, 0, 2 ** 32), default=0)
     add_job_options(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the cases in processes that may die, print the table, and name every fault."""
+    """Run the cases in expendable processes, print the table and every fault."""
     last = args.first + args.cases
     jobs = [Job(key=f'cases {first} to {min(first + BATCH, last) - 1}', parameters={
         'seed': args.seed, 'first': first, 'count': min(BATCH, last - first)})

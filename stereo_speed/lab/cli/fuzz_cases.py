@@ -1,12 +1,12 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Damaged input for all that reads files, and the verdict on what comes of it.
+Damaged input for all readers of files, and the verdict on their behaviour.
 
-Whatever lies in a file, what reads it either takes it, or refuses it by one of this package's
-errors, which is one line; nothing else may be raised, nothing written to standard error, no
-time and memory used beyond bounds, and no vehicle measured wrongly by a recording that is damaged
-in its images. Case k of a seed is always the same.
+Whatever a file contains, its reader must either accept it or refuse it by one of this package's
+errors, which is one line. It must not raise anything else, write to standard error, or exceed
+bounds of time and memory; and no vehicle may be measured wrongly from a recording with damaged
+images. Case k of a seed is always the same.
 """
 from __future__ import annotations
 
@@ -61,10 +61,10 @@ from ...site.init_file import load_init
 
 SAMPLE = Path(__file__).resolve().parents[3] / 'sample' / 'straight55'
 BATCH = 20  # cases of one job
-MOST_S = 20.0  # time of a case: a whole measurement takes a second or two
-MOST_MB = 700  # memory of a case: the largest image that is taken, and the reader's copies
+MOST_S = 20.0  # time limit of a case; a whole measurement takes a second or two
+MOST_MB = 700  # memory limit of a case: the largest accepted image, and the reader's copies
 _TRUE_MPS = 55 * MPH_MPS
-_WRONG = 0.1  # a reading farther off than this share of the truth is one from garbage
+_WRONG = 0.1  # a reading with a greater relative error is wrong
 
 Rng = np.random.Generator
 Case = Callable[[Rng, Path], Callable[[], object]]
@@ -73,11 +73,11 @@ Case = Callable[[Rng, Path], Callable[[], object]]
 @dataclass(frozen=True)
 class Outcome:
     """
-    What came of one case.
+    The outcome of one case.
 
-    :param subject: what was fuzzed.
-    :param refused: whether it was refused by one line.
-    :param fault: what must not have come of it; empty when all is well.
+    :param subject: the fuzzed reader.
+    :param refused: whether the input was refused in one line.
+    :param fault: description of wrong behaviour; empty when there is none.
     """
 
     subject: str
@@ -86,15 +86,15 @@ class Outcome:
 
 
 class _TooLongError(BaseException):
-    """A case takes too long; none of the errors that anybody expects."""
+    """A case takes too long; not an Exception, so that no reader catches it."""
 
 
 def run_case(seed: int, number: int, folder: Path) -> Outcome:
     """
     Make a case, run it, and judge it.
 
-    :param seed: of all cases.
-    :param number: of the case.
+    :param seed: seed of all cases.
+    :param number: number of the case.
     :param folder: an empty folder, for its files.
     """
     rng = np.random.default_rng([seed, number])
@@ -105,11 +105,11 @@ def run_case(seed: int, number: int, folder: Path) -> Outcome:
 
 def judge(subject: str, call: Callable[[], object], folder: Path) -> Outcome:
     """
-    Run something and say whether it behaved.
+    Run a reader and judge its behaviour.
 
     :param subject: its name.
-    :param call: raises what it likes; a command gives its exit status.
-    :param folder: whose ``err`` is used for what goes to standard error.
+    :param call: the call, which may raise anything; a command returns its exit status.
+    :param folder: folder for the file ``err``, which captures standard error.
     """
     fault, refused = '', False
     before_mb = _reset_peak()
@@ -127,7 +127,7 @@ def judge(subject: str, call: Callable[[], object], folder: Path) -> Outcome:
             refused = True
             if not str(error).strip() or '\n' in str(error):
                 fault = f'not one line: {str(error)!r}'
-        except OSError as error:  # the command line makes a line of it
+        except OSError as error:  # the command line turns it into one line
             refused, fault = True, '' if error.strerror else f'{error!r}'
         except _TooLongError:
             fault = f'took more than {MOST_S:g} s'
@@ -146,10 +146,10 @@ def judge(subject: str, call: Callable[[], object], folder: Path) -> Outcome:
 
 def work(parameters: Mapping[str, Any]) -> dict[str, Any]:
     """
-    Run a batch of cases; in a process of its own.
+    Run a batch of cases; runs in a worker process.
 
-    :param parameters: seed, number of the first case, and how many.
-    :return: counts of refused and taken by subject, and the faults.
+    :param parameters: seed, number of the first case, and number of cases.
+    :return: counts of refused and accepted inputs by subject, and the faults.
     """
     counts: dict[str, list[int]] = {}
     faults: list[str] = []
@@ -167,7 +167,7 @@ def work(parameters: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def fuzz_table(values: Sequence[Mapping[str, Any]]) -> Table:
-    """Tabulate how many cases of each subject were refused and taken."""
+    """Tabulate how many cases of each subject were refused and accepted."""
     counts = {name: [sum(v['counts'].get(name, [0, 0])[k] for v in values) for k in (0, 1)]
               for name in SUBJECTS}
     rows = [[name, sum(both), *both] for name, both in counts.items() if sum(both)]
@@ -177,11 +177,11 @@ def fuzz_table(values: Sequence[Mapping[str, Any]]) -> Table:
                  f'{max((v["slowest_s"] for v in values), default=0.0):.1f} s of processor time.')
 
 
-# -- what is fuzzed ---------------------------------------------------------------------------
+# -- subjects ---------------------------------------------------------------------------------
 
 
 def _yaml_case(name: str, text: str, load: Callable[[Path], object]) -> Case:
-    """Return cases of a YAML file: damaged in its values, or in its bytes."""
+    """Return cases of a YAML file with damaged values or bytes."""
     def case(rng: Rng, folder: Path) -> Callable[[], object]:
         path = folder / name
         if rng.random() < 0.7:
@@ -196,7 +196,7 @@ def _yaml_case(name: str, text: str, load: Callable[[Path], object]) -> Case:
 
 
 def _bytes_case(name: str, make: Callable[[], bytes], load: Callable[[Path], object]) -> Case:
-    """Return cases of a file that is damaged in its bytes."""
+    """Return cases of a file with damaged bytes."""
     def case(rng: Rng, folder: Path) -> Callable[[], object]:
         path = folder / name
         path.write_bytes(damage_bytes(rng, make()))
@@ -205,7 +205,7 @@ def _bytes_case(name: str, make: Callable[[], bytes], load: Callable[[Path], obj
 
 
 def _image_case(rng: Rng, folder: Path) -> Callable[[], object]:
-    """Return an image message whose sizes lie, or whose compressed bytes are damaged."""
+    """Return an image message with false sizes, or with damaged compressed bytes."""
     shape = tuple(int(n) for n in rng.integers(1, 40, 2))
     pixels = rng.integers(0, 256, shape, np.uint8)
     if rng.random() < 0.4:
@@ -228,7 +228,7 @@ def _image_case(rng: Rng, folder: Path) -> Callable[[], object]:
 
 
 def _bomb_case(rng: Rng, folder: Path) -> Callable[[], object]:
-    """Return a compressed image that is sound but for sizes that lie, mostly upwards."""
+    """Return a compressed image that is valid except for false, mostly too large, sizes."""
     pixels = rng.integers(0, 256, tuple(int(n) for n in rng.integers(1, 40, 2)), np.uint8)
     sizes = [int(n) for n in rng.choice([0, 1, 2 ** 11, 2 ** 14, 2 ** 15 - 1, 2 ** 16 - 1], 2)]
     if rng.random() < 0.5:
@@ -243,7 +243,7 @@ def _bomb_case(rng: Rng, folder: Path) -> Callable[[], object]:
 
 
 def _with_png_sizes(data: bytes, sizes: Sequence[int]) -> bytes:
-    """Return a PNG file that states another width and height, its checksum made to fit."""
+    """Return a PNG file that states another width and height, with a correct checksum."""
     head = data[12:16] + struct.pack('>II', *sizes) + data[24:29]
     return data[:12] + head + struct.pack('>I', zlib.crc32(head)) + data[33:]
 
@@ -255,7 +255,7 @@ def _with_jpeg_sizes(data: bytes, sizes: Sequence[int]) -> bytes:
 
 
 def _info_case(rng: Rng, folder: Path) -> Callable[[], object]:
-    """Return a pair of ``CameraInfo`` with strange fields; where it is taken, it must work."""
+    """Return a pair of ``CameraInfo`` with unusual fields; if accepted, the rig must work."""
     left, right = _info('left'), _info('right')
     for _ in range(int(rng.integers(1, 4))):
         message = (left, right)[int(rng.integers(2))]
@@ -279,7 +279,7 @@ def _info_case(rng: Rng, folder: Path) -> Callable[[], object]:
 
 
 def _strange_matrix(rng: Rng, values: list[float]) -> list[float]:
-    """Return a matrix with another number, or another count of them."""
+    """Return a matrix with one number changed, or with another number of elements."""
     numbers = [float(v) for v in STRANGE if isinstance(v, (int, float)) and abs(v) < 1e308]
     out = list(values)
     if not out:  # cut to nothing before
@@ -347,7 +347,7 @@ def _tiny_bag(storage: str) -> tuple[tuple[str, bytes], ...]:
 
 
 def _command_case(rng: Rng, folder: Path) -> Callable[[], object]:
-    """Return ``replay`` of the first pairs of the sample, their images damaged."""
+    """Return ``replay`` of the first pairs of the sample, with damaged images."""
     bag, out = folder / 'bag', folder / 'out'
     damaged_copy(SAMPLE / 'bag', bag, pairs=4, damage=lambda data: damage_bytes(rng, data, 2),
                  which=int(rng.integers(8)))
@@ -369,7 +369,7 @@ def _command_case(rng: Rng, folder: Path) -> Callable[[], object]:
 
 
 def _files_command_case(rng: Rng, folder: Path) -> Callable[[], object]:
-    """Return ``replay`` with a damaged site, init or parameter file, as a whole."""
+    """Return the whole ``replay`` command with a damaged site, init or parameter file."""
     texts = {'--site': (SAMPLE / 'site.yaml').read_text(),
              '--init': (SAMPLE / 'init.yaml').read_text(), '--config': _parameters()}
     hurt = str(rng.choice(sorted(texts)))
@@ -398,14 +398,14 @@ def _short_bag() -> Path:
 
 @lru_cache(maxsize=None)
 def _parameters() -> str:
-    """Return a small file of parameters, with sections of each kind."""
+    """Return a small parameter file with sections of each kind."""
     return yaml.safe_dump({
         'particles': 60, 'verdict': {'least_pairs': 2}, 'noise': {}, 'road': {},
         'detectors': {'plane_sweep': {}}, 'trackers': {'kalman': {}}})
 
 
 def _enforcement() -> str:
-    """Return all parameters of evidence."""
+    """Return a parameter file with all parameters of enforcement."""
     return yaml.safe_dump({'enforcement': asdict(EnforcementConfig())})
 
 
@@ -466,7 +466,7 @@ SUBJECTS: Mapping[str, Case] = {
     'replay, damaged images': _command_case,
     'replay, damaged files': _files_command_case,
 }
-# Whole commands take a second where readers take milliseconds, so there are fewer of them.
+# Whole commands take a second instead of milliseconds, so they have fewer cases.
 _SLOW = ('evidence folder', 'replay, damaged images', 'replay, damaged files')
 _READERS = [name for name in SUBJECTS if name not in _SLOW]
 _ORDER = _READERS * 6 + ['MCAP bag'] * 8 + [*_SLOW, 'evidence folder']
@@ -477,7 +477,7 @@ _ORDER = _READERS * 6 + ['MCAP bag'] * 8 + [*_SLOW, 'evidence folder']
 
 @contextmanager
 def _stderr_in(path: Path) -> Iterator[None]:
-    """Send standard error, of C libraries too, into a file."""
+    """Redirect standard error, also of C libraries, to a file."""
     saved = os.dup(2)
     with path.open('w', buffering=1) as file:
         os.dup2(file.fileno(), 2)
@@ -491,7 +491,7 @@ def _stderr_in(path: Path) -> Iterator[None]:
 
 @contextmanager
 def _within(seconds: float) -> Iterator[None]:
-    """Raise where a block takes too long."""
+    """Raise if a block takes too long."""
     def stop(number: int, frame: Optional[FrameType]) -> None:
         raise _TooLongError
     before = signal.signal(signal.SIGALRM, stop)
@@ -507,7 +507,7 @@ def _within(seconds: float) -> Iterator[None]:
 
 
 def _fault_of_stderr(told: str, refused: bool) -> str:
-    """Return what is wrong with what was written to standard error."""
+    """Return what is wrong with the output on standard error; empty where it is allowed."""
     lines = told.splitlines()
     if refused and len(lines) == 1 and lines[0].startswith('error: ') and told.endswith('\n'):
         return ''
@@ -516,7 +516,7 @@ def _fault_of_stderr(told: str, refused: bool) -> str:
 
 
 def _reset_peak() -> float:
-    """Forget the peak of memory; return what is in use, MB."""
+    """Reset the peak of memory, and return the memory in use, MB."""
     try:
         Path('/proc/self/clear_refs').write_text('5')
     except OSError:

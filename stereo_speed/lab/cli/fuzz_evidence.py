@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Damaged folders of evidence: what reads them, and that no damage goes unnoticed."""
+"""Damaged folders of evidence: their readers, and the detection of the damage."""
 from __future__ import annotations
 
 from contextlib import redirect_stdout
@@ -22,12 +22,12 @@ from ...enforcement.recompute import recompute
 from ...enforcement.verify import RECORD_FILE, verify
 
 Rng = np.random.Generator
-_READS = 0.3  # share of the cases that are measured again or disclosed: these take a second
+_READS = 0.3  # share of the cases that are measured again or disclosed, which takes a second
 
 
 @lru_cache(maxsize=None)
 def _evidence(sample: Path) -> Path:
-    """Write a record of the sample's vehicle once in a process; return the folder of all."""
+    """Write a record of the sample's vehicle, once per process; return the folder of records."""
     out = Path(tempfile.mkdtemp(prefix='fuzz-evidence-'))
     with redirect_stdout(io.StringIO()):
         status = main(['replay', str(sample / 'bag'), '--site', str(sample / 'site.yaml'),
@@ -67,7 +67,7 @@ def evidence_case(sample: Path) -> Callable[[Rng, Path], Callable[[], object]]:
 
 
 def _verified(folder: Path, path: Path, same: bool) -> object:
-    """Verify; a text where damage goes unnoticed, or what is sound is not."""
+    """Verify; return a text where damage is not detected, or a sound folder does not verify."""
     found = verify(folder)
     if found.sound != same:
         return f'{path}: found {"sound" if found.sound else found.faults}'

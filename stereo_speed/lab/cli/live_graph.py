@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Simulated traffic that is played to nodes: processes of their own over DDS, in real time."""
+"""Play simulated traffic to nodes: separate processes over DDS, in real time."""
 from __future__ import annotations
 
 from contextlib import ExitStack
@@ -23,22 +23,22 @@ if TYPE_CHECKING:
     from ...nodes.soak_listener import SoakListener
 
 START_S = 180.0  # the first start compiles the kernels
-ON_ITS_WAY_S = 1.0  # for so long what was told last may be
+ON_ITS_WAY_S = 1.0  # longest delivery time of the last messages
 ONE_NODE = ('speed_camera_node', *RELIABLE_IMAGES, *RELIABLE_INFOS)
-TOLD = ('/vehicle_speed', '/tracks', '/track_states', '/passes')  # by nodes that measure
+TOLD = ('/vehicle_speed', '/tracks', '/track_states', '/passes')  # topics of measuring nodes
 
 
 class GraphError(StereoSpeedError):
-    """The nodes did not stay up."""
+    """A node ended, or the nodes did not connect."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Traffic:
     """
-    A stretch of traffic to be played.
+    Recorded traffic to be played.
 
-    :param folder: with ``bag``, ``site.yaml`` and ``truth.csv``.
-    :param stamps_ns: of its pairs.
+    :param folder: folder with ``bag``, ``site.yaml`` and ``truth.csv``.
+    :param stamps_ns: stamps of its pairs.
     :param fps: pairs per second.
     """
 
@@ -48,8 +48,8 @@ class Traffic:
 
     @classmethod
     def of(cls, folder: Path, fps: float) -> Traffic:
-        """Return what a folder holds; stamps of both views have to be equal."""
-        with StereoBag(folder / 'bag') as bag:  # stamps alone: to decode the images takes long
+        """Return the traffic in a folder; stamps of both views have to be equal."""
+        with StereoBag(folder / 'bag') as bag:  # only stamps, because decoding images is slow
             both = {side: {m.stamp_ns for m in bag.messages()
                            if (m.side, m.kind) == (side, 'image')} for side in SIDES}
         return cls(folder=folder, stamps_ns=sorted(set.intersection(*both.values())), fps=fps)
@@ -57,7 +57,7 @@ class Traffic:
     @classmethod
     def drawn(cls, folder: Path, seed: int, *, lanes: int, fps: float, minutes: float,
               vehicles: int, width_px: int) -> Traffic:
-        """Simulate it, for the usual rig with images of another size; write it to a folder."""
+        """Simulate traffic, with the usual rig at another image size, and write it to a folder."""
         write_traffic_bag(stream_of(traffic_config(
             lanes=lanes, fps=fps, minutes=minutes, vehicles=vehicles, rig=rig_of(width_px)),
             seed), folder, compressed=True)
@@ -66,24 +66,24 @@ class Traffic:
     @property
     def round_ns(self) -> int:
         """Return the time from a stamp to the same one of the next round, ns."""
-        # one more interval, so that the rounds follow on each other as pairs do
+        # one more interval, so that rounds follow each other like pairs
         return self.stamps_ns[-1] - self.stamps_ns[0] + round(1e9 / self.fps)
 
     @property
     def site(self) -> str:
-        """Return the parameter that tells nodes their site."""
+        """Return the parameter with the site for nodes."""
         return f'site:={self.folder / "site.yaml"}'
 
 
 def rig_of(width_px: int) -> RigConfig:
-    """Return a rig of the usual field of view with images of another size."""
+    """Return a rig with the usual field of view and another image size."""
     usual = RIGS['parallel']
     return replace(usual, width_px=width_px, height_px=width_px * 3 // 4,
                    f_px=usual.f_px * width_px / usual.width_px)
 
 
 def started(stack: ExitStack, commands: Sequence[Sequence[str]]) -> dict[str, Process]:
-    """Start nodes, which end with the stack; return them by their names."""
+    """Start nodes, which end with the stack, and return them by name."""
     return {command[0]: stack.enter_context(Process(*command)) for command in commands}
 
 
@@ -91,12 +91,12 @@ def play(stack: ExitStack, traffic: Traffic, nodes: Mapping[str, Process],
          listener: SoakListener | AnswerListener, told: Sequence[str], *, rounds: int = 1,
          wait_for: str = '') -> Process:
     """
-    Play traffic to nodes as soon as all are connected; return who plays, with the first pair told.
+    Play traffic to nodes when all are connected; return the player after the first pair.
 
-    :param told: topics that the listener hears of.
-    :param rounds: how often the traffic goes round.
+    :param told: topics of the listener.
+    :param rounds: number of rounds.
     :param wait_for: topics between the nodes that have to be connected.
-    :raises GraphError: a node has ended, or they do not find each other.
+    :raises GraphError: a node has ended, or they do not discover each other.
     """
     if not listener.spin(START_S, lambda: alive(nodes) and listener.connected(*told)):
         raise GraphError(f'live: graph: found nodes that are not connected after {START_S:.0f} s, '
@@ -117,7 +117,7 @@ def play(stack: ExitStack, traffic: Traffic, nodes: Mapping[str, Process],
 
 def alive(nodes: Mapping[str, Process]) -> bool:
     """
-    Return True.
+    Return True if all nodes are running.
 
     :raises GraphError: one of the nodes has ended.
     """
@@ -130,7 +130,7 @@ def alive(nodes: Mapping[str, Process]) -> bool:
 
 def processor_s(pid: int) -> float:
     """
-    Return the processor time of a process and of those that it has started and that still run, s.
+    Return the processor time of a process and its running children, s.
 
     :raises OSError: there is no such process.
     """
@@ -138,7 +138,7 @@ def processor_s(pid: int) -> float:
     for folder in Path('/proc').glob('[0-9]*'):
         try:
             fields = (folder / 'stat').read_text().rpartition(')')[2].split()
-        except OSError:  # it has ended meanwhile
+        except OSError:  # the process has ended
             continue
         ticks[int(folder.name)] = int(fields[1]), int(fields[11]) + int(fields[12])
     if pid not in ticks:

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""``roads``: click and refine simulated roads of many kinds with exact truth, and tabulate."""
+"""``roads``: click and refine simulated roads of many kinds, and tabulate the errors."""
 from __future__ import annotations
 
 import argparse
@@ -14,20 +14,20 @@ from ...io.atomic import write_whole
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what ``roads`` takes."""
+    """Add the arguments of ``roads``."""
     parser.add_argument(
         '--roads', type=number_in(int, 1, 10000), default=4 * len(KINDS),
         help=f'roads, {len(KINDS)} kinds by turns (default: {4 * len(KINDS)})')
     parser.add_argument('--seed', type=number_in(int, 0, 2 ** 31), default=0,
                         help='another set of roads')
     parser.add_argument('--pan-deg', type=number_in(float, -1, 1), default=0.0, metavar='DEG',
-                        help='the right camera has turned this far, to either side, since its '
+                        help='rotation of the right camera, to either side, since its '
                              'calibration')
     add_job_options(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measure the roads that are not measured yet, print the table, write the files."""
+    """Measure the remaining roads, print the table, write the files."""
     results = run_jobs(road_jobs(args.roads, args.seed, args.pan_deg), measure_road,
                        out_dir=args.out, workers=args.jobs, description='roads')
     table = road_table(results)

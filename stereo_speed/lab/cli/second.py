@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""``second``: estimate simulated passes twice, and tabulate how well the estimates agree."""
+"""``second``: estimate simulated passes twice, and tabulate the agreement of the estimates."""
 from __future__ import annotations
 
 import argparse
@@ -17,7 +17,7 @@ from ...io.atomic import write_whole
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what ``second`` takes."""
+    """Add the arguments of ``second``."""
     add = parser.add_argument
     add('--passes', type=number_in(int, 1, 100000), default=200,
         help='passes, drawn as those of accuracy (default: 200)')
@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Estimate the passes that are not estimated yet, print the table, write the files."""
+    """Estimate the remaining passes, print the table, write the files."""
     share = args.wrong_percent / 100
     jobs = [Job(key=job.key, parameters={**job.parameters, 'wrong_shares': [-share, share]})
             for job in accuracy_jobs(

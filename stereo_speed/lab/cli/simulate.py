@@ -34,7 +34,7 @@ def _limit(text: str) -> str:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what ``simulate`` takes."""
+    """Add the arguments of ``simulate``."""
     add = parser.add_argument
     add('--out', type=Path, required=True, help='folder to write; must not exist')
     add('--speed', type=_speed, default=_speed('55 mph'), help="'55 mph', '80 km/h' or '22 m/s'")
@@ -86,7 +86,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _pass(text: str) -> SimConfig:
-    """Turn ``--path`` into a pass with its usual distances."""
+    """Return the pass for ``--path``, with its usual distances."""
     kind, *numbers = text.split(':')
     try:
         values = [float(number) for number in numbers]
@@ -107,9 +107,9 @@ def _pass(text: str) -> SimConfig:
 
 def _front(args: argparse.Namespace) -> VehicleConfig:
     """
-    Return a vehicle as it looks, not how it moves.
+    Return a vehicle with its appearance, but not its motion.
 
-    :raises InputError: lamps or gloss of a painted front.
+    :raises InputError: lamps or gloss are given for a painted front.
     """
     if args.kind is None:
         for name in ('lamp_grey', 'gloss'):
@@ -126,9 +126,9 @@ def _front(args: argparse.Namespace) -> VehicleConfig:
 
 def make_config(args: argparse.Namespace) -> SimConfig:
     """
-    Turn parsed arguments into what to simulate.
+    Return the configuration of the simulation from parsed arguments.
 
-    :raises InputError: an argument that cannot be drawn.
+    :raises InputError: an argument that cannot be simulated.
     """
     config = _pass(args.path)
     change = ((0.6, 0.0), (2.8, args.lane_change)) if args.lane_change else ()
@@ -154,7 +154,7 @@ def run(args: argparse.Namespace) -> int:
 
     :param args: parsed arguments.
     :return: exit status.
-    :raises InputError: an argument that cannot be drawn, or a folder that is taken.
+    :raises InputError: an argument that cannot be simulated, or a folder that is not empty.
     """
     # Only writing needs rosbags.
     from ..sim.write import write_bag

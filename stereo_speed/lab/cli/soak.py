@@ -1,11 +1,11 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-``endurance soak``: simulated traffic through the live nodes, in real time, for as long as wanted.
+``endurance soak``: play simulated traffic through the live nodes in real time, for a long time.
 
-A stretch of traffic is simulated once and goes round, with stamps that go on rising. The nodes run
-as processes of their own over DDS. Every pair must come through, every vehicle that is well seen
-must be measured once in every round, and memory and handles of the nodes must not grow.
+A section of traffic is simulated once and repeated, with stamps that keep rising. The nodes run as
+separate processes over DDS. Every pair must be processed, every well-seen vehicle must be measured
+once in every round, and memory and handles of the nodes must not grow.
 """
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ from ...io.atomic import prepare_folder
 from ...io.truth import read_truth
 
 _END_S, _STEP_S = 90.0, 2.0
-_SAMPLES = 240  # of what the nodes hold, over the run
+_SAMPLES = 240  # samples of the nodes' resources over the run
 
 
 def add_soak(actions: Any) -> None:
-    """Add the action."""
-    parser = actions.add_parser('soak', help='traffic through the live nodes, for long',
+    """Add the action ``soak``."""
+    parser = actions.add_parser('soak', help='play traffic through the live nodes',
                                 description=__doc__)
     add = parser.add_argument
     rules = SoakRules()
@@ -60,7 +60,7 @@ def add_soak(actions: Any) -> None:
 
 
 def run_soak(args: argparse.Namespace) -> int:
-    """Simulate a round, play it through the nodes for so long, print what came of it."""
+    """Simulate a round, play it through the nodes repeatedly, and print the result."""
     rules = SoakRules(growth_mb=args.growth_mb)
     folder = prepare_folder(args.out)
     shutil.rmtree(folder / 'traffic', ignore_errors=True)
@@ -105,7 +105,7 @@ def _soak(folder: Path, traffic: Traffic, args: argparse.Namespace) -> Soaked:
                 listener.spin(step_s, replay.ended)
                 bar.update(len(listener.pairs_ns) - bar.n)
             minutes = (time.monotonic() - begun_s) / 60
-            # what is on its way, and passes that wait for their ends
+            # for messages in transit, and for passes that have not ended
             listener.spin(_END_S, lambda: alive(nodes) and len(listener.pairs_ns) >= total)
             listener.spin(_STEP_S, lambda: False)
     return Soaked(
@@ -116,7 +116,7 @@ def _soak(folder: Path, traffic: Traffic, args: argparse.Namespace) -> Soaked:
 
 
 def _nodes(folder: Path, traffic: Traffic, *, one: bool) -> list[tuple[str, ...]]:
-    """Return the commands of the nodes; those that measure are one, or three."""
+    """Return the commands of the nodes, with one measuring node or three."""
     measuring = [(*ONE_NODE, traffic.site)] if one else [
         ('stereo_sync_node', *RELIABLE_IMAGES, *RELIABLE_INFOS), ('speed_node',),
         ('tracker_node', *RELIABLE_INFOS, traffic.site, *EVERY_PAIR)]
@@ -124,7 +124,7 @@ def _nodes(folder: Path, traffic: Traffic, *, one: bool) -> list[tuple[str, ...]
 
 
 def _log_faults(path: Path, soaked: Soaked) -> Sequence[str]:
-    """Return what is wrong with the log that ``log_node`` has written."""
+    """Return the faults of the log that ``log_node`` has written."""
     with sqlite3.connect(path) as log:
         (logged,), = log.execute("SELECT count(*) FROM passes WHERE verdict = 'measured'")
     told = len(soaked.rounds.errors_mps) + soaked.rounds.astray

@@ -1,10 +1,10 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-``tamper``: spoil copies of records of violations in every way, and tabulate what is found out.
+``tamper``: damage copies of records of violations in many ways, and tabulate what is detected.
 
-Bytes are flipped, files removed, added and swapped, the chain cut, writers stopped. Exit status 1
-where anything is missed.
+Bytes are flipped, files removed, added and swapped, the chain truncated, writers stopped. Exit
+status 1 if any damage is missed.
 """
 from __future__ import annotations
 
@@ -24,19 +24,19 @@ MISSED = 1
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what ``tamper`` takes."""
+    """Add the arguments of ``tamper``."""
     parser.add_argument('folder', metavar='DIR', type=Path,
-                        help='folder of records, as replay --evidence writes it')
+                        help='folder of records, as written by replay --evidence')
     parser.add_argument('--positions', type=number_in(int, 0, 10 ** 7), default=2000,
-                        help='bytes to flip, one at a time (default: 2000)')
+                        help='number of bytes to flip, one at a time (default: 2000)')
     parser.add_argument('--stops', type=number_in(int, 0, 10 ** 6), default=200,
-                        help='writers to kill, and disks to fill (default: 200)')
+                        help='number of writers to kill, and of disks to fill (default: 200)')
     parser.add_argument('--seed', type=number_in(int, 0, 2 ** 31), default=0, metavar='S',
                         help='seed (default: 0)')
 
 
 def run(args: argparse.Namespace) -> int:
-    """Spoil, verify, tabulate."""
+    """Damage, verify, tabulate."""
     found = verify(args.folder)
     if not found.sound or not found.records:
         raise InputError(args.folder, 'evidence', found.faults or 'no record',

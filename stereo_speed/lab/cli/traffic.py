@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""``traffic``: measure a simulated stream of traffic, found automatically, and tabulate it."""
+"""``traffic``: measure simulated traffic with automatic detection, and tabulate the score."""
 from __future__ import annotations
 
 import argparse
@@ -24,7 +24,7 @@ from ...steadying.config import SteadyingConfig
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what ``traffic`` takes."""
+    """Add the arguments of ``traffic``."""
     add = parser.add_argument
     add('--minutes', type=number_in(float, 0.05, 600), default=10.0, help='length of the stream')
     add('--vehicles', type=number_in(int, 1, 5000), default=200, help='how many drive past')
@@ -48,12 +48,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     where.add_argument('--out', type=Path, metavar='DIR',
                        help='write tracks.csv, passes.csv, summary.json and truth.csv there')
     where.add_argument('--bag', type=Path, metavar='DIR',
-                       help='measure nothing, write the stream as a bag with site and truth')
+                       help='only write the stream as a bag with site and truth')
     add('--raw', action='store_true',
         help='with --bag: images as mono8, four times as large as the PNG of the default')
     where.add_argument('--lane-changes', type=number_in(int, 1, 1000), metavar='SEEDS',
-                       help='in place of a stream, so many of each of the lane changes of the '
-                            '2012 paper, marked, beside a tracker that holds to the path')
+                       help='instead of a stream: number of runs of each lane change of the '
+                            '2012 paper, annotated, with and without the lane-change model')
     add('--lines', choices=[k.value for k in LineKnowledge], default='refined',
         help='how the lines of the road are known: as clicked, clicked and refined by the images '
              '(default), or exactly')
@@ -63,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
     """
     Simulate, measure, print the table, and write the files.
 
-    :raises InputError: parameters that do not fit, or a folder that cannot be written.
+    :raises InputError: parameters that do not fit together, or a folder that cannot be written.
     """
     steadying = SteadyingConfig(enabled=args.sway_deg > 0 or args.turn_deg != 0)
     parameters = PipelineConfig(TrackerConfig(particles=args.particles),

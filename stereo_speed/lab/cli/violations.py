@@ -1,10 +1,10 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-``violations``: put every fault into dense simulated traffic, and hold records against the truth.
+``violations``: apply every fault to dense simulated traffic, and check records against the truth.
 
-Faults are those of cameras, transport and clocks; of each pass it is decided whether there would
-be a record. Exit status 1 where one is wrong.
+The faults are those of cameras, transport and clocks; for each pass it is decided whether there
+would be a record. Exit status 1 if one is wrong.
 """
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ WRONG = 1
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what ``violations`` takes."""
+    """Add the arguments of ``violations``."""
     add = parser.add_argument
     add('--streams', type=number_in(int, 1, 10 ** 6), default=110,
         help='streams of half a minute with some 20 passes each; the faults take turns '
@@ -35,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the streams that are not run yet, print the table, write the files."""
+    """Run the remaining streams, print the table, write the files."""
     jobs = [job for job in violation_jobs(args.streams, args.seed, list(FAULTS), fps=args.fps)
             if not args.fault or job.parameters['fault'] in args.fault]
     results = run_jobs(jobs, violation_job, out_dir=args.out, workers=args.jobs,

@@ -1,3 +1,3 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Trackers and detectors beside the truth."""
+"""Evaluation of trackers and detectors against the truth."""

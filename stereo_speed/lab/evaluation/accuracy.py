@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Measure many passes drawn at random, and sum up their errors and how well sigmas fit them."""
+"""Measure many random passes, and summarise their errors and the consistency of the sigmas."""
 from __future__ import annotations
 
 from collections import Counter
@@ -22,19 +22,19 @@ from ...core.units import MPH_MPS
 
 COLUMNS = ('', 'passes', 'measured', 'mean error, mph', 'sd, mph', 'max, mph',
            'r.m.s. of error/σ', 'beyond 4 σ', 'worst reading of the second half, mph')
-# The error that a rig that has moved may cause at most.
+# Greatest error that a moved rig may cause without a warning.
 _WRONG_MPS = 0.1 * MPH_MPS
 
 
 @dataclass(frozen=True, kw_only=True)
 class PassRun:
     """
-    A pass and what was measured of it.
+    A pass and its measurement.
 
-    :param number: of the pass.
-    :param kinds: what it counts for: heading to kind.
+    :param number: number of the pass.
+    :param kinds: groups that it belongs to: heading to kind.
     :param run: readings and result; empty when the job failed.
-    :param error: why it failed.
+    :param error: reason of the failure.
     :param cpu_ms: processor time per pair, ms.
     """
 
@@ -52,15 +52,15 @@ def accuracy_jobs(passes: int, *, seed: int, lines: LineKnowledge, pan_deg: floa
     """
     Return a job for each pass.
 
-    :param passes: how many.
-    :param seed: of the set.
-    :param lines: how well the lines of the site are known.
-    :param pan_deg: by which the right camera has turned since its calibration.
-    :param tolerances: whether calibration and stamps are off within the tracker's tolerances.
+    :param passes: number of passes.
+    :param seed: seed of the set.
+    :param lines: source of the site's lines.
+    :param pan_deg: rotation of the right camera since its calibration.
+    :param tolerances: whether to draw errors of calibration and stamps within the tolerances.
     :param changes: parameters of the tracker that differ from the defaults.
     :param sway_deg: 1-sigma of each angle of the rig in each pair.
-    :param outdoors: as of ``draw_pass``.
-    :param detect: vehicles are detected, not annotated.
+    :param outdoors: as for ``draw_pass``.
+    :param detect: whether vehicles are detected instead of annotated.
     """
     return [Job(key=f'pass{number:04d}', parameters={
         'number': number, 'seed': seed, 'lines': lines.value, 'pan_deg': pan_deg,
@@ -116,21 +116,21 @@ def _row(name: str, passes: Sequence[PassRun]) -> list[Cell]:
 
 
 def late_errors(run: VehicleRun) -> list[float]:
-    """Return the errors of the readings of the pass's second half, m/s."""
+    """Return the errors of the readings in the second half of the pass, m/s."""
     speed, truth = readings(run)
     errors: list[float] = (speed - truth).tolist()
     return errors[max(len(run.stamps_ns) // 2 - (len(run.stamps_ns) - len(errors)), 0):]
 
 
 def rejections(passes: Sequence[PassRun]) -> dict[str, int]:
-    """Return how often each reason kept a pass from being measured; ``lost`` had no track."""
+    """Return the number of unmeasured passes by reason; ``lost`` passes had no track."""
     reasons = Counter('failed' if p.error else p.run.reason if p.run.verdict else 'lost'
                       for p in passes if not p.run.measured)
     return dict(sorted(reasons.items()))
 
 
 def classes_told(passes: Sequence[PassRun]) -> dict[str, int]:
-    """Return how many vehicles with a pass had their class told right, not at all, and wrong."""
+    """Return how many vehicles with a pass have a right, an unknown and a wrong class."""
     found = Counter(
         'unknown' if p.run.told_class == VehicleClass.UNKNOWN else
         'right' if p.run.told_class == CLASS_OF[p.kinds['vehicle']] else 'wrong'
@@ -139,13 +139,13 @@ def classes_told(passes: Sequence[PassRun]) -> dict[str, int]:
 
 
 def silently_wrong(passes: Sequence[PassRun]) -> int:
-    """Return how many measured passes are more than 0.1 mph and 2 of their 1-sigmas off."""
+    """Return how many measured passes have errors above 0.1 mph and 2 sigmas."""
     return sum(abs(pass_error(p.run)) > _WRONG_MPS and abs(sigma_share(p.run)) > 2
                for p in passes if p.run.measured)
 
 
 def passes_table(passes: Sequence[PassRun]) -> Table:
-    """Return a row for every pass, for programs."""
+    """Return a row for every pass, as data."""
     kinds = list(passes[0].kinds) if passes else []
     rows: list[list[Cell]] = []
     for p in passes:

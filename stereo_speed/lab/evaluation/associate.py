@@ -3,9 +3,9 @@
 """
 Associate tracks with true vehicles by their positions, one to one.
 
-Two measures say how near a track is to a vehicle. ``distance`` is generous in depth, which stereo
-knows least, so that a poor tracker is scored by its errors. ``support`` distinguishes the vehicles
-of dense traffic, neighbours in the next lane included.
+There are two measures of proximity. ``distance`` is tolerant in depth, the least certain direction
+of stereo, so that a poor tracker is scored by its errors. ``support`` distinguishes the vehicles
+of dense traffic, including neighbours in the next lane.
 """
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ from scipy.optimize import linear_sum_assignment
 from ...core.records import Array, TrackUpdate
 from ...io.truth import VehicleTruth
 
-# A tracker that is farther off than the greater of these is not on the vehicle.
+# A tracker farther away than the greater of these, in m and as a share of depth, is off.
 GATE_M, GATE_SHARE = 4.0, 0.15
-# The nearer part of its positions decides: a track that leaves its vehicle later remains that
-# vehicle's, with the errors it then makes.
+# Quantile of the distances that decides: a track that leaves its vehicle later is still
+# associated with it, and its errors count.
 NEARER_SHARE = 0.25
-# Farther to the side than this a track is on a neighbour.
+# At a greater lateral distance a track is on a neighbour.
 GATE_SIDE_M = 1.2
-# Of a tall vehicle the upper or the lower part may be tracked.
+# Vertical gate, because the upper or the lower part of a tall vehicle may be tracked.
 GATE_UP_M = 2.5
-# The greater of these holds along the line of sight.
+# Gate along the line of sight: the greater of these, in m and as a share of the range.
 GATE_DEPTH_M, GATE_DEPTH_SHARE = 2.0, 0.06
-# A track is on a vehicle when its support is more than this share of its updates: half of them,
-# at half the gate.
+# A track is on a vehicle if its support exceeds this share of its updates, which corresponds to
+# half of the updates at half the gate.
 LEAST_SUPPORT = 0.25
 
 
 class Placed(Protocol):
-    """A track's front in a pair."""
+    """The front of a track in a pair."""
 
     @property
     def stamp_ns(self) -> int:
@@ -46,7 +46,7 @@ class Placed(Protocol):
 
 
 def common_positions(track: Sequence[Placed], truth: VehicleTruth) -> tuple[Array, Array]:
-    """Return a track's positions, (n, 3), and the true ones beside them, where both are known."""
+    """Return positions of a track, (n, 3), and the true ones, where both are known."""
     rows = truth.at([u.stamp_ns for u in track])
     true = truth.position_m[rows]
     known = (rows >= 0) & np.isfinite(true).all(axis=1)
@@ -55,10 +55,10 @@ def common_positions(track: Sequence[Placed], truth: VehicleTruth) -> tuple[Arra
 
 def distance(track: Sequence[Placed], truth: VehicleTruth) -> float:
     """
-    Return how far a track is from a vehicle, in gates: 1 is the farthest that can be matched.
+    Return the distance of a track from a vehicle in gates; up to 1 it can be matched.
 
     :param track: updates of one track.
-    :return: quantile of the distances at common stamps; infinite when there is none.
+    :return: quantile of the distances at common stamps; infinite without common stamps.
     """
     found, true = common_positions(track, truth)
     if not len(true):
@@ -68,13 +68,13 @@ def distance(track: Sequence[Placed], truth: VehicleTruth) -> float:
 
 
 def support(track: Sequence[TrackUpdate], truth: VehicleTruth) -> float:
-    """Return how well and how often a track is on a vehicle: the sum of its ``nearness``."""
+    """Return the sum of ``nearness``: how well and how often a track is on a vehicle."""
     return float(nearness(*common_positions(track, truth)).sum())
 
 
 def nearness(track_m: Array, true_m: Array) -> Array:
     """
-    Return how well a track is on a vehicle: 1 on its centre, 0 from the gate on.
+    Return how near a track is to a vehicle: 1 at its centre, 0 from the gate on.
 
     :param track_m: (..., 3) centre of the tracked front, left optical frame.
     :param true_m: (..., 3) the true one.
@@ -82,7 +82,7 @@ def nearness(track_m: Array, true_m: Array) -> Array:
     reach = np.linalg.norm(true_m, axis=-1, keepdims=True)
     ray, gap = true_m / reach, track_m - true_m
     along = (gap * ray).sum(axis=-1, keepdims=True)
-    across = gap - along * ray  # x to the side and y down: rigs stand about upright
+    across = gap - along * ray  # x to the side, y down: rigs are about level
     shares: Array = np.concatenate([
         along / np.maximum(GATE_DEPTH_M, GATE_DEPTH_SHARE * reach),
         across[..., :1] / GATE_SIDE_M, across[..., 1:2] / GATE_UP_M], axis=-1)
@@ -91,7 +91,7 @@ def nearness(track_m: Array, true_m: Array) -> Array:
 
 
 def one_to_one(gain: Array) -> list[tuple[int, int]]:
-    """Return pairs of row and column with the greatest sum of gains; no gain makes no pair."""
+    """Return pairs of row and column with the greatest total gain; zero gains make no pair."""
     rows, columns = linear_sum_assignment(gain, maximize=True)
     return [(int(i), int(j)) for i, j in zip(rows, columns) if gain[i, j] > 0]
 
@@ -101,7 +101,7 @@ def match(tracks: Mapping[int, Sequence[TrackUpdate]],
     """
     Match tracks to vehicles, one to one, with the least sum of distances within the gate.
 
-    Where the truth has no positions and a single vehicle, that gets the longest track.
+    If the truth has a single vehicle without positions, the longest track is matched to it.
 
     :param tracks: track number to its updates.
     :param truths: the vehicles.
@@ -114,7 +114,7 @@ def match(tracks: Mapping[int, Sequence[TrackUpdate]],
         return {truths[0].vehicle: max(names, key=lambda name: len(tracks[name]))}
     cost: Array = np.array([[distance(tracks[name], truth) for name in names]
                             for truth in truths])
-    # Any pair within the gate gains more than all distances together.
+    # Each pair within the gate gains more than the sum of all distances.
     gain = np.where(cost <= 1.0, 1.0 + cost.size - cost, 0.0)
     return {truths[i].vehicle: names[j] for i, j in one_to_one(gain)}
 
@@ -124,12 +124,12 @@ def vehicles_of(tracks: Mapping[int, Sequence[TrackUpdate]],
     """
     Return the vehicle that each track is on.
 
-    Tracks and vehicles are matched one to one, with the greatest support; what is left over is a
-    second track of a vehicle, or on none.
+    Tracks and vehicles are matched one to one, with the greatest support; each remaining track is
+    a second track of a vehicle, or on none.
 
     :param tracks: track number to its updates.
     :param truths: the vehicles.
-    :return: track number to vehicle number, without the tracks on nothing.
+    :return: track number to vehicle number, for the tracks on a vehicle.
     """
     names = sorted(tracks)
     if not names or not truths:

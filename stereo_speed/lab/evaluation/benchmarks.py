@@ -1,9 +1,10 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-What measuring costs, and how that grows: CPU time beside peers, in turns.
+Cost of the measurement and its growth: CPU times in comparison with peers.
 
-What is compared takes turns, so that a busy machine disturbs all alike, and medians are told.
+The candidates take turns, so that other load on the machine affects all alike; medians are
+reported.
 """
 from __future__ import annotations
 
@@ -39,22 +40,22 @@ Job = Callable[[], object]
 PARTICLES, VEHICLES, SCALES = (100, 200, 400, 800), (1, 2, 4, 8), (0.5, 1.0, 1.25, 2.0)
 FOLLOWERS = ('MIL', 'CSRT')  # of OpenCV; CSRT is one of its contributed modules
 _FRONT_PX = (150, 90)
-_OBSERVATIONS, _GRID = 24, (16, 40)  # as many as a live reading has
-_PAIRS = 10  # of a pass, that the cost of a pair is taken from
+_OBSERVATIONS, _GRID = 24, (16, 40)  # as for a live reading
+_PAIRS = 10  # pairs of a pass from which the cost of a pair is taken
 _REPEATED = 5  # calls of a kernel that are timed together
-_STEPS = 50  # steps of a filter without images that are
-_TO_GREY = ('bgr8', 'bayer_rggb8')  # of which peers have to be told that grey is wanted
+_STEPS = 50  # steps of a filter without images that are timed together
+_TO_GREY = ('bgr8', 'bayer_rggb8')  # peers need the conversion to grey requested
 
 
 @dataclass(frozen=True)
 class Scene:
     """
-    A pass that is measured again and again.
+    A pass that is measured repeatedly.
 
     :param rig: the cameras.
     :param place: the site.
     :param pairs: the pairs.
-    :param fronts: as a person annotated them.
+    :param fronts: annotated fronts.
     """
 
     rig: StereoRig
@@ -64,7 +65,7 @@ class Scene:
 
 
 def sgbm(mode: int = cv2.STEREO_SGBM_MODE_SGBM) -> cv2.StereoSGBM:
-    """Return the stereo matching that all is timed beside."""
+    """Return the stereo matcher that serves as reference."""
     return cv2.StereoSGBM.create(minDisparity=0, numDisparities=64, blockSize=5, mode=mode)
 
 
@@ -77,9 +78,9 @@ def milliseconds(job: Job) -> float:
 
 def medians(jobs: Mapping[str, Job], rounds: int) -> dict[str, float]:
     """
-    Return the median CPU time of each job, ms; they take turns.
+    Return the median CPU time of each job, ms; the jobs take turns.
 
-    Each job runs once before it counts.
+    Each job runs once before the timing.
     """
     for job in jobs.values():
         job()
@@ -107,7 +108,7 @@ def kernel_table(rounds: int) -> Table:
 
 
 def likelihood_table(rounds: int) -> Table:
-    """Return the time of a likelihood of both views, beside a loop of ``cv2.warpPerspective``."""
+    """Return the time of a likelihood of both views, and of a ``cv2.warpPerspective`` loop."""
     rng, grid, config = np.random.default_rng(0), PartGrid(10, CELLS), TrackerConfig()
     views = [cv2.GaussianBlur(rng.uniform(0, 255, (960, 1280)).astype(np.float32), (0, 0), 2)
              .astype(np.uint8) for _ in range(2)]
@@ -130,7 +131,7 @@ def likelihood_table(rounds: int) -> Table:
 
 
 def filter_table(rounds: int) -> Table:
-    """Return the time of the filter alone, without images, beside that of filterpy."""
+    """Return the time of the filter without images, in comparison with filterpy."""
     rng, config = np.random.default_rng(2), TrackerConfig()
     resample: Any = getattr(_installed('filterpy.monte_carlo'), 'systematic_resample', None)
     jobs: dict[str, Job] = {}
@@ -150,7 +151,7 @@ def filter_table(rounds: int) -> Table:
 
 
 def vehicle_table(scene: Scene, rounds: int) -> Table:
-    """Return the time of a pair against the number of tracks, without looking for vehicles."""
+    """Return the time of a pair over the number of tracks, without detection."""
     jobs = {str(n): _tracked(scene, [scene.fronts[0]] * n) for n in VEHICLES}
     found, pairs = medians(jobs, rounds), min(len(scene.pairs), _PAIRS)
     return Table(title='Tracks in view', columns=('tracks', 'a pair, ms', 'a track and pair, ms'),
@@ -158,7 +159,7 @@ def vehicle_table(scene: Scene, rounds: int) -> Table:
 
 
 def follower_table(scene: Scene, rounds: int) -> Table:
-    """Return the time of a pair with one track, beside trackers that follow a box in one view."""
+    """Return the time of a pair with one track, and of trackers of a box in one view."""
     front = scene.fronts[0]
     pairs = scene.pairs[front.frame:front.frame + _PAIRS]
     jobs = {'ours': _tracked(scene, [front])}
@@ -174,7 +175,7 @@ def follower_table(scene: Scene, rounds: int) -> Table:
 
 
 def size_table(scene: Scene, rounds: int) -> Table:
-    """Return the time of a pair against the size of the images, beside stereo matching."""
+    """Return the time of a pair over the size of the images, and of stereo matching."""
     matchers = {'SGBM': sgbm(), 'SGBM, 3 ways': sgbm(cv2.STEREO_SGBM_MODE_SGBM_3WAY)}
     jobs: dict[str, Job] = {}
     for scale in SCALES:
@@ -194,9 +195,9 @@ def size_table(scene: Scene, rounds: int) -> Table:
 
 def decode_table(scene: Scene, rounds: int) -> Table:
     """
-    Return the time to turn an image message into a grey image, beside others of the same bytes.
+    Return the time to decode an image message to a grey image, in comparison with peers.
 
-    Pillow is asked for files alone, and a format that a peer does not take is a dash.
+    Pillow is used for files only; a format that a peer does not support has a dash.
     """
     image = scene.pairs[0].left
     messages = _image_messages(image)
@@ -226,7 +227,7 @@ def decode_table(scene: Scene, rounds: int) -> Table:
 
 
 def _image_messages(grey: Array) -> dict[str, SimpleNamespace]:
-    """Return messages with one image (H, W) uint8, by their formats, files first."""
+    """Return messages with an image (H, W) uint8 by format, compressed ones first."""
     height, width = grey.shape
     found = {f'{kind}, 8 bits': SimpleNamespace(
         format=f'mono8; {kind} compressed', data=cv2.imencode(f'.{kind}', grey)[1].tobytes())
@@ -263,7 +264,7 @@ def _times(job: Job, count: int) -> Job:
 
 
 def _arguments() -> dict[str, tuple[Any, ...]]:
-    """Return what kernels are called with for a live reading, by their names."""
+    """Return the arguments of each kernel for a live reading, by name."""
     rng, n, samples = np.random.default_rng(1), _OBSERVATIONS, _GRID[0] * _GRID[1]
     texture = rng.standard_normal(samples)
     patches = texture + 0.2 * rng.standard_normal((n, 2, samples))
@@ -300,7 +301,7 @@ def _filtered(states: Array, scores: Array, config: TrackerConfig) -> object:
 
 
 def _filtered_by_filterpy(states: Array, scores: Array, resample: Callable[..., Any]) -> object:
-    """Do the same as filterpy's book does, with its resampling."""
+    """Do the same as in filterpy's book, with its resampling."""
     weights = np.exp(scores - scores.max())
     weights /= weights.sum()
     survivors = states[resample(weights)]
@@ -325,7 +326,7 @@ def _tracked(scene: Scene, fronts: Sequence[InitialFront]) -> Job:
 
 
 def _followed(make: Callable[[], Any], images: Sequence[Any], front_px: Array) -> None:
-    """Follow the box of a front through grey images; trackers of OpenCV want three channels."""
+    """Track the box of a front; OpenCV's trackers need three channels."""
     first, *later = (cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) for image in images)
     low, high = front_px.min(axis=0), front_px.max(axis=0)
     tracker = make()
@@ -345,7 +346,7 @@ def _found(scene: Scene) -> Job:
 
 
 def _scaled(scene: Scene, scale: float) -> Scene:
-    """Return a scene as cameras of another resolution see it."""
+    """Return a scene as seen by cameras of another resolution."""
     pairs = [replace(pair, **{side: cv2.resize(
         getattr(pair, side), None, fx=scale, fy=scale,
         interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC)

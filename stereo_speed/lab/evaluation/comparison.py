@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Trackers side by side: a row for each tracker, its parameters and the vehicle."""
+"""Comparison of trackers: a row for each tracker, its parameters and the vehicle."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -28,7 +28,7 @@ def comparison_row(label: str, experiment: Experiment, seeds: Sequence[int], veh
     """
     Return a row under ``COLUMNS``.
 
-    :param label: of the row.
+    :param label: label of the row.
     :param vehicle: number of the vehicle.
     """
     f = whole_figures(experiment, seeds, vehicle, runs)
@@ -43,7 +43,7 @@ def comparison_table(experiments: Sequence[Experiment], seeds: Sequence[int],
     """
     Return a row for each experiment and vehicle.
 
-    :param experiments: of one source.
+    :param experiments: experiments on one source.
     """
     several = len({e.changes.get('particles') for e in experiments}) > 1
     rows: list[list[Cell]] = []

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What many bags and long ones cost: processor time and memory of the very commands."""
+"""Processor time and memory of the commands for many and for long bags."""
 from __future__ import annotations
 
 import csv
@@ -20,10 +20,10 @@ from ...io.results import PASSES
 @dataclass(frozen=True, kw_only=True)
 class Cost:
     """
-    What a command has taken.
+    The cost of a command.
 
-    :param wall_s: time by the clock, s.
-    :param cpu_s: processor time of it and the processes it started, s.
+    :param wall_s: elapsed time, s.
+    :param cpu_s: processor time, including started processes, s.
     :param peak_mb: greatest resident memory of one process, MB.
     """
 
@@ -34,11 +34,11 @@ class Cost:
 
 def cost_of(arguments: Sequence[str], log: Path) -> Cost:
     """
-    Run a command of this package in a process of its own.
+    Run a command of this package in a separate process.
 
-    :param arguments: those of ``python -m stereo_speed``.
-    :param log: file for what it prints.
-    :raises StereoSpeedError: it did not end with 0.
+    :param arguments: arguments of ``python -m stereo_speed``.
+    :param log: file for its output.
+    :raises StereoSpeedError: its exit status is not 0.
     """
     start = time.perf_counter()
     with log.open('wb') as stream:
@@ -64,7 +64,7 @@ def long_table(rows: Sequence[tuple[int, float, int, int, Cost]]) -> Table:
     """
     Tabulate bags of growing length.
 
-    :param rows: rounds of the sample, length in h, passes found, measured, and the cost.
+    :param rows: rounds of the sample, length in h, passes found, passes measured, and the cost.
     """
     return Table(
         title='One bag, ever longer',
@@ -79,7 +79,7 @@ def many_table(rows: Sequence[tuple[int, int, Cost, Cost]]) -> Table:
     """
     Tabulate growing numbers of bags.
 
-    :param rows: bags, passes, the cost, and that of the same command when all is done.
+    :param rows: bags, passes, the cost, and that of the same command run again.
     """
     return Table(
         title='Ever more bags',

@@ -3,9 +3,9 @@
 """
 Trackers over sequences and seeds: what to run, the job that runs it, and its runs.
 
-A run is one tracker with one set of parameters over one sequence with one seed. The seed stands
-for all that is random: textures, noise, picks and annotations of a simulation, and the tracker.
-Runs on one sequence and seed share its images.
+A run is one tracker with one set of parameters over one sequence with one seed. The seed controls
+all randomness: textures, noise, picks and annotations of a simulation, and the tracker. Runs on
+one sequence and seed share its images.
 """
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ from ...batch.job import Job, Result
 from ...core.config import TrackerConfig, VisibilityConfig
 from ...pipeline.registry import TRACKERS
 
-# Trackers are compared by what they read, however uncertain, as in the papers.
+# As in the papers, trackers are compared by all readings, however uncertain.
 EVERY_READING = VisibilityConfig(reading_std_mps=100.0)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Source:
     """
-    Where the pairs come from: a simulated sequence, or a bag with its files.
+    The source of the pairs: a simulated sequence, or a bag with its files.
 
     :param sequence: name of a simulated sequence; empty for a bag.
-    :param lines: how well the lines of a simulated site are known.
-    :param files: ``bag``, ``site``, ``truth`` and perhaps ``init``, ``left`` and ``right``.
+    :param lines: source of the lines of a simulated site.
+    :param files: ``bag``, ``site``, ``truth`` and optionally ``init``, ``left`` and ``right``.
     """
 
     sequence: str = ''
@@ -43,12 +43,12 @@ class Source:
 
     @property
     def name(self) -> str:
-        """Name for tables."""
+        """Return the name for tables."""
         bag = Path(self.files.get('bag', ''))
         return self.sequence or (bag.parent.name if bag.name == 'bag' else bag.name)
 
     def to_json(self, seed: int) -> dict[str, Any]:
-        """Return all that the pairs depend on."""
+        """Return everything that the pairs depend on."""
         if self.sequence:
             return {'sequence': self.sequence, 'lines': self.lines.value, 'seed': seed}
         return {'files': dict(self.files), 'state': [_state(Path(self.files[k])) for k in sorted(
@@ -85,7 +85,7 @@ class Experiment:
 
 
 def _state(path: Path) -> list[list[Union[str, int]]]:
-    """Return what changes when a file, or a file of a folder, changes."""
+    """Return names, sizes and modification times of a file or of a folder's files."""
     files = sorted(path.rglob('*')) if path.is_dir() else [path]
     return [[f.name, f.stat().st_size, f.stat().st_mtime_ns] for f in files if f.is_file()]
 
@@ -114,7 +114,7 @@ def sequence_experiment(sequence: str, tracker: str, *,
 
 def plan(runs: Iterable[tuple[Experiment, int]]) -> list[Job]:
     """
-    Return the jobs of runs, each once, those that share images together.
+    Return the jobs of runs, each once, grouped by shared images.
 
     :param runs: experiments with a seed.
     """
@@ -131,7 +131,7 @@ def track_job(parameters: Mapping[str, Any]) -> Mapping[str, Any]:
 
 @lru_cache(maxsize=1)
 def _sequence(source: str) -> LabeledSequence:
-    """Simulate or read a sequence, once for the jobs that follow one another on it."""
+    """Simulate or read a sequence, once for consecutive jobs on it."""
     given = json.loads(source)
     if 'sequence' in given:
         return simulated_sequence(find_sequence(given['sequence']).config(), (given['seed'],),
@@ -145,7 +145,7 @@ class Runs:
     """
     The runs of experiments, by experiment and vehicle.
 
-    :param results: of all jobs.
+    :param results: results of all jobs.
     """
 
     def __init__(self, results: Sequence[Result]) -> None:
@@ -153,18 +153,18 @@ class Runs:
                       if r.value is not None}
 
     def of(self, experiment: Experiment, seeds: Sequence[int]) -> list[SequenceRun]:
-        """Return its runs; those that failed are not among them."""
+        """Return the runs of an experiment, without failed ones."""
         keys = [experiment.key(seed) for seed in seeds]
         return [self._runs[key] for key in keys if key in self._runs]
 
     def vehicle(self, experiment: Experiment, seeds: Sequence[int],
                 vehicle: int) -> list[VehicleRun]:
-        """Return what its runs reported of one vehicle."""
+        """Return the reports of an experiment's runs on one vehicle."""
         return [run for done in self.of(experiment, seeds) for run in done.vehicles
                 if run.vehicle == vehicle]
 
     def vehicles(self, experiment: Experiment, seeds: Sequence[int]) -> list[int]:
-        """Return the numbers of the vehicles of its runs."""
+        """Return the numbers of the vehicles in an experiment's runs."""
         return sorted({run.vehicle for done in self.of(experiment, seeds)
                        for run in done.vehicles})
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Sequences with truth, simulated or from bags, and a tracker's run over one."""
+"""Sequences with truth, simulated or from bags, and runs of trackers over them."""
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
@@ -32,22 +32,22 @@ Content = TypeVar('Content')
 
 
 class LineKnowledge(str, Enum):
-    """How well the lines of a simulated site are known."""
+    """Source of the lines of a simulated site."""
 
-    PICKED = 'picked'  # as clicked
-    REFINED = 'refined'  # as clicked, then refined by images
+    PICKED = 'picked'  # clicked
+    REFINED = 'refined'  # clicked, then refined by images
     EXACT = 'exact'
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LabeledSequence:
     """
-    A sequence with all a tracker needs, and its truth.
+    A sequence with everything a tracker needs, and its truth.
 
     :param site: rig, lanes and tolerances.
-    :param annotations: the fronts as annotated; None has them detected.
+    :param annotations: annotated fronts; None has them detected.
     :param pairs: the pairs.
-    :param truths: one for each vehicle.
+    :param truths: truth of each vehicle.
     """
 
     site: MeasuringSite
@@ -61,13 +61,13 @@ def simulated_sequence(config: SimConfig, seed: Sequence[int], lines: LineKnowle
     """
     Simulate a sequence and reconstruct its lanes.
 
-    :param config: what to simulate.
-    :param seed: of the simulation.
-    :param lines: how well the lanes' lines are known; they are refined by the sequence's own
-        images, as one would before measuring.
-    :param tolerances: draw the errors of calibration and stamps that these parameters allow
-        for; None leaves both exact.
-    :raises InputError: a scene that cannot be drawn.
+    :param config: configuration of the simulation.
+    :param seed: seed of the simulation.
+    :param lines: source of the lanes' lines; refined ones use the sequence's own images, as one
+        would before measuring.
+    :param tolerances: draw errors of calibration and stamps within the tolerances of these
+        parameters; None leaves both exact.
+    :raises InputError: the scene cannot be simulated.
     """
     sequence = simulate(config, np.random.default_rng(list(seed)))
     if tolerances is not None:
@@ -84,11 +84,11 @@ def disturbed(sequence: SimSequence, tolerances: TrackerConfig,
     """
     Disturb the calibration and the stamps that a tracker gets, within its tolerances.
 
-    Both focal lengths are off by one share, as of one calibration; the stamps of both views by
-    one time, as of one trigger.
+    Both focal lengths have the same relative error, as from one calibration; the stamps of both
+    views have the same error, as from one trigger.
 
-    :param tolerances: gives the 1-sigmas: ``focal_std``, ``baseline_std_m``, ``stamp_std_s``;
-        the angles between the cameras are off by what a site allows a calibrated rig.
+    :param tolerances: has the 1-sigmas ``focal_std``, ``baseline_std_m`` and ``stamp_std_s``; the
+        errors of the angles between the cameras have the 1-sigma of a calibrated rig.
     """
     angles = np.radians(RoadPrior().calibrated_std_deg) * rng.standard_normal(3)
     rig = sequence.rig.drifted(angles)
@@ -109,7 +109,7 @@ def disturbed(sequence: SimSequence, tolerances: TrackerConfig,
 
 def read_back(content: Mapping[str, object], load: Callable[[Path], Content]) -> Content:
     """
-    Return what is read from a YAML file of some content, as a person would hand it over.
+    Write content to a YAML file and read it back, as if it were a user's file.
 
     :param load: reads the file.
     """
@@ -124,7 +124,7 @@ def bag_sequence(bag: Path, site: Path, init: Optional[Path], truth: Path, *,
     """
     Read a sequence from a bag, with its site, annotations and truth.
 
-    :raises InputError: a file that cannot be used.
+    :raises InputError: a file is unusable.
     """
     truths, read = read_truth(truth), load_site(site)
     annotations = None if init is None else load_init(init)
@@ -137,12 +137,12 @@ def bag_sequence(bag: Path, site: Path, init: Optional[Path], truth: Path, *,
 def run_tracker(sequence: LabeledSequence, tracker: str, config: TrackerConfig,
                 seed: int, *, steadying: bool = False) -> SequenceRun:
     """
-    Run a tracker over a sequence, as ``replay`` would, and set its reports beside the truth.
+    Run a tracker over a sequence like ``replay``, and compare its reports with the truth.
 
     :param tracker: name of the tracker.
     :param config: its parameters.
-    :param seed: of all its randomness.
-    :param steadying: whether how the cameras rotate is estimated in each pair.
+    :param seed: seed of all its randomness.
+    :param steadying: whether the rotation of the cameras is estimated in each pair.
     """
     site = SiteConfig(steadying=SteadyingConfig(enabled=steadying))
     pipeline = sequence.site.pipeline(PipelineConfig(config, tracker, site=site),

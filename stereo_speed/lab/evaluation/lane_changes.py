@@ -3,8 +3,8 @@
 """
 The lane changes of Zhu et al. (2012, Section V-C), simulated: 35 mph over 5 s, 30 mph over 3 s.
 
-Each is measured with the tracker's model of lane changes and with one that holds to the straight
-path, with the paper's drift across it, both on the same lanes.
+Each is measured with the tracker's lane-change model, and with one that is restricted to the
+straight path with the paper's drift across it, both on the same lanes.
 """
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ NEAR_M = 17.5
 @dataclass(frozen=True)
 class ChangeError:
     """
-    How well a lane change was measured; NaN for what was not.
+    Errors of the measurement of a lane change; NaN where there is none.
 
-    :param followed: the vehicle was followed for as long as it was in view.
+    :param followed: whether the vehicle was tracked as long as it was in view.
     :param pass_mps: error of the pass, m/s; NaN when it was rejected.
     :param live_mps: root mean square error of the readings of the second half, m/s.
-    :param smoothed_mps: of the smoothed speeds, m/s.
-    :param lane: the pass ends in the lane that the vehicle went to.
+    :param smoothed_mps: root mean square error of the smoothed speeds, m/s.
+    :param lane: whether the pass ends in the lane that the vehicle changed to.
     """
 
     followed: bool
@@ -54,10 +54,10 @@ class ChangeError:
 
 def change_config(case: str, seed: int) -> SimConfig:
     """
-    Build a pass with a lane change to the outer lane or back, 30 pairs at 5 a second.
+    Build a pass with a lane change to the outer lane or back, 30 pairs at 5 pairs/s.
 
     :param case: one of ``CASES``.
-    :param seed: of speed, start and direction.
+    :param seed: seed of speed, start and direction.
     """
     speed_mph, last_s = CASES[case]
     rng = np.random.default_rng([seed, round(speed_mph)])
@@ -73,7 +73,7 @@ def change_config(case: str, seed: int) -> SimConfig:
 
 
 def tracker_config(model: str, particles: int) -> TrackerConfig:
-    """Return the parameters of one of ``MANOEUVRE_MODELS``."""
+    """Return the tracker's parameters for one of ``MANOEUVRE_MODELS``."""
     config = TrackerConfig(particles=particles)
     return config if model == MANOEUVRE_MODELS[0] else replace(config, manoeuvre_probability=0.0)
 
@@ -98,8 +98,8 @@ def measure_changes(case: str, seed: int, particles: int, lines: LineKnowledge
     Simulate one lane change and measure it with each of ``MANOEUVRE_MODELS``.
 
     :param case: one of ``CASES``.
-    :param seed: of the simulation and of the trackers.
-    :param lines: how well the lines of the lanes are known.
+    :param seed: seed of the simulation and of the trackers.
+    :param lines: source of the lines of the lanes.
     """
     config = change_config(case, seed)
     sequence = simulated_sequence(config, (seed,), lines)

@@ -1,10 +1,10 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Figures of merit, as the papers give them and as a measurement engineer wants them.
+Figures of merit, as in the papers and as a measurement engineer needs them.
 
-A *reading* is a live, confirmed speed: what is published while the vehicle drives. The last one
-is what the 2012 paper tabulates ("final estimated speed"). The *pass* is the one final speed.
+A *reading* is a live, confirmed speed: what is published while the vehicle drives. The last one is
+what the 2012 paper tabulates ("final estimated speed"). The *pass* has the one final speed.
 """
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class ReadingFigures:
     """
     Figures of the live readings of one vehicle over several runs, m/s.
 
-    :param runs: how many there were.
+    :param runs: number of runs.
     :param lost: runs without a confirmed reading in the last quarter of the vehicle's pairs.
     :param mean_mps: mean of all confirmed readings.
     :param max_error_mps: greatest error of a confirmed reading.
@@ -31,7 +31,7 @@ class ReadingFigures:
     :param rms_mps: root mean square of their errors.
     :param final_mean_mps: mean of the last reading of each run.
     :param final_max_error_mps: greatest error of a last reading.
-    :param truth_mps: mean of the truth beside the readings.
+    :param truth_mps: mean of the truth at the readings.
     """
 
     runs: int
@@ -50,13 +50,13 @@ class PassFigures:
     """
     Figures of the final speeds of passes, m/s.
 
-    :param passes: how many there were.
-    :param measured: how many were measured, not rejected or lost.
-    :param mean_mps: mean error of those measured.
+    :param passes: number of passes.
+    :param measured: number of measured ones, neither rejected nor lost.
+    :param mean_mps: mean error of the measured ones.
     :param std_mps: standard deviation of their errors.
     :param max_mps: greatest error.
-    :param sigma_ratio: root mean square of error over 1-sigma; 1 is honest.
-    :param beyond_4: how many errors are beyond 4 of their own 1-sigmas.
+    :param sigma_ratio: root mean square of error over 1-sigma; 1 is consistent.
+    :param beyond_4: number of errors beyond 4 sigmas.
     """
 
     passes: int
@@ -69,7 +69,7 @@ class PassFigures:
 
 
 def readings(run: VehicleRun) -> tuple[Array, Array]:
-    """Return the confirmed speeds, (n,) in m/s and in time order, and the truth beside them."""
+    """Return the confirmed speeds, (n,) in m/s, in time order, and the true speeds."""
     rows = [(speed, truth) for speed, truth, sure in zip(
         run.speeds_mps, run.truth_mps, run.confirmed) if sure and truth is not None]
     values = np.array(rows, dtype=float).reshape(-1, 2)
@@ -84,9 +84,9 @@ def lost(run: VehicleRun) -> bool:
 
 def reading_figures(runs: Sequence[VehicleRun]) -> ReadingFigures:
     """
-    Sum up the live readings of one vehicle over several runs.
+    Summarise the live readings of one vehicle over several runs.
 
-    :return: NaN for what no run gave.
+    :return: the figures, NaN where there are no data.
     """
     speeds, truths = zip(*(readings(run) for run in runs)) if runs else ((), ())
     errors = [v - t for v, t in zip(speeds, truths)]
@@ -107,7 +107,7 @@ def pass_error(run: VehicleRun) -> float:
 
 
 def sigma_share(run: VehicleRun) -> float:
-    """Return the error of a pass in its own 1-sigmas; NaN when it was not measured."""
+    """Return the error of a pass in sigmas; NaN when it was not measured."""
     if run.pass_std_mps is None or not run.pass_std_mps > 0:
         return np.nan
     return pass_error(run) / run.pass_std_mps
@@ -115,9 +115,9 @@ def sigma_share(run: VehicleRun) -> float:
 
 def pass_figures(runs: Iterable[VehicleRun]) -> PassFigures:
     """
-    Sum up final speeds.
+    Summarise final speeds.
 
-    :return: NaN for what no pass gave.
+    :return: the figures, NaN where there are no data.
     """
     runs = list(runs)
     errors = finite(np.array([pass_error(run) for run in runs], dtype=float))
@@ -137,28 +137,28 @@ def mean_and_std(mean_mps: float, std_mps: float) -> str:
 
 
 def finite(values: Array) -> Array:
-    """Return what is finite of values (n,)."""
+    """Return the finite ones of values (n,)."""
     found: Array = values[np.isfinite(values)]
     return found
 
 
 def mean(values: Array) -> float:
-    """Return the mean; NaN of nothing."""
+    """Return the mean; NaN without values."""
     return float(values.mean()) if len(values) else np.nan
 
 
 def std(values: Array) -> float:
-    """Return the standard deviation; NaN of nothing."""
+    """Return the standard deviation; NaN without values."""
     return float(values.std()) if len(values) else np.nan
 
 
 def rms(values: Array) -> float:
-    """Return the root mean square; NaN of nothing."""
+    """Return the root mean square; NaN without values."""
     return float(np.sqrt(mean(np.square(values))))
 
 
 def greatest(values: Array) -> float:
-    """Return the greatest magnitude; NaN of nothing."""
+    """Return the greatest magnitude; NaN without values."""
     return float(np.abs(values).max()) if len(values) else np.nan
 
 

@@ -3,8 +3,9 @@
 """
 The monocular tracker against ground truth: with the environment and without.
 
-A target is kept to the end when the overlap of its box with the true one, intersection over
-union, is above 0.25 in the last frame of the truth that is used. A frame without a box has
+overlap 0.
+A target is kept to the end if the overlap of its box with the true one, intersection over union,
+is above 0.25 in the last used frame of the truth. A frame without a box has overlap 0.
 overlap 0.
 """
 from __future__ import annotations
@@ -31,16 +32,16 @@ from ...monocular.config import MonocularConfig
 from ...monocular.distance import DistanceField
 from ...monocular.tracker import MonocularTracker
 
-KEPT_OVERLAP = 0.25  # above it a box is on its target
+KEPT_OVERLAP = 0.25  # overlap above which a box is on its target
 
 
 @dataclass(frozen=True, kw_only=True)
 class Setting:
     """
-    A tracker as it is compared.
+    A tracker with its settings in the comparison.
 
     :param tracker: ``environment`` or ``plain``.
-    :param particles: their number.
+    :param particles: number of particles.
     :param stride: every stride-th frame is used.
     """
 
@@ -50,7 +51,7 @@ class Setting:
 
     @property
     def label(self) -> str:
-        """Return the name of the tracker with its particles."""
+        """Return the name of the tracker with its number of particles."""
         return f'{self.tracker}, {self.particles} particles'
 
 
@@ -60,7 +61,7 @@ class TargetScore:
     One target in one run.
 
     :param kept: whether it was kept to the end.
-    :param overlap: mean over the frames of the truth.
+    :param overlap: mean overlap over the frames of the truth.
     :param followed: share of these frames with an overlap above 0.25.
     :param astray: share of these frames with a box elsewhere.
     """
@@ -92,13 +93,13 @@ def score_target(target: Target, estimates: Mapping[int, TargetEstimate],
                  truth: Mapping[int, Array], stride: int,
                  last_frame: int) -> Optional[TargetScore]:
     """
-    Return how well a target's boxes fit the truth.
+    Score a target's boxes against the truth.
 
-    :param estimates: by frame.
+    :param estimates: estimates by frame.
     :param truth: true boxes by frame.
-    :param stride: only every stride-th frame from the marked one on counts.
+    :param stride: only every stride-th frame after the marked one counts.
     :param last_frame: last frame of the video.
-    :return: the score; None when the truth has no later frame than the marked one.
+    :return: the score; None when the truth has no frame after the marked one.
     """
     frames = [f for f in sorted(truth) if target.frame < f <= last_frame
               and (f - target.frame) % stride == 0]
@@ -115,10 +116,10 @@ def score_target(target: Target, estimates: Mapping[int, TargetEstimate],
 def plan_jobs(scene: VideoScene, settings: Sequence[Setting], seeds: int,
               config: MonocularConfig) -> list[Job]:
     """
-    Return a job per seed; it runs all settings over the video, which is read once.
+    Return a job per seed, which runs all settings over the video and reads it once.
 
-    :param config: parameters of the tracker; those of the settings replace them.
-    :raises InputError: a file that cannot be used.
+    :param config: parameters of the tracker; the settings override them.
+    :raises InputError: a file is unusable.
     """
     load_inputs(scene)
     files = hashlib.sha256(b''.join(Path(p).read_bytes() for p in (
@@ -134,7 +135,7 @@ def load_inputs(scene: VideoScene) -> tuple[list[Target], dict[int, dict[int, Ar
     """
     Read targets and truth.
 
-    :raises InputError: a file that cannot be used, or a target without truth.
+    :raises InputError: a file is unusable, or a target has no truth.
     """
     load_map(scene.map)
     targets, truth = load_targets(scene.init), load_truth(scene.truth)
@@ -147,9 +148,9 @@ def load_inputs(scene: VideoScene) -> tuple[list[Target], dict[int, dict[int, Ar
 
 def run_scene(parameters: Mapping[str, Any]) -> dict[str, Any]:
     """
-    Run all settings over a video with one seed: the worker of the jobs.
+    Run all settings over a video with one seed; the work of a job.
 
-    :return: by the number of the setting, by target: its score.
+    :return: scores by target, by the number of the setting.
     """
     scene = VideoScene(**parameters['scene'])
     targets, truth = load_inputs(scene)
@@ -169,7 +170,7 @@ def run_scene(parameters: Mapping[str, Any]) -> dict[str, Any]:
             for e in tracker.process(frame.number, frame.image):
                 estimates[e.id, e.frame] = e
             for number in [i for i in tracker.filters if frame.number >= last_true[i]]:
-                tracker.stop(number)  # later boxes have no truth to be compared with
+                tracker.stop(number)  # later boxes have no truth
     out: dict[str, Any] = {}
     for index, (setting, estimates) in enumerate(zip(settings, found)):
         scores = {t.id: score_target(t, {f: e for (i, f), e in estimates.items() if i == t.id},
@@ -180,7 +181,7 @@ def run_scene(parameters: Mapping[str, Any]) -> dict[str, Any]:
 
 @lru_cache(maxsize=4)
 def _field(path: str) -> DistanceField:
-    """Return the field of a map; made once in a process."""
+    """Return the distance field of a map, computed once per process."""
     return DistanceField(load_map(path))
 
 
@@ -204,7 +205,7 @@ def survival_rate(scores: Mapping[int, Sequence[TargetScore]]) -> tuple[float, f
 
 
 def summary_table(title: str, settings: Sequence[Setting], results: Sequence[Result]) -> Table:
-    """Return a table of the settings: what is kept, and how well it is followed."""
+    """Return a table of the settings: kept targets, and quality of tracking."""
     rows: list[list[Cell]] = []
     for index, setting in enumerate(settings):
         scores = scores_of(results, index)
@@ -223,7 +224,7 @@ def summary_table(title: str, settings: Sequence[Setting], results: Sequence[Res
 
 
 def target_table(title: str, settings: Sequence[Setting], results: Sequence[Result]) -> Table:
-    """Return a table of the targets: the share of the runs that kept each, and its overlap."""
+    """Return a table of the targets: share of the runs that kept each, and overlap."""
     scores = [scores_of(results, index) for index in range(len(settings))]
     numbers = sorted({i for s in scores for i in s})
     rows = []

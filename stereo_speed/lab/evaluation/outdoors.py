@@ -1,10 +1,10 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-What passes outdoors have that a painted plane has not, drawn at random for ``accuracy``.
+Random outdoor conditions for ``accuracy``, which a painted plane in even light lacks.
 
-Bodies with depth, lamps that clip, sun and sky mirrored in the paint, wet nights, cameras with
-faults.
+Bodies with depth, lamps that saturate, sun and sky reflected in the paint, wet nights, and faulty
+cameras.
 """
 from __future__ import annotations
 
@@ -26,19 +26,19 @@ OUTDOORS = {
     'lamps': ('off', 'dim', 'clipping'),
     'light': ('overcast', 'sun', 'dusk', 'wet_night'),
     'fault': ('none', 'exposure', 'gain', 'defocus', 'dirt')}
-# Which class each vehicle is of.
+# The class of each kind of vehicle.
 CLASS_OF = {'car': VehicleClass.CAR, 'small': VehicleClass.CAR, 'suv': VehicleClass.CAR,
             'van': VehicleClass.VAN, 'truck': VehicleClass.HEAVY_VEHICLE,
             'bus': VehicleClass.HEAVY_VEHICLE, 'motorcycle': VehicleClass.MOTORCYCLE}
-# Half of the passes have sound cameras.
+# Half of the passes have cameras without faults.
 FAULT_SHARES = (0.5, 0.125, 0.125, 0.125, 0.125)
-# Grey levels of lamps, of which 255 are full scale.
+# Ranges of the lamps' grey levels; 255 is full scale.
 DIM_GREY, CLIPPING_GREY, NIGHT_GREY = (80.0, 250.0), (1500.0, 15000.0), (5000.0, 30000.0)
 
 
 def check_held(held: Mapping[str, str]) -> None:
     """
-    Refuse what is not drawn.
+    Refuse unknown headings and kinds.
 
     :param held: heading to kind.
     :raises InputError: an unknown heading or kind.
@@ -54,13 +54,13 @@ def check_held(held: Mapping[str, str]) -> None:
 def draw_outdoors(config: SimConfig, number: int, held: Mapping[str, str],
                   rng: np.random.Generator) -> tuple[SimConfig, dict[str, str]]:
     """
-    Make a pass one outdoors; its road, rig, speed and noise stay.
+    Add outdoor conditions to a pass; its road, rig, speed and noise are unchanged.
 
     :param config: the pass.
-    :param number: of the pass; kinds of vehicles take turns.
-    :param held: what is not drawn: heading to kind.
+    :param number: number of the pass; kinds of vehicles take turns.
+    :param held: fixed kinds, which are not drawn: heading to kind.
     :param rng: source of randomness.
-    :return: what to simulate, and what it counts for.
+    :return: the new configuration, and the groups of the pass: heading to kind.
     """
     kinds = {'vehicle': OUTDOORS['vehicle'][number % len(OUTDOORS['vehicle'])],
              'lamps': str(rng.choice(OUTDOORS['lamps'])),
@@ -91,7 +91,7 @@ def draw_outdoors(config: SimConfig, number: int, held: Mapping[str, str],
 
 
 def _street_lamps(rng: np.random.Generator) -> tuple[StreetLampConfig, ...]:
-    """Draw two street lamps, beside the road and above it."""
+    """Draw two street lamps above the road, one on each side."""
     return tuple(StreetLampConfig(
         station_m=float(rng.uniform(-60.0, 30.0)), offset_m=float(side * rng.uniform(3.0, 6.0)),
         height_m=float(rng.uniform(6.0, 9.0)), grey=float(rng.uniform(3000.0, 8000.0)))
@@ -99,7 +99,7 @@ def _street_lamps(rng: np.random.Generator) -> tuple[StreetLampConfig, ...]:
 
 
 def _with_fault(config: SimConfig, fault: str, rng: np.random.Generator) -> SimConfig:
-    """Give the cameras a fault, and no other."""
+    """Give the cameras exactly one fault."""
     if fault == 'gain':
         return replace(config, right_gain=float(rng.choice([0.8, 1.2])),
                        right_offset_grey=float(rng.uniform(-8.0, 8.0)))

@@ -1,18 +1,18 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-The tables of Zhu, Yuan, Zheng and Ewing (2012), Section V, as data, and what they were run with.
+The tables of Zhu, Yuan, Zheng and Ewing (2012), Section V, as data, with their settings.
 
-Every figure below is the paper's. It ran each cell 20 times from the same start and gives the
+All figures below are the paper's. It ran each cell 20 times from the same start and gives the
 average of the *final* estimated speeds and the maximum error. Its comparison of trackers is in
-plots (Figures 6, 9, 11, 13 and 15), of which the text says what is in ``FINDINGS``.
+plots (Figures 6, 9, 11, 13 and 15); what its text says of them is in ``FINDINGS``.
 """
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Optional
 
-LEAST_SPEEDUP = 20.0  # wanted with 400 particles
+LEAST_SPEEDUP = 20.0  # required with 400 particles
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class PaperRow:
     """
     A row of a table of the paper.
 
-    :param value: what the table varies.
+    :param value: value of the varied quantity.
     :param speed_mph: average speed.
     :param max_error_mph: maximum error.
     :param ms: average time per pair of frames, ms; None where the table has none.
@@ -37,13 +37,13 @@ class PaperTable:
     """
     A table of the paper.
 
-    :param name: its number.
-    :param sequence: the sequence, ours in the place of the paper's.
-    :param varies: heading of what it varies.
-    :param particles: fixed number of particles; None where they are what varies.
-    :param parts: fixed number of parts N_p; None where they are what varies.
-    :param step_mps: fixed dynamic noise, m/s per frame at 5 frames/s; None where it varies.
-    :param rows: in the paper's order.
+    :param name: number of the table.
+    :param sequence: our sequence that replaces the paper's.
+    :param varies: heading of the varied quantity.
+    :param particles: fixed number of particles; None where it is varied.
+    :param parts: fixed number of parts N_p; None where it is varied.
+    :param step_mps: fixed dynamic noise, m/s per frame at 5 frames/s; None where it is varied.
+    :param rows: rows in the paper's order.
     """
 
     name: str
@@ -82,7 +82,7 @@ TABLES = (TABLE_1A, TABLE_1B, TABLE_2A, TABLE_2B)
 COMPARED = ('straight55', 'straight36', 'circle36', 'curve28', 'two_vehicles',
             'lane_change35', 'lane_change30')
 
-# (sequence, tracker) to what the paper's text says of it, in our words. No entry: not run there.
+# (sequence, tracker) to the paper's finding in our words; no entry where the paper has no run.
 FINDINGS: dict[tuple[str, str], str] = {
     ('straight55', 'constrained'): 'best of all; settles in a few frames (Fig. 6)',
     ('straight55', 'unconstrained'): 'settles too low; drifts when near (Figs. 5, 6)',

@@ -1,13 +1,13 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-The sequences of the 2012 paper (Section V), simulated from what it says of them.
+The sequences of the 2012 paper (Section V), simulated from its description.
 
-Said: speeds, paths, 5 pairs a second, 1024x768 rendered and 1280x960 recorded, a bar of 0.5 m
-that is not quite parallel, a tilted road and a busier background where recorded, no noise where
-rendered, the angular rate on the circle, frames shown, lane width and drift of the lane changes,
-and that the first speed of the filter is off. Ours: focal length, positions of camera and road,
-and every appearance. The images are not the paper's.
+From the paper: speeds, paths, 5 pairs/s, 1024x768 rendered and 1280x960 recorded images, a bar of
+0.5 m that is not quite parallel, a tilted road and a busier background in recorded sequences, no
+noise in rendered ones, the angular rate on the circle, the frames shown, lane width and drift of
+the lane changes, and the error of the filter's first speed. Ours: focal length, positions of
+camera and road, and all appearances. The images are not the paper's.
 """
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ _RECORDED = RigConfig(
 @dataclass(frozen=True, kw_only=True)
 class PaperSequence:
     """
-    A sequence and how the paper ran its filters on it.
+    A sequence and the paper's settings of the filters on it.
 
-    :param title: for people.
-    :param config: returns what to simulate.
-    :param particles: of the particle filters.
+    :param title: title of the sequence.
+    :param config: returns the configuration of the simulation.
+    :param particles: number of particles of the particle filters.
     :param speed_step_mps: 1-sigma of the speed's change from pair to pair, m/s.
     :param vehicles: name of each vehicle.
     """
@@ -50,45 +50,45 @@ class PaperSequence:
 
 
 def _car(mph: float, **changes: object) -> VehicleConfig:
-    """Return a car as a camera records it: textured all over, with a front that is no plane."""
+    """Return a car as a camera records it: fully textured, with a front with relief."""
     plain = VehicleConfig(speed_mps=mph * MPH_MPS, kind='car', relief_m=0.04)
     return replace(plain, **changes)  # type: ignore[arg-type]
 
 
 def _straight55() -> SimConfig:
-    """Go from 72 m to 17.5 m in 12 pairs, rendered; the filter begins at 45 mph."""
+    """Return the rendered pass from 72 m to 17.5 m in 12 pairs; the filter starts at 45 mph."""
     return straight_config('55 mph', rig=_RENDERED, noise_grey=0.0, speed_limit='45 mph',
                            name='straight55')
 
 
 def _circle36() -> SimConfig:
-    """Turn by 22.5 degrees a second, rendered: at 36 mph a radius of 41 m."""
+    """Return the rendered circle at 22.5 degrees/s: at 36 mph a radius of 41 m."""
     return circle_config('36 mph', 36 * MPH_MPS / 0.392699, rig=_RENDERED, noise_grey=0.0,
                          speed_limit='30 mph', name='circle36')
 
 
 def _straight36() -> SimConfig:
-    """Drive down a tilted road, recorded; the filter begins more than 10 % off."""
+    """Return the recorded pass on a tilted road; the filter starts more than 10 % off."""
     return straight_config(vehicles=(_car(36.0),), rig=_RECORDED, start_m=62.0, near_m=_NEAR_M,
                            road=RoadConfig(grade=-0.02), speed_limit='40 mph', name='straight36')
 
 
 def _curve28() -> SimConfig:
-    """Drive into a bend that tightens, recorded; the filter begins much too low."""
+    """Return the recorded pass into a tightening bend; the filter starts much too low."""
     road = RoadConfig(curvature_start=1 / 250, curvature_end=1 / 40, clothoid_m=45.0, grade=0.01)
     return circle_config(vehicles=(_car(28.0, kind='suv'),), rig=_RECORDED, road=road,
                          start_m=50.0, near_m=16.0, speed_limit='20 mph', name='curve28')
 
 
 def _two_vehicles() -> SimConfig:
-    """Drive side by side, recorded, the left one at 50 mph; the filters begin at 55 mph."""
+    """Return the recorded pair of vehicles, the left at 50 mph; the filters start at 55 mph."""
     vehicles = (_car(50.0, lane=1), _car(53.0, lane=0, kind='van', head_start_m=-9.0))
     return straight_config(vehicles=vehicles, rig=_RECORDED, road=RoadConfig(lanes=3),
                            start_m=75.0, speed_limit='55 mph', name='two_vehicles')
 
 
 def _lane_change(mph: float, last_s: float) -> SimConfig:
-    """Go to the next lane in the middle of the pass, with smooth ends; recorded, 30 pairs."""
+    """Return the recorded lane change in the middle of a pass of 30 pairs, with smooth ends."""
     pairs = 30
     begin_s = ((pairs - 1) / FPS - last_s) / 2
     vehicle = _car(mph, lateral_knots=((begin_s, 0.0), (begin_s + last_s, LANE_M)))
@@ -124,7 +124,7 @@ def find_sequence(name: str) -> PaperSequence:
     """
     Return a sequence by its name.
 
-    :raises InputError: there is none.
+    :raises InputError: there is no such sequence.
     """
     if name not in SEQUENCES:
         raise InputError('evaluation', 'sequence', name, ', '.join(SEQUENCES))
@@ -132,5 +132,5 @@ def find_sequence(name: str) -> PaperSequence:
 
 
 def rate_std(step_mps: float, fps: float = FPS) -> float:
-    """Return our rate, m/s/sqrt(s), of a change of speed from pair to pair, m/s."""
+    """Convert a 1-sigma of the speed's change per pair, m/s, to our rate, m/s/sqrt(s)."""
     return float(step_mps * fps ** 0.5)

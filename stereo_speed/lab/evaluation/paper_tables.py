@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The tables of the 2012 paper run again, each row beside the paper's own."""
+"""Reproduce the tables of the 2012 paper, with the paper's figures in each row."""
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
@@ -18,21 +18,21 @@ from .tables import Cell, mph, Table
 from ...core.units import MPH_MPS
 
 OURS = 'constrained'
-# Particles from which our errors are to be half of the paper's.
+# Number of particles from which our errors have to be half of the paper's.
 _HALF_FROM = 200
-# Particles at which the paper's time is to be beaten.
+# Number of particles at which the paper's time has to be beaten.
 _TIMED = 400
 
 
 @dataclass(frozen=True, kw_only=True)
 class PaperPlan:
     """
-    What is run to reproduce the paper.
+    The runs that reproduce the paper.
 
     :param tables: the tables.
     :param compared: sequences of the comparison.
     :param trackers: trackers of the comparison.
-    :param lines: how well the lines of the sites are known.
+    :param lines: source of the lines of the sites.
     :param table_seeds: runs of each cell of the tables.
     :param compare_seeds: runs of each tracker and sequence.
     """
@@ -45,7 +45,7 @@ class PaperPlan:
     compare_seeds: range = range(10)
 
     def quick(self) -> PaperPlan:
-        """Return two rows of each table, one sequence and one seed of it."""
+        """Return a plan with two rows of each table, one sequence and one seed."""
         tables = tuple(replace(t, rows=(t.rows[0], t.rows[len(t.rows) // 2])) for t in self.tables)
         return replace(self, tables=tables, compared=self.compared[:1], table_seeds=range(1),
                        compare_seeds=range(1))
@@ -79,7 +79,7 @@ class PaperPlan:
 
 
 def paper_table(plan: PaperPlan, table: PaperTable, runs: Runs) -> Table:
-    """Return a table of ours beside the paper's."""
+    """Return a table with our figures beside the paper's."""
     rows: list[list[Cell]] = []
     for row in table.rows:
         cell = plan.cell(table, row)
@@ -103,7 +103,7 @@ def paper_table(plan: PaperPlan, table: PaperTable, runs: Runs) -> Table:
 
 
 def contest_table(plan: PaperPlan, sequence: str, runs: Runs) -> Table:
-    """Return the trackers on a sequence, vehicle by vehicle, with what the paper says."""
+    """Return the trackers on a sequence, by vehicle, with the paper's findings."""
     paper = find_sequence(sequence)
     rows: list[list[Cell]] = []
     for vehicle, name in enumerate(paper.vehicles):
@@ -121,8 +121,8 @@ class Check:
     """
     A claim and whether it holds.
 
-    :param claim: what.
-    :param holds: whether it does.
+    :param claim: text of the claim.
+    :param holds: whether it holds.
     :param detail: the figures.
     """
 
@@ -132,7 +132,7 @@ class Check:
 
 
 def checks(plan: PaperPlan, runs: Runs) -> list[Check]:
-    """Return whether our figures are as good as those of the paper call for."""
+    """Return the checks of our figures against the paper's."""
     found = [check for table in plan.tables for row in table.rows
              for check in _cell_checks(plan, table, row, runs)]
     return found + [check for s in plan.compared for check in _contest_checks(plan, s, runs)]
@@ -140,7 +140,7 @@ def checks(plan: PaperPlan, runs: Runs) -> list[Check]:
 
 def _cell_checks(plan: PaperPlan, table: PaperTable, row: PaperRow,
                  runs: Runs) -> Iterator[Check]:
-    """Yield whether the errors are at most the paper's, or half of them with enough particles."""
+    """Check that errors are at most the paper's, or half of them with enough particles."""
     cell = plan.cell(table, row)
     mine = runs.vehicle(cell, plan.table_seeds, 0)
     f = reading_figures(mine)
@@ -157,7 +157,7 @@ def _cell_checks(plan: PaperPlan, table: PaperTable, row: PaperRow,
 
 
 def _contest_checks(plan: PaperPlan, sequence: str, runs: Runs) -> Iterator[Check]:
-    """Yield whether ours has a smaller maximum error than each of the others."""
+    """Check that our tracker has a smaller maximum error than each of the others."""
     if OURS not in plan.trackers:
         return
     for vehicle, name in enumerate(find_sequence(sequence).vehicles):
@@ -181,6 +181,6 @@ def _shown(worst_mph: Optional[float]) -> str:
 
 
 def checks_text(found: Sequence[Check]) -> str:
-    """Return the checks for people."""
+    """Return the checks as Markdown."""
     lines = [f'- {"yes" if c.holds else "**NO**"}: {c.claim} ({c.detail})' for c in found]
     return '\n'.join(lines) + '\n'

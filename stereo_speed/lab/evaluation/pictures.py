@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the plots of an evaluation show, taken from its runs."""
+"""Draw the plots of an evaluation from its runs."""
 from __future__ import annotations
 
 from pathlib import Path
@@ -23,8 +23,8 @@ def draw_speeds(path: Path, title: str, experiments: Sequence[Experiment], seed:
     """
     Draw the speed over time of one run of each tracker, and the truth.
 
-    :param path: of the file to write.
-    :param experiments: of one source, one for each tracker.
+    :param path: path of the file to write.
+    :param experiments: experiments on one source, one for each tracker.
     """
     found = {e.tracker: [run for done in runs.of(e, [seed]) for run in done.vehicles]
              for e in experiments}
@@ -49,7 +49,7 @@ def _live(run: VehicleRun, origin_ns: int) -> Readings:
 
 
 def _true(run: VehicleRun, origin_ns: int) -> Readings:
-    """Return the truth beside a run."""
+    """Return the truth at the stamps of a run."""
     rows = [((ns - origin_ns) * 1e-9, true) for ns, true in zip(run.stamps_ns, run.truth_mps)
             if true is not None]
     values = np.array(rows, dtype=float).reshape(-1, 2)
@@ -57,7 +57,7 @@ def _true(run: VehicleRun, origin_ns: int) -> Readings:
 
 
 def draw_errors(path: Path, title: str, what: str, curves: Sequence[ErrorCurve]) -> None:
-    """Draw errors over what is varied."""
+    """Draw errors over the varied quantity."""
     path.write_bytes(png_of(errors_figure(title, what, curves)))
 
 
@@ -78,7 +78,7 @@ def particle_curves(experiments: Sequence[Experiment], seeds: Sequence[int], run
     """
     Return the errors of experiments that vary the number of particles.
 
-    :param error: picks the error of figures of readings, m/s.
+    :param error: selects an error of the figures, m/s.
     """
     curves = []
     for tracker in dict.fromkeys(e.tracker for e in experiments):

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A stream of items that another process makes while this one uses them."""
+"""A stream of items that another process produces while this one consumes them."""
 from __future__ import annotations
 
 from multiprocessing import get_context
@@ -14,17 +14,17 @@ import cv2
 from ...core.threads import one_blas_thread
 
 Item = TypeVar('Item')
-WAITING = 8  # items made and not yet used, at most
-_ALIVE_S = 5.0  # so often the other process is checked while nothing comes
+WAITING = 8  # greatest number of items in the queue
+_ALIVE_S = 5.0  # interval of the checks of the other process while nothing arrives
 
 
 def produced(make: Callable[..., Iterable[Item]], *arguments: object) -> Iterator[Item]:
     """
-    Yield the items of an iterable that another process makes.
+    Yield the items of an iterable that another process produces.
 
-    :param make: a function of a module, called there.
-    :param arguments: what it is called with.
-    :raises Exception: what went wrong there.
+    :param make: a module-level function, called in that process.
+    :param arguments: its arguments.
+    :raises Exception: the exception that was raised there.
     """
     one_blas_thread()
     context = get_context('spawn')
@@ -39,12 +39,12 @@ def produced(make: Callable[..., Iterable[Item]], *arguments: object) -> Iterato
     finally:
         process.terminate()
         process.join(_ALIVE_S)
-        process.kill()  # one that was started by who ignores SIGTERM does so, too
+        process.kill()  # children of a process that ignores SIGTERM ignore it, too
         process.join()
 
 
 def _next(items: Queue[Any], process: BaseProcess) -> Any:
-    """Return the next item, as long as there is a process to send it."""
+    """Return the next item; raise when the process has ended."""
     while True:
         try:
             return items.get(timeout=_ALIVE_S)
@@ -56,7 +56,7 @@ def _next(items: Queue[Any], process: BaseProcess) -> Any:
 
 def _produce(items: Queue[Any], make: Callable[..., Iterable[Any]],
              arguments: tuple[object, ...]) -> None:
-    """Run in a process of its own: items go out, then None, or what went wrong."""
+    """Run in the other process: send the items, then None or an exception."""
     cv2.setNumThreads(1)
     try:
         for item in make(*arguments):

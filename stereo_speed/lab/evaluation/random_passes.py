@@ -1,9 +1,9 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Passes drawn at random over the conditions of a roadside rig: what ``accuracy`` measures.
+Random passes over the conditions of a roadside rig, for ``accuracy``.
 
-The number of the pass and the seed give the pass: more passes do not change the earlier ones.
+Number and seed determine a pass, so that more passes do not change the earlier ones.
 """
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from ...core.units import MPH_MPS
 from ...site.file import VIEWS
 
 PATHS = ('straight', 'circle', 'clothoid')
-# Greatest lateral acceleration, which drivers and tyres bear.
+# Greatest lateral acceleration that drivers and tyres tolerate.
 MOST_ACROSS_MPS2 = 5.0
 LEAST_MPH, MOST_MPH = 20.0, 90.0
-# A line that is shorter in an image is out of view.
+# A line that is shorter in an image counts as out of view.
 _LEAST_LINE_PX = 100.0
-# A vehicle that is whole in fewer pairs is out of view.
+# A vehicle that is complete in fewer pairs counts as out of view.
 _LEAST_PAIRS = 5
 _MOST_ATTEMPTS = 50
 
@@ -35,11 +35,11 @@ _MOST_ATTEMPTS = 50
 @dataclass(frozen=True, kw_only=True)
 class RandomPass:
     """
-    A pass drawn at random.
+    A random pass.
 
-    :param number: of the pass.
-    :param config: what to simulate.
-    :param kinds: what it counts for in a breakdown: heading to kind.
+    :param number: number of the pass.
+    :param config: configuration of the simulation.
+    :param kinds: groups that it belongs to: heading to kind.
     """
 
     number: int
@@ -52,24 +52,24 @@ def draw_pass(seed: int, number: int, *, pan_deg: float = 0.0, sway_deg: float =
     """
     Draw a pass.
 
-    Speed 20 to 90 mph (on curves what 5 m/s^2 across allow), straight, circular or on a
-    clothoid, to either side, 1 to 3 lanes, five kinds of rig, cameras 2 to 6 m high, noise of 1
-    to 4 grey levels, grades up to 3 %, views of unequal brightness, fronts with a relief of up to
-    8 cm; picks with 0.3 px and annotations with 0.7 px of scatter. A camera is set up so that the
-    road is in view: a pass that shows a line over less than 100 px or the vehicle in fewer than 5
-    pairs is drawn again.
+    Speed 20 to 90 mph (on curves up to 5 m/s^2 of lateral acceleration), straight, circular or
+    clothoid road, to either side, 1 to 3 lanes, five kinds of rig, cameras 2 to 6 m high, noise of
+    1 to 4 grey levels, grades up to 3 %, views of unequal brightness, fronts with a relief of up
+    to 8 cm; picks with 0.3 px and annotations with 0.7 px of scatter. A camera is set up so that
+    the road is in view: a pass in which a line is shorter than 100 px or the vehicle is in fewer
+    than 5 pairs is drawn again.
 
-    :param seed: of the whole set.
-    :param number: of the pass in it, from 0; paths and rigs take turns.
-    :param pan_deg: by which the right camera has turned to either side since its calibration.
+    :param seed: seed of the whole set.
+    :param number: number of the pass in the set, from 0; paths and rigs take turns.
+    :param pan_deg: rotation of the right camera to either side since its calibration.
     :param sway_deg: 1-sigma of each angle of the rig in each pair.
-    :param outdoors: draw bodies, lamps, light and faults of cameras beside it, but for what this
-        holds: heading to kind. None for fronts with relief in even light, as above.
+    :param outdoors: also draw bodies, lamps, light and camera faults, except for the fixed kinds
+        in it: heading to kind. None for fronts with relief in even light, as above.
     """
     for attempt in range(_MOST_ATTEMPTS):
         drawn = _draw(np.random.default_rng([seed, number, attempt]), number, pan_deg)
         if outdoors is not None:
-            # Another generator: road, rig, speed and noise are those of the pass without.
+            # A separate generator keeps road, rig, speed and noise the same as without.
             config, kinds = draw_outdoors(drawn.config, number, outdoors, np.random.default_rng(
                 [seed, number, attempt, 1]))
             drawn = replace(drawn, config=config, kinds={**kinds, **drawn.kinds})
@@ -79,7 +79,7 @@ def draw_pass(seed: int, number: int, *, pan_deg: float = 0.0, sway_deg: float =
 
 
 def _draw(rng: np.random.Generator, number: int, pan_deg: float) -> RandomPass:
-    """Draw a pass that need not be in view."""
+    """Draw a pass without checking that it is in view."""
     path, rig = PATHS[number % len(PATHS)], list(RIGS)[(number // len(PATHS)) % len(RIGS)]
     config, speed_mps = _road(path, rng)
     vehicle = VehicleConfig(
@@ -100,7 +100,7 @@ def _draw(rng: np.random.Generator, number: int, pan_deg: float) -> RandomPass:
 
 
 def _is_in_view(config: SimConfig, seed: int) -> bool:
-    """Return whether a camera would be set up this way: lines and vehicle in view."""
+    """Return whether lines and vehicle are in view, as for a properly set up camera."""
     scene = SimScene(config)
     for line in picked_site(scene, np.random.default_rng(seed))['lines'].values():
         for view in VIEWS:
@@ -112,14 +112,14 @@ def _is_in_view(config: SimConfig, seed: int) -> bool:
 
 
 def _road(path: str, rng: np.random.Generator) -> tuple[SimConfig, float]:
-    """Draw a road with where the pass begins and ends, and a speed fit for it, m/s."""
+    """Draw a road with start and end of the pass, and a speed suited to it, m/s."""
     curvature, start_curvature, most_mps = 0.0, 0.0, MOST_MPH * MPH_MPS
     if path == 'straight':
         config = SimConfig(start_m=float(rng.uniform(60.0, 80.0)),
                            near_m=float(rng.uniform(16.0, 20.0)),
                            camera_side_m=float(rng.uniform(3.0, 7.0)))
     else:
-        # Even in the logarithm, from a junction's bend to a highway's.
+        # Log-uniform, from the bend of a junction to that of a highway.
         radius_m = float(np.exp(rng.uniform(math.log(35.0), math.log(400.0))))
         curvature = float(rng.choice([-1.0, 1.0])) / radius_m
         start_curvature = curvature * (
@@ -134,7 +134,7 @@ def _road(path: str, rng: np.random.Generator) -> tuple[SimConfig, float]:
 
 
 def _kinds(path: str, rig: str, config: SimConfig) -> dict[str, str]:
-    """Return what a pass counts for."""
+    """Return the groups of a pass: heading to kind."""
     mph = config.vehicles[0].speed_mps / MPH_MPS
     return {
         'path': path, 'rig': rig, 'lanes': str(config.road.lanes),

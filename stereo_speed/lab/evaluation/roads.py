@@ -1,10 +1,10 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Roads drawn at random, clicked and refined: how wrong and how certain speeds on them become.
+Random roads, clicked and refined: the errors and uncertainties of speeds on them.
 
-The number of the road and the seed give the road. No vehicle is drawn: the error of a speed
-follows from path and rig (:mod:`stereo_speed.site.refine.speed_effect`).
+Number and seed determine a road. No vehicle is drawn: the error of a speed follows from path and
+rig (:mod:`stereo_speed.site.refine.speed_effect`).
 """
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ from ...site.lane_paths import lane_paths
 from ...site.refine.refiner import refine_site
 from ...site.refine.speed_effect import lane_speed_std, Setup, speed_error
 
-PAIRS = 5  # of the empty road
-SAME = 5e-4  # of the speed: errors that differ by less are equal
+PAIRS = 5  # pairs of the empty road
+SAME = 5e-4  # share of the speed by which equal errors may differ
 _FAR_SIGMAS = 4.0
-SMALLER = 0.7  # than the usual rigs' images: roads are many
-_CREST_M = 10.0  # of a road before it hides itself: seen at a grazing angle
-_SPACING_M = 1.0  # of the points of a true path
-_EVERY_S = 1.0  # between them
+SMALLER = 0.7  # scale of the images relative to the usual rigs', to save time
+_CREST_M = 10.0  # length next to a hidden part that is seen at a grazing angle and left out
+_SPACING_M = 1.0  # spacing of the points of a true path
+_EVERY_S = 1.0  # time between the pairs
 Draw = Callable[[np.random.Generator], RoadConfig]
 
 
@@ -72,7 +72,7 @@ def _hairpin(rng: np.random.Generator) -> RoadConfig:
 
 
 def _vertical(rng: np.random.Generator, change: float, road: RoadConfig) -> RoadConfig:
-    """Give a road a vertical curve, half of the change of grade on either side of level."""
+    """Give a road a vertical curve, with grades nearly symmetric about level."""
     middle = float(rng.uniform(-0.01, 0.01))
     return replace(road, grade=middle - change / 2, grade_end=middle + change / 2,
                    vertical_curve_m=float(rng.uniform(30.0, 60.0)),
@@ -123,11 +123,11 @@ KINDS: dict[str, Draw] = {
 @dataclass(frozen=True, kw_only=True)
 class RandomRoad:
     """
-    A road drawn at random.
+    A random road.
 
     :param kind: one of ``KINDS``.
-    :param config: what to draw; its vehicle only says where the camera looks.
-    :param clicks_on: the clicks go on where a crest hides the lines.
+    :param config: its configuration; its vehicle only determines where the camera looks.
+    :param clicks_on: whether the clicks continue where a crest hides the lines.
     """
 
     kind: str
@@ -139,9 +139,9 @@ def draw_road(seed: int, number: int, pan_deg: float = 0.0) -> RandomRoad:
     """
     Draw a road; kinds take turns.
 
-    :param seed: of the whole set.
-    :param number: of the road in it, from 0.
-    :param pan_deg: by which the right camera has turned to either side since its calibration.
+    :param seed: seed of the whole set.
+    :param number: number of the road in the set, from 0.
+    :param pan_deg: rotation of the right camera to either side since its calibration.
     """
     kind = list(KINDS)[number % len(KINDS)]
     rng = np.random.default_rng([seed, number])
@@ -170,7 +170,7 @@ def _smaller(rig: RigConfig) -> RigConfig:
 
 
 def road_jobs(count: int, seed: int, pan_deg: float) -> list[Job]:
-    """Return a job for each road, the parameters all that its result depends on."""
+    """Return a job for each road; its parameters are everything that its result depends on."""
     return [Job(key=f'{number:03d}', parameters={
         'seed': seed, 'number': number, 'pan_deg': pan_deg}) for number in range(count)]
 
@@ -179,9 +179,9 @@ def measure_road(parameters: Mapping[str, Any]) -> Mapping[str, Any]:
     """
     Draw, click and refine one road.
 
-    :param parameters: of :func:`road_jobs`.
-    :return: errors and 1-sigmas of speeds on the lane that they are worst on, as shares, by the
-        clicks and refined; and what the refinement said.
+    :param parameters: parameters of a job of :func:`road_jobs`.
+    :return: errors and 1-sigmas of speeds on the worst lane, as shares, clicked and refined; and
+        the messages of the refinement.
     """
     drawn = draw_road(**{'seed': parameters['seed'], 'number': parameters['number'],
                          'pan_deg': parameters['pan_deg']})
@@ -213,7 +213,7 @@ def measure_road(parameters: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def true_paths(scene: SimScene) -> dict[str, Path]:
-    """Return the true path of each lane, from some way before a crest that hides the rest."""
+    """Return the true path of each lane, without the part hidden by a crest."""
     out: dict[str, Path] = {}
     for name, lane in lane_paths(read_back(exact_site(scene), load_site), scene.seen_rig).items():
         s = np.linspace(0.0, lane.path.length_m, round(lane.path.length_m / _SPACING_M))
@@ -227,7 +227,7 @@ def true_paths(scene: SimScene) -> dict[str, Path]:
 
 def _worst(scene: SimScene, exact: Mapping[str, Path],
            used: Mapping[str, tuple[Mapping[str, LanePath], StereoRig]]) -> dict[str, float]:
-    """Return error and 1-sigma of each way on the lane where the error of the last is greatest."""
+    """Return error and 1-sigma of each method on the lane with the last one's greatest error."""
     best: dict[str, float] = {}
     for name, truth in exact.items():
         here = {}
@@ -274,7 +274,7 @@ def kinds_table(results: Sequence[Result]) -> Table:
 
 
 def _figures(values: Sequence[Mapping[str, Any]]) -> list[Cell]:
-    """Return what a row of :func:`kinds_table` tells of some roads."""
+    """Return the cells of a row of :func:`kinds_table` for some roads."""
     clicks = np.array([100 * v['clicks_error'] for v in values
                        if v.get('clicks_error') is not None])
     refined = [v for v in values if v.get('refined_error') is not None]
@@ -286,13 +286,13 @@ def _figures(values: Sequence[Mapping[str, Any]]) -> list[Cell]:
 
 
 def _is_worse(value: Mapping[str, Any]) -> bool:
-    """Return whether a road is worse refined than clicked."""
+    """Return whether the refined road is worse than the clicked one."""
     return bool(abs(value['refined_error'])
                 > abs(value.get('clicks_error', math.inf)) + SAME)
 
 
 def road_figures(results: Sequence[Result]) -> str:
-    """Return the roads in one sentence."""
+    """Return a summary of the roads in one sentence."""
     values = [r.value for r in results if r.value is not None]
     refined = [v for v in values if 'refined_error' in v]
     worse = sum(map(_is_worse, refined))

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a tracker reported of each vehicle, beside the truth."""
+"""Compare the reports of a tracker on each vehicle with the truth."""
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field, replace
@@ -17,21 +17,21 @@ from ...io.truth import VehicleTruth
 @dataclass(frozen=True, kw_only=True)
 class VehicleRun:
     """
-    What a tracker reported of one vehicle, beside the truth.
+    The reports of a tracker on one vehicle, with the truth.
 
-    :param vehicle: its number.
-    :param stamps_ns: of the readings; none when no track was on it.
+    :param vehicle: number of the vehicle.
+    :param stamps_ns: stamps of the readings; empty when no track was on the vehicle.
     :param speeds_mps: live readings.
-    :param confirmed: whether each was confirmed: only those are published.
-    :param truth_mps: the truth beside them; None where it is not known.
-    :param verdict: of its pass; empty when there was no track.
-    :param reason: of a rejection.
+    :param confirmed: whether each reading was confirmed; only those are published.
+    :param truth_mps: true speeds at the readings; None where unknown.
+    :param verdict: verdict on its pass; empty when there was no track.
+    :param reason: reason of a rejection.
     :param pass_mps: speed of the pass, when it was measured.
     :param pass_std_mps: its 1-sigma.
     :param pass_truth_mps: mean of the truth over the same pairs.
-    :param pairs: pairs of the pass.
-    :param last_quarter_ns: stamp that the last quarter of the vehicle's pairs begins with.
-    :param told_class: class of the vehicle as its pass tells it; empty where it does not.
+    :param pairs: number of pairs of the pass.
+    :param last_quarter_ns: first stamp of the last quarter of the vehicle's pairs.
+    :param told_class: class of the vehicle according to its pass; empty where there is none.
     """
 
     vehicle: int
@@ -50,17 +50,17 @@ class VehicleRun:
 
     @property
     def measured(self) -> bool:
-        """Whether its pass was measured."""
+        """Return whether its pass was measured."""
         return self.verdict == Verdict.MEASURED.value and self.pass_mps is not None
 
 
 @dataclass(frozen=True, kw_only=True)
 class SequenceRun:
     """
-    What a tracker reported of a sequence.
+    The reports of a tracker on a sequence.
 
-    :param vehicles: one for each true vehicle.
-    :param cpu_ms: processor time per pair, ms, of all tracks; without the final results.
+    :param vehicles: reports on each true vehicle.
+    :param cpu_ms: processor time per pair for all tracks, ms, without the final results.
     """
 
     vehicles: list[VehicleRun]
@@ -86,7 +86,7 @@ def by_track(updates: Iterable[TrackUpdate]) -> dict[int, list[TrackUpdate]]:
 
 def beside_truth(updates: Iterable[TrackUpdate], passes: Iterable[PassResult],
                  truths: Sequence[VehicleTruth]) -> list[VehicleRun]:
-    """Match tracks to vehicles, and return what was reported of each vehicle."""
+    """Match tracks to vehicles, and return the reports on each vehicle."""
     tracks, results = by_track(updates), {result.track: result for result in passes}
     matched = match(tracks, truths)
     return [vehicle_run(truth, tracks.get(matched.get(truth.vehicle, -1), ()),
@@ -96,10 +96,10 @@ def beside_truth(updates: Iterable[TrackUpdate], passes: Iterable[PassResult],
 def vehicle_run(truth: VehicleTruth, track: Sequence[TrackUpdate],
                 result: Optional[PassResult]) -> VehicleRun:
     """
-    Set one track beside its vehicle.
+    Compare one track with its vehicle.
 
-    :param track: its updates; none when no track was on the vehicle.
-    :param result: of its pass, when there is one.
+    :param track: its updates; empty when no track was on the vehicle.
+    :param result: result of its pass, if there is one.
     """
     stamps = [u.stamp_ns for u in track]
     run = VehicleRun(
@@ -109,7 +109,7 @@ def vehicle_run(truth: VehicleTruth, track: Sequence[TrackUpdate],
         last_quarter_ns=int(truth.stamps_ns[-max(len(truth.stamps_ns) // 4, 1)]))
     if result is None:
         return run
-    # The speed is the mean over time from its first pair to its last, gaps and all.
+    # The speed is the mean over time from the first pair to the last, including gaps.
     during = sorted(result.smoothed) or [ns for ns in stamps
                                          if result.first_ns <= ns <= result.last_ns]
     true, shares = truth.speed_at(during), time_shares(during)

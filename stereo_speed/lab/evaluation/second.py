@@ -1,11 +1,11 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-How well the second estimate agrees with right first ones, and what it finds of wrong ones.
+Agreement of the second estimate with right first ones, and its detection of wrong ones.
 
-A first estimate is made wrong on purpose by following the vehicle with a speed that is off by a
-share: from its first pair on, the region that the second estimate is told moves away from the
-vehicle along the lane, and the speed that it is compared with is off by that share.
+A first estimate is made wrong on purpose by tracking the vehicle with a speed that is wrong by a
+given share: from the first pair on, the region given to the second estimate moves away from the
+vehicle along the lane, and the speed that it is compared with has that error.
 """
 from __future__ import annotations
 
@@ -43,15 +43,15 @@ class SecondRun:
     """
     Both estimates of a pass.
 
-    :param kinds: what it counts for: heading to kind.
-    :param first_mps: None where the first estimate rejected the pass.
+    :param kinds: groups that it belongs to: heading to kind.
+    :param first_mps: first estimate; None where it rejected the pass.
     :param first_std_mps: its 1-sigma.
-    :param truth_mps: mean over the same time.
-    :param second_mps: None where it came to none.
+    :param truth_mps: mean of the truth over the same time.
+    :param second_mps: second estimate; None where there is none.
     :param second_std_mps: its 1-sigma.
     :param rejected: whether the two disagree; None where they are not compared.
-    :param wrong: for each first estimate made wrong: whether it was rejected; None where there
-        was no second one to compare with.
+    :param wrong: for each falsified first estimate, whether it was rejected; None where there was
+        no second one to compare with.
     """
 
     kinds: Mapping[str, str]
@@ -76,7 +76,7 @@ def second_job(parameters: Mapping[str, Any]) -> Mapping[str, Any]:
     number, seed, config = parameters['number'], parameters['seed'], TrackerConfig()
     sequence = simulated_sequence(drawn_of(parameters).config, (seed, number),
                                   LineKnowledge(parameters['lines']))
-    # What the first estimate says is wanted of rejected passes too.
+    # The first estimate is needed for rejected passes too.
     lenient = replace(config, second=replace(
         config.second, most_sigmas=100.0, most_difference_mps=100.0))
     follow: dict[int, list[tuple[StereoPair, TrackUpdate]]] = {}
@@ -103,12 +103,12 @@ def second_job(parameters: Mapping[str, Any]) -> Mapping[str, Any]:
 def wrong_is_rejected(result: PassResult, follow: Follow, sequence: LabeledSequence,
                       config: TrackerConfig, share: float) -> Optional[bool]:
     """
-    Return whether a pass is rejected whose first estimate is off by a share of its speed.
+    Return whether a pass with a falsified first estimate is rejected.
 
-    :param result: measured and right.
-    :param follow: each pair, and where the vehicle is in it.
-    :param share: by which the first estimate is made wrong.
-    :return: None where there is no second estimate to compare with.
+    :param result: a measured pass with a right speed.
+    :param follow: each pair, with the vehicle's update in it.
+    :param share: share of the speed by which the first estimate is falsified.
+    :return: whether it is rejected; None where there is no second estimate to compare with.
     """
     rig, lane = sequence.site.rig, sequence.site.lanes[follow[0][1].lane]
     opinion, start_m = SecondOpinion(rig, lane, config), follow[0][1].s_m
@@ -125,10 +125,10 @@ def wrong_is_rejected(result: PassResult, follow: Follow, sequence: LabeledSeque
 def moved_region(rig: StereoRig, lane: LanePath, update: TrackUpdate, ahead_m: float
                  ) -> tuple[Array, Array]:
     """
-    Return the corners (4, 2) of a front in both raw views, px, were it further along its lane.
+    Return the corners (4, 2) of a front, moved along its lane, in both raw views, px.
 
-    :param update: where it is.
-    :param ahead_m: by so much.
+    :param update: update of the track, with the front's position.
+    :param ahead_m: distance to move it.
     """
     rays, heading = rig.left.rays(update.quad_left_px), update.axes[:, 0]
     corners = rays * ((update.position_m @ heading) / (rays @ heading))[:, None]
@@ -140,7 +140,7 @@ def moved_region(rig: StereoRig, lane: LanePath, update: TrackUpdate, ahead_m: f
 
 
 def _is_rejected(result: PassResult, config: TrackerConfig) -> Optional[bool]:
-    """Return whether the estimates disagree; None where the second tells nothing."""
+    """Return whether the estimates disagree; None where there is no second one."""
     told = compared(result, config.second)
     if told.second is None or told.second.speed_mps is None:
         return None
@@ -148,7 +148,7 @@ def _is_rejected(result: PassResult, config: TrackerConfig) -> Optional[bool]:
 
 
 def gather_second(jobs: Sequence[Job], results: Sequence[Result]) -> list[SecondRun]:
-    """Return each pass with both of its estimates; those whose job failed are left out."""
+    """Return each pass with both of its estimates, without failed jobs."""
     return [SecondRun(kinds=drawn_of(job.parameters).kinds, **result.value)
             for job, result in zip(jobs, results) if result.value is not None]
 
@@ -177,13 +177,13 @@ def _row(name: str, passes: Sequence[SecondRun]) -> list[Cell]:
 
 
 def wrong_firsts(passes: Sequence[SecondRun]) -> tuple[int, int]:
-    """Return how many first estimates are beyond the limits of error, and rejected of these."""
+    """Return how many first estimates exceed the limits of error, and how many are rejected."""
     wrong = [p for p in passes if p.first_mps is not None and not p.is_right]
     return len(wrong), sum(p.rejected is True for p in wrong)
 
 
 def second_rows(passes: Sequence[SecondRun]) -> Table:
-    """Return a row for every pass, for programs."""
+    """Return a row for every pass, as data."""
     kinds = list(passes[0].kinds) if passes else []
     return Table(title='', columns=(*kinds, 'truth_mps', 'first_mps', 'first_std_mps',
                                     'second_mps', 'second_std_mps', 'rejected',

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Long live runs: every vehicle of every round measured once, memory and handles flat."""
+"""Long live runs: each vehicle of each round is measured once, without growth of resources."""
 from __future__ import annotations
 
 from collections import Counter
@@ -26,13 +26,14 @@ Place = tuple[int, tuple[float, float, float]]  # stamp ns; x, y, z in the left 
 @dataclass(frozen=True, kw_only=True)
 class SoakRules:
     """
-    What decides whether a long run was sound.
+    The criteria for a long run.
 
     :param warm_share: share of the run, from its start, in which memory may still grow.
-    :param growth_mb: most growth of a node's memory over the rest, by its trend, MB.
-    :param late_s: memory is judged where no pair's tracks came later: pairs that wait take room.
-    :param handles: most growth of a node's open files, sockets and threads over the rest.
-    :param wrong_mps: greatest error of a pass that is not wrong.
+    :param growth_mb: greatest growth of a node's memory over the rest, by its trend, MB.
+    :param late_s: greatest delay of tracks up to which memory is judged, because waiting pairs
+        occupy memory.
+    :param handles: greatest growth of a node's open files, sockets and threads over the rest.
+    :param wrong_mps: error above which a pass is wrong.
     """
 
     warm_share: float = 0.25
@@ -45,12 +46,12 @@ class SoakRules:
 @dataclass(frozen=True, kw_only=True)
 class Sample:
     """
-    What a process holds at a moment.
+    The resources of a process at a time.
 
-    :param at_s: steady time.
+    :param at_s: monotonic time.
     :param memory_mb: memory that no other process shares, MB.
     :param handles: open files and sockets.
-    :param threads: its threads.
+    :param threads: number of threads.
     """
 
     at_s: float
@@ -61,10 +62,10 @@ class Sample:
 
 def sample_of(pid: int, at_s: float) -> Sample:
     """
-    Return what a process holds.
+    Return the resources of a process.
 
-    :param pid: of the process.
-    :param at_s: steady time.
+    :param pid: id of the process.
+    :param at_s: monotonic time.
     :raises OSError: there is no such process.
     """
     folder = Path('/proc') / str(pid)
@@ -79,14 +80,14 @@ def sample_of(pid: int, at_s: float) -> Sample:
 @dataclass(frozen=True, kw_only=True)
 class Held:
     """
-    What a node held over a run, after its warm-up.
+    The resources of a node over a run, after its warm-up.
 
-    :param node: its name.
+    :param node: name of the node.
     :param first_mb: memory at the beginning by its trend, MB.
     :param growth_mb: growth to the end by its trend, MB.
     :param most_mb: greatest memory of the whole run, MB.
-    :param handles: at the beginning and at the end.
-    :param threads: at the beginning and at the end.
+    :param handles: number of handles at the beginning and at the end.
+    :param threads: number of threads at the beginning and at the end.
     """
 
     node: str
@@ -98,7 +99,7 @@ class Held:
 
     @classmethod
     def of(cls, node: str, samples: Sequence[Sample], rules: SoakRules) -> Held:
-        """Return it of the samples of a run, at least four."""
+        """Return the resources from the samples of a run, at least four."""
         if len(samples) < 4:
             raise InputError('soak', node, f'{len(samples)} samples', 'a run of some seconds')
         start_s, end_s = samples[0].at_s, samples[-1].at_s
@@ -113,7 +114,7 @@ class Held:
                    threads=(late[0].threads, late[-1].threads))
 
     def faults(self, rules: SoakRules, in_time: bool = True) -> list[str]:
-        """Return a line for each thing that grew; of memory where the nodes were in time."""
+        """Return a line for each resource that grew; memory counts only if nodes kept up."""
         found = []
         if in_time and self.growth_mb > rules.growth_mb:
             found.append(f'{self.node}: memory grew by {self.growth_mb:.1f} MB, at most '
@@ -129,8 +130,8 @@ class Seen:
     """
     A track in a pair.
 
-    :param stamp_ns: of the pair.
-    :param position_m: (3,) centre of the front, left optical frame.
+    :param stamp_ns: stamp of the pair.
+    :param position_m: (3,), centre of the front, left optical frame.
     """
 
     stamp_ns: int
@@ -139,11 +140,11 @@ class Seen:
 
 class Rounds:
     """
-    Judges the passes of a stream that goes round by its truth.
+    Scores the passes of a repeated stream against its truth.
 
     :param truth: the vehicles of a round.
-    :param counted: numbers of those that are well seen for long enough to be measured.
-    :param round_ns: from a stamp to the same one of the next round, ns.
+    :param counted: numbers of the vehicles that are well seen for long enough to be measured.
+    :param round_ns: time from a stamp to the same one of the next round, ns.
     :param start_ns: stamp of the first pair of the first round.
     """
 
@@ -159,14 +160,14 @@ class Rounds:
 
     def add(self, told: Mapping[str, Any], places: Sequence[Place]) -> None:
         """
-        Take a pass.
+        Add a pass.
 
-        :param told: it, as JSON has it.
-        :param places: of its track.
+        :param told: JSON object of the pass.
+        :param places: positions of its track.
         """
         measured = told['verdict'] == 'measured'
         if not places and not measured:
-            return  # its track was never told to anybody
+            return  # its track was never published
         number = (int(told['first_stamp_ns']) - self._start_ns) // self._round_ns
         seen = [Seen(ns - number * self._round_ns, np.array(at)) for ns, at in places]
         vehicle = self._vehicle(seen)
@@ -186,16 +187,16 @@ class Rounds:
             float(told['speed_mps']) - float(vehicle.speed_mps[during].mean()))
 
     def _vehicle(self, places: Sequence[Seen]) -> Optional[VehicleTruth]:
-        """Return the vehicle that the places are nearest to, within the gate."""
+        """Return the vehicle nearest to positions of a track, within the gate."""
         distances = [distance(places, truth) for truth in self._truth]
         best = int(np.argmin(distances))
         return self._truth[best] if distances[best] <= 1.0 else None
 
     def counts(self, rounds: int) -> dict[str, int]:
         """
-        Return how the vehicles of the rounds were counted.
+        Return the counts of the vehicles over all rounds.
 
-        :param rounds: that were played to their end.
+        :param rounds: number of complete rounds.
         """
         wanted = {(number, v) for number in range(rounds) for v in self._counted}
         seen = {key: n for key, n in self.measured.items() if key in wanted}
@@ -205,12 +206,12 @@ class Rounds:
                 'missed': len(wanted - set(seen) - self.rejected), 'astray': self.astray}
 
     def wrong(self, rules: SoakRules) -> int:
-        """Return how many passes are farther off than the rules allow."""
+        """Return how many passes have a greater error than the rules allow."""
         return sum(abs(error) > rules.wrong_mps for error in self.errors_mps)
 
     @property
     def worst_mph(self) -> float:
-        """Return the greatest error of a pass, mph; NaN without any."""
+        """Return the greatest error of a pass, mph; NaN without passes."""
         return max((abs(e) / MPH_MPS for e in self.errors_mps), default=float('nan'))
 
 
@@ -218,8 +219,8 @@ def counted_vehicles(path: Path, truth: Sequence[VehicleTruth]) -> set[int]:
     """
     Return the vehicles that are well seen for long enough, by the columns of ``truth.csv``.
 
-    :param path: of the file.
-    :param truth: its content; without those columns all its vehicles count.
+    :param path: path of the file.
+    :param truth: its content; without those columns all vehicles count.
     """
     columns, rows = read_rows(path, 'truth.csv')
     if not {'visible', 'in_view', 'width_px', 'stamp', 'vehicle'} <= set(columns):
@@ -236,19 +237,19 @@ def counted_vehicles(path: Path, truth: Sequence[VehicleTruth]) -> set[int]:
 def lost_pairs(found_ns: Sequence[int], round_ns: Sequence[int], period_ns: int, rounds: int
                ) -> tuple[int, int]:
     """
-    Return how many pairs there were, and how many of them came nowhere.
+    Return the number of pairs, and how many of them were lost.
 
     :param found_ns: stamps of the pairs that were measured.
     :param round_ns: stamps of the pairs of the first round.
-    :param period_ns: from a stamp to the same one of the next round, ns.
-    :param rounds: that were played to their end.
+    :param period_ns: time from a stamp to the same one of the next round, ns.
+    :param rounds: number of complete rounds.
     """
     wanted = {ns + number * period_ns for number in range(rounds) for ns in round_ns}
     return len(wanted), len(wanted - set(found_ns))
 
 
 def held_table(held: Sequence[Held], minutes: float) -> Table:
-    """Tabulate what the nodes held over a run of so many minutes."""
+    """Tabulate the resources of the nodes over a run."""
     return Table(
         title=f'Memory and handles of {minutes:.0f} minutes',
         columns=['node', 'memory, MB', 'growth by its trend, MB', 'most, MB', 'handles, threads',
@@ -261,16 +262,16 @@ def held_table(held: Sequence[Held], minutes: float) -> Table:
 @dataclass(frozen=True, kw_only=True)
 class Soaked:
     """
-    What came of a long run.
+    The result of a long run.
 
-    :param minutes: it lasted.
-    :param pairs: that were sent, and of them lost.
-    :param delays_s: from sending a pair to its tracks.
-    :param reading_delays_s: from sending a pair to each live speed.
-    :param readings: live speeds.
-    :param rounds: the judge of its passes.
-    :param played: rounds that were played to their end.
-    :param held: what each node held.
+    :param minutes: duration.
+    :param pairs: number of pairs sent, and of those lost.
+    :param delays_s: delays from sending a pair to its tracks.
+    :param reading_delays_s: delays from sending a pair to each live speed.
+    :param readings: number of live speeds.
+    :param rounds: the scored passes.
+    :param played: number of complete rounds.
+    :param held: resources of each node.
     """
 
     minutes: float
@@ -288,13 +289,13 @@ class Soaked:
         return max(self.delays_s, default=0.0)
 
     def notes(self, rules: SoakRules) -> list[str]:
-        """Return what could not be judged."""
+        """Return notes on criteria that could not be judged."""
         return [] if self.longest_s <= rules.late_s else [
             f'memory was NOT JUDGED: the machine did not keep up, tracks came up to '
             f'{self.longest_s:.0f} s late, and pairs that wait take room']
 
     def table(self) -> Table:
-        """Tabulate what was measured."""
+        """Tabulate the counts of pairs and passes."""
         counts = self.rounds.counts(self.played)
         return Table(
             title='', columns=[
@@ -305,7 +306,7 @@ class Soaked:
             digits=[1, *(0,) * 8, 2, 0])
 
     def delays_table(self) -> Table:
-        """Tabulate how long after a pair was sent what came of it was told."""
+        """Tabulate the delays from sending a pair to its readings and tracks."""
         return Table(
             title='', columns=['s after the pair was sent', 'median', 'p95', 'p99', 'longest'],
             rows=[[what, *np.percentile(delays or [np.nan], [50, 95, 99, 100])]
@@ -314,7 +315,7 @@ class Soaked:
             digits=[0, 3, 3, 3, 3])
 
     def faults(self, rules: SoakRules) -> list[str]:
-        """Return a line for each thing that must not be."""
+        """Return a line for each violated criterion."""
         counts, wrong = self.rounds.counts(self.played), self.rounds.wrong(rules)
         in_time = self.longest_s <= rules.late_s
         found = [line for held in self.held for line in held.faults(rules, in_time)]

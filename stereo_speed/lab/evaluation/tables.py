@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Tables as Markdown, for people, and as CSV, for programs."""
+"""Tables as Markdown and as CSV."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -18,9 +18,9 @@ class Table:
     """
     A table.
 
-    :param title: what it shows.
+    :param title: title of the table.
     :param columns: names, with units.
-    :param rows: a cell for each column: texts as they are, None and NaN as a dash.
+    :param rows: rows with a cell for each column; None and NaN are shown as a dash.
     :param digits: decimals of each column's floats, in Markdown; CSV has five.
     :param note: a line below it.
     """
@@ -32,7 +32,7 @@ class Table:
     note: str = ''
 
     def markdown(self) -> str:
-        """Return it for people."""
+        """Return the table as Markdown."""
         digits = [self.digits] * len(self.columns) if isinstance(self.digits, int) \
             else list(self.digits)
         lines = [f'**{self.title}**', ''] if self.title else []
@@ -41,14 +41,14 @@ class Table:
         return '\n'.join(lines + (['', self.note] if self.note else [])) + '\n'
 
     def csv(self) -> str:
-        """Return it for programs."""
+        """Return the table as CSV."""
         return csv_text(self.columns, [
             ['' if _missing(c) else f'{c:.5f}' if isinstance(c, float) else c for c in row]
             for row in self.rows])
 
 
 class HasKinds(Protocol):
-    """What was drawn of some kind under each of several headings."""
+    """An item that belongs to a kind under each of several headings."""
 
     @property
     def kinds(self) -> Mapping[str, str]:
@@ -63,7 +63,7 @@ def table_by_kind(passes: Sequence[K], columns: Sequence[str],
     """
     Return a table of a row for all passes, then one for each kind of them.
 
-    :param row: makes the row of a name and some of the passes.
+    :param row: makes the row from a name and some of the passes.
     """
     rows = [row('all', passes)]
     for heading in passes[0].kinds if passes else ():
@@ -74,7 +74,7 @@ def table_by_kind(passes: Sequence[K], columns: Sequence[str],
 
 
 def shown(cell: Cell, digits: int) -> str:
-    """Return a cell for people."""
+    """Return the text of a cell in Markdown."""
     if _missing(cell):
         return '-'
     return f'{cell:.{digits}f}' if isinstance(cell, float) else str(cell)

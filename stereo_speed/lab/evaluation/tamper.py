@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Records spoilt in every way one can think of, to see whether that is found out."""
+"""Damage records in many ways, and check that the damage is detected."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -24,19 +24,19 @@ from ...enforcement.chain import seal_of
 from ...enforcement.store import EvidenceStore, StoreError
 from ...enforcement.verify import CHAIN_FILE, RECORD_FILE, SEAL_FILE, verify
 
-_ANEW_EVERY = 5  # stops: then with an empty store
-_DISK_FULL = 28  # exit status of a writer that found it so
+_ANEW_EVERY = 5  # number of stops after which the store is emptied
+_DISK_FULL = 28  # exit status of a writer whose disk is full
 _PATIENCE_S = 120.0
 
 
 @dataclass(frozen=True)
 class Outcome:
     """
-    How often one kind of damage was done, and not found.
+    The outcome of one kind of damage.
 
-    :param damage: in words.
+    :param damage: description of the damage.
     :param times: how often it was done.
-    :param missed: how often it was not found, or left what it must not.
+    :param missed: how often it was not detected, or left an invalid store.
     """
 
     damage: str
@@ -46,11 +46,11 @@ class Outcome:
 
 def flipped_bytes(folder: Path, positions: int, rng: np.random.Generator) -> Outcome:
     """
-    Flip one bit of one stored byte at a time; the bytes are drawn from all that are stored.
+    Flip one bit of one stored byte at a time; the bytes are drawn from all stored files.
 
-    :param folder: of sound records; left as it was.
-    :param positions: how many.
-    :param rng: source of all randomness.
+    :param folder: folder of sound records; it is not changed in the end.
+    :param positions: number of bytes.
+    :param rng: source of randomness.
     """
     files = sorted(p for p in folder.rglob('*') if p.is_file())
     ends = np.cumsum([p.stat().st_size for p in files])
@@ -69,9 +69,9 @@ def flipped_bytes(folder: Path, positions: int, rng: np.random.Generator) -> Out
 
 def damages(folder: Path) -> Iterator[tuple[str, Callable[[Path], None]]]:
     """
-    Yield what can be done to files and chain, each with a function that does it to a copy.
+    Yield kinds of damage to files and chain, each with a function that applies it to a copy.
 
-    :param folder: of at least two records.
+    :param folder: folder of at least two records.
     """
     names = [seal.record_id for line in (folder / CHAIN_FILE).read_text().splitlines()
              if (seal := seal_of(line)) is not None]
@@ -100,7 +100,7 @@ def damages(folder: Path) -> Iterator[tuple[str, Callable[[Path], None]]]:
 
 
 def spoilt_files(folder: Path) -> list[Outcome]:
-    """Return what came of each kind of :func:`damages`, done to copies of some records."""
+    """Apply each kind of :func:`damages` to copies of records, and return the outcomes."""
     counts: dict[str, list[int]] = {}
     with tempfile.TemporaryDirectory(dir=folder.parent) as aside:
         for kind, spoil in damages(folder):
@@ -116,18 +116,18 @@ def spoilt_files(folder: Path) -> list[Outcome]:
 def stopped_writers(folder: Path, times: int, rng: np.random.Generator, *, kill: bool,
                     patience_s: float = _PATIENCE_S) -> Outcome:
     """
-    Stop a writer of records at random steps, by SIGKILL or by a full disk, again and again.
+    Stop a writer of records at random steps, by SIGKILL or by a full disk, repeatedly.
 
-    A step is a sync or a renaming. Of a file that is about to be synced half may be missing, as
-    after a power cut or on a full disk. After each stop the store must be sound, hold every
-    record that was finished, no half one, and take the next.
+    A step is a sync or a renaming. Half of a file that is about to be synced may be missing, as
+    after a power cut or on a full disk. After each stop the store must verify, have every finished
+    record and no incomplete one, and accept the next.
 
-    :param folder: of sound records, whose contents are written anew.
-    :param times: how often.
-    :param rng: source of all randomness.
-    :param kill: by SIGKILL; else the disk is full from that step on.
-    :param patience_s: longest time that a writer takes.
-    :raises StereoSpeedError: a writer that ends by itself, or does not end.
+    :param folder: folder of sound records, whose contents are written again.
+    :param times: number of stops.
+    :param rng: source of randomness.
+    :param kill: whether to stop by SIGKILL; else the disk is full from that step on.
+    :param patience_s: longest run time of a writer.
+    :raises StereoSpeedError: a writer ends by itself, or does not end.
     """
     contents = [_contents(p) for p in sorted(folder.iterdir()) if p.is_dir()]
     status, missed = -signal.SIGKILL if kill else _DISK_FULL, 0
@@ -143,7 +143,7 @@ def stopped_writers(folder: Path, times: int, rng: np.random.Generator, *, kill:
                 target=_write, args=(target, contents, stop))
             process.start()
             process.join(patience_s)
-            if process.exitcode != status:  # of another cause: nothing follows from it
+            if process.exitcode != status:  # another cause, so the test is not valid
                 process.kill()
                 raise StereoSpeedError(f'{folder}: a writer that was to be stopped ended with '
                                        f'{process.exitcode}, not with {status}')
@@ -156,11 +156,11 @@ def stopped_writers(folder: Path, times: int, rng: np.random.Generator, *, kill:
 @dataclass(frozen=True)
 class _Stop:
     """
-    How a writer is stopped.
+    The stop of a writer.
 
     :param at: the step, from 1; 0 for never.
-    :param kill: by SIGKILL; else the disk is full from that step on.
-    :param torn: half of a file that is about to be synced is missing.
+    :param kill: whether to stop by SIGKILL; else the disk is full from that step on.
+    :param torn: whether half of a file that is about to be synced is lost.
     """
 
     at: int = 0
@@ -168,7 +168,7 @@ class _Stop:
     torn: bool = False
 
     def before(self, step: int, args: Sequence[object]) -> None:
-        """Stop at this step, if it is that one."""
+        """Stop if the step is the chosen one."""
         if not self.at or (step != self.at if self.kill else step < self.at):
             return
         if self.torn and isinstance(args[0], int) and stat.S_ISREG(os.fstat(args[0]).st_mode):
@@ -193,9 +193,9 @@ def _named(content: dict[str, bytes], name: str) -> tuple[dict[str, bytes], byte
 
 def _write(target: Path, contents: Sequence[dict[str, bytes]], stop: _Stop) -> int:
     """
-    Write records until stopped, and return how many steps that took.
+    Write records until stopped, and return the number of steps.
 
-    Each one that was finished is told in a file beside the store. A full disk ends the process.
+    Finished records are listed in a file beside the store. A full disk ends the process.
     """
     seen = 0
 
@@ -218,13 +218,13 @@ def _write(target: Path, contents: Sequence[dict[str, bytes]], stop: _Stop) -> i
                     raise SystemExit(_DISK_FULL) from error
                 with told.open('a') as stream:
                     stream.write(f'{name}\n')
-    if 0 < stop.at <= seen:  # the last record was finished all the same
+    if 0 < stop.at <= seen:  # the last record was finished nevertheless
         raise SystemExit(_DISK_FULL)
     return seen
 
 
 def _recovers(target: Path, contents: Sequence[dict[str, bytes]]) -> bool:
-    """Return whether a store is sound after a stop, has lost nothing and takes the next record."""
+    """Return whether a store verifies after a stop, is complete and takes the next record."""
     told = target.parent / 'finished'
     finished = told.read_text().split() if told.exists() else []
     told.unlink(missing_ok=True)
@@ -268,7 +268,7 @@ def _swap(name: Path, other: Path, folder: Path) -> None:
 
 
 def _keep(kept: Sequence[int], folder: Path) -> None:
-    """Write the chain anew with some of its lines."""
+    """Rewrite the chain with some of its lines."""
     path = folder / CHAIN_FILE
     lines = path.read_text().splitlines(keepends=True)
     path.write_text(''.join(lines[k] for k in kept))

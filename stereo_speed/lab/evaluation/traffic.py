@@ -3,8 +3,7 @@
 """
 Score a stream of traffic against exact truth.
 
-A vehicle with two tracks, a track on nothing and a track that jumps from one vehicle to another
-all show.
+The score shows vehicles with two tracks, tracks on nothing, and tracks that jump between vehicles.
 """
 from __future__ import annotations
 
@@ -27,13 +26,13 @@ Row = Mapping[str, Any]  # of truth.csv, and its stamp_ns
 @dataclass(frozen=True, kw_only=True)
 class TrafficRules:
     """
-    What decides how traffic is counted.
+    The rules for counting traffic.
 
-    :param seen_px: least width of the front of a vehicle that is well seen.
+    :param seen_px: least width of the front of a well-seen vehicle.
     :param seen_share: least unoccluded share of that front.
     :param seen_s: time for which a vehicle must be well seen to count.
-    :param seen_pairs: pairs in which it must be.
-    :param wrong_mps: greatest error of a pass that is not wrong.
+    :param seen_pairs: number of pairs in which it must be well seen.
+    :param wrong_mps: error above which a pass is wrong.
     :param sure_of_lane_m: distance from a lane's path up to which the lane is beyond doubt.
     """
 
@@ -58,20 +57,20 @@ class TrafficRules:
 @dataclass(frozen=True, kw_only=True)
 class TrafficScore:
     """
-    How well traffic was measured.
+    The score of a stream of traffic.
 
-    :param vehicles: that were well seen for long enough.
-    :param brief: that were not, and are in none of the next four.
-    :param once: measured once.
-    :param split: measured more than once.
-    :param rejected: followed, but no speed given.
-    :param missed: never reported.
+    :param vehicles: vehicles that were well seen for long enough.
+    :param brief: vehicles that were not, and are in none of the next four groups.
+    :param once: vehicles measured once.
+    :param split: vehicles measured more than once.
+    :param rejected: vehicles tracked, but without a speed.
+    :param missed: vehicles never reported.
     :param false_tracks: confirmed tracks or measured passes on no vehicle.
-    :param wrong: measured passes that are farther off than the rules allow.
+    :param wrong: measured passes with a greater error than the rules allow.
     :param lanes_wrong: confirmed readings with the wrong lane, away from the lines.
     :param lanes_sure: confirmed readings away from the lines.
     :param passes: errors of the passes on vehicles.
-    :param live_rms_mps: of the errors of the confirmed readings; NaN without any.
+    :param live_rms_mps: r.m.s. error of the confirmed readings; NaN without readings.
     """
 
     vehicles: int
@@ -94,15 +93,15 @@ def score_traffic(rows: Sequence[Row], updates: Iterable[TrackUpdate],
     """
     Match tracks and vehicles, and count.
 
-    :param rows: the truth, as of ``sim.TrafficPair``.
-    :param updates: of the pipeline.
-    :param passes: of the pipeline.
+    :param rows: the truth, in the form of ``sim.TrafficPair``.
+    :param updates: updates of the pipeline.
+    :param passes: passes of the pipeline.
     :param lanes: name of each lane, by its index in the truth.
-    :param rules: what decides.
+    :param rules: rules for counting.
     """
     truths = {truth.vehicle: truth for truth in truth_of_rows(rows)}
     results = {result.track: result for result in passes}
-    # A tentative track that ends was reported to nobody.
+    # Tracks that were never more than tentative are not reported.
     tracks = {number: track for number, track in by_track(updates).items()
               if any(u.state is TrackState.CONFIRMED for u in track)
               or number in results and results[number].verdict is Verdict.MEASURED}
@@ -130,8 +129,8 @@ def traffic_table(name: str, score: TrafficScore, pair_ms: float) -> Table:
     """
     Return the table of one stream.
 
-    :param name: of the stream.
-    :param pair_ms: processor time of the pipeline for a pair, ms.
+    :param name: name of the stream.
+    :param pair_ms: processor time of the pipeline per pair, ms.
     """
     return Table(title='', columns=(
         'traffic', 'vehicles', 'measured once', 'more than once', 'rejected', 'missed',

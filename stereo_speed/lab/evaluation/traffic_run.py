@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Simulated traffic through the pipeline: the site, the run and its files."""
+"""Run simulated traffic through the pipeline: the site, the run and its files."""
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, replace
@@ -24,13 +24,13 @@ from ...pipeline.run import Run, run as run_pipeline
 from ...site.file import load_site
 
 TRUTH = 'truth.csv'
-REFINE_PAIRS, REFINE_FPS = 40, 1.0  # of the traffic that a site is refined by
+REFINE_PAIRS, REFINE_FPS = 40, 1.0  # traffic for refining a site
 
 
 @dataclass(frozen=True, eq=False)
 class TrafficRun:
     """
-    What came of a stream.
+    The run of a stream with its truth.
 
     :param run: the run.
     :param truth: rows of ``truth.csv``.
@@ -43,26 +43,26 @@ class TrafficRun:
 
     @property
     def pair_ms(self) -> float:
-        """Processor time of the pipeline for a pair, ms."""
+        """Return the processor time of the pipeline per pair, ms."""
         return 1e3 * self.run.cpu_s / max(len(self.run.stamps_ns), 1)
 
     def score(self, rules: TrafficRules = TrafficRules()) -> TrafficScore:
-        """Return how well the traffic was measured."""
+        """Score the run against its truth."""
         return score_traffic(self.truth, self.run.updates, self.run.passes, self.lanes, rules)
 
 
 def stream_of(config: TrafficConfig, seed: int) -> TrafficStream:
-    """Return the stream of a seed."""
+    """Return the stream of a configuration and seed."""
     return TrafficStream(config, np.random.default_rng(seed))
 
 
 def traffic_site(config: TrafficConfig, seed: int, lines: LineKnowledge) -> MeasuringSite:
     """
-    Return the site as a person would hand it over, through a site file.
+    Return the site as if read from a user's site file.
 
     :param config: the traffic.
-    :param seed: of the stream.
-    :param lines: refined ones are refined by a few pairs of other traffic.
+    :param seed: seed of the stream.
+    :param lines: source of the lines; refined ones use a few pairs of other traffic.
     """
     stream = stream_of(config, seed)
     content = exact_site(stream.scene) if lines is LineKnowledge.EXACT else stream.site
@@ -81,8 +81,8 @@ def measure_traffic(stream: Iterable[TrafficPair], pipeline: SpeedPipeline,
     Run a stream through a pipeline.
 
     :param stream: the pairs with their truth.
-    :param pipeline: a fresh one.
-    :param total: expected number of pairs, for the progress shown.
+    :param pipeline: a new pipeline.
+    :param total: expected number of pairs, for the progress bar.
     """
     truth: list[Row] = []
 
@@ -96,10 +96,10 @@ def measure_traffic(stream: Iterable[TrafficPair], pipeline: SpeedPipeline,
 def write_traffic(out: Path, result: TrafficRun, score: TrafficScore,
                   facts: Mapping[str, Any]) -> None:
     """
-    Write the truth and the files of a run, all of them or none.
+    Write the truth and the files of a run, all or none.
 
-    :param out: folder, made when it is not there.
-    :param facts: what ``summary.json`` has beside versions, counts and timings.
+    :param out: folder, made where it is missing.
+    :param facts: content of ``summary.json`` beside versions, counts and timings.
     """
     counts = {k: v for k, v in asdict(score).items() if isinstance(v, int)}
     with staged_run(out) as aside:

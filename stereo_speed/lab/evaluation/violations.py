@@ -1,10 +1,10 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Which passes of faulty traffic become records, and whether a record is ever wrong.
+Find which passes of faulty traffic become records, and whether any record is wrong.
 
-A record is wrong when its speed is off by more than the limit of error (3 km/h up to 100 km/h,
-3 % above), or when a front that it marks is not that of the vehicle that it is of.
+A record is wrong if the error of its speed exceeds the limit (3 km/h up to 100 km/h, 3 % above),
+or if it marks a front that does not belong to its vehicle.
 """
 from __future__ import annotations
 
@@ -43,10 +43,10 @@ from ...pipeline.pipeline import SpeedPipeline
 from ...site.write import site_text
 from ...survey.reference import error_limit_mps
 
-LIMIT_MPH = 40.0  # of every lane, at a pace of 1
-PACES = (1.0, 0.7, 1.3, 0.5)  # of the traffic, against 45, 53 and 60 mph in the mean
-SEEN_PX = 20.0  # least width of a front in these images that is well seen
-BEFORE_S = 14.0  # from where vehicles enter to the camera, at a pace of 1
+LIMIT_MPH = 40.0  # speed limit of every lane, at a pace of 1
+PACES = (1.0, 0.7, 1.3, 0.5)  # factors of the traffic's speeds, whose means are 45, 53 and 60 mph
+SEEN_PX = 20.0  # least width of a well-seen front in these images
+BEFORE_S = 14.0  # time from entry to the camera, at a pace of 1
 WEATHERS = (('day', False), ('day', True), ('dusk', False), ('overcast', True),
             ('wet_night', True))  # light, and whether bodies have depth
 COLUMNS = ('fault', 'passes', 'measured', 'violations', 'recorded', 'share', 'records', 'of none',
@@ -58,22 +58,22 @@ _BELOW = (str(NoRecord.BELOW_LIMIT), str(NoRecord.NOT_MEASURED))
 @dataclass(frozen=True, kw_only=True)
 class ViolationRun:
     """
-    What came of one stream.
+    The result of one stream.
 
-    :param fault: that was put into it.
-    :param passes: that were reported, measured or rejected.
-    :param measured: of these.
-    :param violations: vehicles well seen whose true speed is a violation.
-    :param recorded: of these, those that a record is of.
-    :param records: all records.
-    :param wrong_speed: records whose speed is off by more than the limit.
+    :param fault: its fault.
+    :param passes: number of reported passes, measured or rejected.
+    :param measured: number of measured passes.
+    :param violations: number of well-seen vehicles whose true speed is a violation.
+    :param recorded: number of these with a record.
+    :param records: number of records.
+    :param wrong_speed: records with a speed error above the limit of error.
     :param wrong_vehicle: records that mark a front of another vehicle, or of none.
-    :param not_violating: records of vehicles that were not above the limit.
+    :param not_violating: records of vehicles that were not above the speed limit.
     :param errors_kmh: error of each record's speed.
-    :param no_record: reasons, with how many passes there were of each.
-    :param compared: passes with a second estimate, agreed or not.
-    :param rejected: reasons of rejected passes, with how many there were of each.
-    :param details: a line for each record that is wrong.
+    :param no_record: number of passes without a record, by reason.
+    :param compared: number of passes with a second estimate, whether it agrees or not.
+    :param rejected: number of rejected passes, by reason.
+    :param details: a line for each wrong record.
     """
 
     fault: str
@@ -95,12 +95,12 @@ class ViolationRun:
 def violation_jobs(streams: int, seed: int, faults: Sequence[str], vehicles: int = 32,
                    fps: float = 8.0) -> list[Job]:
     """
-    Return streams of half a minute, with one fault after the other.
+    Return jobs for streams of half a minute, in which the faults take turns.
 
-    :param streams: how many.
-    :param seed: of all of them.
-    :param faults: of ``FAULTS``.
-    :param vehicles: that drive in each stream; not all of them come into view.
+    :param streams: number of streams.
+    :param seed: seed of all of them.
+    :param faults: names from ``FAULTS``.
+    :param vehicles: number of vehicles in each stream; not all of them come into view.
     :param fps: pairs per second.
     """
     jobs = []
@@ -135,7 +135,7 @@ def violation_job(parameters: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def stream_config(parameters: Mapping[str, Any]) -> TrafficConfig:
-    """Return the traffic of a job: small images, many vehicles, speeds about the limit."""
+    """Return the traffic of a job: small images, many vehicles, speeds around the limit."""
     pace = parameters['pace']
     rig = RigConfig(width_px=512, height_px=384, f_px=900.0, baseline_m=1.0)
     config = traffic_config(
@@ -148,12 +148,12 @@ def stream_config(parameters: Mapping[str, Any]) -> TrafficConfig:
 @dataclass
 class DecidedStream:
     """
-    The passes of a stream, and what was decided on each.
+    The passes of a stream, and the decisions on them.
 
-    :param passes: all of them.
-    :param found: those that are violations.
-    :param exposures: number of the exposure that a pair of each stamp shows.
-    :param no_record: reasons, with how many passes there were of each.
+    :param passes: all passes.
+    :param found: the violations.
+    :param exposures: number of the exposure shown by the pair of each stamp.
+    :param no_record: number of passes without a record, by reason.
     """
 
     passes: list[PassResult] = field(default_factory=list)
@@ -164,15 +164,15 @@ class DecidedStream:
     def scored(self, fault: str, truth: Sequence[Sequence[Row]], limit_mps: Optional[float]
                ) -> Mapping[str, Any]:
         """
-        Return what came of it as JSON values.
+        Return the score of the stream as JSON values.
 
-        :param fault: that was put into it.
-        :param truth: rows of each exposure.
-        :param limit_mps: of the lanes.
+        :param fault: fault of the stream.
+        :param truth: truth rows of each exposure.
+        :param limit_mps: speed limit of the lanes.
         """
         rows = [row for exposure in truth for row in exposure]
         speeds: dict[int, list[float]] = {}
-        for row in rows:  # elsewhere it is not measured, and may brake
+        for row in rows:  # out of view it is not measured, and may brake
             if row['in_view']:
                 speeds.setdefault(row['vehicle'], []).append(row['speed'])
         config, limit = EnforcementConfig().decision, limit_mps or 0.0
@@ -199,7 +199,7 @@ class DecidedStream:
 
 def decide_stream(stream: FaultyStream, pipeline: SpeedPipeline, recorder: EvidenceRecorder
                   ) -> DecidedStream:
-    """Run a stream through a pipeline, and have each pass decided on when it ends."""
+    """Run a stream through a pipeline, and decide on each pass when it ends."""
     out = DecidedStream()
 
     def take(passes: Iterable[PassResult]) -> None:
@@ -224,7 +224,7 @@ def decide_stream(stream: FaultyStream, pipeline: SpeedPipeline, recorder: Evide
 
 @dataclass(frozen=True)
 class _Score:
-    """A record beside the truth."""
+    """The score of a record."""
 
     vehicle: int
     true_mps: float
@@ -236,7 +236,7 @@ class _Score:
 
 def _score(violation: Violation, exposures: Mapping[int, int], truth: Sequence[Sequence[Row]]
            ) -> _Score:
-    """Hold a record against the truth of the pairs that it was measured in."""
+    """Compare a record with the truth of the pairs from which it was measured."""
     result, on = violation.result, []
     for pair in violation.trace.shown(result.smoothed):
         assert pair.update is not None  # noqa: S101 (for the types)
@@ -264,7 +264,7 @@ def _nearest(position_m: Array, rows: Sequence[Row]) -> int:
 
 
 def _above(speed_mps: float, limit_mps: float, config: DecisionConfig) -> bool:
-    """Return whether a true speed is a violation: above the limit by tolerance and rounding."""
+    """Return whether a true speed exceeds the limit by tolerance and rounding."""
     return speed_mps - tolerance_mps(speed_mps, config) >= limit_mps + KMH_MPS
 
 
@@ -274,7 +274,7 @@ def _source(image: SentImage) -> SourceImage:
 
 
 def gather_violations(results: Sequence[Result]) -> list[ViolationRun]:
-    """Return what came of each stream; those whose job failed are left out."""
+    """Return the result of each stream, without failed jobs."""
     return [ViolationRun(**result.value) for result in results if result.value is not None]
 
 
@@ -298,7 +298,7 @@ def _row(name: str, runs: Sequence[ViolationRun]) -> list[Cell]:
 
 
 def _told(counts: Iterable[Mapping[str, int]], but: Sequence[str]) -> str:
-    """Return reasons with their numbers."""
+    """Return a text of reasons with their numbers, without some of them."""
     total = sum((Counter(dict(one)) for one in counts), Counter[str]())
     return ', '.join(f'{reason} {count}' for reason, count in sorted(total.items())
                      if reason not in but) or '-'

@@ -1,3 +1,3 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The papers' closed forms, as references for tests."""
+"""Closed forms from the papers, as references for tests."""

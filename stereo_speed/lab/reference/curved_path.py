@@ -3,7 +3,7 @@
 """
 A space curve from its two image curves, and motion along it (Zhu 2012, eq. 25-27).
 
-``road.fit`` takes the place of the first, for it weighs picks by what they are worth.
+``road.fit`` replaces the reconstruction, because it weights picks by their accuracy.
 """
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ def curved_path(
     """
     Reconstruct one line from its picks in the two raw views, without any smoothing.
 
-    :param left_px: (n, 2) raw picks in order along travel.
-    :param right_px: (m, 2) raw picks in order along travel.
-    :param up: (3,) rough up direction.
+    :param left_px: (n, 2), raw picks in order along travel.
+    :param right_px: (m, 2), raw picks in order along travel.
+    :param up: (3,), approximate up direction.
     """
     return SplinePath(match_curves(rig, left_px, right_px).points_m, up)
 
 
 def depth_std_m(matches: CurveMatches, rig: StereoRig, pick_std_px: float) -> Array:
     """
-    Return the 1-sigma depth errors (n,) of matched points for picks of the given scatter.
+    Return the depth 1-sigmas (n,) of matched points, given that of the picks.
 
     A disparity error of ``pick_std_px / sine`` moves a point by ``Z^2 / (f b)`` of it.
 

@@ -1,7 +1,7 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Planes, how they move, and the homographies they induce (Zhu 2012, eq. 5-8, 10, 11, 15).
+Planes, their motion, and the homographies they induce (Zhu 2012, eq. 5-8, 10, 11, 15).
 
 A plane is ``n^T P = d`` with unit normal n. A point of it seen at depth Z is ``P = Z x`` with x
 its ray at depth 1, so ``1 = n^T P / d`` and the motion ``P' = dR P + dt`` is, for points of the
@@ -111,7 +111,7 @@ def cross_homography(rig: StereoRig, n: Array, d: Array) -> Array:
 
 def map_points(h: Array, xy: Array) -> Array:
     """
-    Map points by homographies (eq. 11); NaN for what they send behind the camera.
+    Map points by homographies (eq. 11); NaN where they end up behind the camera.
 
     :param h: (..., 3, 3).
     :param xy: (..., m, 2).

@@ -3,10 +3,10 @@
 """
 The 3-D line of a straight path from its two image lines (Zhu 2012, eq. 19-24).
 
-Everything is in undistorted pixels, ``K (x, y, 1)``, where straight lines are straight. Signs
-follow ``n^T P = d`` and motion ``P' = P + v k`` (see ``planes``): where eq. 22 and 23
-print a minus before ``v / (Z + v k_3)`` it is a plus here, the second row has ``k_2`` for the
-``k_1`` of the print, and eq. 24 reads ``d' = d + v n^T k``.
+All pixels are undistorted, ``K (x, y, 1)``, so that straight lines remain straight. Signs
+follow ``n^T P = d`` and motion ``P' = P + v k`` (see ``planes``). So the minus that eq. 22 and 23
+print before ``v / (Z + v k_3)`` is a plus here, the second row has ``k_2`` instead of the printed
+``k_1``, and eq. 24 reads ``d' = d + v n^T k``.
 """
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from ...road.path import CAMERA_UP, StraightPath
 
 def undistorted_px(camera: Camera, uv_px: Array) -> Array:
     """
-    Take raw pixels to the pixels of the same camera without its distortion.
+    Convert raw pixels to undistorted pixels of the same camera.
 
     :param uv_px: (..., 2).
     """
@@ -52,7 +52,7 @@ def plucker_line(rig: StereoRig, line_left: Array, line_right: Array) -> Array:
 
 def direction(plucker: Array) -> Array:
     """
-    Return the unit direction of a line (eq. 21); NaN where the two planes are one.
+    Return the unit direction of a line (eq. 21); NaN where the two planes coincide.
 
     :param plucker: (4, 4) from :func:`plucker_line`.
     """
@@ -92,11 +92,11 @@ def straight_path(
     """
     Reconstruct one straight line from its picks in the two raw views, picked independently.
 
-    It starts at the foot of the first left pick and runs to that of the last.
+    It runs from the foot of the first left pick to that of the last.
 
     :param left_px: (n, 2) raw pixels in order along travel.
     :param right_px: (m, 2) raw pixels in order along travel.
-    :param up: (3,) rough up direction.
+    :param up: (3,), approximate up direction.
     """
     plucker = plucker_line(rig, image_line(undistorted_px(rig.left, left_px)),
                            image_line(undistorted_px(rig.right, right_px)))
@@ -109,7 +109,7 @@ def straight_path(
 
 def foot_on_line(rays: Array, point_m: Array, k: Array) -> Array:
     """
-    Return the places (...,) along a line, from ``point_m``, that come nearest to rays.
+    Return the lengths (...,) along a line from ``point_m`` to its points nearest to rays.
 
     :param rays: (..., 3) from the left camera's centre.
     :param point_m: (3,) on the line.

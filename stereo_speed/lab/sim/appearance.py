@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What vehicles look like: the textured planes of their bodies."""
+"""Appearance of vehicles: the textured planes of their bodies."""
 from __future__ import annotations
 
 from typing import Callable, Optional
@@ -14,15 +14,15 @@ from .scene import FrontPose
 from .texture import Canvas, front_texture, Image, octaves
 from ...core.records import Array
 
-TEXEL_M = 0.01  # of all planes but the front and the rear
+TEXEL_M = 0.01  # texel size of all planes except front and rear
 DIRT = 4  # size of the finest dirt, texels
-RELIEF_BUMPS = 12  # of the finest relief, side by side across a front
+RELIEF_BUMPS = 12  # number of bumps of the finest relief across a front
 GLASS = (24.0, 48.0)  # darkest and brightest grey level of a pane
 
 
 def finished(canvas: Canvas, rng: np.random.Generator, texel_m: float, shade: float = 0.15,
              grain: float = 4.0) -> Image:
-    """Reduce a drawing to its texels, with a shade from top to bottom and some dirt."""
+    """Reduce a drawing to its texels, with shading from top to bottom and some dirt."""
     rows, columns = (max(round(side / texel_m), 2)
                      for side in (canvas.height_m, canvas.width_m))
     image = cv2.resize(canvas.image, (columns, rows), interpolation=cv2.INTER_AREA)
@@ -37,7 +37,7 @@ def finished(canvas: Canvas, rng: np.random.Generator, texel_m: float, shade: fl
 def rear_texture(rng: np.random.Generator, width_m: float, height_m: float,
                  paint: float) -> Image:
     """
-    Make the rear of a vehicle, as the camera behind it sees it.
+    Make the rear of a vehicle, as seen by the camera behind it.
 
     :param rng: source of randomness.
     :param width_m: width, m.
@@ -126,7 +126,7 @@ def _flipped(texture: Texture) -> Texture:
 
 def _sheet(rng: np.random.Generator, width_m: float, length_m: float, paint: float,
            frame: Optional[float] = None) -> Texture:
-    """Make a bonnet or roof, or a pane in its frame with what the sky puts on it."""
+    """Make a bonnet or roof, or a pane in its frame with the sky's reflections."""
     canvas = Canvas(width_m, max(length_m, 0.05), paint if frame is None else frame, 2 * TEXEL_M)
     if frame is not None:
         canvas.polygon([(0.1, 0.06), (0.9, 0.06), (0.96, 0.95), (0.04, 0.95)], paint)
@@ -141,14 +141,14 @@ def _sheet(rng: np.random.Generator, width_m: float, length_m: float, paint: flo
 
 class Appearance:
     """
-    What a vehicle looks like.
+    The appearance of a vehicle.
 
-    :param body: its size and finish; a body without a kind is a front alone.
-    :param rear: track its rear instead of its front.
+    :param body: its size and finish; a body without a kind is only a front.
+    :param rear: whether its rear is tracked instead of its front.
     :param rng: source of its textures.
 
-    ``lamp_places`` (n, 3) are its lamps, m ahead of the tracked front, to the left and above the
-    road; ``lamp_grey`` their grey level where the planes show them lit, else None.
+    ``lamp_places`` (n, 3) are its lamps, in m ahead of the tracked front, to the left and above
+    the road; ``lamp_grey`` is their grey level if drawn with the planes, else None.
     """
 
     lamp_places: Array
@@ -170,7 +170,7 @@ class Appearance:
             self.relief_m = np.float32(body.relief_m) * bumps
 
     def _measure(self, body: BodyConfig, rear: bool) -> None:
-        """Take down what follows from the size alone."""
+        """Set the attributes that depend only on the size."""
         self.body, self.rear = body, rear
         side = body.width_m / 2 - 0.25
         up = body.clearance_m + (0.35 if rear else 0.42)
@@ -179,12 +179,12 @@ class Appearance:
         self.relief_m = None
 
     def _contrasted(self, image: Image) -> Texture:
-        """Return a front with the contrast that is asked for."""
+        """Return a front with the configured contrast."""
         mean = image.mean()
         return Texture.of(np.clip(mean + self.body.contrast * (image - mean), 5, 250))
 
     def _dress(self, rng: np.random.Generator, paint: float) -> None:
-        """Make everything but the tracked front."""
+        """Make all textures except the tracked front."""
         body = self.body
         left = _side(rng, body, paint)
         self.sides = (_flipped(left), left)  # right and left
@@ -199,7 +199,7 @@ class Appearance:
         """
         Return the planes of the body in the order of drawing, the tracked front last.
 
-        :param pose: place of the tracked front.
+        :param pose: pose of the tracked front.
         """
         body, rear = self.body, self.rear
         corners = pose.corners_m
@@ -207,14 +207,14 @@ class Appearance:
                         self.tracked, True, self.relief_m)
         if not body.kind:
             return [tracked]
-        # A frame at the front, whatever is tracked: back, left, up.
+        # Coordinates from the front, even if the rear is tracked: back, left, up.
         front = body.length_m if rear else 0.0
 
         def at(back: float, left: float, up: float) -> Array:
             return np.asarray(pose.ground_m + pose.axes @ np.array([front - back, left, up]))
         along, left, up = pose.axes.T
         half, low, roof, long = body.width_m / 2, body.clearance_m, body.roof_m, body.length_m
-        # The space below the body as the camera sees it: its left is the right of who comes.
+        # The image's left is the right side of an approaching vehicle.
         side = half - 0.1 if rear else 0.1 - half
         return [
             Plane(at(long, -half, roof), along * long, -up * roof, self.sides[0]),
@@ -223,14 +223,14 @@ class Appearance:
                   self.under), *self._tops(at), tracked]
 
     def _tops(self, at: Callable[[float, float, float], Array]) -> list[Plane]:
-        """Return roof, windscreen and bonnet, or what a receding vehicle shows above its rear."""
+        """Return roof, windscreen and bonnet, or the parts above a receding vehicle's rear."""
         body = self.body
         half, long, roof = body.width_m / 2, body.length_m, body.roof_m
         top = body.clearance_m + body.front_m
 
         def sloping(back0: float, up0: float, back1: float, up1: float, texture: Texture,
                     ) -> Plane:
-            """Span from the upper edge (0) to the lower (1), read from ahead or above."""
+            """Return the plane from the upper edge (0) to the lower one (1)."""
             corner = at(back0, -half, up0)
             return Plane(corner, at(back0, half, up0) - corner, at(back1, -half, up1) - corner,
                          texture)

@@ -1,10 +1,10 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-How traffic moves: who enters when, follows whom, brakes, and changes lanes.
+Motion of the traffic: vehicles enter, follow others, brake and change lanes.
 
-Followers keep their headway by the intelligent driver model (Treiber, Hennecke, Helbing 2000).
-The acceleration is constant within a step, so that place and speed are exact at any time.
+Followers keep their headway by the intelligent driver model (Treiber, Hennecke, Helbing 2000). The
+acceleration is constant within a step, so that position and speed are exact at any time.
 """
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from .traffic_config import TrafficConfig
 STEP_S = 0.05
 G_MPS2 = 9.81
 HARDEST_MPS2 = 0.6 * G_MPS2
-STANDING_M = 3.0  # gap of two vehicles that stand
+STANDING_M = 3.0  # gap between two standing vehicles
 COMFORT_MPS2 = 2.5
-CHANGE_TRIES_M = 40.0  # a lane change is given up this far beyond where it was meant
+CHANGE_TRIES_M = 40.0  # a lane change is given up this far beyond its planned start
 
 
 @dataclass(frozen=True)
@@ -30,10 +30,10 @@ class Change:
     """
     A lane change.
 
-    :param start_s: when it begins, s.
-    :param last_s: how long it takes, s.
-    :param from_lane: lane it leaves.
-    :param to_lane: lane it goes to.
+    :param start_s: start time, s.
+    :param last_s: duration, s.
+    :param from_lane: index of the lane that is left.
+    :param to_lane: index of the lane that is entered.
     """
 
     start_s: float
@@ -45,21 +45,21 @@ class Change:
 @dataclass
 class Driver:
     """
-    A vehicle on its way; lengths along travel are counted from where its lane is entered.
+    A vehicle on the road; lengths along travel are counted from the entry of its lane.
 
     :param number: number of the vehicle, in the order of entering.
-    :param lane: lane it came in.
+    :param lane: lane that it entered in.
     :param body: its size.
-    :param cruise_mps: speed it likes.
-    :param headway_s: time gap it keeps.
-    :param eager_mps2: acceleration it likes.
-    :param event: what it does on its way: (place of the front, m; acceleration, m/s^2; speed at
-        which that ends, m/s), or None.
-    :param change: lane change it means to make: (place, m; duration, s; step of lanes).
-    :param x_m: place of its front.
+    :param cruise_mps: desired speed.
+    :param headway_s: time gap that it keeps.
+    :param eager_mps2: desired acceleration.
+    :param event: planned speed change: (position of the front at its start, m; acceleration,
+        m/s^2; speed at its end, m/s), or None.
+    :param change: planned lane change: (position, m; duration, s; step of lanes), or None.
+    :param x_m: position of its front.
     :param v_mps: speed along the path.
     :param a_mps2: acceleration along the path.
-    :param done: lane change that began, if any.
+    :param done: lane change that has begun, if any.
     """
 
     number: int
@@ -76,7 +76,7 @@ class Driver:
     done: Optional[Change] = None
 
     def lanes(self, t_s: float) -> tuple[int, ...]:
-        """Return the lanes it takes up."""
+        """Return the lanes that the vehicle occupies."""
         if self.done is None:
             return (self.lane,)
         if t_s < self.done.start_s + self.done.last_s:
@@ -84,7 +84,7 @@ class Driver:
         return (self.done.to_lane,)
 
     def lane_place(self, t_s: float) -> tuple[float, float]:
-        """Return its place in lanes (0 the rightmost) and the rate of that, 1/s."""
+        """Return its lateral position in lanes (0 the rightmost) and the rate of it, 1/s."""
         if self.done is None:
             return float(self.lane), 0.0
         change = self.done
@@ -95,7 +95,7 @@ class Driver:
 
 @dataclass(frozen=True)
 class Arrival:
-    """When a vehicle wants to enter a lane, s, and who."""
+    """The time, s, at which a vehicle wants to enter a lane, and the vehicle."""
 
     time_s: float
     driver: Driver = field(compare=False)
@@ -103,15 +103,14 @@ class Arrival:
 
 class TrafficFlow:
     """
-    Traffic on the road, moved on step by step.
+    Traffic on the road, simulated step by step.
 
-    :param config: what drives.
-    :param window_m: first and last place of the measured part of the road, counted from where
-        vehicles enter, for each lane.
-    :param leave_m: place at which vehicles are forgotten, for each lane.
+    :param config: the traffic.
+    :param window_m: start and end of the measured part of each lane, counted from its entry.
+    :param leave_m: position at which vehicles are removed, for each lane.
     :param rng: source of randomness.
 
-    ``time_s`` is the time reached; ``drivers`` those on the road.
+    ``time_s`` is the current time; ``drivers`` are the vehicles on the road.
     """
 
     def __init__(self, config: TrafficConfig, window_m: dict[int, tuple[float, float]],
@@ -124,12 +123,12 @@ class TrafficFlow:
         self.time_s = min([q[0].time_s for q in self._queues.values() if q], default=0.0) - STEP_S
 
     def advance(self, t_s: float) -> None:
-        """Move everybody on to a time, s, that is not before the one reached."""
+        """Advance all vehicles to a time, s, not before the current one."""
         while t_s - self.time_s >= STEP_S:
             self._step()
 
     def place(self, driver: Driver, t_s: float) -> tuple[float, float]:
-        """Return place of the front, m, and speed, m/s, at a time within a step of now."""
+        """Return position of the front, m, and speed, m/s, at a time within a step from now."""
         dt = t_s - self.time_s
         if driver.a_mps2 < 0:  # nobody drives backwards
             dt = min(dt, driver.v_mps / -driver.a_mps2)
@@ -151,13 +150,13 @@ class TrafficFlow:
             driver.a_mps2 = self._acceleration(driver)
 
     def _leader(self, driver: Driver, lanes: tuple[int, ...]) -> Optional[Driver]:
-        """Find who drives next ahead in lanes of the same direction."""
+        """Return the next vehicle ahead in some lanes of the same direction."""
         ahead = [d for d in self.drivers if d is not driver and d.x_m > driver.x_m
                  and set(d.lanes(self.time_s)) & set(lanes)]
         return min(ahead, key=lambda d: d.x_m - d.body.length_m, default=None)
 
     def _room(self, driver: Driver) -> bool:
-        """Enter behind the last one in the lane, at a headway, or wait."""
+        """Return whether a vehicle can enter behind the last one; set its speed accordingly."""
         driver.v_mps = driver.cruise_mps
         leader = self._leader(driver, (driver.lane,))
         if leader is None:
@@ -167,7 +166,7 @@ class TrafficFlow:
         return gap > STANDING_M + 1.1 * driver.headway_s * driver.v_mps
 
     def _acceleration(self, driver: Driver) -> float:
-        """Decide by the intelligent driver model, or less where something is planned."""
+        """Return the acceleration by the intelligent driver model, or less if so planned."""
         wish, eager = driver.cruise_mps, driver.eager_mps2
         planned: Optional[float] = None
         if driver.event is not None and driver.x_m >= driver.event[0]:
@@ -194,7 +193,7 @@ class TrafficFlow:
         return float(np.clip(value, -HARDEST_MPS2, HARDEST_MPS2))
 
     def _steer(self, driver: Driver) -> None:
-        """Begin the lane change it means to make when there is room."""
+        """Start the planned lane change when there is room."""
         if driver.change is None or driver.x_m < driver.change[0]:
             return
         place, last_s, step = driver.change
@@ -225,7 +224,7 @@ def _arrivals(config: TrafficConfig, window_m: dict[int, tuple[float, float]],
     for number, time_s in enumerate(times):
         lane = int(rng.choice(lanes, p=share / share.sum()))
         if previous and rng.random() < config.follow_share:
-            # On the heels of somebody: the place in the queue makes the headway.
+            # Right behind another vehicle: the position in the queue determines the headway.
             lane = int(rng.choice(sorted(previous)))
             time_s = previous[lane] if time_s - previous[lane] < 20.0 else time_s
         previous[lane] = float(time_s)
@@ -235,7 +234,7 @@ def _arrivals(config: TrafficConfig, window_m: dict[int, tuple[float, float]],
 
 def _driver(config: TrafficConfig, number: int, lane: int, window_m: tuple[float, float],
             rng: np.random.Generator) -> Driver:
-    """Draw a vehicle and what it will do."""
+    """Draw a vehicle and its planned behaviour."""
     body = config.draw_body(rng)
     cruise = float(np.clip(rng.normal(config.lane_speeds_mps[lane], config.speed_std_mps),
                            8.0, 45.0))
@@ -247,7 +246,7 @@ def _driver(config: TrafficConfig, number: int, lane: int, window_m: tuple[float
         event = (place, -strength * G_MPS2, cruise * rng.uniform(0.45, 0.85))
     elif draw[0] < config.brake_share:
         event = (place, strength * G_MPS2, cruise * rng.uniform(1.1, 1.35))
-    # Begun early enough to be seen.
+    # Starts early enough to be in view.
     place, last_s = rng.uniform(first - 25.0, last - 25.0), rng.uniform(*config.change_s)
     steps = [k for k in (-1, 1) if config.same_way(lane, lane + k)]
     step = int(rng.choice(steps)) if steps else 0

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Sizes of the kinds of vehicles; every length in metres."""
+"""Sizes of the kinds of vehicles; all lengths in metres."""
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
@@ -13,25 +13,25 @@ class BodyConfig:
     """
     Size and finish of a body; its tracked front is the rear where it recedes.
 
-    :param kind: its name; empty for a front that has nothing behind it.
-    :param length_m: from front to rear, m.
-    :param width_m: of body, front and rear, m.
+    :param kind: name of the kind; empty for a front without a body.
+    :param length_m: length from front to rear, m.
+    :param width_m: width of body, front and rear, m.
     :param roof_m: height of the roof, or of the load's top, above the road, m.
     :param front_m: height of the front, m.
     :param rear_m: height of the rear, m.
     :param clearance_m: height of both lower edges above the road, m.
     :param bonnet_m: length of the bonnet; 0 for none.
-    :param screen_m: length of the slanting windscreen, seen from above; 0 for none.
-    :param cab_m: length of a cab lower than the load; 0 for none.
+    :param screen_m: length of the sloping windscreen, seen from above; 0 for none.
+    :param cab_m: length of a cab that is lower than the load; 0 for none.
     :param relief_m: standard deviation of the depth of the tracked front, m.
-    :param contrast: scale of the grey-level detail of the tracked front; 1 is a real vehicle's.
-    :param solid: its front is no plane: bowed, with a recessed grille, proud lamps and bumper, a
-        sloping bonnet and windscreen. The foremost part is where a plane front would be. A rear
-        is a plane all the same. Motorcycles are always solid, from behind too: their front plane
-        is that of fork and headlamp, half a metre behind the tyre's foremost point.
+    :param contrast: scale of the grey-level detail of the tracked front; 1 as on a real vehicle.
+    :param solid: whether the front is not planar: curved, with a recessed grille, protruding lamps
+        and bumper, a sloping bonnet and windscreen. Its foremost part is where a planar front
+        would be. Rears remain planar. Motorcycles are always solid, also from behind: their front
+        plane is that of fork and headlamp, half a metre behind the tyre's foremost point.
     :param lamp_grey: grey level of the lit lamps of a solid body, in daylight's scale; 255 is
-        full scale. They shine ahead, so that they fade where the camera looks down on them.
-    :param gloss: of a solid body's paint and glass: 0 is matt, 1 is clear lacquer.
+        full scale. Their beam points ahead, so that they fade where the camera is above it.
+    :param gloss: gloss of a solid body's paint and glass: 0 is matt, 1 is clear lacquer.
     """
 
     kind: str = 'car'
@@ -51,7 +51,7 @@ class BodyConfig:
     gloss: float = 0.0
 
     def tracked_m(self, rear: bool) -> float:
-        """Return the height of what is tracked: the front, or the rear, m."""
+        """Return the height of the tracked front or rear, m."""
         return self.rear_m if rear else self.front_m
 
 
@@ -76,7 +76,7 @@ BODIES = {
 
 def draw_body_size(kind: str, rng: np.random.Generator) -> BodyConfig:
     """
-    Draw a vehicle of a kind: no two are quite of one size.
+    Draw a vehicle of a kind, with random variation of its size.
 
     :param kind: one of ``BODIES``.
     :param rng: source of randomness.

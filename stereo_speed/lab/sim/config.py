@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a simulated pass is made of; every length in metres, every time in seconds."""
+"""Configuration of a simulated pass; all lengths in metres, all times in seconds."""
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
@@ -28,10 +28,10 @@ class RigConfig:
     :param height_px: image height of both cameras, px.
     :param f_px: focal length of the left camera, px.
     :param right_f_px: focal length of the right camera, px; None for the same.
-    :param baseline_m: distance of the two centres, m.
-    :param left_rotation_deg: rotation vector of the left camera against the rig's base frame
+    :param baseline_m: distance between the two centres, m.
+    :param left_rotation_deg: rotation vector of the left camera relative to the rig's base frame
         (x along the baseline, z forward), degrees about x, y and z.
-    :param right_rotation_deg: the same of the right camera.
+    :param right_rotation_deg: the same for the right camera.
     :param model: distortion model: ``plumb_bob``, ``rational_polynomial`` or ``equidistant``.
     :param left_coefficients: D of the left camera; empty for zeros.
     :param right_coefficients: D of the right camera; empty for zeros.
@@ -54,27 +54,27 @@ class RoadConfig:
     """
     The road, in travel direction.
 
-    Its curvature is ``curvature_start`` up to the vehicle's start, then changes evenly over
-    ``clothoid_m`` to ``curvature_end``; positive turns left.
+    Its curvature is ``curvature_start`` up to the vehicle's start, then changes linearly over
+    ``clothoid_m`` to ``curvature_end``; a positive one turns left.
 
     :param curvature_start: curvature of the road's right lane path, 1/m.
     :param curvature_end: the same at the end of the clothoid, 1/m.
     :param clothoid_m: length over which the curvature changes, m.
     :param grade: rise over plan distance along the road, positive uphill in travel direction.
     :param grade_end: the same beyond the vertical curve; None for ``grade``.
-    :param vertical_curve_m: plan length of the parabola between both grades, a crest or a sag.
+    :param vertical_curve_m: plan length of the parabola between the two grades, a crest or a sag.
     :param vertical_curve_at_m: station of its middle.
     :param crossfall_start: rise to the left over plan distance, where the curvature is
         ``curvature_start``; it changes along the clothoid as the curvature does.
     :param crossfall_end: the same at the end of the clothoid.
     :param lanes: number of lanes, 1 to 3; lane 0 is the rightmost.
-    :param lane_width_m: distance of two lane markings, centre to centre, m.
+    :param lane_width_m: distance between two lane markings, centre to centre, m.
     :param marking_width_m: width of a lane marking, m.
     :param dash_m: length of a dash of the inner lines, m.
     :param gap_m: gap between two dashes, m.
-    :param dashed_edges: the outer lines are dashed as well.
+    :param dashed_edges: whether the outer lines are dashed as well.
     :param wear: share of the paint that is worn away, in patches.
-    :param receding: lanes whose vehicles drive the other way and show their rears.
+    :param receding: lanes whose vehicles drive in the other direction and show their rears.
     """
 
     curvature_start: float = 0.0
@@ -101,27 +101,27 @@ class VehicleConfig:
     """
     One vehicle, which moves with the frame of its lane's path.
 
-    Its front is what is tracked; in a receding lane the rear is, and has its size and finish.
+    Its front is tracked; in a receding lane it is its rear, with the same size and finish.
 
     :param speed_mps: path speed at the start, m/s.
     :param accel_mps2: constant acceleration along the path, m/s^2; the speed stops at zero.
     :param speed_knots: (time s, path speed m/s) pairs, linear in between and constant outside;
-        they take the place of the two fields above.
+        they replace the two fields above.
     :param lane: index of its lane, 0 the rightmost.
     :param lateral_knots: (time s, offset m) pairs, positive to the left of travel, with smooth
         steps in between; empty for none.
-    :param head_start_m: how far along the lane it is at the first stamp, m; negative is farther
+    :param head_start_m: position along the lane at the first stamp, m; a negative one is farther
         away than ``SimConfig.start_m``.
     :param front_width_m: width of the front, m.
     :param front_height_m: height of the front, m.
     :param clearance_m: height of the front's lower edge above the road, m.
-    :param texture_contrast: scale of the front's grey-level detail; 1 is that of a real car.
+    :param texture_contrast: scale of the front's grey-level detail; 1 as on a real car.
     :param relief_m: standard deviation of the front's depth: grilles lie deeper than bumpers.
     :param kind: ``car``, ``suv``, ``van``, ``truck``, ``small``, ``bus`` or ``motorcycle`` for
-        the body behind the front; empty for a front alone.
-    :param solid: the front is no plane; its foremost part is where a plane would be.
+        the body behind the front; empty for only a front.
+    :param solid: whether the front is not planar; its foremost part is where a plane would be.
     :param lamp_grey: grey level of the lit lamps of a solid body; 255 is full scale, 0 is off.
-    :param gloss: of the paint and glass of a solid body: 0 is matt, 1 is clear lacquer.
+    :param gloss: gloss of paint and glass of a solid body: 0 is matt, 1 is clear lacquer.
     """
 
     speed_mps: float = 24.58720
@@ -156,31 +156,30 @@ class VehicleConfig:
 @dataclass(frozen=True, kw_only=True)
 class SimConfig:
     """
-    A simulated stereo sequence; what is random comes from the generator given beside it.
+    A simulated stereo sequence; its randomness comes from a separate generator.
 
     :param vehicles: the vehicles.
     :param road: the road.
     :param rig: the rig.
     :param start_m: distance of the first front from the camera, along the chord of the pass, m.
-    :param near_m: distance at which the pass ends, the same way, m.
+    :param near_m: distance at which the pass ends, likewise, m.
     :param camera_height_m: height of the left camera above the road at the pass's end, m.
-    :param camera_side_m: place of the camera beside the chord of the right lane's pass, positive
+    :param camera_side_m: offset of the camera from the chord of the right lane's pass, positive
         to the right of travel, m; None for 5 m on straight roads and 0 m on curved ones.
     :param camera_pitch_deg: downward pitch of the rig, degrees; None aims at the pass.
     :param camera_yaw_deg: rotation of the rig to its right, away from the middle of the pass,
         degrees.
-    :param pairs: most pairs; None for as many as there are until ``near_m``.
+    :param pairs: greatest number of pairs; None for all until ``near_m``.
     :param fps: nominal pair rate, 1/s.
     :param stamp_jitter_s: standard deviation of the exposure times about the nominal ones, s;
         the stamps are the true times.
-    :param right_stamp_jitter_s: largest error of the right stamps, which are not the true
-        times, s.
-    :param drop: indices of pairs that get lost.
+    :param right_stamp_jitter_s: largest error of the right stamps relative to the true times, s.
+    :param drop: indices of pairs that are lost.
     :param noise_grey: standard deviation of the sensor noise, grey levels.
-    :param right_gain: gain of the right view against the left one.
-    :param right_offset_grey: offset of the right view against the left one, grey levels.
+    :param right_gain: gain of the right view relative to the left one.
+    :param right_offset_grey: offset of the right view relative to the left one, grey levels.
     :param exposure: brightness of the scene, 1 is daylight, 0.35 is dusk.
-    :param picks: clicked points on each marked line and view.
+    :param picks: number of clicked points on each line in each view.
     :param pick_std_px: scatter of the clicked points, px.
     :param init_std_px: scatter of the corners of the initial fronts, px.
     :param speed_limit: as in the site file.
@@ -190,21 +189,21 @@ class SimConfig:
         the right camera has rotated about its own centre since the calibration: the images, the
         clicked points and the initial fronts are those of the rotated camera, ``rig`` and
         ``CameraInfo`` those of the calibration.
-    :param sway_deg: standard deviation of each angle of the rig, degrees, in each pair by itself;
-        the clicked points are those of the rig at rest.
+    :param sway_deg: standard deviation of each angle of the rig, degrees, drawn for each pair; the
+        clicked points are those of the rig at rest.
     :param right_turn_deg: pan to the right, tilt upwards and roll clockwise, degrees, by which
         the right camera turns in the middle of the stream.
-    :param right_turn_s: when it does, s; None for never.
-    :param gaps_s: times from and to which no pair arrives, s.
-    :param right_delay_s: how much later the right camera exposes, as its stamps show, s.
+    :param right_turn_s: time of that turn, s; None for never.
+    :param gaps_s: start and end times of gaps in which no pair arrives, s.
+    :param right_delay_s: delay of the right camera's exposure, which its stamps show, s.
     :param poles: poles between camera and road.
-    :param people: who walks beside the road.
+    :param people: people who walk beside the road.
     :param trees: trees in the wind.
     :param parked: parked vehicles.
     :param light: the light on the scene; None for an even sky.
     :param street_lamps: lit lamps above the road.
     :param lens: point spread of both lenses.
-    :param faults: what is wrong with the cameras.
+    :param faults: faults of the cameras.
     """
 
     vehicles: tuple[VehicleConfig, ...] = (VehicleConfig(),)
@@ -247,7 +246,7 @@ class SimConfig:
     faults: FaultConfig = SOUND
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be drawn."""
+        """Refuse values that cannot be simulated."""
         _want(1 <= self.road.lanes <= 3, 'road.lanes', self.road.lanes, '1, 2 or 3')
         for vehicle in self.vehicles:
             _want(0 <= vehicle.lane < self.road.lanes, 'vehicle.lane', vehicle.lane,

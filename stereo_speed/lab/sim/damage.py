@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Damage to files: of bytes, of the values of a YAML file, of the records of an MCAP file."""
+"""Damage files: bytes, values of a YAML file, or records of an MCAP file."""
 from __future__ import annotations
 
 import binascii
@@ -12,7 +12,7 @@ import numpy as np
 Wound = Callable[[np.random.Generator, bytes], bytes]
 MAGIC = b'\x89MCAP0\r\n'
 CHUNK, MESSAGE = 0x06, 0x05
-# What stands where something else should: ends of ranges, other types, what reads as another.
+# Unexpected values: ends of ranges, other types, and texts that parse as another type.
 STRANGE: tuple[Any, ...] = (
     None, True, False, 0, -1, 1, 3, 2 ** 31, 2 ** 63, 2 ** 64, -2 ** 63, 10 ** 400, 0.5, -0.0,
     1e-320, 1e9, 1e300, float('nan'), float('inf'), float('-inf'), '', ' ', 'nan', '1e3', '0x10',
@@ -23,11 +23,11 @@ STRANGE: tuple[Any, ...] = (
 
 def damage_bytes(rng: np.random.Generator, data: bytes, most: int = 4) -> bytes:
     """
-    Damage bytes, as transport and disks do, and as a villain does.
+    Damage bytes as transport, disks or an attacker would.
 
     :param rng: source of randomness.
     :param data: the bytes.
-    :param most: greatest number of wounds.
+    :param most: greatest number of changes.
     """
     for _ in range(int(rng.integers(1, most + 1))):
         data = _WOUNDS[int(rng.integers(len(_WOUNDS)))](rng, data)
@@ -39,7 +39,7 @@ def damage_value(rng: np.random.Generator, value: Any) -> Any:
     Return a tree of mappings, lists and values with one of its nodes changed.
 
     :param rng: source of randomness.
-    :param value: what ``yaml.safe_load`` gives; it is left alone.
+    :param value: a value from ``yaml.safe_load``; it is not changed.
     """
     inner = list(value.items()) if isinstance(value, dict) else list(
         enumerate(value)) if isinstance(value, list) else []
@@ -61,20 +61,20 @@ def _strange(rng: np.random.Generator) -> Any:
 
 
 def _name(rng: np.random.Generator) -> Any:
-    """Return a key: what cannot be one is taken as a text."""
+    """Return a key; values that cannot be keys are converted to text."""
     value = _strange(rng)
     return str(value) if isinstance(value, (list, dict)) else value
 
 
 def damage_mcap(rng: np.random.Generator, data: bytes) -> bytes:
     """
-    Damage an MCAP file where its structure is.
+    Damage the structure of an MCAP file.
 
-    Lengths and opcodes of records lie, records are left out, doubled or exchanged; or a message in
-    a chunk is damaged and the chunk's checksum made to fit.
+    Lengths and opcodes of records are falsified, and records are removed, duplicated or swapped;
+    or a message in a chunk is damaged and the chunk's checksum corrected.
 
     :param rng: source of randomness.
-    :param data: a whole file whose chunks are not compressed.
+    :param data: a complete file with uncompressed chunks.
     """
     records = split_records(data)
     if not records:
@@ -108,7 +108,7 @@ def damage_mcap(rng: np.random.Generator, data: bytes) -> bytes:
 
 
 def split_records(data: bytes) -> list[tuple[int, bytes]]:
-    """Return opcode and content of each record of an MCAP file; none where there is no sense."""
+    """Return opcode and content of each record of an MCAP file; empty where it is invalid."""
     records, at = [], len(MAGIC)
     while at + 9 <= len(data) - len(MAGIC):
         opcode, length = struct.unpack_from('<BQ', data, at)
@@ -121,7 +121,7 @@ def split_records(data: bytes) -> list[tuple[int, bytes]]:
 
 def damage_chunk(rng: np.random.Generator, body: bytes) -> bytes:
     """
-    Damage a message in a chunk that is not compressed, and make the checksum fit.
+    Damage a message in an uncompressed chunk, and correct the checksum.
 
     :param rng: source of randomness.
     :param body: content of the chunk's record.
@@ -139,7 +139,7 @@ def damage_chunk(rng: np.random.Generator, body: bytes) -> bytes:
         at += 9 + int(length)
     if places:
         at, length = places[int(rng.integers(len(places)))]
-        # Mostly where lengths and sizes are: early in the message.
+        # Mostly early in the message, where lengths and sizes are.
         reach = min(length, 120 if rng.random() < 0.7 else length)
         for _ in range(int(rng.integers(1, 5))):
             place = at + 9 + 22 + int(rng.integers(max(reach - 22, 1)))
@@ -153,7 +153,7 @@ def damage_chunk(rng: np.random.Generator, body: bytes) -> bytes:
 
 
 def _number(rng: np.random.Generator) -> bytes:
-    """Return four bytes that make a strange number."""
+    """Return four bytes of an unusual number."""
     value = int(rng.choice([0, 1, 255, 256, 65535, 2 ** 31 - 1, 2 ** 31, 2 ** 32 - 1, 4097]))
     return struct.pack('<I', value) if rng.random() < 0.7 else rng.bytes(4)
 
@@ -173,7 +173,7 @@ def _flip(rng: np.random.Generator, data: bytes) -> bytes:
 
 
 def _spliced(most: int, instead: Wound) -> Wound:
-    """Return what puts something else in place of a stretch of at most so many bytes."""
+    """Return a function that replaces a section of up to ``most`` bytes."""
     def wound(rng: np.random.Generator, data: bytes) -> bytes:
         start = int(rng.integers(max(len(data), 1)))
         end = min(len(data), start + int(rng.integers(1, most + 1)))

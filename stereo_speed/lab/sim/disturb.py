@@ -1,11 +1,11 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Recorded images as they would be had the rig swayed, or a camera been knocked or out of focus.
+Transform recorded images as if the rig had swayed, or a camera were displaced or out of focus.
 
-A camera that turns about its own centre shows the same rays elsewhere, whatever their distance, so
-that its image follows exactly from the one it took; but for its border, and for its grain, which
-interpolation and blur smooth: as much is put back as white noise loses by them.
+A camera that rotates about its own centre sees the same rays at other pixels, independently of
+distance, so its image follows exactly from the recorded one. Exceptions are the border, and the
+noise, which interpolation and blur smooth: the lost variance of white noise is added again.
 """
 from __future__ import annotations
 
@@ -25,21 +25,21 @@ from ...core.units import seconds
 from ...estimation.robust import robust_std
 from ...geometry.rig import StereoRig
 
-_GRAIN_SIGMAS = 3.0  # differences beyond are something that moved
+_GRAIN_SIGMAS = 3.0  # greater differences are taken for motion
 
 
 @dataclass(frozen=True, kw_only=True)
 class Disturbance:
     """
-    What happens to a rig.
+    The disturbance of a rig.
 
-    :param sway_deg: 1-sigma of each angle of the rig, degrees, in each pair by itself.
+    :param sway_deg: 1-sigma of each angle of the rig, degrees, independent in each pair.
     :param turn_deg: pan to the right, tilt upwards and roll clockwise of one camera, degrees.
-    :param turn_s: from when on it has turned, s after the first pair.
-    :param exposure_step: largest random change of the exposure of a pair, as a share; even
+    :param turn_s: time of that turn, s after the first pair.
+    :param exposure_step: largest random change of the exposure of a pair, as a share; uniform
         between both signs, the same in both views.
     :param defocus_px: 1-sigma of the blur of one camera, px.
-    :param camera: the one that has turned or is out of focus: 0 left, 1 right.
+    :param camera: the camera that turns or is out of focus: 0 left, 1 right.
     """
 
     sway_deg: float = 0.0
@@ -52,14 +52,14 @@ class Disturbance:
 
 class Disturber:
     """
-    Disturbs the images of one recording; its numbers are drawn in advance, pair by pair.
+    Disturbs the images of one recording, with random numbers drawn in advance for each pair.
 
-    :param what: what happens.
-    :param rig: that recorded them.
-    :param stamps_ns: of the pairs, in order.
-    :param grain_grey: 1-sigma of the grain of the left and of the right images, grey levels.
-    :param rng: source of the sway, the exposures and the grain.
-    :raises InputError: nothing happens, or only after the last pair.
+    :param what: the disturbance.
+    :param rig: the rig of the recording.
+    :param stamps_ns: stamps of the pairs, in order.
+    :param grain_grey: noise 1-sigma of the left and of the right images, grey levels.
+    :param rng: source of the sway, the exposures and the noise.
+    :raises InputError: there is no disturbance, or only after the last pair.
     """
 
     def __init__(self, what: Disturbance, rig: StereoRig, stamps_ns: Sequence[int],
@@ -84,16 +84,16 @@ class Disturber:
 
     def motion(self, index: int, side: int) -> Optional[RigMotion]:
         """
-        Return how the rig stands in a pair, as far as one view tells; None where it has not moved.
+        Return the rig motion in a pair, as it affects one view; None where there is none.
 
-        :param index: of the pair.
+        :param index: index of the pair.
         :param side: 0 left, 1 right.
         """
         motion = self._motions[index]
         if motion is None or self.what.camera == 1:
             return motion
         pan, tilt, roll = np.add(motion.sway_rad, 0.0 if side else motion.drift_rad).tolist()
-        return RigMotion((pan, tilt, roll))  # what stands for the left camera alone
+        return RigMotion((pan, tilt, roll))  # the rotation of this view's camera
 
     def nearest(self, stamp_ns: int) -> int:
         """Return the index of the pair that is nearest in time."""
@@ -101,12 +101,12 @@ class Disturber:
 
     def disturbed(self, image: NDArray[Any], stamp_ns: int, side: int) -> NDArray[Any]:
         """
-        Return an image as it would have been taken.
+        Return the disturbed image.
 
-        What is clipped stays so in a shorter exposure: how bright it is nobody recorded.
+        Clipped pixels stay clipped in a shorter exposure, because their brightness is unknown.
 
         :param image: (H, W) uint8 or uint16.
-        :param stamp_ns: its header stamp; it is disturbed as the nearest pair is.
+        :param stamp_ns: its header stamp; the disturbance is that of the nearest pair.
         :param side: 0 left, 1 right.
         """
         index, full = self.nearest(stamp_ns), float(np.iinfo(image.dtype).max)
@@ -126,13 +126,13 @@ class Disturber:
 
 def grain_grey(images: Sequence[NDArray[Any]]) -> float:
     """
-    Return the 1-sigma of the grain of a view that stands still, in its grey levels.
+    Return the noise 1-sigma of a static view, in its grey levels.
 
-    :param images: (H, W) successive ones; of a single one nothing is known, and that is 0.
+    :param images: (H, W), successive images; a single one gives 0.
     """
     found = [0.0]
     for before, after in zip(images, images[1:]):
         change = after.astype(np.float32) - before
-        usual = max(robust_std(change), 1.0)  # whole grey levels tell no less
+        usual = max(robust_std(change), 1.0)  # at least one grey level, because of quantisation
         found.append(float(np.std(change[np.abs(change) <= _GRAIN_SIGMAS * usual])) / np.sqrt(2))
     return float(np.median(found[1:] or found))

@@ -20,27 +20,27 @@ from ...io.bags import StereoBag
 from ...io.images import grey_from_message
 from ...io.recording import header_stamp_ns, Recording
 
-_GRAIN_PAIRS = 6  # that tell how strong it is
-_JPEG_QUALITY = 98  # the images have been through JPEG once; again should add little
+_GRAIN_PAIRS = 6  # pairs from which the noise is estimated
+_JPEG_QUALITY = 98  # high, so that a second compression adds little noise
 
 
 def disturb_bag(source: Path, folder: Path, what: Disturbance, rng: np.random.Generator,
                 left: Optional[str] = None, right: Optional[str] = None) -> int:
     """
-    Write ``bag/``: a copy in which the rig has swayed, turned, or what else there is.
+    Write ``bag/``: a copy of a bag with disturbed images.
 
-    Stamps, calibrations and other topics are as they were. Images are grey, as they are measured:
+    Stamps, calibrations and other topics are unchanged. Images are grey, as used for measuring:
     compressed ones are JPEG or PNG as before, raw ones mono8 or mono16. The folder appears when
-    the bag is whole.
+    the bag is complete.
 
     :param source: a rosbag2 bag.
-    :param folder: where; must not exist, or be empty.
-    :param what: what happens.
-    :param rng: source of all that is random.
+    :param folder: output folder; must not exist, or be empty.
+    :param what: the disturbance.
+    :param rng: source of randomness.
     :param left: left image topic; None finds it.
     :param right: right image topic; None finds it.
-    :return: how many pairs there are.
-    :raises InputError: a bag that cannot be used, nothing to do, or a folder that is taken.
+    :return: number of pairs.
+    :raises InputError: an unusable bag, no disturbance, or a folder that is not empty.
     """
     if source.suffix == '.bag':
         raise InputError(source, 'bag', 'one of ROS 1',
@@ -83,7 +83,7 @@ def _storage(source: Path) -> StoragePlugin:
 
 
 def _disturbed(message: Any, stamp_ns: int, side: int, where: str, disturber: Disturber) -> Any:
-    """Return an image message with another image, of the same kind and with the same header."""
+    """Return an image message with the disturbed image, and the same kind and header."""
     image = disturber.disturbed(grey_from_message(message, where), stamp_ns, side)
     mono = f'mono{8 * image.itemsize}'
     if not hasattr(message, 'encoding'):

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Things that stand on the road or beside it, ready to be painted in the right order."""
+"""Objects on the road or beside it, painted in the order of their occlusion."""
 from __future__ import annotations
 
 from dataclasses import dataclass, field
@@ -19,7 +19,7 @@ from ...core.records import Array
 @dataclass(frozen=True, eq=False)
 class Footprint:
     """
-    What a thing covers, in road coordinates.
+    The ground area that an object covers, in road coordinates.
 
     :param along_m: least and greatest distance ahead of the camera, along the road.
     :param across_m: least and greatest distance to the left of the camera, across the road.
@@ -29,9 +29,9 @@ class Footprint:
     across_m: tuple[float, float]
 
     def behind(self, other: Footprint) -> int:
-        """Return 1 when the other one may occlude this, -1 for the reverse, 0 for neither."""
+        """Return 1 if the other one may occlude this one, -1 for the reverse, 0 for neither."""
         for mine, its in ((self.along_m, other.along_m), (self.across_m, other.across_m)):
-            # With a line between both, the one on the camera's side of it is in front.
+            # If a line separates both, the one on the camera's side is in front.
             if mine[1] <= its[0]:
                 return 0 if mine[1] <= 0 <= its[0] else -1 if its[0] > 0 else 1
             if its[1] <= mine[0]:
@@ -42,17 +42,17 @@ class Footprint:
 @dataclass(frozen=True, eq=False)
 class Item:
     """
-    Something to be painted.
+    An object to be painted.
 
-    :param footprint: for the order.
+    :param footprint: its ground area, for the painting order.
     :param planes: its sides, left optical frame, in the order of drawing.
-    :param hull_m: (n, 3) points whose hull is its silhouette.
+    :param hull_m: (n, 3), points whose hull is its silhouette.
     :param vehicle: number of the vehicle, or None.
-    :param front_m: (4, 3) corners of the tracked front of a vehicle.
-    :param lamps_m: (n, 3) lit lamps.
-    :param mirrored_m: (n, 3) their mirror images below the road.
+    :param front_m: (4, 3), corners of the tracked front of a vehicle.
+    :param lamps_m: (n, 3), lit lamps.
+    :param mirrored_m: (n, 3), their mirror images below the road.
     :param lamp_size_m: radius of their glow.
-    :param lamp_grey: grey level of lamps that are drawn with the planes; None for glowing ones.
+    :param lamp_grey: grey level of lamps that are drawn with the planes; None for glowing lamps.
     """
 
     footprint: Footprint
@@ -67,23 +67,23 @@ class Item:
 
 
 def faces_camera(eye: Eye, plane: Plane) -> bool:
-    """Return whether a plane turns the side with its texture to a camera."""
+    """Return whether the textured side of a plane faces a camera."""
     return bool((eye.centre_m - plane.corner_m) @ plane.normal > 0)
 
 
 def paint(image: Image, eye: Eye, item: Item, sky: Optional[Sky] = None) -> None:
-    """Paint an item into an image, in place; without a sky in plain daylight."""
+    """Paint an item into an image, in place; without a sky it is in plain daylight."""
     for plane in item.planes:
         if faces_camera(eye, plane):
             eye.draw(image, plane, sky)
 
 
 def in_order(items: list[Item]) -> list[Item]:
-    """Sort items so that none is painted over one that occludes it."""
+    """Sort items so that each is painted before those that occlude it."""
     left = sorted(items, key=lambda item: -item.footprint.along_m[0])
     out: list[Item] = []
     while left:
-        # The farthest that occludes none of the others; boxes seen from a point have no cycles.
+        # The farthest one that occludes no other; occlusion of boxes has no cycles.
         free = next((a for a in left if not any(
             b is not a and a.footprint.behind(b.footprint) < 0 for b in left)), left[0])
         left.remove(free)
@@ -101,9 +101,9 @@ def glow_at(image: Image, eye: Eye, lamp: Array, size_m: float, strength: float)
     """
     Add the light of one lamp, in place.
 
-    :param lamp: (3,) left optical frame, m.
+    :param lamp: (3,), its position, left optical frame, m.
     :param size_m: radius of its glow.
-    :param strength: grey level of its middle.
+    :param strength: grey level at its centre.
     """
     view = eye.view
     z = float((view.R @ lamp + view.t)[2])
@@ -123,7 +123,7 @@ def glow_at(image: Image, eye: Eye, lamp: Array, size_m: float, strength: float)
 
 class Visibility:
     """
-    How much of each tracked front is seen in a view.
+    Computes the visible share of each tracked front in a view.
 
     :param eye: the view.
     """
@@ -134,9 +134,9 @@ class Visibility:
 
     def shares(self, items: list[Item]) -> dict[int, float]:
         """
-        Return the share seen of each vehicle's front; what is outside the image is not.
+        Return the visible share of each vehicle's front; parts outside the image are invisible.
 
-        :param items: in the order of painting.
+        :param items: items in the order of painting.
         """
         mask, eye = self._mask, self.eye
         mask[:] = 0

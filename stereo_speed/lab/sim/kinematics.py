@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""How far a simulated vehicle is along and beside its lane's path at a time."""
+"""Position of a simulated vehicle along and beside its lane's path over time."""
 from __future__ import annotations
 
 import numpy as np
@@ -38,10 +38,10 @@ def path_m(vehicle: VehicleConfig, t_s: float) -> float:
 
 def smooth_step(share: float) -> tuple[float, float]:
     """
-    Go from 0 to 1 as a driver steers: without acceleration at both ends.
+    Return a step from 0 to 1 without acceleration at both ends, as a driver steers.
 
-    :param share: of the time; outside 0 to 1 it rests.
-    :return: the step and its rate per share of the time.
+    :param share: share of the duration; outside 0 to 1 the step is constant.
+    :return: the step and its derivative by the share.
     """
     s = float(np.clip(share, 0.0, 1.0))
     return s ** 3 * (10 - 15 * s + 6 * s ** 2), 30 * (s * (1 - s)) ** 2
@@ -53,12 +53,12 @@ def lateral_m(vehicle: VehicleConfig, t_s: float) -> float:
 
 
 def lateral_mps(vehicle: VehicleConfig, t_s: float) -> float:
-    """Return the rate of that offset, m/s."""
+    """Return the rate of the offset from the lane's path, m/s."""
     return _lateral(vehicle, t_s)[1]
 
 
 def _lateral(vehicle: VehicleConfig, t_s: float) -> tuple[float, float]:
-    """Return the offset and its rate: smooth steps between the knots."""
+    """Return the offset and its rate, with smooth steps between the knots."""
     knots = vehicle.lateral_knots
     for (from_s, before_m), (to_s, after_m) in zip(knots, knots[1:]):
         if t_s < to_s:

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Light that changes: clouds' shadows, exposure, and the noise of the sensor."""
+"""Changing light: shadows of clouds, exposure, and sensor noise."""
 from __future__ import annotations
 
 from typing import Optional
@@ -15,9 +15,9 @@ from .props import LightConfig
 from .scene import SimScene
 from .texture import Image, octaves
 
-CELL_PX = 16  # of the grid on which a cloud's shadow is computed
+CELL_PX = 16  # cell size of the grid on which a cloud's shadow is computed
 TILE = 256
-NOISE_BEYOND_PX = 512  # by which the stock of noise exceeds the image, both ways
+NOISE_BEYOND_PX = 512  # how much larger the stored noise is than the image, each way
 
 
 class Clouds:
@@ -26,14 +26,14 @@ class Clouds:
 
     :param scene: the scene.
     :param eye: the view.
-    :param light: what they are like.
-    :param tile: (TILE, TILE) pattern that tiles, standard deviation 1.
+    :param light: their depth, size and speed.
+    :param tile: (TILE, TILE), pattern that tiles, with standard deviation 1.
     """
 
     def __init__(self, scene: SimScene, eye: Eye, light: LightConfig, tile: Image) -> None:
         self.light, self.tile, self.size = light, tile, eye.size
         width, height = eye.size
-        # Cells whose centres span the image, as cv2.resize takes them.
+        # Cells are placed as by cv2.resize.
         columns, rows = -(-width // CELL_PX), -(-height // CELL_PX)
         u = (np.arange(columns) + 0.5) * width / columns - 0.5
         v = (np.arange(rows) + 0.5) * height / rows - 0.5
@@ -45,8 +45,8 @@ class Clouds:
         self.ground = np.clip(down / 0.01 - 0.3, 0.0, 1.0)
 
     def gain(self, t_s: float) -> Image:
-        """Return the light's share (rows, columns) of a view."""
-        scale = TILE / (8 * self.light.cloud_m)  # eight clouds a tile
+        """Return the share of light (rows, columns) in a view."""
+        scale = TILE / (8 * self.light.cloud_m)  # eight clouds per tile
         x, y = (np.mod((self.xy[..., k] - self.light.wind_mps[k] * t_s) * scale, TILE)
                 .astype(np.float32) for k in (0, 1))
         pattern = cv2.remap(self.tile, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
@@ -60,9 +60,9 @@ class Sensor:
     """
     Turns ideal images into counts.
 
-    :param config: exposure, noise, and how the right camera differs.
-    :param light: how the exposure drifts; None for not at all.
-    :param rng: source of the noise. Its stock is made once; each image takes another part.
+    :param config: exposure, noise, gain and offset of the right camera.
+    :param light: drift of the exposure; None for none.
+    :param rng: source of the noise, which is made once; each image uses another part of it.
     """
 
     def __init__(self, config: SimConfig, light: Optional[LightConfig],
@@ -88,7 +88,7 @@ class Sensor:
 
         :param image: (rows, columns) float32 grey levels in daylight.
         :param side: 0 left, 1 right.
-        :param step: exposure of the pair against the nominal one.
+        :param step: exposure of the pair relative to the nominal one.
         """
         c = self.config
         gain, offset = (c.right_gain, c.right_offset_grey) if side else (1.0, 0.0)

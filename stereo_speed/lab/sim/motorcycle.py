@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A motorcycle with its rider: pieces at many depths, none of them wide."""
+"""A motorcycle with its rider: narrow pieces at many depths."""
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
@@ -27,17 +27,17 @@ Drawing = Callable[[Canvas, Canvas], None]
 @dataclass(frozen=True, eq=False)
 class Piece:
     """
-    A piece that stands across the road.
+    A piece perpendicular to the road.
 
-    :param ahead_m: how far it is ahead of the plane of fork and headlamp, m; negative is behind.
+    :param ahead_m: position ahead of the plane of fork and headlamp, m; negative is behind.
     :param up_m: height of its upper edge, m.
     :param width_m: its width, m.
     :param height_m: its height, m.
     :param texture: grey levels and cover.
-    :param relief_m: how far it stands out, or None.
+    :param relief_m: its relief, or None.
     :param surface: its shape and gloss, or None.
-    :param glow: where its lamp is, or None.
-    :param side_m: of its middle, to the left, m.
+    :param glow: texture of its lamp's light, or None.
+    :param side_m: position of its middle to the left, m.
     """
 
     ahead_m: float
@@ -53,10 +53,10 @@ class Piece:
 
 class MotorcycleAppearance:
     """
-    What a motorcycle and its rider look like, from ahead or from behind.
+    The appearance of a motorcycle and its rider, from ahead or from behind.
 
     :param body: size, lamps and gloss; heights scale with ``roof_m``, widths with ``width_m``.
-    :param rear: it is seen from behind; its tracked plane is then that of tail lamp and plate.
+    :param rear: whether it is seen from behind; its tracked plane is then that of lamp and plate.
     :param rng: source of its textures.
     """
 
@@ -75,7 +75,7 @@ class MotorcycleAppearance:
         """Return the pieces in the order of drawing, the farthest first."""
         sign = -1 if self.rear else 1
         ahead, left, up = pose.axes.T
-        # The image's left is the right of who comes, and the left of who recedes.
+        # The image's left is the right side of an approaching vehicle, the left of a receding one.
         out = []
         for piece in self._pieces:
             across = left * sign * piece.width_m
@@ -94,9 +94,9 @@ class MotorcycleAppearance:
                draw: Drawing, round_m: float = 0.0, gloss: float = 0.0, side_m: float = 0.0,
                bumps_m: float = 0.0, glow: Optional[Drawing] = None) -> Piece:
         """
-        Draw a piece; heights and widths in metres of a usual rider's.
+        Draw a piece; heights and widths are in metres for an average rider.
 
-        :param round_m: how far its middle stands out of its edges.
+        :param round_m: how far its middle protrudes from its edges.
         """
         wide, tall = width_m * self._wide, height_m * self._tall
         canvas, cover = (Canvas(wide, tall, level, TEXEL_M) for level in (grey, 0.0))
@@ -123,7 +123,7 @@ class MotorcycleAppearance:
                      surface, shine, side_m * self._wide)
 
     def _rider(self, ahead_m: float, behind: bool) -> list[Piece]:
-        """Return torso, arms and helmet; the torso so far ahead."""
+        """Return torso, arms and helmet, with the torso at a position ahead."""
         rng, toward = self._rng, 1 if not behind else -1
         stripe = rng.uniform(20, 230)
 
@@ -152,7 +152,7 @@ class MotorcycleAppearance:
                             0.9)]
 
     def _wheel(self, ahead_m: float) -> Piece:
-        """Return a tyre seen along the road; its foremost point so far ahead."""
+        """Return a tyre seen along the road, with its foremost point at a position ahead."""
         def tyre(canvas: Canvas, cover: Canvas) -> None:
             cover.box(0.08, 0.0, 0.92, 1.0, 1.0)
             for y in np.arange(0.05, 1.0, 0.06):
@@ -240,6 +240,6 @@ class MotorcycleAppearance:
 
 
 def _filled(canvas: Canvas, cover: Canvas) -> None:
-    """Cover all of a piece, with a rim around it."""
+    """Fill a whole piece, with a dark band."""
     cover.box(0.0, 0.0, 1.0, 1.0, 1.0)
     canvas.box(0.0, 0.42, 1.0, 0.48, 20.0)

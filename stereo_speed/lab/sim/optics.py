@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What lenses do to the light before the sensor clips it, and what is wrong with a camera."""
+"""Effects of lenses on the light before the sensor clips it, and faults of a camera."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -10,16 +10,16 @@ import numpy as np
 
 from .texture import Image
 
-COARSE = 4  # pixels across a cell of the grid on which the halo is computed
+COARSE = 4  # cell size of the grid on which the halo is computed, px
 
 
 @dataclass(frozen=True, kw_only=True)
 class LensConfig:
     """
-    The point spread of both lenses: a core, and a weak wide halo around what is bright.
+    The point spread of both lenses: a core, and a weak, wide halo around bright regions.
 
     :param core_px: 1-sigma of the core, px.
-    :param halo_share: share of the light that goes into the halo.
+    :param halo_share: share of the light in the halo.
     :param halo_px: 1-sigma of the halo, px.
     """
 
@@ -31,13 +31,13 @@ class LensConfig:
 @dataclass(frozen=True, kw_only=True)
 class FaultConfig:
     """
-    What is wrong with the cameras; gain and offset of the right one are in ``SimConfig``.
+    Faults of the cameras; gain and offset of the right one are in ``SimConfig``.
 
-    :param exposure_step: largest random change of the exposure of a pair, as a share; even
+    :param exposure_step: largest random change of the exposure of a pair, as a share; uniform
         between both signs, the same in both views.
-    :param right_defocus_px: 1-sigma of the blur of a right camera out of focus, px.
+    :param right_defocus_px: 1-sigma of the blur of a defocused right camera, px.
     :param dirt: number of specks on the glass of the right camera.
-    :param dirt_depth: largest share of the light that a speck takes away.
+    :param dirt_depth: largest share of the light that a speck blocks.
     :param dirt_px: largest 1-sigma of a speck, px.
     """
 
@@ -53,10 +53,10 @@ SHARP, SOUND = LensConfig(), FaultConfig()
 
 class Optics:
     """
-    What is between a scene and the sensors.
+    The optics between a scene and the sensors.
 
     :param lens: point spread of both lenses.
-    :param faults: what is wrong.
+    :param faults: faults of the cameras.
     :param size: columns and rows of the images.
     :param rng: source of the dirt and the exposures.
     """
@@ -68,7 +68,7 @@ class Optics:
         self._clear = _transmission(faults, size, dirt) if faults.dirt else None
 
     def exposure(self) -> float:
-        """Return the exposure of the next pair against the nominal one."""
+        """Return the exposure of the next pair relative to the nominal one."""
         step = self.faults.exposure_step
         return 1.0 + step * float(self._steps.uniform(-1.0, 1.0)) if step else 1.0
 
@@ -105,6 +105,6 @@ def _transmission(faults: FaultConfig, size: tuple[int, int], rng: np.random.Gen
         depth = faults.dirt_depth * rng.uniform(0.4, 1.0)
         row, column = (np.exp(-np.square((k - rng.uniform(0, n)) / sigma) / 2)
                        for k, n in ((y, size[1]), (x, size[0])))
-        # Flat in the middle, soft at the rim.
+        # Flat in the middle, soft at the edge.
         clear *= 1 - np.float32(depth) * np.clip(2 * np.outer(row, column), 0, 1)
     return clear

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Paints a scene at a time: only what moves, over a background painted once."""
+"""Paint a scene at a time: moving objects over a background that is painted once."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -28,22 +28,22 @@ from ...core.records import Array, RigMotion
 
 Picture = NDArray[np.uint8]
 
-GLOW_GREY = 700.0  # of a lit lamp's middle, before the exposure
+GLOW_GREY = 700.0  # grey level at the centre of a lit lamp, before the exposure
 TAIL_GREY = 200.0
 POOL_FROM_M, POOL_TO_M, POOL_HALF_M = 1.5, 26.0, 3.0
 POOL_GAIN = 2.6
-WET_POOL = 0.4  # share of a pool's light that a wet road does not throw ahead
-LAMP_M = 0.05  # radius of a headlamp as a road mirrors it
+WET_POOL = 0.4  # share of a pool's light that a wet road scatters back
+LAMP_M = 0.05  # radius of a headlamp in its reflection on the road
 STREET_LAMP_M = 0.15
 
 
 @dataclass(frozen=True, eq=False)
 class Moment:
     """
-    What is to be painted.
+    The contents of a scene at a time.
 
-    :param fronts: body of each vehicle and place of its tracked front.
-    :param items: everything upright, in the order of painting.
+    :param fronts: body of each vehicle and pose of its tracked front.
+    :param items: all upright objects, in the order of painting.
     """
 
     fronts: list[tuple[BodyConfig, FrontPose]]
@@ -52,11 +52,11 @@ class Moment:
 
 class Painter:
     """
-    Everything of a scene but its vehicles, and how to paint those.
+    Renders a scene with its vehicles.
 
     :param scene: the scene.
     :param rng: source of textures and noise.
-    :param vehicle_rng: source of the vehicles' appearance; each number has its own.
+    :param vehicle_rng: source of the vehicles' appearance; each vehicle number has its own.
     """
 
     def __init__(self, scene: SimScene, rng: np.random.Generator,
@@ -94,11 +94,11 @@ class Painter:
         """
         Paint a pair.
 
-        :param vehicles: in any order.
-        :param t_s: when the left camera exposes.
-        :param motion: how the rig stands; None for at rest.
-        :return: left and right image, and the share seen of each vehicle's tracked front: the
-            least of both views.
+        :param vehicles: the vehicles, in any order.
+        :param t_s: exposure time of the left camera.
+        :param motion: rig motion; None for a rig at rest.
+        :return: left and right image, and the visible share of each vehicle's tracked front: the
+            lesser of both views.
         """
         here = {vehicle.number for vehicle in vehicles}
         self._appearances = {n: a for n, a in self._appearances.items() if n in here}
@@ -111,14 +111,14 @@ class Painter:
         return (left, right), {n: min(share, in_right.get(n, 0.0)) for n, share in in_left.items()}
 
     def _appearance(self, vehicle: Vehicle, rear: bool) -> Looks:
-        """Return the appearance of a vehicle, the same for as long as it is here."""
+        """Return the appearance of a vehicle, the same as long as it is in the scene."""
         if vehicle.number not in self._appearances:
             rng = np.random.default_rng([self._vehicle_seed, vehicle.number])
             self._appearances[vehicle.number] = looks_of(vehicle.body, rear, rng)
         return self._appearances[vehicle.number]
 
     def _moment(self, vehicles: Sequence[Vehicle], t_s: float) -> Moment:
-        """Return where everything is at a time."""
+        """Return the contents of the scene at a time."""
         fronts = [(v.body, self.scene.front(v, t_s)) for v in vehicles]
         items = [vehicle_item(self.scene, self._appearance(v, pose.rear), pose, v.number,
                               self.light.headlights) for v, (_, pose) in zip(vehicles, fronts)]
@@ -128,10 +128,10 @@ class Painter:
     def _view(self, side: int, moment: Moment, t_s: float, step: float,
               motion: Optional[RigMotion]) -> tuple[Picture, dict[int, float]]:
         """
-        Return the image of a view, 0 left or 1 right, and the shares seen of the fronts.
+        Return the image of a view, 0 left or 1 right, and the visible shares of the fronts.
 
-        :param step: exposure of the pair against the nominal one.
-        :param motion: how the rig stands; None for at rest.
+        :param step: exposure of the pair relative to the nominal one.
+        :param motion: rig motion; None for a rig at rest.
         """
         image, eye = self.backgrounds[side].copy(), self.eyes[side]
         for body, pose in moment.fronts:
@@ -157,7 +157,7 @@ class Painter:
                 self._seen[side].shares(moment.items))
 
     def _street_lamp(self, config: StreetLampConfig) -> tuple[Array, Array, float]:
-        """Draw a street lamp into the background; return it, its mirror image and its grey."""
+        """Draw a street lamp into the background; return position, mirror image and grey level."""
         foot = self.scene.point(config.station_m, config.offset_m)
         lamp, mirrored = (foot + sign * config.height_m * self.scene.up for sign in (1, -1))
         for image, eye in zip(self.backgrounds, self.eyes):
@@ -165,7 +165,7 @@ class Painter:
         return lamp, mirrored, config.grey
 
     def _cast(self, image: Image, eye: Eye, body: BodyConfig, pose: FrontPose) -> None:
-        """Darken the road below and beside a vehicle; a front alone casts no shadow."""
+        """Darken the road below and beside a vehicle; a front without a body casts no shadow."""
         if not body.kind:
             return
         feet = body_box(body, pose)[:4]
@@ -174,7 +174,7 @@ class Painter:
         self._darken(image, eye, feet, pose.axes[:, 2], prisms)
 
     def _shade(self, hull_m: Array) -> None:
-        """Darken the road below something that does not move."""
+        """Darken the road below a static object."""
         up = self.scene.up
         low = hull_m @ up
         foot = hull_m[low < low.min() + 0.05]
@@ -184,9 +184,9 @@ class Painter:
     def _darken(self, image: Image, eye: Eye, feet_m: Array, up: Array,
                 prisms: Sequence[tuple[float, float]]) -> None:
         """
-        Lay the shadow of upright prisms onto the road, and that of the sky below them.
+        Draw the sun's shadow of upright prisms on the road, and the sky's shadow below them.
 
-        :param feet_m: (n, 3) footprint of the prisms.
+        :param feet_m: (n, 3), footprint of the prisms.
         :param prisms: height, m, and the share by which the upper side is shorter, of each.
         """
         eye.fill(image, [feet_m], 0.45, 1.2)
@@ -197,11 +197,11 @@ class Painter:
             eye.fill(image, outlines, 1 - self.light.shadow, 0.7)
 
     def _light_road(self, image: Image, eye: Eye, body: BodyConfig, pose: FrontPose) -> None:
-        """Lay the pool of the headlights onto the road."""
+        """Draw the pool of light of the headlights on the road."""
         ahead_m = POOL_FROM_M + (body.length_m if pose.rear else 0.0)
         along, left, _ = pose.axes.T
         corner = pose.ground_m + along * ahead_m - left * POOL_HALF_M
-        # Read from above, the vehicle's right at the texture's left: its top is at the vehicle.
+        # Seen from above, with the vehicle at the top and its right side at the texture's left.
         plane = Plane(corner, left * 2 * POOL_HALF_M, along * (POOL_TO_M - POOL_FROM_M),
                       self._pool)
         box = eye.box(eye.project(plane.outline_m))
@@ -209,7 +209,7 @@ class Painter:
             return
         u0, u1, v0, v1 = box
         gain, _ = eye.sample(plane, box)
-        # Against what light there is on the road.
+        # Relative to the light on the road.
         share = (1 - (1 - WET_POOL) * self.light.wet) / self.light.ambient
         image[v0:v1, u0:u1] *= 1 + np.float32(share) * gain
 
@@ -222,7 +222,7 @@ def _lamp_grey(item: Item) -> float:
 
 
 def _sky(scene: SimScene, light: LightConfig, rng: np.random.Generator) -> Sky:
-    """Return what shines on things, in the left optical frame."""
+    """Return the sky that lights the objects, in the left optical frame."""
     along, left = scene.chord, np.array([-scene.chord[1], scene.chord[0], 0.0])
     axes = scene.left_R_world @ np.stack([along, left, [0.0, 0.0, 1.0]], axis=1)
     sun = light.to_sun()
@@ -231,7 +231,7 @@ def _sky(scene: SimScene, light: LightConfig, rng: np.random.Generator) -> Sky:
 
 
 def _ring(scene: SimScene, points_m: Array) -> NDArray[np.intp]:
-    """Return the order in which points go round their hull on the ground."""
+    """Return the indices of points in order around their hull on the ground."""
     flat = (points_m @ scene.left_R_world)[:, :2].astype(np.float32)
     return np.asarray(cv2.convexHull(flat, returnPoints=False)).ravel().astype(np.intp)
 
@@ -241,7 +241,7 @@ def _shadow(scene: SimScene, feet_m: Array, up: Array, height_m: float, inset: f
     """
     Return the outline (n, 3) of the shadow of an upright prism.
 
-    :param feet_m: (4, 3) its footprint.
+    :param feet_m: (4, 3), its footprint.
     :param inset: share by which its upper side is shorter than the lower.
     :param sun: shift of the shadow per metre of height, along and across the road.
     """
@@ -253,7 +253,7 @@ def _shadow(scene: SimScene, feet_m: Array, up: Array, height_m: float, inset: f
 
 
 def _pool_texture() -> Texture:
-    """Make the light of two lamps on the road: near the vehicle at the top."""
+    """Make the light of two lamps on the road, with the vehicle at the top."""
     y, x = np.mgrid[0:128, 0:64].astype(np.float32)
     x, y = (x + 0.5) / 64 - 0.5, (y + 0.5) / 128
     beams = sum(np.exp(-np.square((x - side * (0.11 + 0.12 * y)) / (0.08 + 0.16 * y)) / 2)

@@ -3,9 +3,9 @@
 """
 Textured rectangles, with or without relief, drawn by inverse mapping.
 
-Each sub-pixel's ray goes through the true camera, meets the rectangle's plane or the relief on
-it and takes the texture averaged to about its own footprint; edges are those of the exact share
-of the sub-pixel. Fine rectangles are right to well below a hundredth of a pixel.
+Each sub-pixel's ray goes through the true camera, meets the rectangle's plane or its relief, and
+samples the texture averaged over about its own footprint; at edges it has the exact share of the
+sub-pixel. Fine rectangles are accurate to well below a hundredth of a pixel.
 """
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from .view import View
 from ...core.records import Array
 
 LEVELS = 6
-SUB = 4  # sub-pixels across and down a pixel of a fine rectangle
-RELIEF_STEPS = 4  # of the search for where a ray meets the relief
+SUB = 4  # sub-pixels across and down each pixel of a fine rectangle
+RELIEF_STEPS = 4  # steps of the search for the intersection of a ray with the relief
 NEAR_M = 0.6  # nothing nearer to a camera is drawn
 _SHIFT = 4  # fractional bits of polygon corners
 
@@ -34,11 +34,11 @@ Box = tuple[int, int, int, int]
 @dataclass(frozen=True, eq=False)
 class Texture:
     """
-    Grey levels, and how much they cover, in a pyramid of halvings.
+    Grey levels and coverage, as an image pyramid with factor 2.
 
     :param grey: levels of float32 images; with ``alpha``, already multiplied by it.
-    :param size: columns and rows of the first level, before it was padded to be halved.
-    :param alpha: levels of the share covered, 0 to 1; None where all is.
+    :param size: columns and rows of the first level, before padding.
+    :param alpha: levels of the coverage, 0 to 1; None where it is 1 everywhere.
     """
 
     grey: list[Image]
@@ -47,7 +47,7 @@ class Texture:
 
     @classmethod
     def of(cls, grey: Image, alpha: Optional[Image] = None) -> Texture:
-        """Build the pyramid of an image (rows, columns) and its cover."""
+        """Build the pyramid of an image (rows, columns) and its coverage."""
         size = (grey.shape[1], grey.shape[0])
         if alpha is None:
             return cls(pyramid(grey, LEVELS), size)
@@ -64,14 +64,14 @@ class Plane:
     """
     A textured rectangle in the left optical frame.
 
-    :param corner_m: (3,) the texture's top-left corner.
-    :param across_m: (3,) from there to its top-right corner.
-    :param down_m: (3,) from there to its bottom-left corner, square to ``across_m``.
-    :param texture: what is on it.
-    :param fine: draw with ``SUB`` sub-pixels across a pixel, not one.
-    :param relief_m: (rows, columns) how far it stands out of the plane, over all of it; or None.
-    :param surface: its shape and gloss for the light on it; None for matt and evenly lit.
-    :param emits: grey level of a lamp, which adds its light and covers nothing; or None.
+    :param corner_m: (3,), the texture's top-left corner.
+    :param across_m: (3,), vector from there to its top-right corner.
+    :param down_m: (3,), vector to its bottom-left corner, perpendicular to ``across_m``.
+    :param texture: its texture.
+    :param fine: whether to draw with ``SUB`` sub-pixels across a pixel instead of one.
+    :param relief_m: (rows, columns), height of its relief over the plane; or None.
+    :param surface: its shape and gloss for shading; None for matt and evenly lit.
+    :param emits: grey level of a lamp, which adds light and covers nothing; or None.
     """
 
     corner_m: Array
@@ -85,23 +85,23 @@ class Plane:
 
     @cached_property
     def outline_m(self) -> Array:
-        """Return its four corners (4, 3), clockwise from the top-left one."""
+        """Return its corners (4, 3), clockwise from the top-left one."""
         a, b = self.across_m, self.down_m
         return self.corner_m + np.stack([0 * a, a, a + b, b])
 
     @cached_property
     def normal(self) -> Array:
-        """Return a vector (3,) square to it, to the side from which the texture reads right."""
+        """Return a normal vector (3,), towards the side from which the texture is not mirrored."""
         (a, b, c), (x, y, z) = self.down_m.tolist(), self.across_m.tolist()
         return np.array([b * z - c * y, c * x - a * z, a * y - b * x])  # faster than np.cross
 
 
 def clip_near(points_m: Array, near_m: float = NEAR_M) -> Array:
     """
-    Cut a polygon at a plane before the camera.
+    Clip a polygon at a plane in front of the camera.
 
-    :param points_m: (n, 3) corners in the camera's frame.
-    :return: (m, 3) corners with z of at least ``near_m``; perhaps none.
+    :param points_m: (n, 3), corners in the camera's frame.
+    :return: (m, 3), corners with z of at least ``near_m``; may be empty.
     """
     z = points_m[:, 2] - near_m
     if (z >= 0).all():
@@ -119,7 +119,7 @@ def clip_near(points_m: Array, near_m: float = NEAR_M) -> Array:
 
 class Eye:
     """
-    A view with its rays at hand.
+    A view with its cached rays.
 
     :param view: the view.
     """
@@ -130,7 +130,7 @@ class Eye:
         self.size = (view.camera.width_px, view.camera.height_px)
 
     def _rays(self, box: Box, sub: int) -> tuple[Image, Image]:
-        """Return normalized x and y of the rays through the sub-pixels of a box."""
+        """Return normalised x and y of the rays through the sub-pixels of a box."""
         steps = (np.arange(sub) + 0.5) / sub - 0.5
         u, v = ((np.arange(*ends)[:, None] + steps).ravel() for ends in (box[:2], box[2:]))
         x, y = self.view.normalized(u, v)
@@ -142,7 +142,7 @@ class Eye:
         return self._rays((0, self.size[0], 0, self.size[1]), 1)
 
     def project(self, points_m: Array) -> Array:
-        """Return raw pixels (m, 2) of a polygon, cut where it comes too near; perhaps none."""
+        """Return raw pixels (m, 2) of a polygon, clipped near the camera; may be empty."""
         view = self.view
         seen = clip_near(points_m @ view.R.T + view.t)
         if not len(seen):
@@ -151,7 +151,7 @@ class Eye:
         return uv[np.isfinite(uv).all(axis=1)]
 
     def box(self, uv: Array, margin_px: int = 2) -> Optional[Box]:
-        """Return first and last column and row (half open) of what polygons touch, or None."""
+        """Return the half-open column and row range that polygons touch, or None."""
         if len(uv) < 3:
             return None
         width, height = self.size
@@ -187,7 +187,7 @@ class Eye:
 
     def _lit(self, plane: Plane, box: Box, sky: Optional[Sky], colour: Image,
              alpha: Image) -> Image:
-        """Return colours (rows, columns) in the light that falls on a plane."""
+        """Return grey levels (rows, columns) of a plane in the light that falls on it."""
         if sky is None:
             return colour
         if plane.surface is None:
@@ -214,7 +214,7 @@ class Eye:
         """
         Sample a plane over a box of pixels.
 
-        :return: grey times cover, and cover, (rows, columns) of sub-pixels.
+        :return: grey times coverage, and coverage, (rows, columns) of sub-pixels.
         """
         u0, u1, v0, v1 = box
         if plane.fine:
@@ -264,12 +264,12 @@ class Eye:
     def fill(self, image: Image, outlines_m: Sequence[Array], factor: float,
              blur_px: float = 0.0) -> None:
         """
-        Darken or brighten polygons, in place; where they overlap, once.
+        Darken or brighten the union of polygons, in place.
 
         :param image: (rows, columns) float32.
-        :param outlines_m: corners (n, 3) of each, left optical frame.
-        :param factor: by which it is multiplied.
-        :param blur_px: width of its soft edge.
+        :param outlines_m: corners (n, 3) of each polygon, left optical frame.
+        :param factor: factor for the grey levels.
+        :param blur_px: width of the soft edge.
         """
         outlines = [uv for uv in map(self.project, outlines_m) if len(uv) >= 3]
         box = self.box(np.concatenate([*outlines, np.zeros((0, 2))]), 2 + int(3 * blur_px))
@@ -301,7 +301,7 @@ def _inside(value: Image, size: float, step: float) -> Image:
     gap: Image = half - np.abs(value - half)
     gap *= np.float32(1 / step)
     gap += np.float32(0.5)
-    # What is narrower than a sub-pixel covers no more than its width.
+    # Rectangles narrower than a sub-pixel cover no more than their width.
     np.clip(gap, 0, min(1.0, size / step), out=gap)
     return gap
 
@@ -309,14 +309,15 @@ def _inside(value: Image, size: float, step: float) -> Image:
 def _textured(texture: Texture, x: Image, y: Image, steps: tuple[float, float],
               cover: Image) -> tuple[Image, Image]:
     """
-    Look a texture up.
+    Look up a texture.
 
-    :param x: share of its width, :param y: share of its height.
+    :param x: share of its width.
+    :param y: share of its height.
     :param steps: change of both per sub-pixel.
     :param cover: share of each sub-pixel covered by the rectangle.
     """
     columns, rows = texture.size
-    # An average of both directions: less blurred at grazing angles, and yet without sparkle.
+    # The mean of both directions: less blur at grazing angles, without aliasing.
     footprint = np.sqrt(max(steps[0] * columns, 1.0) * max(steps[1] * rows, 1.0))
     level = float(np.clip(np.log2(footprint), 0, len(texture.grey) - 1))
     np.clip(x, 0, 1, out=x)

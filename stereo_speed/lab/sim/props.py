@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What stands and walks beside a simulated road; places are those of its world frame."""
+"""Static and moving objects beside a simulated road, in its world frame."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -11,10 +11,10 @@ from typing import Optional
 @dataclass(frozen=True, kw_only=True)
 class PoleConfig:
     """
-    A round pole that occludes what is behind it.
+    A round pole that occludes vehicles behind it.
 
-    :param ahead_m: how far ahead of the left camera it stands, along the chord of the pass, m.
-    :param right_m: how far to the camera's right of that, m.
+    :param ahead_m: distance ahead of the left camera, along the chord of the pass, m.
+    :param right_m: distance to the camera's right of that, m.
     :param radius_m: its radius, m.
     :param height_m: its height, m.
     :param grey: its grey level in daylight.
@@ -32,12 +32,11 @@ class PersonConfig:
     """
     A person who walks along the road.
 
-    :param station_m: place along the road at 0 s, m.
-    :param offset_m: place across it, positive to the left of travel, m.
+    :param station_m: position along the road at 0 s, m.
+    :param offset_m: position across it, positive to the left of travel, m.
     :param speed_mps: walking speed along the road, m/s; negative against travel.
     :param height_m: body height, m.
-    :param turns_m: half the length of the beat on which the person walks to and fro, m; None to
-        walk on.
+    :param turns_m: half the length on which the person walks back and forth, m; None to walk on.
     """
 
     station_m: float = 20.0
@@ -56,7 +55,7 @@ class TreeConfig:
     :param offset_m: place across it, positive to the left of travel, m.
     :param height_m: height, m.
     :param sway_m: largest swing of its top, m.
-    :param period_s: of the swing, s.
+    :param period_s: period of the swing, s.
     """
 
     station_m: float = 10.0
@@ -71,8 +70,8 @@ class ParkedConfig:
     """
     A parked vehicle that shows its front.
 
-    :param station_m: place of its front along the road, m.
-    :param offset_m: place of its middle across it, positive to the left of travel, m.
+    :param station_m: position of its front along the road, m.
+    :param offset_m: position of its middle across it, positive to the left of travel, m.
     :param kind: ``car``, ``suv``, ``van``, ``truck``, ``small``, ``bus`` or ``motorcycle``.
     """
 
@@ -84,11 +83,11 @@ class ParkedConfig:
 @dataclass(frozen=True, kw_only=True)
 class StreetLampConfig:
     """
-    A street lamp that is lit; its post is not drawn.
+    A lit street lamp; its post is not drawn.
 
     :param station_m: place along the road, m.
     :param offset_m: place across it, positive to the left of travel, m.
-    :param height_m: of the lamp above the road, m.
+    :param height_m: height of the lamp above the road, m.
     :param grey: its grey level in daylight's scale; 255 is full scale.
     """
 
@@ -105,16 +104,16 @@ class LightConfig:
 
     :param sun_elevation_deg: height of the sun; None for a sky without sun and no cast shadows.
     :param sun_azimuth_deg: direction to the sun, anticlockwise from the direction of travel.
-    :param shadow: share of the light that a cast shadow takes away.
-    :param headlights: lamps are lit and throw pools of light onto the road.
-    :param cloud_depth: share of the light that a cloud's shadow takes away; 0 for no clouds.
+    :param shadow: share of the light that a cast shadow removes.
+    :param headlights: whether lamps are lit and cast pools of light on the road.
+    :param cloud_depth: share of the light that a cloud's shadow removes; 0 for no clouds.
     :param cloud_m: size of the clouds' shadows, m.
     :param wind_mps: speed of the clouds' shadows along and across the road, m/s.
     :param drift: largest slow change of the exposure, as a share.
     :param drift_period_s: its period, s.
-    :param ambient: share of daylight on everything; lamps are not subject to it.
-    :param wet: how wet the road is, 0 to 1: it is darker, its markings fainter, and it mirrors
-        the sky and the lamps.
+    :param ambient: share of daylight on all objects except lamps.
+    :param wet: wetness of the road, 0 to 1: it is darker, its markings are fainter, and it
+        reflects the sky and the lamps.
     """
 
     sun_elevation_deg: Optional[float] = None

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Long bags, made of a short one that goes round."""
+"""Make long bags by repeating a short one."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -19,14 +19,14 @@ from ...core.units import NS_S
 def repeat_bag(source: Path, folder: Path, times: int, gap_s: float,
                pairs: Optional[int] = None) -> Path:
     """
-    Write a bag in which another one goes round, with stamps that go on rising.
+    Write a bag that repeats another one, with stamps that keep rising.
 
     :param source: a rosbag2 bag whose messages begin with a header.
-    :param folder: where the new one is written (MCAP); it must not be there.
-    :param times: rounds.
-    :param gap_s: from the last stamp of a round to the first of the next, s.
-    :param pairs: how many messages of each topic a round has; None for all.
-    :raises InputError: the folder is there already.
+    :param folder: folder of the new bag (MCAP); it must not exist.
+    :param times: number of rounds.
+    :param gap_s: time from the last stamp of a round to the first of the next, s.
+    :param pairs: number of messages of each topic per round; None for all.
+    :raises InputError: the folder exists already.
     """
     if folder.exists():
         raise InputError(folder, 'bag', 'a folder that is there', 'a new one')
@@ -63,10 +63,10 @@ def damaged_copy(source: Path, folder: Path, pairs: int, damage: Callable[[bytes
     Write the first messages of a bag, with the data of one image damaged.
 
     :param source: a rosbag2 bag with compressed images.
-    :param folder: where the new one is written (MCAP).
-    :param pairs: how many messages of each topic.
-    :param damage: gives the damaged bytes of a compressed image.
-    :param which: number of the image, in the order they were recorded.
+    :param folder: folder of the new bag (MCAP).
+    :param pairs: number of messages of each topic.
+    :param damage: returns the damaged bytes of a compressed image.
+    :param which: number of the image, in recording order.
     """
     number = 0
     with AnyReader([source]) as reader, \

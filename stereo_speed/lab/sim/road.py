@@ -3,10 +3,10 @@
 """
 The simulated road in its world frame.
 
-World: x along the right lane's path at station 0, y to its left, z up. A point of the road is
-named by its station (plan arc length along the right lane's path, m) and its offset from that
-path (positive to the left of travel, m); its height is that of the path, which follows a grade,
-a parabola and another grade, and the offset times the crossfall there.
+World: x along the right lane's path at station 0, y to its left, z up. A point of the road has a
+station (plan arc length along the right lane's path, m) and an offset from that path (positive to
+the left of travel, m). Its height is that of the path, which follows a grade, a parabola and
+another grade, plus the offset times the local crossfall.
 """
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from .config import RoadConfig
 from ...core.records import Array
 
 FROM_M, TO_M, STEP_M = -260.0, 420.0, 0.1
-BANKED_M = 15.0  # beside the path to which the ground follows the crossfall
-CELL_M = 0.5  # of the raster that starts the search for a point's station
+BANKED_M = 15.0  # distance beside the path up to which the ground follows the crossfall
+CELL_M = 0.5  # cell size of the raster that starts the search for a point's station
 
 
 class Road:
@@ -36,18 +36,18 @@ class Road:
         self.config = config
         middle = config.clothoid_m / 2
         curvature = max(abs(config.curvature_start), abs(config.curvature_end))
-        # A full circle would meet itself: leave a gap on the far side.
+        # A full circle would overlap itself, so a gap is left on the far side.
         half = min(200.0, 2.2 / curvature) if curvature else 250.0
         self.from_m, self.to_m = middle - half, middle + half
 
     @property
     def curved(self) -> bool:
-        """Return whether it bends anywhere."""
+        """Return whether the road is curved anywhere."""
         return bool(self.config.curvature_start or self.config.curvature_end)
 
     @property
     def folded(self) -> bool:
-        """Return whether its grade or its crossfall changes, so that it may hide itself."""
+        """Return whether grade or crossfall changes, so that the road may occlude itself."""
         c = self.config
         return bool(c.crossfall_start or c.crossfall_end
                     or c.grade_end not in (None, c.grade))
@@ -141,7 +141,7 @@ class Road:
         Find the station and offset of plan points.
 
         :param xy_m: (..., 2) world, m.
-        :return: station (...,) and offset (...,), m; far from the road only roughly.
+        :return: station (...,) and offset (...,), m; only approximate far from the road.
         """
         curvature = self.config.curvature_start
         x, y = xy_m[..., 0], xy_m[..., 1]
@@ -151,7 +151,7 @@ class Road:
             return x, y
         radius = 1 / curvature
         middle = self.config.clothoid_m / 2 * curvature
-        # The angle is taken about the road's middle, so that its jump lies in the gap.
+        # The angle is relative to the road's middle, so that its discontinuity is in the gap.
         c, s = np.cos(middle), np.sin(middle)
         across, along = radius - y, x
         angle = np.arctan2((along * c - across * s) * np.sign(radius),
@@ -169,7 +169,7 @@ class Road:
         return nodes[cKDTree(points).query(grid)[1]], low
 
     def _search(self, xy_m: Array) -> tuple[Array, Array]:
-        """Find the stations where no closed form exists: raster, then Newton's steps."""
+        """Find the stations where no closed form exists, by a raster and Newton steps."""
         raster, low = self._raster
         cell = ((xy_m - low) / CELL_M).astype(int)
         last = np.array(raster.shape) - 1

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Where everything of a simulated scene is, and when: rig, road, vehicles and exposures."""
+"""Geometry and timing of a simulated scene: rig, road, vehicles and exposures."""
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
@@ -23,10 +23,10 @@ from ...geometry.camera import Camera
 from ...geometry.rig import StereoRig
 
 _ZEROS = {'plumb_bob': 5, 'rational_polynomial': 8, 'equidistant': 4}
-_RATE_S = 1e-4  # half the step of the numeric ground speed
-_SLOWEST_MPS = 1.0  # below this path speed a heading is taken as if at it
-_MARGIN_M = 1e-6  # of the comparison with the ends of the pass
-AWAY = np.array([-1.0, -1.0, 1.0])  # turns the frame of a path to the other direction of travel
+_RATE_S = 1e-4  # half the step of the numerical derivative for the ground speed
+_SLOWEST_MPS = 1.0  # lower limit of the path speed in the computation of a heading
+_MARGIN_M = 1e-6  # margin for comparisons with the ends of the pass
+AWAY = np.array([-1.0, -1.0, 1.0])  # reverses the direction of travel of a frame
 
 
 class TruthRow(TypedDict):
@@ -63,16 +63,16 @@ def make_rig(config: RigConfig) -> StereoRig:
 
 
 def stamp_text(stamp_ns: int) -> str:
-    """Print a stamp as ``truth.csv`` does: seconds with whole microseconds."""
+    """Return a stamp in the form of ``truth.csv``: seconds with whole microseconds."""
     return f'{stamp_ns // 10**9}.{stamp_ns % 10**9 // 1000:06d}'
 
 
 @dataclass(frozen=True)
 class Exposure:
     """
-    When a pair is taken.
+    The exposure of a pair.
 
-    :param t_s: exposure of the left camera after the start of the simulation, s.
+    :param t_s: exposure time of the left camera after the start of the simulation, s.
     :param stamp_ns: left stamp.
     :param right_stamp_ns: right stamp.
     """
@@ -85,11 +85,11 @@ class Exposure:
 @dataclass(frozen=True)
 class Place:
     """
-    Where the tracked front of a vehicle is on the road.
+    Position of the tracked front of a vehicle on the road.
 
     :param station_m: station of the point of the road below it.
     :param offset_m: offset of that point.
-    :param lane: lane from whose path its lateral offset counts.
+    :param lane: lane from whose path its lateral offset is counted.
     :param speed_mps: speed along the path.
     :param drift_mps: speed across the path, positive to the left of travel.
     """
@@ -108,7 +108,7 @@ class Vehicle:
 
     :param number: as in ``truth.csv``.
     :param body: its size.
-    :param place: gives its place at a time, s.
+    :param place: returns its position at a time, s.
     """
 
     number: int
@@ -119,13 +119,13 @@ class Vehicle:
 @dataclass(frozen=True, eq=False)
 class FrontPose:
     """
-    Place of the tracked front of a vehicle: its front, or its rear when it recedes.
+    Pose of the tracked front of a vehicle: its front, or its rear when it recedes.
 
-    :param centre_m: (3,) its centre, left optical frame, m.
-    :param axes: (3, 3) columns along travel, left and up, left optical frame.
-    :param corners_m: (4, 3) clockwise as seen by the camera, from the image's top-left corner.
-    :param ground_m: (3,) the point of the road below the front's middle, left optical frame.
-    :param rear: it is the rear.
+    :param centre_m: (3,), its centre, left optical frame, m.
+    :param axes: (3, 3), columns along travel, left and up, left optical frame.
+    :param corners_m: (4, 3), clockwise as seen by the camera, from the image's top-left corner.
+    :param ground_m: (3,), the point of the road below the front's middle, left optical frame.
+    :param rear: whether it is the rear.
     """
 
     centre_m: Array
@@ -137,9 +137,9 @@ class FrontPose:
 
 class SimScene:
     """
-    Geometry of a scene; the same config gives the same one.
+    Geometry of a scene, which follows from the config.
 
-    :param config: what to build.
+    :param config: the configuration.
 
     ``rig`` is the calibrated rig, ``seen_rig`` the one that takes the images; ``vehicles`` are
     those of the config.
@@ -149,7 +149,7 @@ class SimScene:
         self.config = config
         self.road = Road(config.road)
         self.rig = make_rig(config.rig)
-        # No site has corrected it: its drift is not on record.
+        # Its drift is not recorded, because no site has corrected it.
         self.seen_rig = replace(self.rig.drifted(np.radians(config.rig_moved_deg)),
                                 drift_rad=self.rig.drift_rad)
         self.end_station_m = self._end_station()
@@ -157,7 +157,7 @@ class SimScene:
         self.vehicles = [self._vehicle(number, v) for number, v in enumerate(config.vehicles)]
 
     def _end_station(self) -> float:
-        """Find the station whose point lies a chord of ``start_m - near_m`` from the start."""
+        """Return the station at a chord of ``start_m - near_m`` from the start."""
         chord = self.config.start_m - self.config.near_m
         stations = np.arange(0.0, 2.0 * chord, 0.5)
         gaps = np.linalg.norm(self.road.position(stations)[:, :2], axis=1) - chord
@@ -182,7 +182,7 @@ class SimScene:
         centre = points[-1] + chord * c.near_m + side * np.array([chord[1], -chord[0], 0.0])
         centre[2] += c.camera_height_m
         sight = points + [0.0, 0.0, 0.8] - centre
-        # Angles about the reversed chord: to the camera's right and downwards.
+        # Angles relative to the reversed chord: to the camera's right and downwards.
         right = np.array([-chord[1], chord[0], 0.0])
         ahead = np.hypot(sight @ chord, sight @ right)
         azimuth = np.arctan2(sight @ right, -(sight @ chord))
@@ -207,7 +207,7 @@ class SimScene:
         return self.to_left(self.road.position(station_m, offset_m))
 
     def open_m(self, points_m: Array) -> NDArray[np.bool_]:
-        """Return which points (n, 3) of the surface no other part of it hides from the left."""
+        """Return which points (n, 3) of the surface are not self-occluded in the left view."""
         world = points_m @ self.left_R_world + self.centre_world_m
         share = np.linspace(0.02, 0.98, 60)[:, None, None]
         sight = self.centre_world_m + share * (world - self.centre_world_m)
@@ -215,7 +215,7 @@ class SimScene:
         return np.asarray((sight[..., 2] > ground - _MARGIN_M).all(axis=0))
 
     def axes(self, station_m: float, offset_m: float, away: bool = False) -> Array:
-        """Return columns along travel, left and up (3, 3); ``away`` for the other direction."""
+        """Return the columns along travel, left and up, (3, 3); ``away`` reverses travel."""
         frame = self.road.frame(station_m, offset_m)
         return np.asarray(self.left_R_world @ (frame * AWAY if away else frame))
 
@@ -264,18 +264,18 @@ class SimScene:
 
     def exposures(self, count: int, rng: np.random.Generator) -> Iterator[Exposure]:
         """
-        Yield when each pair that arrives is taken.
+        Yield the exposure of each pair that arrives.
 
-        :param count: how many are taken; some of them get lost.
+        :param count: number of exposures; some of their pairs are lost.
         :param rng: source of the jitter.
         """
         c = self.config
         for i in range(count):
             jitter = float(rng.standard_normal()) * c.stamp_jitter_s if i else 0.0
-            # Never more than a third of a period, so that the order is kept.
+            # At most a third of a period, so that the order is kept.
             jitter = float(np.clip(jitter, -1 / (3 * c.fps), 1 / (3 * c.fps)))
             skew = float(rng.uniform(-1, 1)) * c.right_stamp_jitter_s
-            # Whole microseconds, so that truth.csv holds them exactly.
+            # Whole microseconds, so that truth.csv has them exactly.
             offset_ns = round((i / c.fps + jitter) * 1e6) * 1000
             t_s = offset_ns * 1e-9
             if i not in c.drop and not any(a <= t_s < b for a, b in c.gaps_s):
@@ -283,7 +283,7 @@ class SimScene:
                 yield Exposure(t_s, stamp_ns, stamp_ns + round((c.right_delay_s + skew) * 1e9))
 
     def front(self, vehicle: Vehicle, t_s: float) -> FrontPose:
-        """Return the place of a vehicle's tracked front; it heads where it goes."""
+        """Return the pose of a vehicle's tracked front, which points along its velocity."""
         place, body = vehicle.place(t_s), vehicle.body
         away = self.away(place.lane)
         heading = np.arctan2(place.drift_mps, max(place.speed_mps, _SLOWEST_MPS))
@@ -292,14 +292,14 @@ class SimScene:
         ground = self.point(place.station_m, place.offset_m)
         height_m = body.tracked_m(away)
         centre = ground + axes[:, 2] * (body.clearance_m + height_m / 2)
-        # The image's left is the right of who comes, and the left of who recedes.
+        # The image's left is the right side of an approaching vehicle, the left of a receding one.
         left = axes[:, 1] * body.width_m / 2 * (1 if away else -1)
         up = axes[:, 2] * height_m / 2
         corners = centre + np.stack([left + up, up - left, -left - up, left - up])
         return FrontPose(centre, axes, corners, ground, away)
 
     def in_view(self, vehicle: Vehicle, t_s: float) -> bool:
-        """Return whether the front is whole in both views and not beyond the pass's end."""
+        """Return whether the whole front is in both views and not beyond the pass's end."""
         _, _, left, right = self.seen_rig.project(self.front(vehicle, t_s).corners_m)
         return bool(left.all() and right.all()
                     and self._ahead_m(vehicle, t_s) >= self.config.near_m - _MARGIN_M)
@@ -316,11 +316,11 @@ class SimScene:
         return self.road.position(place.station_m, place.offset_m)
 
     def _ahead_m(self, vehicle: Vehicle, t_s: float) -> float:
-        """Return how far ahead of the camera a vehicle is along the chord."""
+        """Return the distance of a vehicle ahead of the camera along the chord."""
         return float((self.centre_world_m - self._world(vehicle, t_s)) @ self.chord)
 
     def truth(self, vehicle: Vehicle, t_s: float, stamp_ns: int) -> TruthRow:
-        """Return a vehicle's row of ``truth.csv``, and ``stamp_ns`` with it."""
+        """Return a vehicle's row of ``truth.csv``, with ``stamp_ns``."""
         pose, place = self.front(vehicle, t_s), vehicle.place(t_s)
         step = self._world(vehicle, t_s + _RATE_S) - self._world(vehicle, t_s - _RATE_S)
         lateral = place.offset_m - self.road.lane_offset(place.lane)

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What does not move: asphalt with lane markings, verges, a treeline and the sky."""
+"""The static background: asphalt with lane markings, verges, a treeline and the sky."""
 from __future__ import annotations
 
 import copy
@@ -19,37 +19,37 @@ from ...core.records import Array
 
 FAR_M = 600.0
 BEYOND_M = 40.0  # a curved road is drawn this far beyond the first front
-SHOULDER_M = 1.5  # of asphalt beyond the outer lines
+SHOULDER_M = 1.5  # width of the asphalt beyond the outer lines
 TILE = 512  # texels of a ground texture
 TILE_TEXEL_M = 0.03
 LEVELS = 7
-WORN_TEXELS = 16  # of the finest patches of worn paint
-WORN_EDGE = 0.5  # of the texture's standard deviations, from worn paint to whole
-# Steps along rays towards a surface that may hide itself, as a share of the way so far.
+WORN_TEXELS = 16  # size of the finest patches of worn paint
+WORN_EDGE = 0.5  # width of the transition of worn paint, in standard deviations of the texture
+# Ray marching to a surface that may occlude itself; the step is a share of the distance so far.
 MARCH_FROM_M, MARCH_STEP, MARCH_ROWS, MARCH_COLUMNS = 6.0, 0.08, 2, 16
 SECANTS = 5
-TREES_UP = 0.07  # no tree's top is higher, in sines of elevation
-WET_ASPHALT, WET_MARKING = 0.5, 0.6  # shares by which water darkens asphalt and hides markings
-LAMP_SHARE = 6e-5  # daylight that a street lamp of one grey level gives below it
-MIRRORED = 0.6  # share of the sky that rough wet asphalt mirrors at grazing sight
+TREES_UP = 0.07  # sine of the elevation that no tree's top exceeds
+WET_ASPHALT, WET_MARKING = 0.5, 0.6  # shares by which water darkens asphalt and fades markings
+LAMP_SHARE = 6e-5  # daylight below a street lamp, per grey level of the lamp
+MIRRORED = 0.6  # share of the sky that rough wet asphalt reflects at grazing incidence
 GREY = {'asphalt': 85.0, 'grass': 72.0, 'marking': 185.0, 'sky': 150.0, 'trees': 50.0}
 
 
 class GroundMap:
     """
-    Where each pixel of a view meets the road's surface.
+    Intersection of each pixel's ray of a view with the road's surface.
 
     :param scene: the scene.
     :param view: the view.
 
-    ``station`` and ``offset`` in m, their derivatives ``*_x`` and ``*_y`` per pixel, ``hit``
-    the share of the pixel that sees ground, ``road`` whether the road may be there, all
-    (rows, columns); ``rays`` (rows, columns, 3) unit, world.
+    Attributes, all (rows, columns): ``station`` and ``offset`` in m, their derivatives ``*_x`` and
+    ``*_y`` per pixel, ``hit`` the share of the pixel that sees ground, ``road`` whether the road
+    may be there; and ``rays`` (rows, columns, 3), unit vectors, world.
     """
 
     def __init__(self, scene: SimScene, view: View) -> None:
         camera = view.camera
-        # A ray more on each side, for the derivatives.
+        # One more ray on each side, for the derivatives.
         rays = view.ray_grid(np.arange(-1.0, camera.width_px + 1.0),
                              np.arange(-1.0, camera.height_px + 1.0)) @ scene.left_R_world
         centre = scene.centre_world_m + view.centre_m @ scene.left_R_world
@@ -60,7 +60,7 @@ class GroundMap:
         station, offset = scene.road.station(xy)
         self.station, self.station_x, self.station_y = _derivatives(station)
         self.offset, self.offset_x, self.offset_y = _derivatives(offset)
-        # Beyond its range, or where the ray and a sloping bend meet twice, there is no road.
+        # No road beyond its range, or where a ray meets a sloping bend twice.
         height = centre[2] + depth * rays[..., 2] - scene.road.height(station, offset)
         far = 0.9 * FAR_M if not scene.road.curved else scene.config.start_m + BEYOND_M
         self.road = ((np.abs(height) < 1e-3) & (depth * flat < far)
@@ -79,7 +79,7 @@ def _derivatives(values: Array) -> tuple[Array, Array, Array]:
 
 
 def _ground_distance(road: Road, centre: Array, rays: Array, flat: Array) -> Array:
-    """Return the multiple of each ray at which it meets the surface; capped at ``FAR_M``."""
+    """Return the multiple of each ray at which it meets the surface, at most ``FAR_M``."""
     if road.folded:
         return _first_meeting(road, centre, rays, flat)
     grade = road.config.grade
@@ -100,14 +100,14 @@ def _ground_distance(road: Road, centre: Array, rays: Array, flat: Array) -> Arr
         heading = road.heading(station)
         plan = np.maximum(1.0 - road.curvature(station) * offset, 0.3)
         along = (rays[..., 0] * np.cos(heading) + rays[..., 1] * np.sin(heading)) / plan
-        # Newton: along the ray, the gap to the surface shrinks at grade x along less the slope.
+        # Newton step: along the ray, the gap to the surface shrinks by grade x along - slope.
         gap = centre[2] + depth * rays[..., 2] - grade * station
         depth = np.clip(depth + gap / np.maximum(grade * along - rays[..., 2], 1e-4), 0.0, far)
     return depth
 
 
 def _first_meeting(road: Road, centre: Array, rays: Array, flat: Array) -> Array:
-    """Return the same where a crest may hide what lies behind it."""
+    """Return the first intersection of each ray with a surface that may occlude itself."""
     far = FAR_M / flat
 
     def gap(rays: Array, depth: Array) -> Array:
@@ -115,7 +115,7 @@ def _first_meeting(road: Road, centre: Array, rays: Array, flat: Array) -> Array
         station, offset = road.station(xy)
         station = np.clip(station, road.from_m, road.to_m)
         return np.asarray(centre[2] + depth * rays[..., 2] - road.height(station, offset))
-    # march along some of the rays, and go on from the last place above the ground
+    # march along some of the rays, and continue from the last point above the ground
     some = rays[::MARCH_ROWS, ::MARCH_COLUMNS]
     some_flat = flat[::MARCH_ROWS, ::MARCH_COLUMNS]
     above, last = np.ones(some_flat.shape, dtype=bool), np.full(some_flat.shape, FAR_M)
@@ -150,7 +150,7 @@ def marking_coverage(ground: GroundMap, road: Road, worn: Optional[list[Image]] 
     """
     Return the share of each pixel that is lane marking.
 
-    :param worn: texture by whose lows the paint is worn away; None leaves all of it.
+    :param worn: texture whose low values are worn paint; None for no wear.
     """
     c = road.config
     total = np.zeros_like(ground.offset)
@@ -181,7 +181,7 @@ def marking_coverage(ground: GroundMap, road: Road, worn: Optional[list[Image]] 
 
 
 def _sample_ground(noise: list[Image], ground: GroundMap) -> Array:
-    """Sample a tiled texture by mip-maps, at about the pixel's footprint."""
+    """Sample a tiled texture by mipmaps, at about the pixel's footprint."""
     footprint = np.sqrt(np.maximum(
         np.hypot(ground.station_x, ground.offset_x)
         * np.hypot(ground.station_y, ground.offset_y), 1e-9)) / TILE_TEXEL_M
@@ -207,11 +207,11 @@ def _tile(rng: np.random.Generator, finest: int) -> list[Image]:
 
 def _plant(sky: Array, rays: Array, crowns: Array, rng: np.random.Generator) -> None:
     """
-    Draw a row of trees far behind everything, in place.
+    Draw a distant row of trees, in place.
 
     :param sky: (rows, columns) grey levels.
     :param rays: (rows, columns, 3) unit, world.
-    :param crowns: (n,) heights of the trees around a quarter of the circle.
+    :param crowns: (n,), heights of the trees around a quarter of the circle.
     :param rng: source of their leaves.
     """
     rows = np.nonzero((np.abs(rays[..., 2]) < TREES_UP).any(axis=1))[0]
@@ -219,7 +219,7 @@ def _plant(sky: Array, rays: Array, crowns: Array, rng: np.random.Generator) -> 
         return
     band = slice(rows[0], rows[-1] + 1)
     rays = rays[band]
-    # Four rounds of the crowns make the circle.
+    # The crowns are repeated four times around the circle.
     place = np.mod(np.arctan2(rays[..., 1], rays[..., 0]) * (2 / np.pi), 1.0) * crowns.size
     height = 0.012 + 0.006 * np.interp(place, np.arange(crowns.size), crowns)
     share = np.clip((np.clip(height, 0.002, TREES_UP) - rays[..., 2]) * 1800.0 + 0.5, 0.0, 1.0)

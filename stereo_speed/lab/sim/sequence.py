@@ -18,14 +18,14 @@ from ...core.records import Array, RigMotion, StereoPair
 from ...geometry.rig import StereoRig
 
 MOST_PAIRS = 2000
-EXACT_STD_M = 1e-4  # of true lines
-PICK_BEYOND_M = 5.0  # the picks begin this far before the first front
+EXACT_STD_M = 1e-4  # 1-sigma of the true lines
+PICK_BEYOND_M = 5.0  # the picks start this far beyond the first front
 
 Points = list[list[float]]
 
 
 class SiteLane(TypedDict):
-    """A lane of a site file."""
+    """A lane in a site file."""
 
     name: str
     right: str
@@ -60,16 +60,16 @@ class InitContent(TypedDict):
 @dataclass(frozen=True, eq=False)
 class SimSequence:
     """
-    What a simulation gives.
+    The result of a simulation.
 
-    :param config: what it was made from.
-    :param scene: the geometry behind it.
+    :param config: its configuration.
+    :param scene: its geometry.
     :param rig: the calibrated rig: the true one unless ``rig_moved_deg`` says otherwise.
     :param site: content of a site file with picked lines.
     :param site_exact: content of a site file with the true lines as ``points_m``.
     :param init: content of an init file.
     :param pairs: the pairs, numbered from 0.
-    :param truth: rows of ``truth.csv``, one for each vehicle and pair, and ``stamp_ns`` in each.
+    :param truth: rows of ``truth.csv``, one for each vehicle and pair, each with ``stamp_ns``.
     """
 
     config: SimConfig
@@ -86,11 +86,11 @@ def simulate(config: SimConfig, rng: np.random.Generator) -> SimSequence:
     """
     Make a sequence; the same config and generator state give the same one.
 
-    :param config: what to simulate.
+    :param config: its configuration.
     :param rng: source of textures, noise, jitter and scatter.
-    :raises InputError: when no vehicle is ever whole in both views.
+    :raises InputError: no vehicle is ever completely in both views.
     """
-    # A generator for each purpose, so that more pairs or picks change nothing else.
+    # One generator per purpose, so that more pairs or picks change nothing else.
     vehicle, scenery, clock, pick, init, wind = rng.spawn(6)
     scene = SimScene(config)
     exposures = _exposures(scene, clock)
@@ -111,7 +111,7 @@ def simulate(config: SimConfig, rng: np.random.Generator) -> SimSequence:
 
 
 def _exposures(scene: SimScene, rng: np.random.Generator) -> list[Exposure]:
-    """Return the exposures until no vehicle is in view any more."""
+    """Return the exposures until the last vehicle has left the view."""
     out: list[Exposure] = []
     seen = False
     for taken in scene.exposures(min(scene.config.pairs or MOST_PAIRS, MOST_PAIRS), rng):
@@ -127,7 +127,7 @@ def _exposures(scene: SimScene, rng: np.random.Generator) -> list[Exposure]:
 
 
 def _line_points(scene: SimScene, offset_m: float, step_m: float) -> Array:
-    """Return points (n, 3) of a marked line in the left frame, far to near."""
+    """Return points (n, 3) of a line in the left frame, from far to near."""
     road = scene.road
     last = scene.end_station_m + scene.config.near_m + 10.0
     stations = np.arange(max(-PICK_BEYOND_M, road.from_m), min(last, road.to_m), step_m)
@@ -145,7 +145,7 @@ def _visible_run(uv: Array, valid: NDArray[np.bool_]) -> Array:
 
 
 def _picks(uv: Array, count: int, std_px: float, rng: np.random.Generator) -> Points:
-    """Pick about evenly along a curve of pixels (n, 2), with scatter."""
+    """Pick points approximately evenly along a curve of pixels (n, 2), with scatter."""
     if len(uv) < 2:
         return []
     arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(uv, axis=0), axis=1))])
@@ -156,7 +156,7 @@ def _picks(uv: Array, count: int, std_px: float, rng: np.random.Generator) -> Po
 
 
 def _rounded(points: Array, decimals: int = 2) -> Points:
-    """Return points as a file holds them."""
+    """Return points in the form of a file."""
     return [[round(float(x), decimals) for x in point] for point in points]
 
 
@@ -164,7 +164,7 @@ def site_lines(scene: SimScene) -> tuple[dict[str, tuple[float, bool]], list[tup
     """
     Name the lines of a site, each in order along travel.
 
-    A line between lanes of both directions is there twice, once in each order.
+    A line between lanes of opposite directions occurs twice, once in each order.
 
     :return: offset of each line and whether it runs away from the camera, by name; and the names
         of the right and the left line of each lane.
@@ -176,7 +176,7 @@ def site_lines(scene: SimScene) -> tuple[dict[str, tuple[float, bool]], list[tup
     lanes = []
     for i in range(road.config.lanes):
         pair = [names[i + 1], names[i]] if i in away else [names[i], names[i + 1]]
-        # The line towards a lane of the other direction gets a name of its own.
+        # A line shared with a lane of the other direction gets a separate name.
         shared = {names[i + k] for k, j in ((0, i - 1), (1, i + 1))
                   if i in away and 0 <= j < road.config.lanes and j not in away}
         own = [name + '_away' if name in shared else name for name in pair]
@@ -197,11 +197,11 @@ def _site(scene: SimScene, lines: Mapping[str, Mapping[str, Union[Points, float]
 def picked_site(scene: SimScene, rng: np.random.Generator, *, hidden: bool = True
                 ) -> SiteContent:
     """
-    Pick points of the marked lines, in each view on its own.
+    Pick points of the lines, independently in each view.
 
     :param scene: the scene.
     :param rng: source of the scatter.
-    :param hidden: go on where a crest hides the line.
+    :param hidden: whether to pick also where a crest hides the line.
     """
     config = scene.config
     lines: dict[str, dict[str, Points]] = {}
@@ -232,12 +232,12 @@ def exact_site(scene: SimScene) -> SiteContent:
 def initial_fronts(scene: SimScene, times_s: list[float], rng: np.random.Generator,
                    motions: Optional[Sequence[Optional[RigMotion]]] = None) -> InitContent:
     """
-    Annotate each vehicle's front in the first pair that shows all of it.
+    Annotate each vehicle's front in the first pair that shows it completely.
 
     :param scene: the scene.
     :param times_s: exposure times of the pairs.
     :param rng: source of the scatter.
-    :param motions: how the rig stands in each pair; None for at rest in all of them.
+    :param motions: rig motion in each pair; None for a rig at rest.
     """
     vehicles: list[InitFront] = []
     for vehicle in scene.vehicles:

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Vehicles whose fronts are no planes: bowed and stepped, with bonnet, windscreen and lamps."""
+"""Vehicles with non-planar fronts: curved and stepped, with bonnet, windscreen and lamps."""
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
@@ -18,12 +18,12 @@ from .surface import Surface
 from .texture import Canvas, draw_grille, draw_plate, Image, octaves, TEXEL_M
 from ...core.records import Array
 
-SHAPE_M = 0.01  # of the grids of relief and gloss
+SHAPE_M = 0.01  # cell size of the grids of relief and gloss
 LOW_M = 0.8  # above this height a front has its windscreen
-# Low beams: 1-sigma of their spread up and to the sides, degrees, and what goes everywhere.
+# Low beams: 1-sigma of their vertical and horizontal spread, degrees, and scattered share.
 BEAM_DEG, BEAM_FLOOR = (3.5, 14.0), 0.08
-MATT = 0.12  # gloss of grilles and plastics against that of paint
-PLAIN_SHADE = 0.04  # from top to bottom of a piece whose light follows from its shape
+MATT = 0.12  # gloss of grilles and plastics relative to that of paint
+PLAIN_SHADE = 0.04  # shading from top to bottom of pieces that are lit by their shape
 
 At = Callable[[float, float, float], Array]
 
@@ -31,14 +31,14 @@ At = Callable[[float, float, float], Array]
 @dataclass(frozen=True, kw_only=True)
 class Front:
     """
-    What a front looks like.
+    The appearance and shape of a front.
 
-    :param grey: (rows, columns) grey levels.
-    :param lamps: (rows, columns) share of the lamps' light that comes from there.
-    :param relief_m: (rows, columns) how far it stands out of its foremost plane; not positive.
+    :param grey: (rows, columns), grey levels.
+    :param lamps: (rows, columns), share of the lamps' light emitted there.
+    :param relief_m: (rows, columns), height relative to its foremost plane; not positive.
     :param gloss: (rows, columns), 0 to 1.
     :param lamp_up_m: height of the lamps above the lower edge, m.
-    :param lamp_side_m: of their middles beside the middle of the front, m.
+    :param lamp_side_m: distance of their centres from the middle of the front, m.
     """
 
     grey: Image
@@ -93,7 +93,7 @@ def draw_front(rng: np.random.Generator, body: BodyConfig, paint: float) -> Fron
     draw_plate(canvas, rng, at(rng.uniform(0.62, 0.7)) / tall)
     side_m, up_m, inside = _lamps(canvas, glow, rng, x, y, at(rng.uniform(0.22, 0.36)))
     relief += rng.uniform(0.0, 0.03) * inside
-    # Rolled edges, from which light comes from all directions.
+    # Rounded edges, which reflect light from all directions.
     for gap, depth, radius in ((y, 0.06, 0.03), (wide / 2 - np.abs(x), 0.08, 0.035),
                                (tall - y, 0.05, 0.03)):
         relief -= depth * np.exp(-gap / radius)
@@ -109,7 +109,7 @@ def draw_front(rng: np.random.Generator, body: BodyConfig, paint: float) -> Fron
 
 
 def _windscreen(canvas: Canvas, rng: np.random.Generator, low: float) -> None:
-    """Draw the windscreen of a tall front; its lower edge at a share of the height."""
+    """Draw the windscreen of a tall front, with its lower edge at a share of the height."""
     high = rng.uniform(0.05, 0.12) if canvas.height_m < 2 else rng.uniform(0.14, 0.22)
     canvas.polygon([(0.07, high), (0.93, high), (0.96, low - 0.03), (0.04, low - 0.03)],
                    rng.uniform(*GLASS))
@@ -125,7 +125,7 @@ def _windscreen(canvas: Canvas, rng: np.random.Generator, low: float) -> None:
 
 def _lamps(canvas: Canvas, glow: Canvas, rng: np.random.Generator, x: Image, y: Image,
            middle_m: float) -> tuple[float, float, Image]:
-    """Draw the lamps and their light; return their place, m, and where they are."""
+    """Draw the lamps and their light; return their position, m, and a mask of them."""
     wide, tall = canvas.width_m, canvas.height_m
     half, high = rng.uniform(0.11, 0.19), rng.uniform(0.045, 0.08)
     side_m = wide / 2 - rng.uniform(0.07, 0.11) - half
@@ -148,7 +148,7 @@ def _lamps(canvas: Canvas, glow: Canvas, rng: np.random.Generator, x: Image, y: 
 
 
 def beam(pose: FrontPose, at_m: Array) -> float:
-    """Return the share of a headlamp's light that goes to the camera, 1 straight ahead."""
+    """Return the share of a headlamp's light towards the camera, 1 straight ahead."""
     ahead, left, up = -at_m @ pose.axes
     tilt, turn = (math.degrees(math.atan2(k, abs(ahead))) for k in (up, left))
     share = math.exp(-((tilt / BEAM_DEG[0]) ** 2 + (turn / BEAM_DEG[1]) ** 2) / 2)
@@ -157,7 +157,7 @@ def beam(pose: FrontPose, at_m: Array) -> float:
 
 class SolidAppearance(Appearance):
     """
-    What a vehicle looks like whose front is no plane.
+    The appearance of a vehicle with a non-planar front.
 
     :param body: its size, lamps and gloss.
     :param rng: source of its textures.
@@ -194,7 +194,7 @@ class SolidAppearance(Appearance):
         return planes
 
     def _wheels(self, pose: FrontPose) -> list[Plane]:
-        """Return what is seen of the front wheels, and the mirrors."""
+        """Return the visible parts of the front wheels, and the mirrors."""
         body = self.body
         half, low = body.width_m / 2, body.clearance_m
         tall = body.front_m > 1.5
@@ -224,7 +224,7 @@ class SolidAppearance(Appearance):
 
 
 def _crowned(width_m: float, length_m: float, crown_m: float, gloss: float) -> Surface:
-    """Return the shape of a sheet that is bowed across and rolls off at its lower edge."""
+    """Return the shape of a sheet that is curved across and rounded at its lower edge."""
     x, y = np.meshgrid(np.linspace(-1, 1, 64), (np.arange(48) + 0.5) / 48 * length_m)
     relief = -crown_m * x ** 2 - 0.04 * np.exp((y - length_m) / 0.05)
     return Surface.of(relief.astype(np.float32), (width_m, length_m),
@@ -245,7 +245,7 @@ def _sheet_of(rng: np.random.Generator, width_m: float, length_m: float,
 
 
 def _pane_of(rng: np.random.Generator, width_m: float, length_m: float, paint: float) -> Texture:
-    """Draw a windscreen between its pillars, with who sits behind it."""
+    """Draw a windscreen between its pillars, with the people behind it."""
     canvas, cover = (Canvas(width_m, length_m, grey, SHAPE_M) for grey in (0.8 * paint, 0.0))
     glass = rng.uniform(*GLASS)
     canvas.polygon([(0.11, 0.05), (0.89, 0.05), (0.95, 1.0), (0.05, 1.0)], glass)

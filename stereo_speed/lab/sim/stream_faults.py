@@ -1,11 +1,11 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Faults of cameras, transport and clocks, put into a stream of simulated traffic.
+Faults of cameras, transport and clocks, applied to a stream of simulated traffic.
 
-They are those that ``faulty_replay_node`` puts into messages. Images go through them one by one,
-and are paired by their stamps as the nodes pair them. The nodes' own guards (images that repeat,
-views that are crossed) are left out: what measures has to stand the faults by itself.
+They are those that ``faulty_replay_node`` applies to messages. Images pass through them one by
+one, and are paired by their stamps as in the nodes. The nodes' own guards (against repeated images
+and swapped views) are left out: the pipeline has to withstand the faults by itself.
 """
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ from ...core.pair_matcher import Match, PairMatcher
 from ...core.records import StereoPair
 from ...io.topics import SIDES
 
-JUMP_NS = 1_000_000_000  # a stamp this far back is time starting anew, not a late image
-LATE_TOLERANCE_NS = 60_000_000  # of the pairing, where right stamps are late
-_PAUSE_S, _MOST_S = 5.0, 2.0  # mean time between two times of the fault, longest of one
+JUMP_NS = 1_000_000_000  # a stamp this far back is a restart of time, not a late image
+LATE_TOLERANCE_NS = 60_000_000  # tolerance of the pairing for faults with late right stamps
+_PAUSE_S, _MOST_S = 5.0, 2.0  # mean time between two episodes, longest episode
 
 
 @dataclass(frozen=True, eq=False)
 class SentImage:
     """
-    An image on its way.
+    An image in transit.
 
     :param side: ``left`` or ``right``.
     :param stamp_ns: its header stamp, which a fault may have changed.
     :param exposure: number of the exposure that it is sent for.
-    :param pixels: (H, W).
+    :param pixels: (H, W), the image.
     """
 
     side: str
@@ -45,11 +45,11 @@ class SentImage:
 @dataclass
 class FaultState:
     """
-    What a fault remembers.
+    The state of a fault.
 
     :param rng: source of its randomness.
-    :param kept: images kept, by side.
-    :param begins: whether the fault begins with this exposure.
+    :param kept: stored images, by side.
+    :param begins: whether the fault starts with this exposure.
     """
 
     rng: np.random.Generator
@@ -63,11 +63,11 @@ Fault = Callable[[FaultState, SentImage], Sequence[SentImage]]
 @dataclass(frozen=True, eq=False)
 class FaultyPair:
     """
-    A pair as it came through a fault.
+    A pair as received through a fault.
 
     :param pair: the pair.
     :param exposure: number of the exposure that its left image was sent for.
-    :param anew: whether time has jumped back before it.
+    :param anew: whether time jumped back before it.
     """
 
     pair: StereoPair
@@ -80,7 +80,7 @@ def _sound(state: FaultState, image: SentImage) -> Sequence[SentImage]:
 
 
 def _unusable(state: FaultState, image: SentImage) -> Sequence[SentImage]:
-    """Lose one left image, as one that cannot be decoded is."""
+    """Drop one left image, as happens to one that cannot be decoded."""
     return [] if image.side == 'left' and state.begins else [image]
 
 
@@ -96,7 +96,7 @@ def _garbage(state: FaultState, image: SentImage) -> Sequence[SentImage]:
 
 
 def _frozen(sides: Sequence[str]) -> Fault:
-    """Return the fault that sends the same pixels again and again."""
+    """Return a fault that keeps sending the same pixels."""
     def fault(state: FaultState, image: SentImage) -> Sequence[SentImage]:
         if image.side not in sides:
             return [image]
@@ -111,7 +111,7 @@ def _swapped(state: FaultState, image: SentImage) -> Sequence[SentImage]:
 
 
 def _lost(sides: Sequence[str], share: float = 1.0) -> Fault:
-    """Return the fault that loses a share of the images of some sides."""
+    """Return a fault that drops a share of the images of some sides."""
     def fault(state: FaultState, image: SentImage) -> Sequence[SentImage]:
         return [] if image.side in sides and state.rng.random() < share else [image]
     return fault
@@ -122,7 +122,7 @@ def _twice(state: FaultState, image: SentImage) -> Sequence[SentImage]:
 
 
 def _disordered(state: FaultState, image: SentImage) -> Sequence[SentImage]:
-    """Send each two right images in the wrong order."""
+    """Send every two right images in the wrong order."""
     if image.side == 'left':
         return [image]
     before: Optional[SentImage] = state.kept.pop('right', None)
@@ -133,7 +133,7 @@ def _disordered(state: FaultState, image: SentImage) -> Sequence[SentImage]:
 
 
 def _later(seconds: float, sides: Sequence[str] = SIDES) -> Fault:
-    """Return the fault that moves stamps."""
+    """Return a fault that shifts stamps."""
     def fault(state: FaultState, image: SentImage) -> Sequence[SentImage]:
         return [replace(image, stamp_ns=image.stamp_ns + round(seconds * 1e9))
                 if image.side in sides else image]
@@ -141,7 +141,7 @@ def _later(seconds: float, sides: Sequence[str] = SIDES) -> Fault:
 
 
 def _jitter(state: FaultState, image: SentImage) -> Sequence[SentImage]:
-    """Stamp late by up to 10 ms, both views alike."""
+    """Delay stamps by up to 10 ms, equally in both views."""
     rng = np.random.default_rng(image.exposure)
     return [replace(image, stamp_ns=image.stamp_ns + int(rng.integers(10_000_000)))]
 
@@ -164,8 +164,8 @@ FAULTS: dict[str, Fault] = {
     'clock_30_ms_back': _later(-0.03), 'clock_an_hour_on': _later(3600.0),
     'clock_an_hour_back': _later(-3600.0), 'stamp_jitter_10_ms': _jitter,
     'stamp_of_zero': _stamp_of_zero, 'stamps_of_zero': _stamps_of_zero}
-ALWAYS = ('right_5_ms', 'right_20_ms', 'right_50_ms', 'stamp_jitter_10_ms')  # from the start
-APPROXIMATE = ('right_5_ms', 'right_20_ms', 'right_50_ms')  # with that pairing
+ALWAYS = ('right_5_ms', 'right_20_ms', 'right_50_ms', 'stamp_jitter_10_ms')  # from the start on
+APPROXIMATE = ('right_5_ms', 'right_20_ms', 'right_50_ms')  # with approximate pairing
 
 
 class FaultyStream:
@@ -176,7 +176,7 @@ class FaultyStream:
     :param fault: one of ``FAULTS``.
     :param rng: source of all randomness of the fault.
 
-    ``images`` has the images that came out since it was last cleared, in the order of coming.
+    ``images`` has the images received since it was last cleared, in the order of arrival.
     """
 
     def __init__(self, stream: Iterable[TrafficPair], fault: str, rng: np.random.Generator
@@ -190,7 +190,7 @@ class FaultyStream:
         self.truth: list[tuple[Any, ...]] = []  # rows of each exposure
 
     def __iter__(self) -> Iterator[FaultyPair]:
-        """Yield the pairs as they come."""
+        """Yield the pairs as they are received."""
         fault, state, held = FAULTS[self._name], FaultState(self._rng), False
         begins_s, ends_s, first_ns = self._next(0.0), 0.0, None
         ends_s = begins_s + self._length()
@@ -215,7 +215,7 @@ class FaultyStream:
         return float(self._rng.uniform(0.1, _MOST_S))
 
     def _paired(self, image: SentImage) -> Iterator[FaultyPair]:
-        """Take an image as ``nodes/pairing.py`` does; yield the pairs that are now certain."""
+        """Take an image like ``nodes/pairing.py``; yield the pairs that are now certain."""
         self.images.append(image)
         last_ns = self._last_ns[image.side]
         if image.stamp_ns < last_ns - JUMP_NS:

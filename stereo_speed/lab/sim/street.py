@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What drives on the road, and stands and walks beside it, as items to be painted."""
+"""Vehicles on the road and objects beside it, as items to be painted."""
 from __future__ import annotations
 
 from typing import Optional, Union
@@ -29,9 +29,9 @@ Looks = Union[Appearance, MotorcycleAppearance]
 
 def looks_of(body: BodyConfig, rear: bool, rng: np.random.Generator) -> Looks:
     """
-    Return what a vehicle looks like.
+    Return the appearance of a vehicle.
 
-    :param rear: its rear is tracked.
+    :param rear: whether its rear is tracked.
     :param rng: source of its textures.
     """
     if body.kind == 'motorcycle':
@@ -40,7 +40,7 @@ def looks_of(body: BodyConfig, rear: bool, rng: np.random.Generator) -> Looks:
 
 
 def footprint(scene: SimScene, points_m: Array) -> Footprint:
-    """Return what points (n, 3) of the left optical frame cover on the ground."""
+    """Return the ground area covered by points (n, 3) of the left optical frame."""
     world = points_m @ scene.left_R_world
     ahead, left = -scene.chord, np.array([scene.chord[1], -scene.chord[0], 0.0])
     along, across = world @ ahead, world @ left
@@ -58,7 +58,7 @@ def billboard(scene: SimScene, foot: Array, width_m: float, height_m: float,
 
 
 def pole(scene: SimScene, config: PoleConfig) -> Item:
-    """Return a pole; its shading makes it round."""
+    """Return a pole, shaded as a cylinder."""
     chord = scene.chord
     world = scene.centre_world_m - chord * config.ahead_m + config.right_m * np.array(
         [-chord[1], chord[0], 0.0])
@@ -89,11 +89,11 @@ def body_box(body: BodyConfig, pose: FrontPose) -> Array:
 def vehicle_item(scene: SimScene, looks: Looks, pose: FrontPose,
                  number: Optional[int] = None, lit: bool = False) -> Item:
     """
-    Return a vehicle at its place.
+    Return a vehicle at its pose.
 
-    :param pose: of its tracked front.
-    :param number: of the vehicle; None for one that is not tracked.
-    :param lit: its lamps are on.
+    :param pose: pose of its tracked front.
+    :param number: number of the vehicle; None for one that is not tracked.
+    :param lit: whether its lamps are on.
     """
     body = looks.body
     lamps = looks.lamp_places if lit else np.zeros((0, 3))
@@ -107,7 +107,7 @@ def vehicle_item(scene: SimScene, looks: Looks, pose: FrontPose,
 
 
 def _silhouette(body: BodyConfig, pose: FrontPose) -> Array:
-    """Return points (n, 3) whose hull the body fills but for its wheel houses."""
+    """Return points (n, 3) whose hull the body fills, except for its wheel arches."""
     if not body.kind:
         return pose.corners_m
     half, low, roof, long = body.width_m / 2, body.clearance_m, body.roof_m, body.length_m
@@ -122,9 +122,9 @@ def _silhouette(body: BodyConfig, pose: FrontPose) -> Array:
 
 class Person:
     """
-    A person who walks; the legs and arms swing.
+    A walking person with swinging legs and arms.
 
-    :param config: who and where.
+    :param config: configuration of the person.
     :param rng: source of the clothes.
     """
 
@@ -139,7 +139,7 @@ class Person:
         gone = c.speed_mps * t_s
         if c.turns_m is None:
             return c.station_m + gone
-        # To and fro between both ends of the beat.
+        # Back and forth between both ends.
         return c.station_m + abs((gone + c.turns_m) % (4 * c.turns_m) - 2 * c.turns_m) - c.turns_m
 
     def item(self, scene: SimScene, t_s: float) -> Item:
@@ -170,9 +170,9 @@ class Person:
 
 class Tree:
     """
-    A tree; its crown sways, more at the top, and its leaves flutter.
+    A tree whose crown sways, more at the top, and whose leaves flutter.
 
-    :param config: where, how tall and how restless.
+    :param config: configuration of the tree.
     :param rng: source of its shape.
     """
 

@@ -1,10 +1,10 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-How light falls on curved, glossy pieces of a body, and what they mirror.
+Shading and reflections of curved, glossy pieces of a body.
 
-Both depend on where the camera is: highlights and reflections differ between the views, and slide
-over the paint while a vehicle drives.
+Both depend on the position of the camera: highlights and reflections differ between the views, and
+move over the paint while a vehicle drives.
 """
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from .texture import Image, octaves
 from ...core.records import Array
 
 NODES = (48, 64)  # rows and columns of the grid of normals
-HEAD_ON = 0.045  # share that clear lacquer and glass mirror when looked at squarely
-LOBE = 900.0  # exponent of the sun's highlight about its mirror direction: about 3 degrees
-SUN_GREY = 40000.0  # of the sun's image in a perfect mirror, spread over that lobe
-SUN_SHARE, SKY_SHARE = 0.55, 0.3  # of the shading that depends on how a piece is turned
-CROWNS = 512  # of the trees around the horizon, which are mirrored too
+HEAD_ON = 0.045  # share that clear lacquer and glass reflect at normal incidence
+LOBE = 900.0  # exponent of the sun's specular lobe, about 3 degrees wide
+SUN_GREY = 40000.0  # grey level of the sun in a perfect mirror, spread over that lobe
+SUN_SHARE, SKY_SHARE = 0.55, 0.3  # shares of the shading that depend on orientation
+CROWNS = 512  # trees around the horizon, which are reflected too
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,8 +30,8 @@ class Surface:
     """
     Shape and gloss of a piece.
 
-    :param nodes: (rows, columns, 4) float32 over the piece: its normal along its across and down
-        directions and out of it, of length 1, and the gloss, 0 matt to 1 lacquer.
+    :param nodes: (rows, columns, 4) float32 over the piece: components of its unit normal across,
+        down and outwards, and the gloss, from 0 matt to 1 lacquer.
     """
 
     nodes: Image
@@ -39,9 +39,9 @@ class Surface:
     @classmethod
     def of(cls, relief_m: Image, size_m: tuple[float, float], gloss: Image) -> Surface:
         """
-        Take normals from a relief.
+        Compute the normals of a relief.
 
-        :param relief_m: (rows, columns) how far it stands out.
+        :param relief_m: (rows, columns), height of the relief.
         :param size_m: width and height of the piece, m.
         :param gloss: (rows, columns), 0 to 1.
         """
@@ -57,13 +57,13 @@ class Surface:
 @dataclass(frozen=True, eq=False)
 class Sky:
     """
-    What shines on things and is mirrored in them, in the left optical frame.
+    The sky that lights objects and is reflected in them, in the left optical frame.
 
-    :param up: (3,) the vertical.
-    :param north: (3,) a level direction from which azimuths count.
-    :param sun: (3,) direction to the sun; None without.
-    :param ambient: share of daylight; lamps are not subject to it.
-    :param crowns: (CROWNS,) sines of elevation of the trees around the horizon.
+    :param up: (3,), the vertical.
+    :param north: (3,), a horizontal direction from which azimuths are counted.
+    :param sun: (3,), direction to the sun; None without sun.
+    :param ambient: share of daylight; it does not affect lamps.
+    :param crowns: (CROWNS,), sines of elevation of the trees around the horizon.
     """
 
     up: Array
@@ -80,7 +80,7 @@ class Sky:
         return cls(up, north, sun, ambient, np.clip(crowns, 0.02, 0.3))
 
     def light(self, normal: Image) -> Image:
-        """Return what shines (rows, columns) on normals (rows, columns, 3); 1 is daylight."""
+        """Return the light, (rows, columns), on normals (rows, columns, 3); 1 is daylight."""
         gain = 1 + SKY_SHARE * (normal @ self.up.astype(np.float32))
         if self.sun is not None:
             gain += SUN_SHARE * (np.maximum(normal @ self.sun.astype(np.float32), 0) - 0.4)
@@ -88,10 +88,10 @@ class Sky:
 
     def mirrored(self, normal: Image, ray: Image) -> Image:
         """
-        Return the grey levels that a perfect lacquer mirrors.
+        Return the grey levels reflected by perfect lacquer.
 
-        :param normal: (rows, columns, 3) of the piece.
-        :param ray: (rows, columns, 3) from the camera, of length 1.
+        :param normal: (rows, columns, 3), normals of the piece.
+        :param ray: (rows, columns, 3), unit rays from the camera.
         """
         facing = -(normal * ray).sum(axis=-1)
         back = ray + 2 * facing[..., None] * normal

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A rig that does not stand still: it sways from pair to pair, and its right camera turns."""
+"""A moving rig, which sways from pair to pair, and whose right camera turns."""
 from __future__ import annotations
 
 from typing import Optional
@@ -16,9 +16,9 @@ from ...geometry.steadied import remapped
 
 class Sway:
     """
-    Draws how the rig stands in each pair.
+    Draws the rig motion of each pair.
 
-    :param config: by how much it sways, and when its right camera turns.
+    :param config: strength of the sway, and time of the right camera's turn.
     :param rng: source of the sway.
     """
 
@@ -27,9 +27,9 @@ class Sway:
 
     def motion(self, t_s: float) -> Optional[RigMotion]:
         """
-        Return how the rig stands; None where it stands as the lines of the site were clicked.
+        Return the rig motion relative to the clicked site; None where there is none.
 
-        :param t_s: when the pair is taken.
+        :param t_s: exposure time of the pair.
         """
         c = self.config
         pan, tilt, roll = (float(a) for a in np.radians(c.sway_deg) * self.rng.standard_normal(3))
@@ -42,13 +42,13 @@ class Sway:
 
 def swayed(image: Image, side: int, rig: StereoRig, motion: Optional[RigMotion]) -> Image:
     """
-    Return an ideal image as a rig takes it that has moved.
+    Return an ideal image as seen by a rig that has moved.
 
-    Each camera turns about its own centre.  What comes into view at an edge repeats the edge.
+    Each camera turns about its own centre.  New regions at a border repeat the edge pixels.
 
-    :param image: of the rig at rest.
+    :param image: image of the rig at rest.
     :param side: 0 left, 1 right.
-    :param rig: at rest.
+    :param rig: the rig at rest.
     """
     if motion is None:
         return image

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 Image = NDArray[np.float32]
 
-TEXEL_M = 0.004  # of the finest level of a front
+TEXEL_M = 0.004  # texel size of the finest level of a front
 _DRAW = 2  # texels of the drawing per texel of the finest level
 
 
@@ -17,7 +17,7 @@ def octaves(rng: np.random.Generator, height: int, width: int, finest: int) -> I
     """
     Make noise of equal strength per octave, with standard deviation 1.
 
-    Sizes that are multiples of every cell (powers of two) give a pattern that tiles.
+    Sizes that are multiples of all cells (powers of two) give a pattern that tiles.
 
     :param rng: source of randomness.
     :param height: rows.
@@ -44,7 +44,7 @@ def _enlarging(count: int, cell: int, size: int) -> Image:
 
 
 class Canvas:
-    """A drawing in metres from the front's top-left corner; 8 fractional bits."""
+    """A drawing in metres from the front's top-left corner, with 8 fractional bits."""
 
     def __init__(self, width_m: float, height_m: float, grey: float,
                  texel_m: float = TEXEL_M) -> None:
@@ -66,7 +66,7 @@ class Canvas:
         self.polygon([(x0, y0), (x1, y0), (x1, y1), (x0, y1)], grey)
 
     def disc(self, x: float, y: float, radius_m: float, grey: float) -> None:
-        """Fill a disc; its centre in shares."""
+        """Fill a disc whose centre is given in shares of width and height."""
         centre = self._fixed([x * self.width_m, y * self.height_m])
         cv2.circle(self.image, (int(centre[0]), int(centre[1])),
                    round(radius_m * self.scale * 256), float(grey), -1, cv2.LINE_8, 8)
@@ -100,7 +100,7 @@ def _draw_lights(canvas: Canvas, rng: np.random.Generator, top: float, bottom: f
 
 
 def draw_plate(canvas: Canvas, rng: np.random.Generator, y: float) -> None:
-    """Draw a number plate about a share of a front's height."""
+    """Draw a number plate centred at a share of a front's height."""
     half = 0.26 / canvas.width_m
     tall = 0.055 / canvas.height_m
     canvas.box(0.5 - half, y - tall, 0.5 + half, y + tall, rng.uniform(200, 235))
@@ -116,9 +116,9 @@ def draw_plate(canvas: Canvas, rng: np.random.Generator, y: float) -> None:
 
 def front_texture(rng: np.random.Generator, width_m: float, height_m: float) -> Image:
     """
-    Make the front of a vehicle, as the camera sees it.
+    Make the front of a vehicle, as seen by the camera.
 
-    :param rng: source of randomness; each state gives another car.
+    :param rng: source of randomness; each state gives another vehicle.
     :param width_m: width, m.
     :param height_m: height, m.
     :return: (rows, columns) float32 grey levels at ``TEXEL_M``.
@@ -144,14 +144,14 @@ def front_texture(rng: np.random.Generator, width_m: float, height_m: float) -> 
     image = cv2.resize(canvas.image, (columns, rows), interpolation=cv2.INTER_AREA)
     shade = np.linspace(1.12, 0.82, rows, dtype=np.float32)[:, None]
     image = image * shade + rng.uniform(4, 8) * octaves(rng, rows, columns, 6)
-    # Optics and rounded edges: nothing sharper than a few millimetres.
+    # Rounded edges and optics: no detail is finer than a few millimetres.
     image = cv2.GaussianBlur(image, (0, 0), 1.5, borderType=cv2.BORDER_REPLICATE)
     return np.clip(image, 5, 250).astype(np.float32)
 
 
 def pyramid(image: Image, levels: int) -> list[Image]:
     """
-    Halve an image by exact area averages, level after level.
+    Build an image pyramid by exact area averages.
 
     :param image: float32; borders are repeated up to a multiple of ``2**levels``.
     :param levels: number of levels beside the first.

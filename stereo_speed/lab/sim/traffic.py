@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A stream of traffic: pair after pair with exact truth, never held in memory."""
+"""A stream of traffic: pairs with exact truth, generated one by one."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -16,8 +16,8 @@ from .sway import Sway
 from .traffic_config import TrafficConfig
 from ...core.records import StereoPair
 
-FAR_M = 300.0  # vehicles come into being this far from the camera
-BEHIND_M = 16.0  # and are kept this far behind it
+FAR_M = 300.0  # vehicles enter at this distance from the camera
+BEHIND_M = 16.0  # vehicles are kept up to this distance behind the camera
 TRUTH_FAR_M = 150.0  # truth is given up to this distance
 
 
@@ -25,9 +25,9 @@ class TrafficRow(TruthRow):
     """
     A row of the ``truth.csv`` of traffic.
 
-    ``lane`` is the index of the lane that the front's centre is in, from which ``lateral``
-    counts; ``visible`` the share of the front that is seen, the least of both views; ``in_view``
-    that the front lies wholly in both images, and not nearer than the pass's end.
+    ``lane`` is the index of the lane with the front's centre, from which ``lateral`` is counted;
+    ``visible`` is the visible share of the front, the lesser of both views; ``in_view`` tells
+    whether the whole front is in both images, and not nearer than the pass's end.
     """
 
     lane: int
@@ -38,7 +38,7 @@ class TrafficRow(TruthRow):
 @dataclass(frozen=True, eq=False)
 class TrafficPair:
     """
-    A pair and what is true of it.
+    A pair with its truth.
 
     :param pair: the pair.
     :param truth: a row for each vehicle whose tracked front (its rear when it recedes) has its
@@ -53,8 +53,8 @@ class TrafficStream:
     """
     Traffic past a rig.
 
-    :param config: what to simulate.
-    :param rng: source of all randomness; one state, one stream.
+    :param config: configuration of the traffic.
+    :param rng: source of all randomness; equal states give equal streams.
 
     ``scene`` is its geometry, ``rig`` the calibrated rig, ``site`` the content of a site file
     with picked lines. It can be iterated once.
@@ -86,7 +86,7 @@ class TrafficStream:
             yield TrafficPair(pair, tuple(row for row in rows if row is not None))
 
     def _limits(self, lane: int) -> tuple[float, float, tuple[float, float]]:
-        """Return the arc at which a lane is entered, where it is left, and what is measured."""
+        """Return a lane's entry, as arc length, and its exit and measured part, from there, m."""
         scene, road = self.scene, self.scene.road
         camera = scene.end_station_m + scene.config.near_m
         near = min(camera + BEHIND_M, road.to_m - 1.0)
@@ -98,7 +98,7 @@ class TrafficStream:
         return arcs[0], arcs[1] - arcs[0], (arcs[2] - arcs[0], arcs[3] - arcs[0])
 
     def _vehicle(self, driver: Driver) -> Vehicle:
-        """Return a driver's vehicle; its place holds within a step of the flow."""
+        """Return a driver's vehicle, whose position is valid within a step of the flow."""
         road, enter_m = self.config.scene.road, self._enter[driver.lane][0]
         away = self.scene.away(driver.lane)
 
@@ -113,7 +113,7 @@ class TrafficStream:
 
     def _row(self, vehicle: Vehicle, t_s: float, stamp_ns: int,
              share: float) -> Optional[TrafficRow]:
-        """Return what is true of a vehicle; None where its front's centre is out of view."""
+        """Return the truth of a vehicle; None where its front's centre is out of view."""
         centre = self.scene.front(vehicle, t_s).centre_m
         if not 1.0 < centre[2] < TRUTH_FAR_M:
             return None

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What simulated traffic is made of; every length in metres, every time in seconds."""
+"""Configuration of simulated traffic; all lengths in metres, all times in seconds."""
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
@@ -22,8 +22,8 @@ LIGHTS: dict[str, tuple[LightConfig, float, float]] = {  # light, exposure, nois
     'wet_night': (WET_NIGHT, 1.0, 3.0)}
 OUTDOOR_KINDS = (('car', 0.4), ('suv', 0.16), ('small', 0.1), ('van', 0.1), ('truck', 0.1),
                  ('bus', 0.04), ('motorcycle', 0.1))
-LIT_SHARE = 0.7  # of the vehicles by day
-# Grey levels of lamps by day and by night, of which 255 are full scale.
+LIT_SHARE = 0.7  # share of the vehicles with lit lamps by day
+# Ranges of the lamps' grey levels by day and by night; 255 is full scale.
 DAY_LAMPS, NIGHT_LAMPS = (80.0, 15000.0), (5000.0, 30000.0)
 
 
@@ -32,22 +32,22 @@ class TrafficConfig:
     """
     A stream of traffic.
 
-    :param scene: road, rig, rate, noise, light and what stands about; its vehicles do not count.
+    :param scene: road, rig, rate, noise, light and objects; its vehicles are ignored.
     :param minutes: length of the stream.
-    :param vehicles: how many enter the road.
-    :param lane_speeds_mps: mean of the speeds liked in each lane, m/s.
+    :param vehicles: number of vehicles that enter the road.
+    :param lane_speeds_mps: mean desired speed in each lane, m/s.
     :param lane_shares: share of the vehicles in each lane; need not sum to 1.
-    :param speed_std_mps: scatter of the speeds liked, m/s.
+    :param speed_std_mps: standard deviation of the desired speeds, m/s.
     :param kinds: share of each kind of vehicle; need not sum to 1.
-    :param solid: fronts are no planes; paint and glass are glossy, lamps are lit.
-    :param follow_share: share that comes on the heels of another.
+    :param solid: whether fronts are non-planar, paint and glass glossy, and lamps lit.
+    :param follow_share: share of vehicles that closely follow another.
     :param headway_s: least and greatest time gap that a follower keeps, s.
-    :param change_share: share that means to change lanes.
+    :param change_share: share of vehicles that plan a lane change.
     :param change_s: shortest and longest lane change, s.
-    :param brake_share: share that brakes or accelerates in view.
+    :param brake_share: share of vehicles that brake or accelerate in view.
     :param hardest_g: greatest planned acceleration, g.
-    :param before_s: vehicles enter from this long before the stream, s.
-    :param clear_s: and until this long before its end, s.
+    :param before_s: time before the stream from which vehicles enter, s.
+    :param clear_s: time before its end until which vehicles enter, s.
     """
 
     scene: SimConfig = SimConfig(fps=10.0)
@@ -70,7 +70,7 @@ class TrafficConfig:
     clear_s: float = 20.0
 
     def __post_init__(self) -> None:
-        """Refuse what cannot drive."""
+        """Refuse values that cannot be simulated."""
         lanes = self.scene.road.lanes
         for name in ('lane_speeds_mps', 'lane_shares'):
             if len(getattr(self, name)) < lanes:
@@ -83,7 +83,7 @@ class TrafficConfig:
                 raise InputError('traffic', name, getattr(self, name), 'a value that can be')
 
     def same_way(self, lane: int, other: int) -> bool:
-        """Return whether there is another lane of that number that runs the same way."""
+        """Return whether a lane ``other`` exists and has the same direction."""
         road = self.scene.road
         return (0 <= other < road.lanes
                 and (lane in road.receding) == (other in road.receding))
@@ -111,9 +111,9 @@ def traffic_config(light: str = 'day', lanes: int = 3, receding: int = 0, fps: f
 
     :param light: one of ``LIGHTS``.
     :param lanes: number of lanes.
-    :param receding: how many of them, from the left, carry oncoming traffic that shows its rears.
+    :param receding: number of lanes, from the left, with receding traffic that shows its rears.
     :param fps: pairs per second.
-    :param outdoors: motorcycles, buses and small cars drive too, and fronts are no planes.
+    :param outdoors: whether to add motorcycles, buses and small cars, and non-planar fronts.
     :param changes: fields of :class:`SimConfig`.
     """
     if light not in LIGHTS:

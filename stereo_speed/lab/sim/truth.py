@@ -18,9 +18,9 @@ def write_truth(rows: Iterable[Mapping[str, object]], path: Path,
     """
     Write the rows of a simulation.
 
-    :param rows: in the order of the file.
-    :param path: of the file.
-    :param columns: those to write.
+    :param rows: rows in the order of the file.
+    :param path: path of the file.
+    :param columns: columns to write.
     """
     with path.open('w', newline='') as file:
         writer = csv.writer(file, lineterminator='\n')

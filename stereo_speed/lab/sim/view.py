@@ -14,7 +14,7 @@ from ...core.records import Array
 from ...geometry.camera import Camera
 from ...geometry.rig import StereoRig
 
-KNOT_PX = 16  # of the spline through a distorted camera's rays; good to 1e-4 px
+KNOT_PX = 16  # knot spacing of the spline of a distorted camera's rays; accurate to 1e-4 px
 MARGIN_PX = 32.0
 
 
@@ -24,8 +24,8 @@ class View:
     A camera in the world.
 
     :param camera: the camera.
-    :param R: (3, 3) from the left optical frame to the camera's.
-    :param t: (3,) the same, m.
+    :param R: (3, 3), rotation from the left optical frame to the camera's.
+    :param t: (3,), translation likewise, m.
     """
 
     camera: Camera
@@ -34,7 +34,7 @@ class View:
 
     @cached_property
     def centre_m(self) -> Array:
-        """Its centre in the left optical frame, m."""
+        """Return its centre in the left optical frame, m."""
         return -self.R.T @ self.t
 
     @cached_property
@@ -60,7 +60,7 @@ class View:
         return (u_px - c.K[0, 2] - c.K[0, 1] * y) / c.K[0, 0], y
 
     def ray_grid(self, u_px: Array, v_px: Array) -> Array:
-        """Return the rays (rows, columns, 3) of such a grid in the left frame, at depth 1."""
+        """Return the rays (rows, columns, 3) of a regular grid in the left frame, at depth 1."""
         x, y = self.normalized(u_px, v_px)
         # Row vectors: (x, y, 1) R is the ray in the left frame.
         return np.asarray(x[..., None] * self.R[0] + y[..., None] * self.R[1] + self.R[2])
@@ -79,10 +79,10 @@ def below(gap: Array, gx: Array, gy: Array) -> Array:
     """
     Return the share of a pixel where a quantity is below a level.
 
-    The quantity is taken as linear over the pixel, which is a box of size 1 x 1: its spread is
-    that of two uniform variables, so that the share is exact for a straight edge.
+    The quantity is assumed linear over the pixel, a box of size 1 x 1. Its distribution is that of
+    the sum of two uniform variables, so that the share is exact for a straight edge.
 
-    :param gap: level less the quantity at the pixel's centre.
+    :param gap: level minus the quantity at the pixel's centre.
     :param gx: its derivative to the right, per pixel.
     :param gy: its derivative downwards, per pixel.
     """

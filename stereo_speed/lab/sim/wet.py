@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a wet road mirrors of lamps: streaks about their mirror images."""
+"""Reflections of lamps on a wet road: streaks around their mirror images."""
 from __future__ import annotations
 
 import numpy as np
@@ -10,9 +10,9 @@ from .texture import Image
 from ...core.records import Array
 
 TILT_RAD = 0.03  # 1-sigma of the slopes of wet asphalt
-WATER = 0.02  # share of the light that water mirrors when looked at squarely
-REACH = 3.0  # 1-sigmas to which a streak is drawn
-NEAREST_M = 2.0  # no lamp nearer to a camera is mirrored
+WATER = 0.02  # share of the light that water reflects at normal incidence
+REACH = 3.0  # sigmas up to which a streak is drawn
+NEAREST_M = 2.0  # lamps nearer to a camera are not reflected
 
 
 def streak(image: Image, eye: Eye, lamp_m: Array, mirrored_m: Array, grey: float,
@@ -20,14 +20,14 @@ def streak(image: Image, eye: Eye, lamp_m: Array, mirrored_m: Array, grey: float
     """
     Add the reflection of a lamp on a wet road, in place.
 
-    The facets that mirror it towards the camera lie along the line to it: the streak is long
-    upwards and narrow, its middle is the lamp's mirror image.
+    The facets that reflect it towards the camera lie along the line to it: the streak is
+    vertically long and narrow, centred at the lamp's mirror image.
 
-    :param lamp_m: (3,) lamp, left optical frame.
-    :param mirrored_m: (3,) its mirror image below the road.
-    :param grey: grey level of the lamp as the road sees it.
-    :param radius_m: of the lamp.
-    :param wet: 0 to 1.
+    :param lamp_m: (3,), the lamp, left optical frame.
+    :param mirrored_m: (3,), its mirror image below the road.
+    :param grey: grey level of the lamp in the direction of the road.
+    :param radius_m: radius of the lamp.
+    :param wet: wetness, 0 to 1.
     """
     view = eye.view
     z = float((view.R @ mirrored_m + view.t)[2])
@@ -45,7 +45,7 @@ def streak(image: Image, eye: Eye, lamp_m: Array, mirrored_m: Array, grey: float
     if box is None:
         return
     share = wet * (WATER + (1 - WATER) * (1 - grazing) ** 5)
-    # All light of the lamp's disc, spread over the streak.
+    # All light of the lamp's disc is spread over the streak.
     peak = grey * share * size * size / (2 * wide * tall)
     u0, u1, v0, v1 = box
     row, column = (np.exp(-np.square((np.arange(*ends) - middle) / sigma) / 2)

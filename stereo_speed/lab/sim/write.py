@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Write what was simulated as a bag with its site, initial fronts and truth."""
+"""Write a simulation as a bag with its site, initial fronts and truth."""
 from __future__ import annotations
 
 from contextlib import contextmanager
@@ -34,7 +34,7 @@ _INFO = 'sensor_msgs/msg/CameraInfo'
 
 def rectification(rig: StereoRig) -> tuple[Array, Array, Array, Array]:
     """
-    Rectify a rig: x along the baseline, z as near as can be to both optical axes.
+    Rectify a rig: x along the baseline, z as close as possible to both optical axes.
 
     :return: R1 (3, 3), R2 (3, 3), P1 (3, 4) and P2 (3, 4), as ``CameraInfo`` holds them.
     """
@@ -61,16 +61,16 @@ def write_bag(sequence: SimSequence, folder: Union[str, Path], storage: str = 'm
     """
     Write ``bag/`` (``bag.bag`` for ROS 1), ``site.yaml``, ``init.yaml`` and ``truth.csv``.
 
-    The folder appears only when everything is in it.
+    The folder appears only when it is complete.
 
-    :param sequence: what to write.
-    :param folder: where; must not exist, or be empty.
+    :param sequence: the sequence to write.
+    :param folder: output folder; must not exist, or be empty.
     :param storage: ``mcap``, ``sqlite3`` or ``ros1``.
-    :param encoding: of the raw images: see ``ENCODINGS``.
-    :param compressed: write ``CompressedImage`` messages (JPEG) instead.
-    :param jpeg_quality: 1 to 100.
+    :param encoding: encoding of the raw images: see ``ENCODINGS``.
+    :param compressed: whether to write ``CompressedImage`` messages (JPEG) instead.
+    :param jpeg_quality: JPEG quality, 1 to 100.
     :return: the folder.
-    :raises InputError: the folder is taken, or the storage or encoding unknown.
+    :raises InputError: the folder is not empty, or the storage or encoding is unknown.
     """
     _check(storage, encoding)
     with aside(folder) as work:
@@ -85,7 +85,7 @@ def write_bag(sequence: SimSequence, folder: Union[str, Path], storage: str = 'm
 def write_traffic_bag(stream: TrafficStream, folder: Union[str, Path], compressed: bool = False
                       ) -> Path:
     """
-    Write a stream of traffic as it comes: ``bag/`` (MCAP), ``site.yaml`` and ``truth.csv``.
+    Write a stream of traffic as it is generated: ``bag/`` (MCAP), ``site.yaml``, ``truth.csv``.
 
     The parameters, the result and the errors are those of :func:`write_bag`.
     """
@@ -105,10 +105,10 @@ def write_traffic_bag(stream: TrafficStream, folder: Union[str, Path], compresse
 def write_pairs(rig: StereoRig, pairs: Iterable[StereoPair], folder: Union[str, Path],
                 storage: str = 'mcap', compressed: bool = False) -> Path:
     """
-    Write ``bag/`` (``bag.bag`` for ROS 1) alone.
+    Write only ``bag/`` (``bag.bag`` for ROS 1).
 
     :param rig: the calibrated rig.
-    :param pairs: in order of stamps.
+    :param pairs: pairs in order of stamps.
 
     The other parameters, the result and the errors are those of :func:`write_bag`.
     """
@@ -125,7 +125,7 @@ def _check(storage: str, encoding: str) -> None:
 
 @contextmanager
 def aside(folder: Union[str, Path]) -> Iterator[Path]:
-    """Yield a folder to write into that takes the place of another when all went well."""
+    """Yield a folder to write into, which replaces the output folder if the block succeeds."""
     folder = Path(folder)
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(folder, 'output folder', 'something there already',
@@ -180,7 +180,7 @@ class _Messages:
         self.encoding, self.quality = encoding, quality
 
     def in_order(self, pairs: Iterable[StereoPair]) -> Iterator[tuple[int, str, bool, Any]]:
-        """Yield stamp (ns), side, whether an image, and the message."""
+        """Yield stamp (ns), side, whether it is an image, and the message."""
         rig = self.rig
         r1, r2, p1, p2 = rectification(rig)
         for pair in pairs:

@@ -1,6 +1,6 @@
 // Copyright 2026 The stereo_speed developers
 // SPDX-License-Identifier: Apache-2.0
-// The page: its tabs, its tools, and who gets what the server tells.
+// The page: its tabs and tools, and the distribution of the server's messages.
 
 import {byId, el, renew, toast} from './dom.js';
 import {Link} from './link.js';
@@ -36,10 +36,10 @@ function tools() {
   renew(byId('tools'),
     el('button', {id: 'undo', 'data-key': 'undo', title: 'Ctrl+Z', disabled: !undo, onclick: () => link.step('undo')}, 'Undo'),
     el('button', {id: 'redo', 'data-key': 'redo', title: 'Ctrl+Y', disabled: !redo, onclick: () => link.step('redo')}, 'Redo'),
-    el('button', {id: 'snap', 'data-key': 'snap', title: 'Points move onto the marking they are near (S)',
+    el('button', {id: 'snap', 'data-key': 'snap', title: 'Snap points to a marking nearby (S)',
       'aria-pressed': setup.snap ? 'true' : 'false', onclick: () => setup.toggleSnap()}, 'Snap'),
     el('button', {id: 'refine', 'data-key': 'refine', disabled: busy || !draft.lanes.length,
-      title: 'Find all lines in the images, and see whether the rig still stands as calibrated',
+      title: 'Find all lines in the images, and check the calibration of the rig',
       onclick: () => link.ask('/api/refine', {}, (r) => (r.kept_clicks ? `lines stay as clicked: ${r.kept_clicks}`
         : 'lines found in the images'))}, 'Refine'),
     el('button', {id: 'measure', 'data-key': 'measure', disabled: busy || !draft.lanes.length,

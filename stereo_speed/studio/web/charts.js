@@ -6,7 +6,7 @@ import {svg} from './dom.js';
 
 const W = 520, H = 138, LEFT = 40, RIGHT = 16, TOP = 8, BOTTOM = 24;
 
-// Percentile of values, linear between the nearest two, as numpy has it by default.
+// Percentile of values with linear interpolation, the default of numpy.
 export function percentile(values, share) {
   if (!values.length) return null;
   const sorted = [...values].sort((a, b) => a - b);

@@ -1,6 +1,6 @@
 // Copyright 2026 The stereo_speed developers
 // SPDX-License-Identifier: Apache-2.0
-// One pass closely: frames or pictures, both estimates, what the 1-sigma is made of, the profile.
+// Details of one pass: frames or pictures, both estimates, the budget of the 1-sigma, the profile.
 
 import {profile} from './charts.js';
 import {choice, digits, el, renew, svg} from './dom.js';
@@ -8,8 +8,8 @@ import {facts, pictures} from './evidence.js';
 
 const PARTS = [['std_matching_mps', 'matching', '#0f766e'], ['std_path_mps', 'path', '#d97706'],
   ['std_stamps_mps', 'stamps', '#7c3aed'], ['std_calibration_mps', 'calibration', '#2563eb']];
-const FRONT_M = [1.8, 1.3]; // of the box drawn about a front
-const LEAST_ZOOM_PX = 160; // of the image's width that a close view shows
+const FRONT_M = [1.8, 1.3]; // width and height of the box drawn around a front
+const LEAST_ZOOM_PX = 160; // least image width that a close view shows
 
 export class Closely {
   constructor(link, review, root) {
@@ -63,7 +63,7 @@ export class Closely {
         style: {width: '100%'}, loading: 'lazy'})));
   }
 
-  // Both estimates, and by how many 1-sigmas they differ.
+  // Both estimates, and their difference in sigmas.
   estimates(pass) {
     if (typeof pass.second_mps !== 'number' || typeof pass.speed_mps !== 'number') return null;
     const std = Math.hypot(pass.speed_std_mps, pass.second_std_mps || 0);
@@ -80,7 +80,7 @@ export class Closely {
     const parts = PARTS.map(([key, name, colour]) => [pass[key], name, colour]).filter(([v]) => typeof v === 'number');
     const total = parts.reduce((sum, [v]) => sum + v * v, 0);
     if (!total) return null;
-    return [el('h2', {}, 'What the 1-σ is made of'),
+    return [el('h2', {}, 'Budget of the 1-σ'),
       el('div', {class: 'budget', role: 'img', 'aria-label': 'Shares of the variance'}, parts.map(([v, , colour]) =>
         el('div', {style: {background: colour, width: `${(100 * v * v) / total}%`}}))),
       el('div', {class: 'legend num'}, parts.map(([v, name, colour]) => legend(colour,
@@ -103,7 +103,7 @@ export class Closely {
 
   framesAre() {
     return this.review.run.kind === 'folder'
-      ? el('p', {class: 'fine'}, 'Frames are shown where the bag that was measured is open.') : null;
+      ? el('p', {class: 'fine'}, 'Frames are shown if the measured bag is open.') : null;
   }
 
   frameBox() {
@@ -124,7 +124,7 @@ export class Closely {
         onclick: () => { this.near = !this.near; this.show(); }}, 'Close-up'))];
   }
 
-  // Boxes and speeds over an image; a close view is the same picture, cut out by the viewBox.
+  // Boxes and speeds over an image; a close view is the same image, cropped by the viewBox.
   drawOver(over, image, frame) {
     const {naturalWidth: width, naturalHeight: height} = image;
     const own = frame.vehicles.find((v) => v.track === this.row.track)?.views[this.view];
@@ -135,7 +135,7 @@ export class Closely {
     }
     const unit = part[2] / width; // text and lines keep their size on the page
     over.setAttribute('viewBox', part.join(' '));
-    image.style.opacity = '0'; // it gives the box its size; the picture is drawn below
+    image.style.opacity = '0'; // it only sets the size of the box; the image is drawn by the SVG
     over.replaceChildren(svg('image', {href: image.src, x: -0.5, y: -0.5, width, height}),
       ...frame.vehicles.flatMap((v) => this.vehicle(v, unit)));
   }

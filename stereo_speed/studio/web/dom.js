@@ -1,6 +1,6 @@
 // Copyright 2026 The stereo_speed developers
 // SPDX-License-Identifier: Apache-2.0
-// Elements made by code: text is always text, never markup.
+// Create elements; text is always inserted as text, never as markup.
 
 const SVG = 'http://www.w3.org/2000/svg';
 
@@ -22,7 +22,7 @@ export const el = (tag, props, ...children) => fill(document.createElement(tag),
 export const svg = (tag, props, ...children) => fill(document.createElementNS(SVG, tag), props, children);
 export const byId = (id) => document.getElementById(id);
 
-// Renew a part of the page without taking the focus or half-typed text from whoever is in it.
+// Replace a part of the page, but keep the focus and unfinished input of the user.
 export function renew(parent, ...children) {
   const active = document.activeElement;
   const inside = parent.contains(active) && active !== parent;
@@ -30,7 +30,7 @@ export function renew(parent, ...children) {
   const typed = key && active.dataset.dirty ? active.value : null;
   const range = typed === null || !('selectionStart' in active) ? null : [active.selectionStart, active.selectionEnd];
   const scroll = parent.scrollTop;
-  if (key) active.dataset.renewed = '1'; // a browser tells what it held as changed when it goes
+  if (key) active.dataset.renewed = '1'; // browsers fire 'change' when a focused field is removed
   parent.replaceChildren(...children.flat(Infinity).filter((c) => c !== null && c !== false && c !== undefined));
   parent.scrollTop = scroll;
   if (!key) return;
@@ -38,7 +38,7 @@ export function renew(parent, ...children) {
   if (!again) return;
   if (typed !== null) { again.value = typed; again.dataset.dirty = '1'; }
   again.focus({preventScroll: true});
-  try { if (range) again.setSelectionRange(...range); } catch { /* numbers have no selection */ }
+  try { if (range) again.setSelectionRange(...range); } catch { /* number fields have no selection */ }
 }
 
 export function toast(text, bad = false) {
@@ -47,7 +47,7 @@ export function toast(text, bad = false) {
   setTimeout(() => box.remove(), bad ? 8000 : 3500);
 }
 
-// A field that tells its value when it is left or Enter is pressed.
+// A field that reports its value when it loses focus or Enter is pressed.
 export function field(props, value, tell) {
   const input = el('input', {type: 'text', autocomplete: 'off', spellcheck: 'false', ...props, value});
   const done = () => {
@@ -56,7 +56,7 @@ export function field(props, value, tell) {
     if (input.value !== String(value)) tell(input.value);
   };
   input.addEventListener('input', () => { input.dataset.dirty = '1'; });
-  // not by 'change' alone: what was typed before the field was renewed is no change to a browser
+  // 'change' alone does not suffice: text typed before a renewal is no change to the browser
   input.addEventListener('change', done);
   input.addEventListener('blur', done);
   input.addEventListener('keydown', (event) => {

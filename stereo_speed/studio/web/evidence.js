@@ -1,6 +1,6 @@
 // Copyright 2026 The stereo_speed developers
 // SPDX-License-Identifier: Apache-2.0
-// Records of violations: whether they are as they were written, their pictures and their figures.
+// Records of violations: their verification, pictures and figures.
 
 import {digits, el, renew} from './dom.js';
 
@@ -15,7 +15,7 @@ export class Verification {
     this.root = el('div', {id: 'verification', role: 'status', class: 'verification'});
   }
 
-  // Look at the records of a run; null for a run that has none.
+  // Show the records of a run; null for a run without any.
   async open(run) {
     this.run = run;
     this.found = null;
@@ -60,7 +60,7 @@ export class Verification {
   }
 }
 
-// The marked pictures, then all files to be handed out.
+// The marked pictures, then all files for download.
 export function pictures(files, at) {
   const shown = files.map((name, index) => [name, index]).filter(([name]) => /_marked\.jpg$|^close_up\.jpg$/.test(name));
   const link = ([name, index]) => el('a', {href: `${at}${index}`, download: name.replaceAll('/', '_')}, name);
@@ -70,7 +70,7 @@ export function pictures(files, at) {
       el('ul', {class: 'files fine'}, files.map((name, index) => el('li', {}, link([name, index]))))) : null];
 }
 
-// A number with no more digits than it needs, at most two after the point.
+// A number without trailing zeros, with at most two decimals.
 export const shortly = (value) => String(Number(digits(value)));
 
 export function facts(pass, said) {

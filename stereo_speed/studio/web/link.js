@@ -1,9 +1,10 @@
 // Copyright 2026 The stereo_speed developers
 // SPDX-License-Identifier: Apache-2.0
-// The connection to the server: what it tells, and the steps that it is to take.
+// The connection to the server: messages from it, and steps sent to it.
 //
-// Steps wait in the tab's own store until the server has taken them, so that neither a reload nor
-// a dropped connection loses one; each has an identity, so that one sent twice is taken once.
+// Steps are kept in the tab's session storage until the server has applied them, so that neither
+// a reload nor a lost connection loses one; the identity of a step prevents it from being applied
+// twice.
 
 import {toast} from './dom.js';
 
@@ -83,7 +84,7 @@ export class Link extends EventTarget {
     this.sending = false;
   }
 
-  // Ask the server; a refusal is an error with its reason.
+  // Send a request to the server; throws an error with the reason of a refusal.
   async post(path, body, as = 'json') {
     const response = await fetch(path, {
       method: 'POST', headers: {'Content-Type': 'application/json'}, body: JSON.stringify(body)});
@@ -101,12 +102,12 @@ export class Link extends EventTarget {
     return response.json();
   }
 
-  // Wait until the server has taken all steps, so that what is asked for next is of all of them.
+  // Wait until the server has applied all steps, so that the next request includes them.
   async settled() {
     while (this.waiting.length) await new Promise((done) => setTimeout(done, 20));
   }
 
-  // Ask for something that takes a moment, and say what came of it.
+  // Send a slow request, and show its result.
   async ask(path, body, said) {
     try {
       await this.settled();

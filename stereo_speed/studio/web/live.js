@@ -1,13 +1,13 @@
 // Copyright 2026 The stereo_speed developers
 // SPDX-License-Identifier: Apache-2.0
-// The page to watch: annotated images, speeds as they come, passes, the rig, the state of each node.
+// The live page: annotated images, current speeds, passes, the rig, and the state of each node.
 
 import {digits, el, renew} from './dom.js';
 
 const MPH = 0.44704;
 const LEVELS = [['good', 'good'], ['warning', 'warn'], ['error', 'bad'], ['stale', 'bad']];
-const SILENT_S = 4; // since a node has said anything
-const SHOWN_S = 15; // since its last reading, that a vehicle is still shown
+const SILENT_S = 4; // time since the last status of a node
+const SHOWN_S = 15; // how long a vehicle is shown after its last reading
 const ANGLES = ['pan', 'tilt', 'roll'];
 
 export class Live {
@@ -29,7 +29,7 @@ export class Live {
     if (this.root.isConnected) this.draw();
   }
 
-  // Without a connection nothing on the page is of now.
+  // Without a connection everything on the page is out of date.
   setConnected(connected) {
     this.connected = connected;
     if (this.state && this.root.isConnected) this.draw();
@@ -48,7 +48,7 @@ export class Live {
     this.drawHealth();
   }
 
-  // What the node that measures says of itself, newest first where there are several.
+  // The status of the measuring node, the newest one where there are several.
   measuring() {
     return [...this.state.health].filter((h) => 'measured_hz' in h.values).sort((a, b) => a.age_s - b.age_s)[0];
   }
@@ -83,7 +83,7 @@ export class Live {
       name.textContent = old ? `${view} view, ${digits(age, 0)} s old` : `${view} view`;
     }
     if (!Object.keys(this.pictures).length) {
-      renew(this.images, el('p', {class: 'fine'}, 'Pictures appear here as soon as a node measures.'));
+      renew(this.images, el('p', {class: 'fine'}, 'Images appear here when a node measures.'));
     }
   }
 
@@ -106,7 +106,7 @@ export class Live {
       : el('p', {class: 'fine'}, 'Passes appear here as they end.'));
   }
 
-  // Sway and drift of the rig, as the node that measures tells them.
+  // Sway and drift of the rig, as reported by the measuring node.
   drawRig() {
     const node = this.measuring(), values = node ? node.values : {};
     const three = (key) => { try { return JSON.parse(values[key]); } catch { return null; } };
@@ -117,7 +117,7 @@ export class Live {
       el('thead', {}, el('tr', {}, el('th', {}), ANGLES.map((a) => el('th', {class: 'num'}, a)))), el('tbody', {},
         line('sway (r.m.s.)', sway), line('rests at', rest), line('right camera', drift),
         line('its 1-σ', std)))
-      : el('p', {class: 'fine'}, node ? 'It is not watched: steadying is off.' : 'Sway and drift appear here.'));
+      : el('p', {class: 'fine'}, node ? 'Not monitored: steadying is off.' : 'Sway and drift appear here.'));
   }
 
   drawHealth() {
@@ -127,6 +127,6 @@ export class Live {
         return el('tr', {title: Object.entries(h.values).map(([k, v]) => `${k}: ${v}`).join('\n')},
           el('td', {class: 'wraps'}, h.name), el('td', {}, el('span', {class: `pill ${tone}`}, word)),
           el('td', {class: 'fine wraps'}, h.message));
-      }))) : el('p', {class: 'fine'}, 'No node has said anything yet.'));
+      }))) : el('p', {class: 'fine'}, 'No status from any node yet.'));
   }
 }

@@ -1,6 +1,6 @@
 // Copyright 2026 The stereo_speed developers
 // SPDX-License-Identifier: Apache-2.0
-// The page to review: a table of passes or of records of violations, and their statistics.
+// The review page: a table of passes or records of violations, and their statistics.
 
 import {histogram, percentile} from './charts.js';
 import {Closely} from './closely.js';
@@ -8,9 +8,9 @@ import {choice, digits, el, field, renew, toast} from './dom.js';
 import {shortly, Verification} from './evidence.js';
 
 const UNITS = {mph: 0.44704, 'km/h': 1 / 3.6, 'm/s': 1};
-const MOST_ROWS = 2000; // drawn at once; the figures are of all
+const MOST_ROWS = 2000; // rows drawn at once; the statistics use all
 
-// Columns of a table: key, name, whether a number, and what stands in a cell.
+// Columns of a table: key, name, whether it is a number, and the content of a cell.
 const speed = (key) => (row, page) => digits(row[key] === null ? null : row[key] / page.metres);
 const time = (row, page) => page.clock(row.first_ns);
 const legal = (key) => (row) => (row[key] === null ? '–' : `${shortly(row[key])} ${row.unit}`);
@@ -38,7 +38,7 @@ export class Review {
     this.body = el('tbody');
     this.head = el('tr');
     this.count = el('span', {class: 'fine num grow', id: 'shown'});
-    this.again = el('button', {id: 'again', title: 'Read again what has been written meanwhile',
+    this.again = el('button', {id: 'again', title: 'Reload to see new passes',
       onclick: () => this.open(this.at)}, 'Refresh');
     this.foot = el('div', {class: 'row'}, this.count, this.again, el('button', {id: 'export',
       title: 'The rows shown, in m/s, as CSV', onclick: () => this.export()}, 'Export CSV'));
@@ -96,7 +96,7 @@ export class Review {
     else this.detail.replaceChildren(el('p', {class: 'fine'}, this.isEvidence ? 'No record yet.' : 'No vehicle passed.'));
   }
 
-  // A stamp as the time of day in UTC, with the day where a run has several.
+  // A stamp as time of day in UTC, with the date if the run spans several days.
   clock(ns) {
     if (ns === null || ns === undefined) return '–';
     const text = new Date(ns / 1e6).toISOString();

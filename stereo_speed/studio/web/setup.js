@@ -1,6 +1,6 @@
 // Copyright 2026 The stereo_speed developers
 // SPDX-License-Identifier: Apache-2.0
-// The page to set up a site: lines drawn on both raw views, lanes, known lengths, marked fronts.
+// The set-up page: lines drawn on both raw views, lanes, known lengths, annotated fronts.
 
 import {above} from './above.js';
 import {choice, digits, el, field, renew, toast} from './dom.js';
@@ -9,8 +9,8 @@ import {RawView} from './view.js';
 export const COLOURS = ['#fbbf24', '#38bdf8', '#34d399', '#f472b6', '#a78bfa', '#fb923c', '#a3e635', '#f87171'];
 const VIEWS = ['left', 'right'];
 const MPH = 0.44704;
-const MANY = 25; // points of a line, beyond which they are drawn small
-const ASK_MS = 60; // between two questions for an epipolar band
+const MANY = 25; // number of points of a line above which they are drawn small
+const ASK_MS = 60; // interval between requests for an epipolar band
 
 export class Setup {
   constructor(link) {
@@ -30,7 +30,7 @@ export class Setup {
       el('div', {class: 'stage'}, this.stage, el('div', {class: 'below'}, this.aboveBox, this.worth)), this.side);
   }
 
-  // -- what the server tells -------------------------------------------------------------------
+  // -- messages of the server ------------------------------------------------------------------
 
   setScene(scene) {
     if (!scene || this.scene) return;
@@ -120,7 +120,7 @@ export class Setup {
       el('div', {class: 'row'}, el('h2', {}, 'Site'),
         field({'data-key': 'site-name', 'aria-label': 'Name of the site'}, name, (text) => this.link.step('rename_site', {name: text})),
         el('span', {class: 'fine'}, 'calibrated'), field({'data-key': 'calibrated', 'aria-label': 'Day of the calibration',
-          title: 'Day of the calibration of the rig, which expires', placeholder: 'YYYY-MM-DD', class: 'day'}, calibrated || '',
+          title: 'Date of the calibration of the rig, which expires', placeholder: 'YYYY-MM-DD', class: 'day'}, calibrated || '',
         (day) => this.link.step('set_calibrated', {day}))),
       given && el('div', {class: 'fine num'}, `as the file says: ${given}`));
   }
@@ -199,7 +199,7 @@ export class Setup {
           field({class: 'name grow', 'aria-label': 'Name of the lane', 'data-key': `lane${lane.number}`}, lane.name,
             (name) => set({name})),
           el('button', {class: 'quiet', 'data-key': `way${lane.number}`, 'aria-label': `Direction of ${lane.name}`,
-            title: 'Turn the direction of travel; swaps right and left',
+            title: 'Reverse the direction of travel; swaps right and left',
             onclick: () => set({backward: !lane.backward, right: lane.left, left: lane.right})},
           lane.backward ? '↑ against clicks' : '↓ as clicked'),
           el('button', {class: 'quiet', 'aria-label': `Delete ${lane.name}`, 'data-key': `droplane${lane.number}`,
@@ -276,7 +276,7 @@ export class Setup {
         this.workspace.unsaved_init && el('button', {id: 'save-init', 'data-key': 'save-init',
           onclick: () => this.save('init')}, `Save ${this.workspace.init_file}`),
         this.workspace.unsaved_truth && el('button', {id: 'save-truth', 'data-key': 'save-truth',
-          title: 'Places and speeds of the vehicles that are marked in several pairs, for evaluation',
+          title: 'Positions and speeds of the vehicles marked in several pairs, for evaluation',
           onclick: () => this.save('truth')}, `Save ${this.workspace.truth_file}`)),
       el('div', {class: 'row fine'},
         el('button', {'data-key': 'background', 'aria-pressed': this.frame === null, onclick: () => this.look(null)},
@@ -293,7 +293,7 @@ export class Setup {
           title: 'Mark the front of a vehicle in this pair',
           onclick: () => this.link.step('add_front', {frame: this.frame})}, '+ vehicle')),
       again !== null && el('button', {id: 'add-mark', 'data-key': 'add-mark',
-        title: 'Mark the same vehicle in this pair as well: marks in several pairs are its truth',
+        title: 'Mark the same vehicle in this pair as well: marks in several pairs give its truth',
         onclick: () => this.link.step('add_front', {frame: this.frame, of: again})}, '+ mark of the same vehicle'),
       rows);
   }
@@ -318,14 +318,14 @@ export class Setup {
           `± ${digits(f.speed_std_mph, 3)}`));
     });
     const angles = (rig.angles || []).map((a) => `${a.name} ${digits(a.deg, 4)}° ± ${digits(a.std_deg, 4)}°`);
-    return [el('h2', {}, 'What it is worth'),
+    return [el('h2', {}, 'Accuracy'),
       rows.length ? el('table', {id: 'lane-table'}, el('thead', {}, el('tr', {}, ['lane', 'length m', 'width m', 'off px',
         'mph at limit'].map((t, i) => el('th', {class: i ? 'num' : ''}, t)))), el('tbody', {}, rows))
-        : el('p', {class: 'fine'}, 'Width, length and what they leave uncertain of speeds appear here.'),
+        : el('p', {class: 'fine'}, 'Width, length and their share of the speed uncertainty appear here.'),
       el('p', {class: 'fine num'}, rig.looked_at
         ? `Right camera since its calibration: ${angles.join(', ')}.`
           + (rig.moved_probability !== undefined ? ` Moved with probability ${digits(rig.moved_probability, 3)}.` : '')
-        : 'Right camera: taken as calibrated; nobody has looked. “Refine” does.'),
+        : 'Right camera: assumed as calibrated, not checked. “Refine” checks it.'),
       rig.baseline_m && el('p', {class: 'fine num'}, `Baseline ${digits(rig.baseline_m, 3)} m, focal length `
         + `${digits(rig.focal_px, 0)} px.`)];
   }
@@ -407,7 +407,7 @@ export class Setup {
     }
   }
 
-  // Ask where in the other view a place must be; of several questions only the last counts.
+  // Request the epipolar band of a position; of several pending requests only the last is sent.
   ask(view, uv) {
     this.question = {view: view.name, at: uv};
     if (this.asking) return;
@@ -450,7 +450,7 @@ export class Setup {
     return true;
   }
 
-  // Keys that hold anywhere on the page.
+  // Keys that work anywhere on the page.
   globalKey(event) {
     const key = event.key.toLowerCase();
     if ((event.ctrlKey || event.metaKey) && key === 'z') this.link.step(event.shiftKey ? 'redo' : 'undo');
@@ -473,7 +473,7 @@ export class Setup {
   }
 
   async save(what, overwrite = false) {
-    document.activeElement?.blur?.(); // what is half typed is meant as well
+    document.activeElement?.blur?.(); // include unfinished input
     try {
       await this.link.settled();
       const {saved} = await this.link.post('/api/save', {what, overwrite});

@@ -1,15 +1,15 @@
 // Copyright 2026 The stereo_speed developers
 // SPDX-License-Identifier: Apache-2.0
-// One raw view: the image with zoom, pan, a loupe at the cursor and a cursor for the keyboard.
+// One raw view: the image with zoom, pan, a magnifier at the cursor and a keyboard cursor.
 //
-// Pixels are those of the site file: the centre of the first one is (0, 0).
+// Pixel coordinates are those of the site file: the centre of the first pixel is (0, 0).
 
 import {el} from './dom.js';
 
 const LOUPE = 132, LOUPE_TIMES = 8;
 const MOST_ZOOM = 40;
-let hand = 'pointer'; // or 'keys': what was used last, in whichever view
-const GRAB = 9; // screen px from a point that still take hold of it
+let hand = 'pointer'; // or 'keys': the input device used last, in any view
+const GRAB = 9; // screen px within which a point is grabbed
 
 export class RawView {
   // hooks: draw(view, context), press(view, uv) -> handle or null, drag(view, handle, uv),
@@ -78,7 +78,7 @@ export class RawView {
     this.paint();
   }
 
-  // Keep the image in sight.
+  // Keep the image within the canvas.
   keep() {
     const {clientWidth: width, clientHeight: height} = this.canvas;
     const [w, h] = [this.size[0] * this.scale, this.size[1] * this.scale];
@@ -128,7 +128,7 @@ export class RawView {
     if (at && this.inside(at)) this.paintLoupe(context, at);
   }
 
-  // The place that is looked at: under the pointer, or under the keyboard's cursor.
+  // The inspected position: under the pointer, or under the keyboard cursor.
   focus() {
     const byKeys = hand === 'keys' && document.activeElement === this.canvas;
     return this.pointer || (byKeys ? this.cursor : null);

@@ -73,7 +73,7 @@ class ClockTracker:
             axes=self.lane.path.frame(np.array(s_m)), quad_left_px=left, quad_right_px=right)
 
     def result(self):
-        """Return what it always knew."""
+        """Return the speed of the parameter."""
         return PassResult(
             track=self.track, lane=self.lane.name, first_ns=self.stamps_ns[0],
             last_ns=self.stamps_ns[-1], pairs=len(self.stamps_ns), speed_mps=self.speed_mps,
@@ -92,7 +92,7 @@ class GateSettings:
 
 
 class GateDetector:
-    """Finds one vehicle, in a pair and at a place that are parameters."""
+    """Finds one vehicle, in a pair and at a position that are parameters."""
 
     Settings = GateSettings
 
@@ -101,7 +101,7 @@ class GateDetector:
         self.pairs = 0
 
     def reset(self):
-        """Start anew."""
+        """Start again."""
         self.pairs = 0
 
     def update(self, pair, tracked):

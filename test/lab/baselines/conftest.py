@@ -34,14 +34,14 @@ cv2.setNumThreads(1)
 
 @pytest.fixture(scope='session')
 def straight():
-    """45 mph, distorted and converging cameras, uneven stamps and a pair lost on the way."""
+    """Simulate 45 mph with distorted, converging cameras, uneven stamps and a lost pair."""
     config = straight_config('45 mph', rig=DISTORTED, start_m=50.0, stamp_jitter_s=0.02, drop=(5,))
     return simulate(config, np.random.default_rng(1))
 
 
 @pytest.fixture(scope='session')
 def drive(tmp_path_factory):
-    """Run a tracker over a sequence: updates and the one pass; whole passes run only once."""
+    """Run a tracker over a sequence, and return updates and the pass; whole passes run once."""
     known = {}
 
     def run(sequence, tracker, pairs=None, settings=None, **changes):
@@ -115,7 +115,7 @@ class Scene:
 
     @staticmethod
     def pair(index, dtype=np.uint8):
-        """Return a pair of blank images, five a second."""
+        """Return a pair of blank images, 5 pairs/s."""
         blank = np.zeros((2, 2), dtype)
         return StereoPair(index, 200_000_000 * index, 200_000_000 * index, blank, blank)
 
@@ -156,7 +156,7 @@ class Textured:
         return np.round(moved).clip(0, 255).astype(np.uint8)
 
     def __call__(self, source):
-        """Return what a source finds in both pairs, which are a pixel off the expected ones."""
+        """Return the points from a source in both pairs, which are a pixel off the expectation."""
         quad, right = self.quad, self.quad - self.disparity
         expected = (ExpectedFront(quad, right + [1.0, 0], quad, 2.0),
                     ExpectedFront(quad + self.motion + 1, right + self.motion, quad, 2.0))

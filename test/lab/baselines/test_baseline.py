@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The verdict on a pass, and how a track ends, whatever the images are."""
+"""The verdict on a pass, and the end of a track, independent of the images."""
 from __future__ import annotations
 
 import numpy as np
@@ -15,7 +15,7 @@ from stereo_speed.lab.baselines.speed_profile import Profile
 
 
 class Scripted(Baseline[MotionSettings]):
-    """A baseline that knows the truth, and sees the vehicle in the pairs it is told to."""
+    """A baseline that knows the truth, and sees the vehicle in given pairs."""
 
     Settings = MotionSettings
     seen_in = frozenset(range(100))

@@ -22,7 +22,7 @@ def problem(seed=0, count=6):
 
 
 def joint(prior, steps, measured, noises):
-    """Condition all states at once: a dense Gaussian of 6 n unknowns."""
+    """Condition all states jointly: a dense Gaussian of 6 n unknowns."""
     n = len(measured)
     rows, cov = [prior.mean], np.zeros((6 * n, 6 * n))
     cov[:6, :6] = prior.cov

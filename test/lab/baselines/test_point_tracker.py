@@ -19,7 +19,7 @@ RUNS, PAIRS = 25, 8
 
 
 class Filtering(PointTracker[PointSettings]):
-    """The common part alone, on a given source."""
+    """Only the common part, with a given source."""
 
     Settings = PointSettings
     source_given = None
@@ -39,7 +39,7 @@ class Triangulating(TriangulationTracker):
 
 @pytest.fixture
 def tracker(scene):
-    """Make a tracker of a scene; other sources see the scene through a function."""
+    """Make a tracker of a scene; other sources transform the scene by a function."""
     def make(kind=Filtering, seen=None, settings=None, **changes):
         world = scene(**changes)
 
@@ -55,7 +55,7 @@ def tracker(scene):
 @pytest.mark.slow
 @pytest.mark.parametrize('kind', [Filtering, Triangulating])
 def test_errors_are_those_of_their_covariances(tracker, kind):
-    """Sums of normalised squares over many runs are below chi-square, and not far below."""
+    """Sums of normalised squares over many runs are below chi-square, but not far below."""
     live, along, whole = 0.0, 0.0, 0.0
     for seed in range(RUNS):
         world, one = tracker(kind, seed=seed, focal_std=0.0, baseline_std_m=0.0)
@@ -142,7 +142,7 @@ def test_a_right_view_that_comes_late_counts_at_its_own_time(tracker):
         pair = world.pair(k)
         there = one.update(pair)
         here = late.update(replace(pair, right_stamp_ns=pair.stamp_ns + 20_000_000))
-    # Taken for later ones, the right pixels are moved back by the motion of 20 ms, which makes the
+    # As later ones, the right pixels are moved back by the motion of 20 ms, which makes the
     # disparity f b / Z greater by the motion's part across the right view, and the front nearer.
     centre = world.centre_m(pair.stamp_ns)
     motion_px = np.diff(world.rig.project(np.array([centre, centre - [0, 0, 0.4]]))[1][:, 0])[0]

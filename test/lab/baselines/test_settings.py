@@ -21,7 +21,7 @@ from stereo_speed.site.init_file import load_init
 from stereo_speed.site.lane_paths import lane_paths
 import yaml
 
-# What else must be set for a parameter to matter in so short a pass: a strict check.
+# Further settings with which a parameter matters in such a short pass.
 NEEDED = {'jolt_std_m': {'most_distance2': 0.01}}
 BASELINES = [name for name in TRACKERS.own if name != 'constrained']
 PARAMETERS = [(name, f.name) for name in BASELINES
@@ -57,7 +57,7 @@ def usual(measured):
 
 
 def bounds(name, parameter):
-    """Return the settings with a parameter at its bounds, those that are not the default."""
+    """Return the settings with a parameter at each bound that is not its default."""
     kind = TRACKERS.load(name).Settings
     meta = next(f for f in fields(kind) if f.name == parameter).metadata
     settings = [kind(**{parameter: type(getattr(kind(), parameter))(meta[side])})

@@ -53,7 +53,7 @@ def test_smoothed_profile_of_one_known_velocity():
 
 
 def test_depth_noise_at_a_high_frame_rate_does_not_lengthen_the_way():
-    """Steps of 0.8 m with 0.5 m of noise in depth: their lengths alone would read 10 % more."""
+    """Steps of 0.8 m with 0.5 m of depth noise: their bare lengths would read 10 % too much."""
     rng, times = np.random.default_rng(3), np.arange(45) / 30
     means = []
     for _ in range(40):

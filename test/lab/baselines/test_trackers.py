@@ -31,7 +31,7 @@ def errors(updates, sequence):
 
 
 def most_sigmas(count):
-    """Return what the greatest of some errors stays below, be they correlated or not."""
+    """Return a bound on the greatest of some errors, whether or not they are correlated."""
     return norm.isf(FALSE_ALARM / (2 * count))
 
 
@@ -64,7 +64,7 @@ def test_sigma_holds_the_truth_and_is_worth_the_effort(name, straight, drive):
 
 
 def by_hand_mps(sequence):
-    """Return the 1-sigma of a speed from the first and the last front, annotated by hand."""
+    """Return the 1-sigma of a speed from the first and the last front, annotated manually."""
     rig, config = sequence.rig, SimConfig()
     depths = np.array([float(sequence.truth[k]['z']) for k in (0, -1)])
     corners = 4
@@ -112,7 +112,7 @@ def test_a_vehicle_lost_for_good_ends_its_track(name, reason, straight, drive):
 
 
 def test_a_right_view_that_comes_late_counts_at_its_own_time(straight, drive):
-    # Relabelled stamps: taken at their word they put the front elsewhere, by the way in 20 ms.
+    # Changed stamps displace the front by the distance travelled in 20 ms.
     late = [replace(p, right_stamp_ns=p.right_stamp_ns + 20_000_000) for p in straight.pairs]
     places = [drive(straight, 'multimodal', pairs)[0][-1].position_m for pairs in (None, late)]
     assert 0.2 < np.linalg.norm(places[1] - places[0]) < 8.0

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What ``bench`` says of live nodes where it cannot time them, and whose time it counts."""
+"""The live benchmark where nodes cannot be timed, and the processes whose time counts."""
 from __future__ import annotations
 
 from contextlib import contextmanager, ExitStack, nullcontext
@@ -17,7 +17,7 @@ from stereo_speed.lab.cli.live_graph import alive, GraphError, play, processor_s
 
 @pytest.fixture
 def undrawn(monkeypatch):
-    """Draw nothing, and leave the graph of this process as it is."""
+    """Replace the simulation of traffic, and leave the graph of this process unchanged."""
     monkeypatch.setattr(bench_live, 'private_graph', lambda: None)
     monkeypatch.setattr(bench_live, 'Traffic', SimpleNamespace(drawn=lambda *_, **__: None))
 
@@ -40,7 +40,7 @@ def test_a_graph_that_fails_is_one_line(undrawn, monkeypatch):
 
 
 def test_delays_and_pairs_are_told_of_each_node(undrawn, monkeypatch):
-    """Of 4 pairs at 10 a second: all four were taken, or half of them."""
+    """Of 4 pairs at 10 pairs/s, all four or half of them were accepted."""
     pytest.importorskip('rclpy')
     delays_s = [0.010, 0.020, 0.030, 0.110]
 
@@ -67,7 +67,7 @@ def test_rounds_follow_on_each_other_as_pairs_do(sample):
 
 @contextmanager
 def python(code):
-    """Run Python code; kill it in the end."""
+    """Run Python code in a process that is killed in the end."""
     with subprocess.Popen([sys.executable, '-c', code], stdin=subprocess.PIPE,
                           stdout=subprocess.PIPE) as process:
         try:
@@ -77,7 +77,7 @@ def python(code):
 
 
 def test_processor_time_is_that_of_helpers_too():
-    """Who has started one that works for 0.4 s and sleeps did nothing itself."""
+    """A parent that sleeps while its child works for 0.4 s uses no time itself."""
     work = ('import time\nwhile time.process_time() < 0.4: pass\n'
             'print("done", flush=True)\ntime.sleep(60)')
     code = ('import os, subprocess, sys\n'
@@ -105,7 +105,7 @@ def test_a_node_that_has_ended_is_told():
 
 @pytest.mark.parametrize('status', [0, 1])
 def test_a_replay_that_ends_before_any_pair_is_told_is_not_waited_for(status, monkeypatch):
-    """Whatever its status: 0 is that of a replay that has played all it had."""
+    """Whatever its exit status: 0 means that all was played."""
     monkeypatch.setattr(live_graph, 'Process', lambda *_: nullcontext(SimpleNamespace(
         process=SimpleNamespace(poll=lambda: status, returncode=status), ended=lambda: True)))
     waited_s = []

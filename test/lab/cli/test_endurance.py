@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Bags that go round, and the tables of what they cost."""
+"""Repeated bags, and the tables of their cost."""
 from __future__ import annotations
 
 import pytest
@@ -26,6 +26,6 @@ def test_tables_of_what_bags_cost(tmp_path, capsys):
     assert main(['endurance', 'many', '--bags', '1', '--jobs', '0', '--out', str(tmp_path)]) == 0
     row = capsys.readouterr().out.splitlines()[-2].strip('| ').split(' | ')
     assert row[:2] == ['1', '1']
-    # A process that has measured a bag holds some 100 MB, and it took time to do so.
+    # A process that has measured a bag uses about 100 MB and some time.
     assert float(row[2]) > 0 and 50 < float(row[4]) < 4000
     assert float(row[5]) <= float(row[2])

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What nodes say is held against the right vehicle and the right time, by hand."""
+"""Output of nodes is compared with the right vehicle and time, by hand."""
 from __future__ import annotations
 
 from types import SimpleNamespace
@@ -18,13 +18,13 @@ TRUTH = [VehicleTruth(7, STAMPS, np.array([20.0, 18, 16, 14, 12]), np.tile([-3.0
 
 
 def heard(*rows, off_ns=0):
-    """Give what was heard: places of vehicle_0 at some rows of the truth."""
+    """Return received messages: positions of vehicle_0 at some rows of the truth."""
     return SimpleNamespace(places={
         (int(STAMPS[row]) + off_ns, 'vehicle_0'): (-2.5, 0.0, 41.0) for row in rows})
 
 
 def told(speed, off_ns=0):
-    """Give a pass over all five stamps."""
+    """Return the message of a pass over all five stamps."""
     return {'track': 0, 'speed_mps': speed, 'speed_std_mps': 0.5, 'first_stamp_ns': off_ns,
             'last_stamp_ns': 4 * SECOND + off_ns}
 
@@ -55,7 +55,7 @@ def test_a_reading_is_compared_with_the_vehicle_that_is_there_then():
 
 
 def test_the_worst_reading_is_told_by_its_sigmas_also_where_none_is_wrong(capsys):
-    """Off by 0.5 m/s at 0.1 in place of 1 m/s at 0.5; the truth is 14 and 16 m/s."""
+    """Errors of 0.5 m/s at a sigma of 0.1 against 1 m/s at 0.5; the truth is 14 and 16 m/s."""
     def reading(row, speed_mps, std_mps):
         return SimpleNamespace(at_s=10.0 + row, ns=row * SECOND, frame_id='vehicle_0',
                                speed_mps=speed_mps, std_mps=std_mps)

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Damaged input is refused in one line or taken; and what judges that sees what it is to see."""
+"""Damaged input is refused in one line or accepted, and the fuzzer's judge detects violations."""
 from __future__ import annotations
 
 import os
@@ -18,7 +18,7 @@ from stereo_speed.lab.sim.damage import damage_mcap, damage_value, MAGIC, split_
 
 @pytest.mark.parametrize('part', range(5))
 def test_damaged_input_does_no_more_than_be_refused(part, tmp_path):
-    """Some 300 cases, all of the readers; whole commands have tests of their own."""
+    """About 300 cases for all readers; whole commands have separate tests."""
     said = fuzz.work({'seed': 7, 'first': 62 * part, 'count': 62})
     assert said['faults'] == []
     assert sum(map(sum, said['counts'].values())) == 62
@@ -34,7 +34,7 @@ def test_what_is_not_damaged_is_taken(name, tmp_path, monkeypatch):
 
 
 def test_damage_to_evidence_is_found_and_told_in_one_line(tmp_path):
-    """Verified, measured again or disclosed; what is not damaged is sound."""
+    """Verified, recomputed or disclosed; undamaged folders verify."""
     case = fuzz.SUBJECTS['evidence folder']
     for number in range(12):
         folder = tmp_path / str(number)

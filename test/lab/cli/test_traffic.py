@@ -14,7 +14,7 @@ from stereo_speed.cli import main as cli
 
 @pytest.mark.slow
 def test_a_short_stream_is_measured(tmp_path, capsys):
-    """15 s of the traffic of the docs' table: each vehicle once, none wrong, nothing false."""
+    """15 s of the traffic in the docs' table: each vehicle once, no wrong or false ones."""
     assert cli.main(['traffic', '--minutes', '0.25', '--vehicles', '5', '--fps', '5', '--lanes',
                      '2', '--lines', 'exact', '--particles', '200', '--seed', '1', '--out',
                      str(tmp_path)]) == 0

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Passes drawn at random, summed up by hand."""
+"""Summaries of random passes, worked by hand."""
 from __future__ import annotations
 
 import numpy as np
@@ -21,7 +21,7 @@ def jobs_of(count, tolerances=False):
 
 
 def accuracy_result(errors_mph):
-    """Make the results of passes that are so far off; None for a rejected one."""
+    """Make results of passes with given errors; None for a rejected one."""
     jobs = jobs_of(len(errors_mph))
     results = []
     for job, error in zip(jobs, errors_mph):

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Tracks and vehicles are matched one to one by their places."""
+"""Tracks and vehicles are matched one to one by their positions."""
 from __future__ import annotations
 
 from itertools import permutations
@@ -16,7 +16,7 @@ STAMPS = np.arange(8) * 200_000_000
 
 
 def vehicle(number, x_m, from_z_m=70.0, places=True):
-    """Make the truth of a vehicle that comes along at 20 m/s."""
+    """Make the truth of a vehicle that approaches at 20 m/s."""
     position = np.column_stack([np.full(8, x_m), np.ones(8), from_z_m - 4.0 * np.arange(8)])
     return VehicleTruth(number, STAMPS, np.full(8, 20.0),
                         position if places else np.full_like(position, np.nan))

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the benchmark tells: each job counts after its first run, and every kernel is there."""
+"""The benchmark: jobs are timed after their first run, and every kernel is included."""
 from __future__ import annotations
 
 import sys
@@ -45,7 +45,7 @@ def test_the_filter_is_timed_without_a_peer_too(monkeypatch):
 
 
 def test_one_vehicle_is_followed_beside_trackers_that_this_opencv_has(sample, monkeypatch):
-    """Peers are given the front's box, and one view of each pair."""
+    """Peers get the front's box, and one view of each pair."""
     with StereoBag(sample / 'bag') as bag:
         pairs = list(bag.pairs())
         place = MeasuringSite.of(load_site(sample / 'site.yaml'), bag.rig)
@@ -65,12 +65,12 @@ def test_one_vehicle_is_followed_beside_trackers_that_this_opencv_has(sample, mo
 
 
 def scene_of(image):
-    """Give a scene of which an image is all that is asked."""
+    """Return a scene that only needs an image."""
     return Scene(None, None, [SimpleNamespace(left=image)], ())
 
 
 def test_what_is_decoded_is_the_same_image():
-    """Of what loses nothing; a mosaic of one colour is a grey image."""
+    """For lossless formats; a mosaic of one colour is a grey image."""
     image = np.random.default_rng(4).integers(0, 256, (24, 32), dtype=np.uint8)
     messages = _image_messages(image)
     for name in ('png, 8 bits', 'mono8', 'bgr8'):
@@ -84,7 +84,7 @@ def test_what_is_decoded_is_the_same_image():
 
 
 def test_decoding_is_timed_beside_peers_that_are_installed(monkeypatch):
-    """Each is given the very messages; who is not installed, or does not take one, is told."""
+    """Each gets the same messages; peers that are missing or do not support one are marked."""
     image, asked = np.zeros((24, 32), np.uint8), []
     peer = SimpleNamespace(message_to_cvimage=lambda msg, kind: asked.append(
         (getattr(msg, 'encoding', 'file'), kind)))

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Trackers side by side, by hand."""
+"""The comparison of trackers, worked by hand."""
 from __future__ import annotations
 
 import pytest
@@ -18,7 +18,7 @@ def experiment(tracker='constrained', particles=100):
 
 
 def result(e, seed, errors_mph, vehicles=1):
-    """Return a run whose readings are so far off 50 mph, and its pass as the last of them."""
+    """Return a run with given errors of its readings at 50 mph; its pass equals the last one."""
     n = len(errors_mph)
     runs = [VehicleRun(
         vehicle=k, stamps_ns=list(range(n)), confirmed=[True] * n, truth_mps=[50 * MPH_MPS] * n,

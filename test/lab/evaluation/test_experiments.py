@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What is run: each run once, with a name and all that it depends on."""
+"""Planned runs: each once, with a name and everything it depends on."""
 from __future__ import annotations
 
 import os

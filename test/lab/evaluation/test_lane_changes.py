@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The paper's lane changes: as long and as fast as it says, and measured."""
+"""The paper's lane changes: their duration and speed, and their measurement."""
 from __future__ import annotations
 
 from dataclasses import asdict

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Passes outdoors are those of the road, with what is drawn beside it."""
+"""Outdoor passes equal the plain ones, plus the drawn conditions."""
 from __future__ import annotations
 
 from collections import Counter

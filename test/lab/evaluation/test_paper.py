@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The paper's tables as data, what is run for them, and what comes out."""
+"""The paper's tables as data, the runs for them, and the results."""
 from __future__ import annotations
 
 import csv
@@ -53,7 +53,7 @@ def test_findings_are_of_sequences_we_compare():
 
 
 def runs_with(plan_, errors_mph):
-    """Make the runs of a plan: five readings, the last two off by so much, seed by seed."""
+    """Make the runs of a plan: five readings, the last two with a given error, for each seed."""
     results = []
     for seed, error in enumerate(errors_mph):
         for e in {e.key(0): e for e, _ in plan_.cells() + plan_.contests()}.values():
@@ -89,7 +89,7 @@ def test_a_comparison_has_a_row_for_each_vehicle_and_counts_failed_runs_as_lost(
 
 def test_checks_say_what_does_not_hold():
     good = checks(SMALL, runs_with(SMALL, [0.1, -0.05]))
-    # half of 0.25 mph is the least that is asked for
+    # half of 0.25 mph is the strictest limit
     assert [c for c in good if not c.holds] == []
     assert sum('times shorter' in c.claim for c in good) == 2
     bad = checks(SMALL, runs_with(SMALL, [0.1, -0.3]))

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the plots of an evaluation show."""
+"""The content of an evaluation's plots."""
 from __future__ import annotations
 
 import cv2

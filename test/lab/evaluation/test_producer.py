@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Items from another process: the same, in order, with what goes wrong there."""
+"""Items from another process: the same, in order, with its exceptions."""
 from __future__ import annotations
 
 import importlib
@@ -15,7 +15,7 @@ from stereo_speed.lab.evaluation.producer import produced, WAITING
 
 @pytest.fixture
 def squares(monkeypatch):
-    """Return a function of a module that processes of their own can import."""
+    """Return the function from a module that other processes can import."""
     monkeypatch.syspath_prepend(str(Path(__file__).parent))
     return importlib.import_module('producing').squares
 
@@ -40,7 +40,7 @@ def test_a_process_that_dies_is_noticed(squares):
 
 @pytest.mark.parametrize('ending', [signal.SIG_DFL, signal.SIG_IGN])
 def test_the_process_ends_with_its_reader(squares, monkeypatch, ending):
-    """Also where it does not end when it is told to, as its reader does not."""
+    """Even if it ignores the request to end, like its reader."""
     monkeypatch.setattr(producer, '_ALIVE_S', 0.5)
     before = set(multiprocessing.active_children())
     handler = signal.signal(signal.SIGTERM, ending)

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Passes drawn at random are within the range that is promised, and fill it."""
+"""Random passes are within the documented ranges, and cover them."""
 from __future__ import annotations
 
 from collections import Counter

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Roads drawn at random, summed up by hand."""
+"""Summaries of random roads, worked by hand."""
 from __future__ import annotations
 
 import math
@@ -29,7 +29,7 @@ def test_a_row_for_each_kind():
     assert list(rows) == ['all', 'bend', 'sag']
     assert rows['bend'] == pytest.approx(
         [2, math.sqrt(12.5) / 10, math.sqrt(13) / 10, 0.5, math.sqrt(13), 1, 1, 1, 0])
-    # without clicks nothing is worse than them
+    # without clicks there is no comparison
     assert rows['sag'] == pytest.approx([2, 0.1, 0.2, 0.2, 2.0, 0, 0, 0, 1])
     assert rows['all'][0] == 4
 

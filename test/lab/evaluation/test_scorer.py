@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What is reported is set beside the truth, stamp by stamp."""
+"""Reports are compared with the truth, stamp by stamp."""
 from __future__ import annotations
 
 from types import SimpleNamespace

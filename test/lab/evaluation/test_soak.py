@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The judge of long live runs, by vehicles and samples made up by hand."""
+"""The scoring of long live runs, with synthetic vehicles and samples."""
 from __future__ import annotations
 
 import mmap
@@ -19,7 +19,7 @@ START, ROUND = 100 * SECOND, 60 * SECOND
 
 
 def vehicle(number, first_s, side_m):
-    """Give a vehicle that comes nearer at 10 m/s for three seconds."""
+    """Return a vehicle that approaches at 10 m/s for three seconds."""
     stamps = START + (first_s * SECOND + np.arange(30) * SECOND // 10)
     z_m = 60.0 - 10.0 * np.arange(30) * 0.1
     return VehicleTruth(number, stamps, np.full(30, 10.0),
@@ -30,7 +30,7 @@ TRUTH = (vehicle(0, 5, 0.0), vehicle(1, 5, 12.0), vehicle(2, 30, 0.0))
 
 
 def passes(truth, turn, speed=10.0, verdict='measured', off_m=0.5):
-    """Give a pass of a vehicle in a round, and the places of its track."""
+    """Return a pass of a vehicle in a round, and the positions of its track."""
     places = [(int(ns) + turn * ROUND, tuple(at + [off_m, 0, 0]))
               for ns, at in zip(truth.stamps_ns, truth.position_m)]
     return ({'verdict': verdict, 'first_stamp_ns': places[0][0],
@@ -44,7 +44,7 @@ def test_each_vehicle_of_each_round_is_counted():
         rounds.add(*passes(TRUTH[0], turn))
     rounds.add(*passes(TRUTH[0], 1, speed=10.2))  # measured a second time
     rounds.add(*passes(TRUTH[1], 0, verdict='rejected'))
-    rounds.add(*passes(TRUTH[2], 0))  # measured, though nobody asks for it
+    rounds.add(*passes(TRUTH[2], 0))  # measured, though it does not count
     rounds.add(*passes(TRUTH[1], 1, off_m=30.0))  # on no vehicle
     assert rounds.counts(2) == {'vehicles': 4, 'once': 1, 'more': 1, 'rejected': 1, 'missed': 1,
                                 'astray': 1}
@@ -111,7 +111,7 @@ def test_memory_is_not_judged_where_pairs_wait():
 
 def test_a_process_is_seen_as_it_is():
     before = sample_of(os.getpid(), time.monotonic())
-    # from the system, not from what the process has freed before
+    # memory from the system, not memory that the process had freed
     with mmap.mmap(-1, 30 * 2 ** 20, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS) as block, \
             open(os.devnull) as one, open(os.devnull) as other:
         for _ in range(30):
@@ -122,7 +122,7 @@ def test_a_process_is_seen_as_it_is():
 
 
 def test_vehicles_count_when_they_are_well_seen(sample, tmp_path):
-    """Of the sample's file, which does not say how well, all count."""
+    """All vehicles of the sample's file count, because it has no visibility."""
     assert counted_vehicles(sample / 'truth.csv', (TRUTH[1],)) == {1}
     path = tmp_path / 'truth.csv'
     rows = [f'{100 + k / 5},{v},80.0,{visible},1' for k in range(9)

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Tables for people and for programs."""
+"""Tables as Markdown and CSV."""
 from __future__ import annotations
 
 import csv

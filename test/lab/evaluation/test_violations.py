@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Records of simulated traffic beside the truth: what is wrong is told, what is right is not."""
+"""Records of simulated traffic against the truth: wrong ones are found, right ones pass."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -22,7 +22,7 @@ LIMIT_MPS, SPEED_MPS, STEP_NS, COUNT = 50 * KMH_MPS, 72 * KMH_MPS, 100_000_000, 
 
 
 def truth(vehicle, side_m):
-    """Return the place of a vehicle in each exposure, driving at 72 km/h."""
+    """Return the position of a vehicle in each exposure, at 72 km/h."""
     return [{'vehicle': vehicle, 'stamp_ns': n * STEP_NS, 'speed': SPEED_MPS, 'x': side_m,
              'y': 1.0, 'z': 50 - 2.0 * n, 'in_view': True, 'width_px': 60.0, 'visible': 1.0}
             for n in range(COUNT)]
@@ -32,7 +32,7 @@ TRUTH = list(zip(truth(7, 0.0), truth(8, 3.7)))
 
 
 def decided(kmh, place=lambda n: (0.1, 1.0, 50.3 - 2 * n), step_ns=STEP_NS):
-    """Return a stream with a record of a speed, of a vehicle that was at some places."""
+    """Return a stream with a record of a speed, for a vehicle at given positions."""
     box = np.array([[0.0, 0], [10, 0], [10, 8], [0, 8]])
     update = TrackUpdate(0, 3, 'near', TrackState.CONFIRMED, 20.0, 0.1, 5.0, 0.0, np.zeros(3),
                          np.eye(3), np.eye(3), box, box)

@@ -25,7 +25,7 @@ def circle(a):
 
 
 def test_curve_from_two_views_picked_independently():
-    """Noise-free picks give the curve back to a centimetre or two at 60 m."""
+    """Noise-free picks reproduce the curve to a centimetre or two at 60 m."""
     rig = make_rig()
     left = rig.project(circle(np.linspace(0.0, 0.6, 40)))[0]
     right = rig.project(circle(np.linspace(-0.05, 0.65, 47)))[1]

@@ -24,7 +24,7 @@ def make_rig(d=(-0.2, 0.1, 1e-3, -1e-3), r=(0.004, -0.02, 0.003)):
 
 
 def make_picks(rig):
-    """Project points of the line, other ones in each view."""
+    """Project points of the line, different ones in each view."""
     a, b = np.linspace(0, 50, 9)[:, None], np.linspace(2, 48, 7)[:, None]
     return rig.project(START + a * TRAVEL)[0], rig.project(START + b * TRAVEL)[1]
 
@@ -59,7 +59,7 @@ def test_plucker_hand_worked():
 
 
 def test_line_in_the_epipolar_plane_has_no_direction():
-    """Both views then say the same and the planes are one."""
+    """Both views have the same information, and the planes coincide."""
     rig = make_rig(d=(), r=(0, 0, 0))
     rig = StereoRig(rig.left, rig.right, rig.R, np.array([-0.5, 0, 0]))
     flat = np.array([0.0, 1.0, -400.0])

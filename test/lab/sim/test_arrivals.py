@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Traffic flow: nobody touches, nobody brakes harder than tyres can, plans are kept."""
+"""Traffic flow: no collisions, no braking beyond the limit, and planned manoeuvres happen."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -29,7 +29,7 @@ def _run(flow, until_s, step_s=0.1):
 
 @pytest.mark.parametrize('seed', range(4))
 def test_nobody_touches_and_all_drive_past(seed):
-    # Twice the usual density, and everybody up to something.
+    # Twice the usual density, and every vehicle has a plan.
     config = TrafficConfig(minutes=4.0, vehicles=160, change_share=0.4, brake_share=0.5,
                            follow_share=0.5)
     seen, changed, hardest = set(), {}, 0.0

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Recordings as they would be had the rig swayed, or a camera been knocked or out of focus."""
+"""Recordings transformed as if the rig swayed, or a camera were displaced or out of focus."""
 from __future__ import annotations
 
 import cv2
@@ -80,7 +80,7 @@ def test_grain_is_as_strong_as_it_was(what):
 def test_grain_of_a_picture_is_what_was_added():
     images = [_grainy(_waves(), 2.0, seed) for seed in range(4)]
     for k, image in enumerate(images):
-        image[50 * k:50 * k + 50] = 250  # something that passes
+        image[50 * k:50 * k + 50] = 250  # a passing object
     # Whole grey levels add a twelfth to the variance; a 1 in 370 beyond 3 sigmas is left out.
     assert grain_grey(images) == pytest.approx(np.hypot(2.0, 1 / np.sqrt(12)), rel=0.03)
     assert grain_grey(images[:1]) == 0.0
@@ -117,7 +117,7 @@ def test_sixteen_bits_stay_sixteen_bits():
 
 @pytest.fixture(scope='module')
 def recorded(tmp_path_factory):
-    """Write three pairs of a small rig, without grain."""
+    """Write three pairs of a small rig, without noise."""
     sequence = simulate(straight_config(rig=SMALL, pairs=3, noise_grey=0.0),
                         np.random.default_rng(3))
     folder = tmp_path_factory.mktemp('recorded')

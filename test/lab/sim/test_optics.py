@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Lenses, clipping and faults of cameras; what a wet road and glossy paint mirror."""
+"""Lenses, clipping and camera faults; reflections of wet roads and glossy paint."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -28,7 +28,7 @@ def _optics(lens=LensConfig(), faults=FaultConfig(), size=SIZE):
 
 
 def _clipped_columns(image):
-    """Return how wide what clips is, px, with the shares of its edges."""
+    """Return the width of the clipped region, px, including the shares of its edges."""
     # Above the background, in logarithms: point spreads fall off steeply.
     row = np.log(np.maximum(image[image.max(axis=1).argmax()] - 40, 1e-3) / (255 - 40))
     k = np.flatnonzero(row >= 0)

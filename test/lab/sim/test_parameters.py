@@ -33,7 +33,7 @@ FURNISHED = replace(
     faults=FaultConfig(exposure_step=0.1, right_defocus_px=1.0, dirt=3))
 SOLID = replace(FURNISHED, vehicles=(VehicleConfig(solid=True, lamp_grey=300.0, gloss=0.3),))
 
-# A value other than the base's for every field; the files where no image shows it.
+# Another value for every field; the files, for fields that do not affect images.
 RIG = {
     'width_px': 100, 'height_px': 70, 'f_px': 180.0, 'right_f_px': 160.0, 'baseline_m': 0.8,
     'left_rotation_deg': (0.5, 0.0, 0.0), 'right_rotation_deg': (0.0, 0.5, 0.0),
@@ -143,7 +143,7 @@ def _scene(receding):
 
 
 def _picture(body, receding=()):
-    """Paint a body of its own, some way ahead."""
+    """Paint a body some way ahead."""
     scene = _scene(receding)
     place = Place(30.0, 0.0, 0, 10.0, 0.0)
     appearance = looks_of(body, bool(receding), np.random.default_rng(0))
@@ -164,7 +164,7 @@ def test_relief_contrast_and_size_are_drawn_of_every_kind(kind, receding):
 
 
 def test_every_size_of_a_body_is_drawn():
-    # What needs a sky to be seen is swept as fields of the vehicle.
+    # Fields that only matter under a sky are tested as fields of the vehicle.
     names = {field.name for field in fields(BodyConfig)}
     assert set(BODY) | {'kind', 'solid'} | set(LOOKS) == names
     for name, value in BODY.items():

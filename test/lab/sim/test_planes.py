@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Planes, their order, what occludes what; people, trees, clouds and noise."""
+"""Planes, their order and occlusion; people, trees, clouds and noise."""
 from __future__ import annotations
 
 import cv2

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What is drawn lies where the geometry says, to a small part of a pixel."""
+"""Rendered objects agree with the geometry to a small part of a pixel."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -44,14 +44,14 @@ def _texels(texture):
 
 
 def _sample(image, x, y, size_m):
-    """Sample an image at metres from the top-left corner of what it covers."""
+    """Sample an image at metres from the top-left corner of its plane."""
     rows, columns = image.shape
     return map_coordinates(image, [y * rows / size_m[1] - 0.5, x * columns / size_m[0] - 0.5],
                            order=1, mode='nearest')
 
 
 def _brute(camera, corners_px, texture, size_m, box):
-    """Draw the front by a homography from its projected corners, many samples a pixel."""
+    """Draw the front by a homography of its projected corners, with many samples per pixel."""
     u0, u1, v0, v1 = box
     w, h = size_m
     flat = camera.undistort(corners_px)
@@ -100,7 +100,7 @@ def test_front_is_drawn_where_it_projects(make, rig):
 
 
 def _forward(project, pose, appearance, box):
-    """Draw a front with relief by projecting its surface, many small pieces a pixel."""
+    """Draw a front with relief by projecting its surface, with many small pieces per pixel."""
     u0, u1, v0, v1 = box
     w, h = size_m = appearance.body.width_m, appearance.body.tracked_m(appearance.rear)
     x, y = np.meshgrid((np.arange(1200) + 0.5) * w / 1200, (np.arange(600) + 0.5) * h / 600)

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Exposures, places and truth of a scene: by hand, and against each other."""
+"""Exposures, positions and truth of a scene: by hand, and for consistency."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -70,7 +70,7 @@ def test_a_front_heads_where_it_goes(receding):
     np.testing.assert_allclose(pose.axes.T @ pose.axes, np.eye(3), atol=1e-12)
     assert pose.rear == bool(receding)
     across = pose.corners_m[1] - pose.corners_m[0]
-    # From the image's left to its right, which is the left of who comes.
+    # From the image's left to its right, which is an approaching vehicle's left.
     assert across[0] > 0 and across @ pose.axes[:, 1] == pytest.approx(-1.8 if receding else 1.8)
     row = scene.truth(vehicle, 1.0, 0)
     assert row['lateral'] == pytest.approx(1.5)
@@ -92,7 +92,7 @@ def test_width_in_the_image_by_hand():
 @pytest.mark.parametrize('receding, wanted', [
     ((), [False, True, True, True]), ((0,), [False, True, True, False])])
 def test_view_ends_at_the_ends_of_the_pass(receding, wanted):
-    """Who comes may be seen before the start, who recedes not after it."""
+    """Approaching vehicles may be seen before the start; receding ones are not seen after it."""
     scene = SimScene(straight_config(road=RoadConfig(receding=receding)))
 
     def at(ahead_m):

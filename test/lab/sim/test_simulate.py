@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Whole sequences, and what is written of them."""
+"""Whole sequences, and the files written from them."""
 from __future__ import annotations
 
 import csv

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Bodies with depth: where their pieces are, and what stays where it was."""
+"""Bodies with depth: the positions of their pieces, and invariants."""
 from __future__ import annotations
 
 from dataclasses import replace

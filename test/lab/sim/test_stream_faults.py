@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Faults put into a stream: each does what it says, and only while it holds."""
+"""Faults in a stream: each has its effect, and only while it is active."""
 from __future__ import annotations
 
 import numpy as np
@@ -14,7 +14,7 @@ COUNT = 200
 
 
 def taken(fault, seed=0):
-    """Return the pairs of a stream whose images tell their exposure: left n, right 100 + n."""
+    """Return the pairs of a stream whose images show their exposure: left n, right 100 + n."""
     def stream():
         for n in range(COUNT):
             ns = START_NS + n * STEP_NS
@@ -24,7 +24,7 @@ def taken(fault, seed=0):
 
 
 def is_sound(one):
-    """Return whether a pair is as it was taken."""
+    """Return whether a pair is unchanged."""
     n, pair = one.exposure, one.pair
     return (pair.stamp_ns == pair.right_stamp_ns == START_NS + n * STEP_NS
             and pair.left[0, 0] == n % 100 and pair.right[0, 0] == 100 + n % 100)

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A stream of traffic: repeatable, its truth consistent with itself; sequences with everything."""
+"""A stream of traffic: repeatable, with consistent truth; sequences with all features."""
 from __future__ import annotations
 
 import csv
@@ -39,7 +39,7 @@ def stream():
     config = replace(
         _config('overcast', receding=1, vehicles=60), change_share=0.5, brake_share=0.5)
     with mock.patch.multiple(Eye, draw=lambda *_: None, fill=lambda *_: None):
-        return config, _take(config, 3, 220)  # what is true needs no images
+        return config, _take(config, 3, 220)  # the truth needs no images
 
 
 def test_same_seed_same_stream_and_another_one_not():
@@ -55,7 +55,7 @@ def test_same_seed_same_stream_and_another_one_not():
 
 @pytest.mark.slow
 def test_truth_is_consistent_with_itself(stream):
-    """Speed is the length of the way between pairs; places run along the lanes."""
+    """Speeds agree with the distance between pairs; positions lie along the lanes."""
     config, pairs = stream
     rows = {}
     for one in pairs:
@@ -185,7 +185,7 @@ def test_sequence_with_everything():
 
 
 def test_right_image_is_of_its_own_time():
-    """With a delay the right view shows the vehicle where it was at its later stamp."""
+    """With a delay the right view shows the vehicle at its later stamp."""
     still = straight_config('50 mph', rig=replace(SMALL, baseline_m=1e-6), noise_grey=0.0,
                             pairs=3)
     late = replace(still, right_delay_s=0.2)

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Roads drawn by closed forms, and simulated passes with rough clicks and their true lines."""
+"""Roads drawn by closed forms, and simulated passes with inexact clicks and true lines."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -56,7 +56,7 @@ class Scene:
 
 @pytest.fixture(scope='session')
 def make_scene(tmp_path_factory) -> Callable[[SimConfig, int], Scene]:
-    """Give the function that simulates a pass."""
+    """Return a function that simulates a pass."""
     def make(config: SimConfig, seed: int) -> Scene:
         folder: Path = tmp_path_factory.mktemp('scene')
         sequence = simulate(config, np.random.default_rng(seed))
@@ -139,25 +139,25 @@ class DrawnRoad:
 
 @pytest.fixture(scope='session')
 def draw() -> Callable[[float], DrawnRoad]:
-    """Give the function that makes a road, known as wrong as it is told."""
+    """Return a function that makes a road with a given error of its prior knowledge."""
     return DrawnRoad
 
 
 @pytest.fixture(scope='session')
 def drawn() -> DrawnRoad:
-    """Give a road that is known exactly."""
+    """Return a road that is known exactly."""
     return DrawnRoad()
 
 
 @pytest.fixture(scope='session')
 def drawn_off() -> DrawnRoad:
-    """Give a road that is known to 8 cm: 2 to 6 px in the images."""
+    """Return a road that is known to 8 cm: 2 to 6 px in the images."""
     return DrawnRoad(0.08)
 
 
 @pytest.fixture(scope='session')
 def drawn_refined(drawn) -> RefinedSite:
-    """Give the refined site of a drawn road with a dashed right line, found in both views."""
+    """Return the refined site of a drawn road with a dashed right line, found in both views."""
     views = tuple(Background(drawn.image(right, period_m=8.0).astype(np.float32), 1.0, 9)
                   for right in (0, 1))
     found = {name: tuple(

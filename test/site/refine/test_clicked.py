@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Which markings cannot be what was clicked."""
+"""Markings that cannot be the clicked ones."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -46,9 +46,9 @@ def test_distances_are_those_of_the_drawing(drawn, right):
 
 @pytest.mark.slow
 @pytest.mark.parametrize('off_m, lost', [
-    ({'left': 0.13}, ('left',)),  # the band is another: the light beside a rail's shadow
+    ({'left': 0.13}, ('left',)),  # another band: the light beside a rail's shadow
     ({'left': 0.07}, ()),  # its edge was clicked
-    ({'left': 0.13, 'right': 0.13}, ())])  # the rig was knocked since
+    ({'left': 0.13, 'right': 0.13}, ())])  # the rig was displaced since
 def test_a_band_beside_the_clicks_of_one_line_is_not_taken_for_it(drawn, off_m, lost):
     rng, z = np.random.default_rng(3), np.linspace(44.0, 13.0, 14)
     lines = {name: PickedLine(name, *(

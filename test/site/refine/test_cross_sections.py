@@ -63,7 +63,7 @@ def test_a_road_beside_the_camera_is_no_longer_than_the_image(drawn, view):
 
 
 def test_a_road_behind_the_camera_has_none(drawn, view):
-    """There is nothing to read then, and that is no failure."""
+    """There is nothing to read, and that is no error."""
     problem = drawn.fit.problem
     behind = replace(problem.model, centre_m=problem.model.centre_m * [1, 1, -1])
     line = replace(view, fit=replace(drawn.fit, problem=RoadProblem(

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Backgrounds: traffic gone, noise averaged."""
+"""Backgrounds: traffic removed, noise averaged."""
 from __future__ import annotations
 
 import numpy as np
@@ -12,7 +12,7 @@ from stereo_speed.site.refine.empty_road import (
 
 
 def images(count, rng, noise=2.0, scale=1, dtype=np.uint8):
-    """Make noisy images of a ramp with a bright block that moves on in each."""
+    """Make noisy images of a ramp with a bright block that moves in each."""
     still = np.tile(np.linspace(60, 120, 160), (120, 1))
     out = []
     for i in range(count):

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Views of which one is out of focus, made equally sharp."""
+"""Equalising the sharpness of views, one of which is out of focus."""
 from __future__ import annotations
 
 from dataclasses import replace

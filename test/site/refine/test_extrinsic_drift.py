@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a camera has rotated: decisions, and honest uncertainty over many rigs."""
+"""Rotation of a camera: decisions, and consistent uncertainty over many rigs."""
 from __future__ import annotations
 
 import numpy as np
@@ -34,7 +34,7 @@ def test_one_angle_moved(axis):
 
 
 def test_what_cannot_be_seen_stays_uncertain():
-    """An angle that the images do not show may have moved as often as any."""
+    """An angle that the images do not show keeps its prior probability of having moved."""
     drift = decide_drift([Shown(0.0, np.zeros(3), np.diag(np.radians([5.0, 0.0003, 0.002])**2))])
     expected = np.sqrt(CONFIG.moved_probability * CONFIG.moved_std_deg**2)
     assert np.degrees(np.sqrt(drift.covariance_rad2[0, 0])) == pytest.approx(expected, rel=0.05)
@@ -42,7 +42,7 @@ def test_what_cannot_be_seen_stays_uncertain():
 
 @pytest.mark.slow
 def test_uncertainty_covers_the_decision():
-    """Over rigs drawn from the same belief the error has the claimed second moment."""
+    """Over rigs drawn from the same prior the error has the claimed second moment."""
     rng = np.random.default_rng(0)
     covariance = np.diag(np.radians(STD_DEG)**2)
     scores, variances, squares = [], [], []

@@ -23,14 +23,14 @@ def test_ends_of_dashes():
     np.testing.assert_allclose(dash_ends(s, grey, True, 8.0), [7.875, 15.875])
     order = np.random.default_rng(0).permutation(len(s))
     np.testing.assert_allclose(dash_ends(s[order], grey[order], True, 8.0), [7.875, 15.875])
-    grey[(s > 7) & (s < 9)] = np.nan  # a gap of 2 m in what is seen
+    grey[(s > 7) & (s < 9)] = np.nan  # a gap of 2 m in the visible part
     np.testing.assert_allclose(dash_ends(s, grey, True, 8.0), [15.875])
     assert dash_ends(s, np.full(len(s), np.nan), True, 8.0).size == 0
     assert dash_ends(np.zeros(0), np.zeros(0), True, 8.0).size == 0
 
 
 def test_spacing_of_what_repeats():
-    """Also where some are missing; the 1-sigma is that of a straight line through them."""
+    """Also with some missing; the 1-sigma is that of a straight line through them."""
     number = np.array([0, 1, 2, 4, 5, 7.0])
     rng, slopes = np.random.default_rng(1), []
     for _ in range(200):

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Lane markings and kerbs in drawn views, whose place is known exactly."""
+"""Lane markings and kerbs in drawn views, at exactly known positions."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -15,13 +15,13 @@ WIDTH_M, ASPHALT = 0.15, 80.0
 
 
 def ends(road, name, right):
-    """Return where a line was clicked to begin and to end."""
+    """Return the first and last clicked points of a line."""
     return road.lines[name].views_px[right][[0, -1]]
 
 
 @pytest.mark.parametrize('name, right', [('right', 0), ('left', 1)])
 def test_bands_are_found_to_hundredths_of_a_pixel(drawn_off, name, right):
-    """From a road that is wrong by some px, and as certain as they say."""
+    """From a prior road that is wrong by some px, and with a consistent 1-sigma."""
     road, noise = drawn_off, 2.0
     view = road.view(name, right, road.image(right, noise=noise), noise)
     found = locate(view, ends(road, name, right))
@@ -52,7 +52,7 @@ def test_kerbs_are_edges(drawn_off):
 
 
 def test_gaps_and_poles_are_left_out(drawn):
-    """Of a dashed line less than its dashes is used; a dark pole in front of it bends nothing."""
+    """Less of a dashed line than its dashes is used; a dark pole in front does not bend it."""
     image = drawn.image(0, period_m=8.0, noise=1.0)
     image[:200, 255:262] = 20.0
     found = locate(drawn.view('right', 0, image), ends(drawn, 'right', 0))
@@ -62,7 +62,7 @@ def test_gaps_and_poles_are_left_out(drawn):
 
 
 def test_what_lamps_sweep_does_not_count(drawn):
-    """There a marking may seem to lie beside its place."""
+    """There a marking may appear displaced."""
     image, change = drawn.image(0, noise=1.0), np.zeros((180, 320), np.float32)
     near = slice(250, None)
     image[near] = np.roll(image[near], 1, axis=1)
@@ -82,7 +82,7 @@ def test_bare_road_has_no_line(drawn, noise):
 
 
 def test_the_search_reaches_as_far_as_it_is_told(draw):
-    """A road known to 40 cm is 8 to 30 px off: a search of 35 px finds its line, one of 3 not."""
+    """A road known to 40 cm is 8 to 30 px off: a search of 35 px finds its line, of 3 px not."""
     road = draw(0.4)
     view = road.view('right', 0, road.image(0))
     found = locate(view, ends(road, 'right', 0), config=RefineConfig(search_px=35.0))

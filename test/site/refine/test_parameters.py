@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Every parameter of the refinement changes something that it finds or says."""
+"""Every parameter of the refinement changes some result or message."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -41,7 +41,7 @@ def configured(name: str, value: Any) -> tuple[RefineConfig, RoadPrior]:
 
 @pytest.fixture(scope='module')
 def results(drawn, drawn_off, drawn_refined) -> Mapping[str, Callable[..., Any]]:
-    """Return functions from parameters to what comes of them, those that take no time first."""
+    """Return functions from parameters to their results, fast ones first."""
     rng = np.random.default_rng(2)
     texture = rng.normal(0, 14, (360, 640))
     images = [np.clip(drawn.image(right) + texture, 0, 255).astype(np.uint8) for right in (0, 1)]

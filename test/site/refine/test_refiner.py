@@ -60,7 +60,7 @@ def circle(make_scene):
 
 @pytest.mark.slow
 def test_points_lie_on_the_markings(drifted, circle):
-    """To a few hundredths of a pixel, and as far as they say."""
+    """To a few hundredths of a pixel, and within the claimed 1-sigma."""
     for scene, refined in (drifted, circle):
         assert refined.lost == ()
         for name, views in refined.found.items():
@@ -117,7 +117,7 @@ def test_known_lengths(drifted):
 
 @pytest.mark.slow
 def test_file_says_it_all(drifted, tmp_path):
-    """Written and read again, the site makes the same lanes with the corrected rig only."""
+    """Written and read again, the site gives the same lanes, with the corrected rig only."""
     scene, refined = drifted
     path = tmp_path / 'refined.yaml'
     path.write_text(site_text(refined.site))
@@ -148,7 +148,7 @@ def test_pictures(drifted):
 
 @pytest.mark.slow
 def test_nothing_where_nothing_is(drawn):
-    """Lines clicked on bare road stay as clicked, and that is reported."""
+    """Lines clicked on bare road keep their clicks, and that is reported."""
     rng, shape = np.random.default_rng(0), drawn.image(0).shape
     pairs = [StereoPair(i, i, i, *(rng.normal(90, 2, (2, *shape)).astype(np.uint8)))
              for i in range(3)]
@@ -173,7 +173,7 @@ def test_a_drawn_road_from_rough_clicks(drawn):
     assert refined.lost == () and not refined.drift.moved
     for name, line in refined.site.picked.items():
         for right in (0, 1):
-            found = line.views_std_px[right] < 0.5  # not the ends that were carried on
+            found = line.views_std_px[right] < 0.5  # except the extrapolated ends
             off = drawn.off_px(name, line.views_px[right][found], right)
             assert np.sqrt(np.mean(off**2)) < 0.02 and found.sum() > 10
     directions = [refined.lanes[n].path.tangent(5.0) @ [0, 0, -1] for n in ('a', 'b')]
@@ -218,7 +218,7 @@ def test_a_site_nobody_refined_is_as_certain_as_a_calibration(circle):
 
 @pytest.mark.slow
 def test_clicks_that_contradict_what_was_found_are_kept(drawn):
-    """Both are sure, but who clicked saw a road that climbs by 0.4 degrees."""
+    """Both are certain, but the clicks show a road that climbs by 0.4 degrees."""
     images = [np.clip(drawn.image(right, noise=1.0, seed=right), 0, 255).astype(np.uint8)
               for right in (0, 1)]
     depth_m = np.linspace(45.0, 12.0, 12)

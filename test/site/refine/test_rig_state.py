@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A rig that has moved since its site was refined shows in its own images."""
+"""A rig that has moved since its site was refined is detected in its images."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -82,14 +82,14 @@ def test_two_looks_that_agree_show_how_the_rig_stands(measured_with):
     second = rig_state(used, simulate(turned, np.random.default_rng(6)).pairs,
                        suspected=first.stance)
     assert second.confirmed
-    # speeds by what it found are right where those of the site are off by tenths
+    # speeds with the found pose are right; those with the site's are wrong by tenths
     seen_by = used.rig.drifted(np.radians(turned.rig_moved_deg))
     true = {name: Setup(lane.path, seen_by) for name, lane in used.lanes.items()}
     for stance, most in ((second.stance, 0.01), (used, None)):
         errors = [abs(speed_error(true[name], Setup(stance.lanes[name].path, stance.rig)))
                   for name in used.lanes]
         assert max(errors) < most if most else min(errors) > 0.05
-    # and what was measured with can be measured with again from its record
+    # and the pose can be restored from its record
     stance = second.stance
     measured = MeasuringSite(stance.site, stance.rig, stance.lanes, corrected=True)
     told = Instrument.of('run', measured, PipelineConfig()).text()
@@ -99,7 +99,7 @@ def test_two_looks_that_agree_show_how_the_rig_stands(measured_with):
         s_m = np.linspace(0, lane.path.length_m, 20)
         assert again.lanes[name].path.position(s_m) == pytest.approx(
             lane.path.position(s_m), abs=2e-3)
-    # the rig has been put right in between: the looks do not agree
+    # the rig was corrected in between: the checks do not agree
     third = rig_state(used, standing, suspected=first.stance)
     assert not third.is_off and not third.confirmed
 

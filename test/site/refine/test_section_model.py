@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Cross-sections made from exact pixel coverage, found again."""
+"""Cross-sections rendered with exact pixel coverage are recovered."""
 from __future__ import annotations
 
 import numpy as np
@@ -84,7 +84,7 @@ def test_width_and_blur_are_found():
 
 
 def test_an_edge_is_no_band():
-    """What is looked for on a cross-section shows where it is, and an edge shows no band."""
+    """The model determines what a cross-section shows, and an edge shows no band."""
     rng = np.random.default_rng(3)
     scale = np.full(1, PX_PER_M)
     for kind, width in ((BAND, 0.15), (EDGE, 0.0)):

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Clicks moved onto drawn markings whose place is known exactly."""
+"""Clicks are moved onto drawn markings at exactly known positions."""
 from __future__ import annotations
 
 import numpy as np
