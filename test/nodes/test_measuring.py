@@ -72,7 +72,7 @@ def test_it_is_told_when_most_pairs_are_hurried(node, every, told):
         node.measuring.counts.measured.add()
         node.measuring.counts.hurried.add(k % every == 0)
     state = node.measuring.state()
-    assert ('the machine hardly keeps up: pairs are hurried' in state.message) is told
+    assert ('measuring barely keeps up: most pairs are hurried' in state.message) is told
     assert state.level == WARN or not told
 
 
@@ -106,5 +106,5 @@ def test_a_process_of_the_passes_that_fails_is_closed_and_told_and_not_asked_aga
     node.measuring._measured(lambda: 'result')
     state = node.measuring.state()
     assert state.level == WARN
-    assert 'measures passes without a process of its own: it has ended' in state.message
+    assert 'measures passes without a separate process: it has ended' in state.message
     node.trigger_deactivate()
