@@ -28,16 +28,16 @@ def number_in(kind: type[Number], low: float, high: float) -> Callable[[str], Nu
 def add_job_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of a run of many jobs."""
     parser.add_argument('--jobs', type=number_in(int, 0, 512), default=os.cpu_count() or 1,
-                        help='processes (default: one for each core; 0: only this one)')
+                        help='number of processes (default: one per core; 0: only this one)')
     parser.add_argument('--out', type=Path, metavar='DIR',
-                        help='folder for the results; a run that was interrupted goes on there')
+                        help='folder for the results; an interrupted run is resumed there')
 
 
 def add_units_option(parser: argparse.ArgumentParser) -> None:
     """Add the option that says in which unit speeds are shown."""
     parser.add_argument('--units', choices=SPEED_UNITS, default='mph',
-                        help='unit of the speeds shown to people (default: mph); files of '
-                             'numbers have m/s')
+                        help='unit of displayed speeds (default: mph); data files are in '
+                             'm/s')
 
 
 def report_failures(failed: Sequence[str]) -> int:

@@ -251,8 +251,8 @@ def held_table(held: Sequence[Held], minutes: float) -> Table:
     """Tabulate what the nodes held over a run of so many minutes."""
     return Table(
         title=f'Memory and handles of {minutes:.0f} minutes',
-        columns=['node', 'memory, MB', 'growth by its trend, MB', 'most, MB', 'handles, threads',
-                 'in the end'],
+        columns=['node', 'memory, MB', 'trend of growth, MB', 'peak, MB', 'handles, threads',
+                 'at the end'],
         rows=[[h.node, h.first_mb, h.growth_mb, h.most_mb,
                f'{h.handles[0]}, {h.threads[0]}', f'{h.handles[1]}, {h.threads[1]}']
               for h in held], digits=[0, 1, 1, 1, 0, 0])
@@ -291,7 +291,7 @@ class Soaked:
         """Return what could not be judged."""
         return [] if self.longest_s <= rules.late_s else [
             f'memory was NOT JUDGED: the machine did not keep up, tracks came up to '
-            f'{self.longest_s:.0f} s late, and pairs that wait take room']
+            f'{self.longest_s:.0f} s late, and waiting pairs take memory']
 
     def table(self) -> Table:
         """Tabulate what was measured."""
@@ -299,7 +299,7 @@ class Soaked:
         return Table(
             title='', columns=[
                 'minutes', 'pairs', 'lost', 'vehicles', 'measured once', 'more than once',
-                'rejected', 'missed', 'on nothing', 'worst error, mph', 'live readings'],
+                'rejected', 'missed', 'on no vehicle', 'worst error, mph', 'live readings'],
             rows=[[self.minutes, *self.pairs, *counts.values(), self.rounds.worst_mph,
                    self.readings]],
             digits=[1, *(0,) * 8, 2, 0])
