@@ -56,7 +56,7 @@ def test_each_state_and_a_jump_of_time_are_told(node):
     assert (measuring.state().level, measuring.state().message) == (WARN, 'inactive')
     node.trigger_activate()
     assert 'inactive' not in measuring.state().message
-    assert 'nothing is known' in measuring.stamps().message  # and none are said to be right
+    assert 'not checked yet' in measuring.stamps().message  # and none are said to be right
     measuring._start_anew(SimpleNamespace(reset=lambda: None), 5)
     state = measuring.state()
     assert state.values['resets'] == 1 and 'stamps jumped back' in state.message
