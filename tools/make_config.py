@@ -24,25 +24,25 @@ SPEED_CAMERA_HEAD = """# Parameters of speed_camera_node, as in stereo_speed.par
 /**/speed_camera_node:
   ros__parameters:"""
 NODE_HEAD = """# Parameters of environment_node; these are the defaults.
-# `map` and `targets` are given at launch.
+# `map` and `targets` are arguments of the launch file.
 /**/environment_node:
   ros__parameters:
     # seed of all randomness
     seed: 0
-    # 'environment' or 'plain'; what stands here wins over the argument of the launch file
+    # 'environment' or 'plain'; a value set here overrides the argument of the launch file
     # tracker: environment
-    # use every stride-th frame, counted from that of each mark
+    # use every stride-th frame, counted from the frame of each mark
     stride: 1
-    # frames that are kept, so that a target can still be marked in them
+    # number of recent frames that are kept, in which a target can still be marked
     mark_frames: 50
-    # 'raw' or 'compressed' images; what stands here wins over the argument of the launch file
+    # 'raw' or 'compressed' images; a value set here overrides the argument of the launch file
     # image_transport: raw
     # size of a pixel in the markers [m]
     marker_metres_per_px: 0.01
 """
 
 EVIDENCE_HEAD = """# Parameters of evidence_node; these are the defaults.
-# `out`, and best `key` and `head`, are given at launch.
+# `out`, `key` and `head` are arguments of the launch file.
 /**/evidence_node:
   ros__parameters:
     # 'raw' or 'compressed' images
@@ -100,7 +100,7 @@ def main() -> None:
         EVIDENCE_HEAD + parameters('    ', EnforcementConfig))
     (config / 'tracker.yaml').write_text(
         HEAD + parameters('', TrackerConfig) + components('')
-        + '# when a pass is a violation, and what is kept of it\nenforcement:\n'
+        + '# when a pass is a violation, and what is kept as evidence\nenforcement:\n'
         + parameters('  ', EnforcementConfig))
     path = config / 'stereo_speed.params.yaml'
     text = path.read_text()

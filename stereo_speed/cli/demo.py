@@ -69,7 +69,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--sample', type=Path, default=_ROOT / 'sample' / 'straight55',
                         help='folder with bag/, site.yaml, init.yaml and truth.csv')
     parser.add_argument('--out', type=Path, default=Path('out'), help='folder to write')
-    parser.add_argument('--rate', type=float, default=1.0, help='pace of the replay')
+    parser.add_argument('--rate', type=float, default=1.0,
+                        help='speed of the replay; 2 is twice as fast as recorded')
 
 
 def run(args: argparse.Namespace) -> int:
@@ -93,13 +94,13 @@ def run(args: argparse.Namespace) -> int:
     missing = sorted(set(expected) - {r[0] for r in readings})
     if missing:
         raise DemoError(f'demo: /vehicle_speed: found {len(readings)} readings, wanted '
-                        f'{len(expected)}; the first one missing is {missing[0]}')
+                        f'{len(expected)}; first missing stamp: {missing[0]} ns')
     apart = max(abs(speed - expected[ns]) for ns, _, speed, _ in readings)
     print(f'live and offline readings differ by at most {apart / MPH_MPS:.6f} mph')
     print(f'frames and plots are in {args.out}/')
     violation = sorted(records(evidence) - older)
     if not violation:
-        raise DemoError(f'demo: {evidence}: found no new record, wanted one of the violation')
+        raise DemoError(f'demo: {evidence}: found no new record, wanted one for the violation')
     print('\n' + '\n'.join(show(args.out, violation[-1], key)))
     return 0
 
@@ -161,8 +162,9 @@ def live(sample: Path, site: Path, wanted: int, rate: float, truth: VehicleTruth
         listener = Listener(on_reading, frames.__setitem__)
         stack.callback(listener.close)
         if not listener.spin(_START_S, lambda: _check(nodes) and not listener.missing_wires()):
-            raise DemoError(f'demo: graph: found nothing on {", ".join(listener.missing_wires())}'
-                            f' after {_START_S:.0f} s, wanted all nodes connected')
+            raise DemoError(
+                f'demo: graph: found no connection on {", ".join(listener.missing_wires())} after '
+                f'{_START_S:.0f} s, wanted all nodes connected')
         listener.spin(_SETTLE_S, lambda: False)
         print('\nnodes connected; readings on /vehicle_speed:')
         replay = stack.enter_context(Process('replay_node', f'bag:={sample / "bag"}',

@@ -48,7 +48,7 @@ def show(out: Path, record_folder: Path, key: Path) -> list[str]:
     if not found.sound or not again.agrees or forged.sound:
         raise StereoSpeedError(f'{record_folder}: record: found '
                                f'{"; ".join(found.faults) or again}, forged copy '
-                               f'{forged.faults}, wanted a sound one and a forged one found out')
+                               f'{forged.faults}, wanted a sound record and a detected forgery')
     check = 'python -m stereo_speed evidence verify'
     option = f'--key {public_of(key)}'
     return [
@@ -57,10 +57,9 @@ def show(out: Path, record_folder: Path, key: Path) -> list[str]:
         f'  report   {record_folder / "page.pdf"}',
         f'  measured again from its images: {again.speed_mps:.6f} m/s, stored '
         f'{again.stored_mps:.6f} m/s',
-        f'verified: {found.records} records, signed and sound; see for yourself:',
+        f'verified: {found.records} records, signed and sound; check them with:',
         f'  {check} {record_folder.parent} {option}',
-        f'a copy in which the speed was raised by {_FASTER} {record["speed"]["unit"]} is found '
-        'out:',
+        f'a copy whose speed was raised by {_FASTER} {record["speed"]["unit"]} is detected:',
         *(f'  NOT SOUND: {fault}' for fault in forged.faults),
         f'  {check} {out / FORGED} {option}']
 

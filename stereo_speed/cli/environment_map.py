@@ -36,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add('--size', type=_size, metavar='WxH', help="size, px (default: the image's)")
     add('--out', required=True, type=Path, metavar='PNG', help='map to write')
     add('--image', type=Path, metavar='IMAGE',
-        help='image, video, folder or bag, whose first frame the overlay is laid over')
+        help='image, video, folder or bag on whose first frame the overlay is drawn')
     add('--overlay', type=Path, metavar='PNG', help='overlay (default: OUT_overlay.png)')
     add('--step', type=number_in(float, 1, 10000), default=20.0, metavar='PX',
         help='distance between the contours of the overlay (default: 20)')
@@ -64,7 +64,7 @@ def run(args: argparse.Namespace) -> int:
     _write(overlay, draw_field(field, image, args.step))
     for kind, level in (('pathway', 255), ('accessible', 128), ('inaccessible', 0)):
         print(f'{kind}: {100 * np.mean(labels == level):.1f} %')
-    print(f'{args.out} and {overlay}')
+    print(f'map in {args.out}, overlay in {overlay}')
     return 0
 
 
@@ -78,7 +78,7 @@ def _map_size(args: argparse.Namespace, image: Optional[NDArray[np.uint8]]) -> t
     height, width = image.shape[:2]
     if given not in (None, (width, height)):
         raise InputError(args.image, 'size', f'{width}x{height} px',
-                         f'{args.size[0]}x{args.size[1]} px as --size says')
+                         f'{args.size[0]}x{args.size[1]} px as given by --size')
     return width, height
 
 

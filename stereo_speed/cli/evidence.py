@@ -25,25 +25,27 @@ NOT_SOUND = 1
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``evidence``."""
     actions = parser.add_subparsers(metavar='ACTION', required=True)
-    check = actions.add_parser('verify', help='detect what was changed, removed, added or cut')
-    check.add_argument('folder', metavar='DIR', type=Path, help='folder of records, or of one')
+    check = actions.add_parser('verify', help='detect what was changed, removed, added or cut off')
+    check.add_argument('folder', metavar='DIR', type=Path,
+                       help='folder of all records, or of one record')
     check.add_argument('--head', type=Path, metavar='FILE',
-                       help="the chain's head, where it is stored separately")
+                       help='head of the chain, if it is stored elsewhere')
     check.add_argument('--key', type=Path, action='append', default=[], metavar='PEM',
-                       help='public key that must have signed the records; may be repeated')
+                       help='trusted public key; may be given several times')
     check.set_defaults(run=run_verify)
     again = actions.add_parser('recompute', help='measure again from the stored images')
     again.add_argument('record', metavar='RECORD', type=Path,
                        help='folder of a record, or its record.json')
     again.set_defaults(run=run_recompute)
-    copy = actions.add_parser('disclose', help='make a copy with all but the vehicle blurred')
+    copy = actions.add_parser(
+        'disclose', help='write a copy in which everything but the vehicle is blurred')
     copy.add_argument('record', metavar='RECORD', type=Path,
                       help='folder of a record, or its record.json')
     copy.add_argument('--out', required=True, type=Path, metavar='DIR', help='folder to write')
     copy.add_argument('--hide-plate', action='store_true',
-                      help='blur the front of the vehicle itself as well')
+                      help='also blur the front of the vehicle itself')
     copy.set_defaults(run=run_disclose)
-    key = actions.add_parser('key', help='make a key that signs records')
+    key = actions.add_parser('key', help='create a key for signing records')
     key.add_argument('--out', required=True, type=Path, metavar='PEM',
                      help='file of the private key; the public one is written beside it as .pub')
     key.set_defaults(run=run_key)
@@ -76,7 +78,7 @@ def run_recompute(args: argparse.Namespace) -> int:
 
 def run_disclose(args: argparse.Namespace) -> int:
     """Write a copy in which all but the vehicle are blurred."""
-    print(f'in {disclose(_folder(args.record), args.out, hide_plate=args.hide_plate)}')
+    print(f'copy in {disclose(_folder(args.record), args.out, hide_plate=args.hide_plate)}')
     return 0
 
 

@@ -28,16 +28,16 @@ def number_in(kind: type[Number], low: float, high: float) -> Callable[[str], Nu
 def add_job_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of commands that run many jobs."""
     parser.add_argument('--jobs', type=number_in(int, 0, 512), default=os.cpu_count() or 1,
-                        help='processes (default: one for each core; 0: only this one)')
+                        help='number of processes (default: one per core; 0: only this one)')
     parser.add_argument('--out', type=Path, metavar='DIR',
-                        help='folder for the results; an interrupted run resumes there')
+                        help='folder for the results; an interrupted run is resumed there')
 
 
 def add_units_option(parser: argparse.ArgumentParser) -> None:
     """Add the option for the unit that speeds are shown in."""
     parser.add_argument('--units', choices=SPEED_UNITS, default='mph',
-                        help='unit of the speeds that are shown (default: mph); data '
-                             'files are in m/s')
+                        help='unit of displayed speeds (default: mph); data files are in '
+                             'm/s')
 
 
 def report_failures(failed: Sequence[str]) -> int:

@@ -66,17 +66,17 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--site', required=True, type=Path, help='site file (YAML)')
     parser.add_argument('--out', required=True, type=Path, metavar='DIR', help='folder to write')
     parser.add_argument('--refine-site', action='store_true',
-                        help='find the lines of the site in the images first')
+                        help='first refine the site by the images of the bag')
     parser.add_argument('--init', type=Path, help='init file (YAML) that marks the vehicles; '
                         'without it they are found automatically')
     parser.add_argument('--tracker', type=_one_of(TRACKERS), default='constrained',
                         metavar='NAME',
                         help=', '.join(TRACKERS.names) + ' (default: constrained)')
     parser.add_argument('--detector', type=_one_of(DETECTORS), default='plane_sweep',
-                        metavar='NAME', help='finds the vehicles: '
+                        metavar='NAME', help='detector that finds the vehicles: '
                         + ', '.join(DETECTORS.names) + ' (default: plane_sweep)')
     parser.add_argument('--boxes', type=Path, metavar='CSV', help='boxes of vehicles in the left '
-                        'images, for a detector that takes them')
+                        'images, for a detector that uses boxes')
     parser.add_argument('--particles', type=int, metavar='N', help='number of particles')
     parser.add_argument('--seed', type=_seed, default=0, metavar='S', help='seed (default: 0)')
     parser.add_argument('--config', type=Path, metavar='YAML', help='parameters')
@@ -84,7 +84,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--right', metavar='TOPIC', help='topic of the right images')
     parser.add_argument('--tolerance-ms', type=_tolerance, metavar='MS',
                         help='largest difference between the stamps of a pair (default: equal '
-                             'stamps, or the nearest where the bag has too few equal ones)')
+                             'stamps, or the nearest if the bag has too few equal ones)')
     add_evidence_options(parser)
     add_report_options(parser)
     parser.add_argument('--no-plots', action='store_true', help='write no PNG files')
@@ -156,7 +156,7 @@ def _run(args: argparse.Namespace, pictures: RunPictures, beside: bool) -> int:
         if place.refined is not None and figures is not None:
             print('\n'.join(summary_lines(place.refined, figures)))
         if place.not_refined:
-            print(f'warning: site not refined, measured as it was read: {place.not_refined}',
+            print(f'warning: site not refined, used as written: {place.not_refined}',
                   file=sys.stderr)
 
         def fresh() -> SpeedPipeline:
@@ -202,11 +202,11 @@ def _run(args: argparse.Namespace, pictures: RunPictures, beside: bool) -> int:
         print(''.join(f'{line}\n' for line in steadiness_lines(pipeline.steadier.state())), end='')
     print(f'{pairing["pairs"]} pairs ({pairing["method"]} stamps; unpaired: '
           f'{pairing["unpaired_left"]} left, {pairing["unpaired_right"]} right), '
-          f'{1e3 * result.wall_s / len(result.stamps_ns):.1f} ms per pair; in {args.out}')
+          f'{1e3 * result.wall_s / len(result.stamps_ns):.1f} ms per pair; results in {args.out}')
     if result.kept is not None and not args.no_plots:
         print(f'the plots show the first {len(result.kept)} of {len(result.passes)} passes')
     if feed.boxes:
-        print(f'{len(feed.boxes)} stamps of {args.boxes} are of no pair: their boxes were not '
+        print(f'{len(feed.boxes)} stamps of {args.boxes} match no pair: their boxes were not '
               'used')
     return 0
 
@@ -252,7 +252,7 @@ def measure(bag: StereoBag, pipeline: SpeedPipeline, *, keep_frames: bool,
     done, first = Run(), 0
     if parts is not None and parts.done is not None:
         first = parts.done.pairs
-        print(f'going on after {first} of {bag.pair_count} pairs, which an earlier run has done')
+        print(f'resuming after {first} of {bag.pair_count} pairs, done by an earlier run')
         for step, open_tracks in parts.steps():
             gather(done, step, open_tracks, rows)
             if keep_frames and step.updates and frames.wants():
@@ -333,7 +333,7 @@ def print_lanes(lanes: Mapping[str, LanePath]) -> None:
     for lane in lanes.values():
         q = path_quality(lane)
         print(f'{lane.name}: path of {q["length_m"]:.1f} m, picks {q["residual_px"]:.2f} px '
-              f'r.m.s. off it, heading ± {q["heading_std_across_deg"]:.4f}° across '
+              f'r.m.s. from it, heading ± {q["heading_std_across_deg"]:.4f}° across '
               f'and ± {q["heading_std_up_deg"]:.4f}° up')
 
 

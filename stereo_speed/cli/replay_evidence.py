@@ -41,10 +41,10 @@ def add_evidence_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--evidence-key', type=Path, metavar='PEM',
                         help='private key that signs records (made by evidence key)')
     parser.add_argument('--evidence-head', type=Path, metavar='FILE',
-                        help="file for the head of the records' chain (default: "
+                        help='file for the head of the chain of records (default: '
                              'DIR/evidence/head.json)')
     parser.add_argument('--approved', type=Path, metavar='YAML',
-                        help='approved fingerprints')
+                        help='file of approved fingerprints')
 
 
 def check_options(args: argparse.Namespace) -> None:
@@ -52,7 +52,7 @@ def check_options(args: argparse.Namespace) -> None:
     for name in _OPTIONS:
         if getattr(args, name) is not None and not args.evidence:
             raise InputError('replay', f'--{name.replace("_", "-")}', getattr(args, name),
-                             '--evidence beside it')
+                             '--evidence as well')
 
 
 class _Taken(NamedTuple):
@@ -164,7 +164,7 @@ class ReplayEvidence(AbstractContextManager['ReplayEvidence']):
         none = ', '.join(f'{reason} {count}' for reason, count in sorted(
             self.recorder.refused.items()))
         return [f'{len(self.recorder.records)} records of violations in '
-                f'{self.recorder.store.folder}' + (f'; no record: {none}' if none else ''),
+                f'{self.recorder.store.folder}' + (f'; no record of: {none}' if none else ''),
                 *(f'  {self.recorder.store.folder / name / "page.html"}'
                   for name in self.recorder.records)]
 

@@ -108,7 +108,7 @@ class Helpers:
 
     def _search_failed(self, why: str) -> None:
         """Go on without the search process."""
-        _warn(f'the process that searches for vehicles: {why}')
+        _warn(f'search process: {why}')
         process, self._search, self._search_ready = self._search, None, False
         if process is not None:
             process.close(0.0)
@@ -130,11 +130,12 @@ class Helpers:
 
     def _pass_failed(self, process: PassProcess, why: str) -> None:
         """Go on without the process that measures passes."""
-        _warn(f'the process that measures passes: {why}')
+        _warn(f'pass process: {why}')
         self._pass = None
         process.close(0.0)
 
 
 def _warn(why: str) -> None:
     """Warn that the replay goes on without a process."""
-    print(f'warning: {why}: going on without it, to the same results', file=sys.stderr)
+    print(f'warning: {why}; continuing without this process, with the same results',
+          file=sys.stderr)

@@ -36,10 +36,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     replay.add_options(parser)
     where = parser.add_mutually_exclusive_group()
     where.add_argument('--jobs', type=number_in(int, 0, 512), default=os.cpu_count() or 1,
-                       metavar='N', help='processes (default: one for each core; 0: only this '
-                       'one)')
+                       metavar='N', help='number of processes (default: one per core; 0: only '
+                       'this one)')
     where.add_argument('--dask', default='', metavar='ADDRESS', help='scheduler of a Dask '
-                       'cluster, as tcp://host:8786; its workers must see the same files')
+                       'cluster, such as tcp://host:8786; its workers need access to the same '
+                       'files')
 
 
 def run(args: argparse.Namespace) -> int:
@@ -92,7 +93,7 @@ def folder_names(bags: Sequence[Path]) -> dict[str, Path]:
         if not alike:
             return dict(zip(names, bags))
         if all(depths[k] >= len(parts[k]) for k in alike):
-            raise InputError('replay-many', 'bags', f'several to be named {names[alike[0]]}',
+            raise InputError('replay-many', 'bags', f'several with the name {names[alike[0]]}',
                              'bags whose names without suffix differ')
         for k in alike:
             depths[k] += 1
@@ -111,8 +112,8 @@ def measure(parameters: Mapping[str, Any]) -> dict[str, Any]:
         raise InputError('worker', 'versions', found, str(parameters['versions']))
     for path, digest in parameters['inputs'].items():
         if file_sha256(Path(path)) != digest:
-            raise InputError(path, 'file', 'another content than when the run began',
-                             'a file that stays')
+            raise InputError(path, 'file', 'different content from when the run began',
+                             'an unchanged file')
     out = Path(parameters['out'])
     for left in out.glob('.partial-*'):  # left behind by a killed process
         shutil.rmtree(left, ignore_errors=True)

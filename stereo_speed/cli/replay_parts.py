@@ -151,7 +151,8 @@ class Parts:
         path = self._folder / f'frame{self._frames}.png' if self._folder is not None else Path()
         image = cv2.imread(str(path), cv2.IMREAD_COLOR)
         if image is None:
-            raise InputError(path, 'frame', 'no image', 'the folder as the run left it: remove it')
+            raise InputError(path, 'frame', 'no image',
+                             'the folder unchanged; remove it to start again')
         self._frames += 1
         return np.asarray(image, np.uint8)
 

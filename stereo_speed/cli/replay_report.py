@@ -31,11 +31,11 @@ _MONTHS = 12.0  # age at which a calibration is called old; equals the nodes' de
 def add_report_options(parser: argparse.ArgumentParser) -> None:
     """Add the options for report, video and database."""
     parser.add_argument('--report', action='store_true',
-                        help=f'write {REPORT}, one file that needs nothing else')
+                        help=f'write {REPORT}, a self-contained file')
     parser.add_argument('--video', action='store_true',
-                        help=f'write {VIDEO}, the left images with paths, fronts and speeds')
+                        help=f'write {VIDEO}: the left images with paths, fronts and speeds')
     parser.add_argument('--sqlite', action='store_true',
-                        help=f'write {SQLITE} as well, with all passes and readings')
+                        help=f'write {SQLITE} with all passes and readings')
     add_units_option(parser)
 
 
@@ -115,8 +115,8 @@ def run_warnings(place: MeasuringSite, pairing: Mapping[str, Any], moved: Sequen
     age = calibration_age(place.site.calibrated, last_ns, _MONTHS)
     out = [f'Rig {age.text}'] if age.text else []
     if place.not_refined:
-        out.append(f'Site not refined, measured as it was read: {place.not_refined}')
+        out.append(f'Site not refined, used as written: {place.not_refined}')
     if pairing['unpaired_left'] or pairing['unpaired_right']:
         out.append(f'{pairing["unpaired_left"]} left and {pairing["unpaired_right"]} right '
-                   'images belong to no pair.')
+                   'images have no partner.')
     return [*out, *moved]

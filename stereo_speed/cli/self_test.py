@@ -25,7 +25,7 @@ FAILED = 1
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``self-test``."""
     parser.add_argument('folder', metavar='DIR', type=Path,
-                        help='folder with bag/, site.yaml and truth.csv, as simulate writes it')
+                        help='folder with bag/, site.yaml and truth.csv, as written by simulate')
     parser.add_argument('--config', type=Path, metavar='YAML', help='parameters')
     parser.add_argument('--tracker', default='constrained', metavar='NAME')
     parser.add_argument('--detector', default='plane_sweep', metavar='NAME')

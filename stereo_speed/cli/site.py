@@ -28,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``site``."""
     actions = parser.add_subparsers(metavar='ACTION', required=True)
     for name, text, run in (('refine', 'write a refined site file', _refine),
-                            ('check', 'print the same and change nothing', _check)):
+                            ('check', 'print the same report, and write no site file', _check)):
         action = actions.add_parser(name, help=text, description=text)
         action.add_argument('bag', metavar='BAG', type=Path,
                             help='rosbag2 folder, .mcap or .db3 file, or ROS 1 .bag')
@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                                 help='site file to write')
         action.add_argument('--pictures', type=Path, metavar='DIR',
                             help='folder for a picture of each view'
-                            + (' (default: that of SITE)' if name == 'refine' else ''))
+                            + (' (default: the folder of SITE)' if name == 'refine' else ''))
         action.add_argument('--config', type=Path, metavar='YAML', help='parameters')
         action.add_argument('--left', metavar='TOPIC', help='topic of the left images')
         action.add_argument('--right', metavar='TOPIC', help='topic of the right images')

@@ -26,11 +26,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``stats``."""
     add = parser.add_argument
     add('places', metavar='DIR', nargs='+', type=Path,
-        help='folders that replay wrote, folders of such folders, or SQLite files with passes')
+        help='folders written by replay, folders of such folders, or SQLite files with passes')
     add('--out', required=True, type=Path, metavar='DIR', help='folder to write')
-    add('--format', choices=FORMATS, default='csv', help='of the table (default: csv)')
+    add('--format', choices=FORMATS, default='csv', help='format of the table (default: csv)')
     add('--timezone', type=_zone, default='UTC', metavar='NAME',
-        help='in which hours are told, such as Europe/Madrid (default: UTC)')
+        help='time zone of the hours, such as Europe/Madrid (default: UTC)')
     add_units_option(parser)
 
 
@@ -55,5 +55,5 @@ def run(args: argparse.Namespace) -> int:
     widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
     for row in rows:
         print('  '.join(f'{cell:<{width}}' for cell, width in zip(row, widths)).rstrip())
-    print(f'{args.out / name}, {args.out / REPORT}')
+    print(f'table in {args.out / name}, report in {args.out / REPORT}')
     return 0

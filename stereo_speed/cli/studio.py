@@ -31,20 +31,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('bag', metavar='BAG', type=Path, nargs='?',
                         help='rosbag2 folder, .mcap or .db3 file, or ROS 1 .bag')
     parser.add_argument('--site', type=Path, help='site file (YAML), opened if it exists, and '
-                        'saved to (default: BAG_site.yaml here)')
-    parser.add_argument('--init', type=Path, help='init file (YAML) for annotated fronts, '
-                        'likewise (default: BAG_init.yaml here)')
+                        'saved to (default: BAG_site.yaml in this folder)')
+    parser.add_argument('--init', type=Path, help='init file (YAML) of marked fronts, used '
+                        'likewise (default: BAG_init.yaml in this folder)')
     parser.add_argument('--run', action='append', default=[], type=Path, metavar='PATH',
-                        help='run to review: a folder that replay has written, or one with such '
+                        help='results to review: a folder written by replay, or a folder of such '
                         'folders; a folder of evidence; an SQLite file of log_node, replay or '
-                        'replay-many; may be repeated', dest='runs')
+                        'replay-many; may be given several times', dest='runs')
     parser.add_argument('--live', action='store_true',
                         help='watch the ROS 2 graph, as studio_node does')
     parser.add_argument('--port', type=number_in(int, 0, 65535), default=PORT, metavar='N',
-                        help=f'port (default: {PORT}; 0 takes any that is free)')
+                        help=f'port (default: {PORT}; 0 for any free one)')
     parser.add_argument('--address', default=LOCALHOST, metavar='IP',
                         help=f'address to listen on (default: {LOCALHOST}, this machine only); '
-                        'what is sent is not encrypted')
+                        'the connection is not encrypted')
     parser.add_argument('--config', type=Path, metavar='YAML', help='parameters')
     parser.add_argument('--left', metavar='TOPIC', help='topic of the left images')
     parser.add_argument('--right', metavar='TOPIC', help='topic of the right images')
@@ -57,8 +57,8 @@ def run(args: argparse.Namespace) -> int:
     guard = Guard(args.address)
     config = load_pipeline_config(args.config)
     if args.bag is None and (args.site is not None or args.init is not None):
-        raise InputError('studio', 'BAG', 'none beside a site or init file',
-                         'the bag that it is drawn on')
+        raise InputError('studio', 'BAG', 'none with a site or init file',
+                         'the bag on which it is drawn')
     runs = open_runs(args.runs)
     socket = guard.bind(args.port)
     with socket:
@@ -85,8 +85,8 @@ def run(args: argparse.Namespace) -> int:
 def _live(args: argparse.Namespace) -> int:
     """Run the node that listens to the graph."""
     if args.bag is not None or args.runs:
-        raise InputError('studio', '--live', 'a bag or a run as well', 'either')
-    from ..nodes.studio_node import main  # only --live needs rclpy
+        raise InputError('studio', '--live', 'a bag or a run as well', 'only one of them')
+    from ..nodes.studio_node import main  # rclpy is needed for this alone
     return main(['--ros-args', '-p', f'port:={args.port}', '-p', f'address:={args.address}'])
 
 
@@ -96,5 +96,5 @@ def _file(given: Optional[Path], name: str) -> Path:
     if path.is_dir():
         raise InputError(path, 'file', 'a folder', 'the name of a file')
     if not path.resolve().parent.is_dir():
-        raise InputError(path, 'folder', 'none', 'a folder that is there')
+        raise InputError(path, 'folder', 'none', 'an existing folder')
     return path

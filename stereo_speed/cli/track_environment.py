@@ -62,17 +62,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add('--init', required=True, type=Path, metavar='YAML', help='targets file')
     add('--out', required=True, type=Path, metavar='DIR', help='folder to write')
     add('--tracker', choices=TRACKERS, default='environment',
-        help='with the environment (default), or the plain particle filter')
+        help='tracker that uses the environment (default), or the plain particle filter')
     add('--particles', type=int, metavar='N', help='number of particles (default: 150)')
     add('--seed', type=number_in(int, 0, 2 ** 63 - 1), default=0, metavar='S',
         help='seed (default: 0)')
     add('--stride', type=number_in(int, 1, 10 ** 6), default=1, metavar='K',
-        help='use every K-th frame, counted from that of each mark (default: 1)')
+        help='use every K-th frame, counted from the frame of each mark (default: 1)')
     add('--likelihood', choices=('default', 'paper'), default='default',
-        help='paper: one histogram of the box as marked, without what we added')
+        help='paper: one histogram of the marked box, without our extensions')
     add('--config', type=Path, metavar='YAML', help='parameters of the tracker')
     add('--topic', metavar='TOPIC', help='image topic of a bag with several')
-    add('--annotate', action='store_true', help=f'write {ANNOTATED} as well')
+    add('--annotate', action='store_true', help=f'also write {ANNOTATED}')
 
 
 def run(args: argparse.Namespace) -> int:
@@ -89,12 +89,12 @@ def run(args: argparse.Namespace) -> int:
         write_targets(folder, result.estimates, result.ends, summary(args, config, result),
                       annotated)
     if result.missing:
-        print(f'warning: {args.video}: breaks off after {result.frames} frames; the file '
+        print(f'warning: {args.video}: breaks off after {result.frames} frames; its header '
               f'states {result.frames + result.missing}', file=sys.stderr)
     for end in sorted(result.ends, key=lambda e: e.id):
         print(f'target {end.id}: {end.state.value}, frames {end.first_frame} to '
               f'{end.last_frame} ({end.frames} boxes)')
-    print(f'in {args.out}')
+    print(f'results in {args.out}')
     return 0
 
 

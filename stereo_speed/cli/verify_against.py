@@ -25,13 +25,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``verify-against``."""
     add = parser.add_argument
     add('reference', metavar='REFERENCE.csv', type=Path,
-        help='time_ns,lane,speed_mps,std_mps, one vehicle a row; times by the clock of the pairs')
+        help='CSV with time_ns,lane,speed_mps,std_mps, one row per vehicle; times by the clock of '
+             'the pairs')
     add('--passes', required=True, type=Path, metavar='DIR',
-        help='folder that replay wrote, folder of such folders, or SQLite file with passes')
+        help='folder written by replay, folder of such folders, or SQLite file with passes')
     add('--out', required=True, type=Path, metavar='DIR', help='folder to write')
     add('--tolerance-s', type=number_in(float, 0, 60), default=1.0, metavar='S',
-        help='how long before the first pair of a pass or after its last the reference may have '
-             'seen it (default: 1)')
+        help='greatest time of the reference before the first pair of a pass, or after its last '
+             '(default: 1)')
     add_units_option(parser)
 
 
@@ -44,11 +45,11 @@ def run(args: argparse.Namespace) -> int:
     write_whole(args.out, {
         TABLE: verification_csv(found), FIGURES: verification_json(found),
         REPORT: verification_page(found, unit)}, [FIGURES, TABLE, REPORT])
-    print(f'{found.counted} of {len(references)} vehicles of the reference count; '
+    print(f'{found.counted} of {len(references)} reference vehicles count; '
           f'mean {unit.signed(found.mean_mps, 3)}, sd {unit.of(found.std_mps, 3)}, '
           f'worst {unit.signed(found.worst_mps, 3)} {unit.name}; '
           f'{found.within} within ±3 km/h, ±3 % above 100 km/h')
     for claim in found.claims:
-        print(f'{claim.name}: {claim.wanted} passes wanted, {claim.missing} of them still')
+        print(f'{claim.name}: {claim.wanted} passes needed, {claim.missing} of them missing')
     print(args.out / REPORT)
     return 0

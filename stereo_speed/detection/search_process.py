@@ -44,7 +44,7 @@ class Searcher:
             self._detector.recall(request.memory, request.pairs)
             return None
         if self._detector is None:
-            raise ValueError('found no site to search at, wanted one first')
+            raise ValueError('found a request without a site, wanted the site first')
         if isinstance(request, Forget):
             self._detector.reset()
             return None

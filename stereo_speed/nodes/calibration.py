@@ -82,8 +82,8 @@ class CalibrationWatch:
         else:
             self._others[side] = _Candidate(msg, self._clock())
             self._refusals.add(topic, CalibrationError(
-                topic, 'calibration', 'another one', 'the one measured with; nothing is measured '
-                'until one of them has proved itself'))
+                topic, 'calibration', 'a different one', 'the one in use; nothing is measured '
+                'until one of the two is confirmed'))
         self.settle()
 
     def settle(self) -> None:
@@ -118,5 +118,5 @@ class CalibrationWatch:
             late = self._clock() - self._begun_s > _PATIENCE_S
             state.find(ERROR if late else WARN, f'waiting for {missing}')
         elif self.doubtful:
-            state.find(ERROR, 'another calibration has come: nothing is measured until it has '
-                       'proved itself')
+            state.find(ERROR, 'a different calibration has arrived: nothing is measured until it '
+                       'is confirmed')

@@ -130,7 +130,7 @@ class Parameters:
             value = self.node.declare_parameter(name, default, descriptor).value
         except ParameterException as error:
             raise InputError(where, name, ' '.join(str(error).split()),
-                             f'{type(default).__name__} as described') from None
+                             f'{type(default).__name__}, as --help describes it') from None
         if isinstance(default, float):
             return self._number(where, name, value, low, high)
         return value
@@ -222,8 +222,7 @@ def run(make: Callable[[], Node], args: Optional[Sequence[str]] = None,
         getattr(node, 'begin', lambda: None)()
         unknown = unknown_parameters(node)
         if unknown:
-            node.get_logger().warning(f'ignored, for there are no such parameters: '
-                                      f'{", ".join(unknown)}')
+            node.get_logger().warning(f'unknown parameters ignored: {", ".join(unknown)}')
         spin(node)
     except StereoSpeedError as error:
         print(f'error: {error}', file=sys.stderr, flush=True)
@@ -270,5 +269,5 @@ def _print_help(make: Callable[[], Node]) -> None:
             rclpy.try_shutdown()
     print((sys.modules[make.__module__].__doc__ or '').strip())
     print('\nusage: NODE [--ros-args -p NAME:=VALUE ... --params-file FILE -r FROM:=TO]')
-    print('\nparameters, with their defaults in brackets; qos_overrides besides:')
+    print('\nparameters, with their defaults in brackets (qos_overrides not listed):')
     print('\n'.join(Parameters.told))

@@ -31,10 +31,10 @@ class Diagnostics:
 
     def __init__(self, node: Node, tasks: Optional[Mapping[str, Task]] = None) -> None:
         p = Parameters(node)
-        period_s = p.get('diagnostic_updater.period', _PERIOD_S, 'time between two states on '
+        period_s = p.get('diagnostic_updater.period', _PERIOD_S, 'interval between states on '
                          '/diagnostics [s]', 0.1, 60.0)
-        hardware = p.get('hardware_id', '', 'hardware_id of the states on /diagnostics; empty is '
-                         'the namespace, or stereo_speed where there is none')
+        hardware = p.get('hardware_id', '', 'hardware_id of the states on /diagnostics; empty for '
+                         'the namespace, or stereo_speed if there is none')
         namespace = node.get_namespace().strip('/')
         self.hardware_id = hardware or namespace or 'stereo_speed'
         self.prefix = f'{namespace}/{node.get_name()}' if namespace else node.get_name()
@@ -56,7 +56,7 @@ class Diagnostics:
             return task()
         except Exception as error:
             state = State('')
-            state.find(ERROR, f'its state cannot be told: {error!r}')
+            state.find(ERROR, f'cannot determine the state: {error!r}')
             self.node.get_logger().error(f'{name}: {state.message}', throttle_duration_sec=10.0)
             return state
 

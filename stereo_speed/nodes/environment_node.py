@@ -51,13 +51,14 @@ class EnvironmentNode(Node):
         p = Parameters(self)
         where = f'{self.get_name()}: parameter'
         self.map_path = p.get('map', '', 'path of the map')
-        targets = p.get('targets', '', 'path of the targets file; empty: all are marked live')
-        kept = p.get('mark_frames', 50, 'frames that are kept, so that a target can still be '
-                     'marked in them', 1, 1000)
+        targets = p.get('targets', '', 'path of the targets file; empty if all targets are '
+                        'marked on the topic mark')
+        kept = p.get('mark_frames', 50, 'number of recent frames that are kept, in which a target '
+                     'can still be marked', 1, 1000)
         self.seed = p.get('seed', 0, 'seed of all randomness', 0, 2 ** 31 - 1)
         self.tracker_name = p.get('tracker', 'environment', 'tracker: ' + ', '.join(TRACKERS))
-        self.stride = p.get('stride', 1, 'use every stride-th frame, counted from that of each '
-                            'mark', 1, 1_000_000)
+        self.stride = p.get('stride', 1, 'use every stride-th frame, counted from the frame of '
+                            'each mark', 1, 1_000_000)
         kind, suffix = image_kind(p)
         self.metres_per_px = p.get('marker_metres_per_px', 0.01, 'size of a pixel in the markers '
                                    '[m]', 1e-6, 1e3)
@@ -164,11 +165,11 @@ class EnvironmentNode(Node):
     def miss(self, ns: int) -> None:
         """Refuse a mark whose frame is not available."""
         self.marks_missed.add()
-        newest = self.frames[-1][0] if self.frames else 'no frame yet'
-        oldest = self.frames[0][0] if self.frames else ''
+        kept = 'none yet' if not self.frames else (
+            f'{len(self.frames)}, from {self.frames[0][0]} to {self.frames[-1][0]} ns')
         self.refusals.add(MARK_TOPIC, InputError(
-            MARK_TOPIC, 'stamp', ns, f'that of a frame: one of {len(self.frames)} kept, {oldest} '
-            f'to {newest} ns, or one soon to come'))
+            MARK_TOPIC, 'stamp', ns,
+            f'the stamp of a frame that is kept ({kept}) or arrives soon'))
 
     def on_gap(self, dropped: int) -> None:
         """
@@ -181,8 +182,8 @@ class EnvironmentNode(Node):
         for target in self.targets:
             if last - dropped < target.frame <= last:
                 self.marks_missed.add()
-                self.get_logger().warning(f'target {target.id}: its frame {target.frame} never '
-                                          'came; it is not followed')
+                self.get_logger().warning(f'target {target.id}: not followed, because its '
+                                          f'frame {target.frame} never arrived')
         if dropped >= self.config.hidden_frames:
             for number in list(self.tracker.filters):
                 self.tracker.stop(number)
@@ -215,7 +216,7 @@ class EnvironmentNode(Node):
         c, ends, state = self.counter, self.ends, State('tracking')
         self.arrivals.tell(state, 'image', 'image')
         if self.marks_missed.recent:
-            state.find(WARN, f'{self.marks_missed.recent} frames with a mark in them never came')
+            state.find(WARN, f'{self.marks_missed.recent} marks whose frames never arrived')
         state.values.update({
             'frames': c.number, 'followed': len(self.tracker.filters),
             'ended': sum(ends.values()), 'lost': ends[TargetState.LOST],

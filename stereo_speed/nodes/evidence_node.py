@@ -59,10 +59,10 @@ class EvidenceNode(Node):
         p = Parameters(self)
         where = f'{self.get_name()}: parameter'
         out = p.get('out', '', 'folder for the records')
-        head = p.get('head', '', "file of the chain's head, best on another disk; empty: beside "
-                     'the records')
+        head = p.get('head', '', "file of the chain's head, preferably on another disk; "
+                     'empty: beside the records')
         key = p.get('key', '', 'file of the private key (Ed25519, PEM) that signs records')
-        approved = p.get('approved', '', 'file of fingerprints that were approved')
+        approved = p.get('approved', '', 'file of approved fingerprints')
         kind, suffix = image_kind(p)
         self.config = p.config(EnforcementConfig)
         if not out:
@@ -127,7 +127,7 @@ class EvidenceNode(Node):
             del self.recorders[next(iter(self.recorders))]
         unknown = self.approved.unknown(instrument.fingerprints)
         if unknown:
-            self.get_logger().error(f'not as approved: {", ".join(unknown)}')
+            self.get_logger().error(f'fingerprints not approved: {", ".join(unknown)}')
         self._join()
 
     def _place(self, instrument: Instrument) -> MeasuringSite:
@@ -181,7 +181,8 @@ class EvidenceNode(Node):
                 self._work.append((recorder, violation))
                 self._wake.notify()
                 return
-        self._refuse('not_written_in_time', f'{name}: {_MOST_VIOLATIONS} records wait already')
+        self._refuse('not_written_in_time',
+                     f'{name}: {_MOST_VIOLATIONS} records are waiting already')
 
     # -- output ---------------------------------------------------------------------------
 
@@ -257,11 +258,11 @@ class EvidenceNode(Node):
             state.find(ERROR, f'no records: {self.wrong}')
         if any(self.approved.unknown(r.setting.instrument.fingerprints)
                for r in self.recorders.values()):
-            state.find(ERROR, 'what runs is not as approved')
+            state.find(ERROR, 'the running instrument is not as approved')
         if not self.recorders:
-            state.find(WARN, 'no instrument has said what it is')
+            state.find(WARN, 'no instrument has identified itself')
         elif not all(self.images[side] for side in SIDES):
-            state.find(WARN, 'no images')
+            state.find(WARN, 'no images received')
         return state
 
 

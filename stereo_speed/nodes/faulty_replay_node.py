@@ -31,12 +31,13 @@ class FaultyReplayNode(ReplayNode):
     def __init__(self) -> None:
         super().__init__('faulty_replay_node')
         p = Parameters(self)
-        self.fault = p.get('fault', 'none', 'what is wrong: ' + ', '.join(FAULTS))
-        self.begins_s = p.get('fault_start', 5.0, 'when it begins [s]', 0.0, 1e9)
-        self.ends_s = self.begins_s + p.get('fault_length', 3.0, 'how long it holds [s]', 0.0, 1e9)
-        self.plays_s = p.get('length', 1e9, 'seconds of the bag to play', 0.0, 1e9)
-        self.exposures = p.get('exposures', 2, 'of exposed_apart: exposures of the bag for each '
-                               'image of a camera', 2, 1000)
+        self.fault = p.get('fault', 'none', 'fault of the stream: ' + ', '.join(FAULTS))
+        self.begins_s = p.get('fault_start', 5.0, 'start of the fault [s]', 0.0, 1e9)
+        self.ends_s = self.begins_s + p.get('fault_length', 3.0, 'length of the fault [s]',
+                                            0.0, 1e9)
+        self.plays_s = p.get('length', 1e9, 'seconds of the bag that are played', 0.0, 1e9)
+        self.exposures = p.get('exposures', 2, 'for exposed_apart: number of exposures in the bag '
+                               'for each image of a camera', 2, 1000)
         if self.fault not in FAULTS:
             raise InputError(f'{self.get_name()}: parameter', 'fault', self.fault,
                              ', '.join(FAULTS))

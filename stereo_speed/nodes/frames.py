@@ -39,7 +39,7 @@ class StaticFrames:
     def __init__(self, node: Node, p: Parameters) -> None:
         self.node = node
         self.road = p.get('road_frame', 'road', 'name of the frame with z up at the beginning of '
-                          'the first lane; two rigs need two names')
+                          'the first lane; must differ between two rigs')
         self.right = p.get('right_frame', 'stereo_right_optical_frame',
                            'name of the right optical frame')
         self.publisher = None if TFMessage is None else node.create_publisher(

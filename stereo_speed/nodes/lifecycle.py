@@ -37,8 +37,8 @@ class MeasuringNode(LifecycleNode):
         super().__init__(name)
         self.p, self.diagnostics = Parameters(self), Diagnostics(self)
         self.autostart: bool = self.p.get(
-            'autostart', True, 'configure and activate at the start; false waits until a '
-            'lifecycle manager does')
+            'autostart', True, 'configure and activate at the start; false to wait for a '
+            'lifecycle manager')
         self.measuring = Measuring(self, self.p, Outputs(self, self.p, speeds=speeds))
         self.diagnostics.tasks.update(self.measuring.tasks)
         # For a transition that is not possible in the present state, rclpy raises, which would
@@ -96,7 +96,7 @@ class MeasuringNode(LifecycleNode):
         try:
             return self._change(request, response)
         except rclpy_implementation.RCLError as error:
-            self.get_logger().warning(f'refused: {error}')
+            self.get_logger().warning(f'transition refused: {error}')
             response.success = False
             return response
 

@@ -196,7 +196,7 @@ class Measuring:
         """
         return measured_beside(
             self._passer.process, measure, self._passer.failed, lambda why: self.log.debug(
-                f'a pass is measured without the process of the passes: {why}'))
+                f'a pass is measured without the pass process: {why}'))
 
     def _detect(self) -> Optional[MakeDetector]:
         """Return the factory of a detector in another process; None where that is not used."""
@@ -233,7 +233,7 @@ class Measuring:
         if self._thread is not None:
             self._thread.join(_JOIN_S)
             if self._thread.is_alive():
-                self.log.warning(f'the last passes are not measured after {_JOIN_S:.0f} s')
+                self.log.warning(f'the last passes are still not measured after {_JOIN_S:.0f} s')
             else:
                 self._order.close()
         self.rig_watch.close()
@@ -319,7 +319,7 @@ class Measuring:
         while (arrival := self.queue.take(0.0)) is not None:
             self._take(arrival)
         if self._waiting:
-            self.log.warning(f'{len(self._waiting)} pairs were never measured: '
+            self.log.warning(f'{len(self._waiting)} pairs were not measured: '
                              f'{self.state().message}')
         self._end_passes()
         self.outputs.wait()
@@ -330,7 +330,7 @@ class Measuring:
         if version == self._adopted:
             return
         if self.pipeline is not None:
-            self.log.warning('another calibration: starting anew')
+            self.log.warning('the calibration has changed: starting again')
             self._end_passes()
             self._give_up()
         self._adopted, self._unusable = version, ''
@@ -345,9 +345,9 @@ class Measuring:
             self._measure_at(MeasuringSite(stance.site, stance.rig, stance.lanes, corrected=True),
                              newest.text)
         except StereoSpeedError as error:  # looks continue, and measuring stays suspended
-            self.log.error(f'the rig as it stands now cannot be measured with: {error}')
+            self.log.error(f'cannot measure with the corrected rig: {error}')
         else:
-            self.log.warning(f'measuring with the rig as it stands now: {newest.text}')
+            self.log.warning(f'measuring with the corrected rig: {newest.text}')
 
     def _move_search(self, pipeline: SpeedPipeline) -> None:
         """Move the search to a restarted process, if there is one."""
@@ -375,7 +375,7 @@ class Measuring:
             self._process(self.pipeline, arrival)
             return
         if self._waiting and arrival.ns <= self._waiting[-1].ns:
-            self.log.warning('stamps jumped back: waiting anew')
+            self.log.warning('stamps jumped back: waiting pairs discarded')
             self._waiting.clear()
         if len(self._waiting) == self._waiting.maxlen:
             self.counts.skipped.add()
@@ -434,7 +434,7 @@ class Measuring:
             for line in summary_lines(place.refined, report(place.refined)):
                 self.log.info(line)
         if place.not_refined:
-            self.log.warning(f'site not refined, measured as it was read: {place.not_refined}')
+            self.log.warning(f'site not refined, used as written: {place.not_refined}')
 
     def _made(self, arrival: _Arrival) -> Optional[StereoPair]:
         try:
@@ -467,7 +467,7 @@ class Measuring:
         except Exception as error:  # an internal error in one pair must not stop the instrument
             self.counts.failed.add()
             self.refusals.add('pipeline', f'pair at {pair.stamp_ns} ns: {error!r}; all tracks '
-                              'are given up')
+                              'are discarded')
             pipeline.reset()
             return
         self.counts.passes += len(step.passes)
@@ -509,7 +509,7 @@ class Measuring:
 
     def _start_anew(self, pipeline: SpeedPipeline, ns: int) -> None:
         """End all passes, because time has jumped back."""
-        self.log.warning(f'stamps jumped back from {self._last_ns} to {ns} ns: starting anew')
+        self.log.warning(f'stamps jumped back from {self._last_ns} to {ns} ns: starting again')
         self._end_passes()
         pipeline.reset()
         self.counts.resets.add()
@@ -525,7 +525,7 @@ class Measuring:
     def _pass_failed(self, error: Exception) -> None:
         """Count a pass that has no result because of an internal error."""
         self.counts.failed.add()
-        self.refusals.add('pass', f'a pass: {error!r}; it has no result')
+        self.refusals.add('pass', f'a pass has no result: {error!r}')
 
     # -- diagnostics ------------------------------------------------------------------------
 
@@ -546,7 +546,7 @@ class Measuring:
                 and self.settings.refine_pairs:
             state.find(WARN, 'waiting to refine the site')
         if self._order.crossed:
-            state.find(ERROR, "the views are in each other's place: nothing is measured")
+            state.find(ERROR, 'the views are swapped: nothing is measured')
         self.counts.tell(state)
         for fault in filter(None, (self._searcher.fault, self._passer.fault)):
             state.find(WARN, fault)
@@ -561,8 +561,8 @@ class Measuring:
         """Return the state of the stamps for ``/diagnostics``."""
         pipeline = self.pipeline
         if pipeline is None:
-            return State('nothing is known of stamps before pairs are measured')
-        state = State('nothing speaks against the stamps')
+            return State('stamps not checked yet, as no pair is measured')
+        state = State('no fault in the stamps')
         self._steps.tell(pipeline, state)
         tell_stamps(pipeline, state)
         return state

@@ -50,37 +50,37 @@ class MeasuringSettings:
         seed = p.get('seed', 0, 'seed of all randomness', 0, 2 ** 31 - 1)
         tracker = p.get('tracker', 'constrained', 'tracker: ' + ', '.join(TRACKERS.names))
         detector = p.get('detector', 'plane_sweep',
-                         'finds the vehicles: ' + ', '.join(DETECTORS.names))
+                         'detector that finds the vehicles: ' + ', '.join(DETECTORS.names))
         return cls(
             site_path, init_path, seed,
             refine_pairs=p.get(
-                'refine_site_pairs', 0, 'refine the site by the images of the first so many '
-                'pairs, which takes seconds; 0 takes it as it is', 0, MOST_REFINE_PAIRS),
+                'refine_site_pairs', 0, 'number of first pairs by whose images the site is '
+                'refined, which takes seconds; 0 to use the site as it is', 0, MOST_REFINE_PAIRS),
             detector_process=p.get(
                 'detector_process', True, 'search for vehicles in a process of its own, while '
-                'the tracks of the same pair are updated: the results are the same, a second '
-                'core is used; of the detector plane_sweep alone'),
+                'the tracks of the same pair are updated; results are the same, and a second '
+                'core is used; for the detector plane_sweep only'),
             pass_process=p.get(
-                'pass_process', True, 'measure passes that are over in a process of its own, '
-                'beside the pairs that follow: the results are the same'),
+                'pass_process', True, 'measure finished passes in a process of its own, beside '
+                'the pairs that follow; results are the same'),
             silence_s=p.get(
-                'silence_s', 2.0, 'all passes end when no pair has come for so long [s], and for '
-                'five times as long as between the last two', 0.1, 3600.0),
+                'silence_s', 2.0, 'all passes end when no pair has arrived for this time [s] and '
+                'for five times the last interval between pairs', 0.1, 3600.0),
             most_wait_s=p.get(
                 'most_wait_s', 2.0, 'when a pair has waited longer [s], the newest pair is '
-                'served and older ones are skipped', 0.0, 3600.0),
+                'measured and older ones are skipped', 0.0, 3600.0),
             hurry=p.get(
-                'hurry', True, 'above 16 pairs a second readings wait for no solution, and a pair '
-                'that has waited for most of the time between two is hurried: vehicles are solved '
-                'for less often, with a greater 1-sigma; without it the only remedy is to skip '
-                'pairs'),
+                'hurry', True, 'above 16 pairs a second, readings do not wait for solutions, and '
+                'a pair that has waited for most of the interval between two is hurried: vehicles '
+                'are solved for less often, with a larger 1-sigma; false leaves skipping pairs as '
+                'the only remedy'),
             config=_config(p, tracker, detector, f'{node.get_name()}: parameter'),
             unused=tuple(
                 f'{registry.kind}s.{name}.' for registry in (TRACKERS, DETECTORS)
                 for name in registry.names if name not in (tracker, detector)),
             calibration_months=p.get(
-                'calibration_months', 12.0, 'a calibration older than that, by the date that the '
-                'site file gives, is not measured with; in the last month it warns', 0.1, 1200.0))
+                'calibration_months', 12.0, 'greatest age of a calibration that is measured with, '
+                'by the date in the site file; in the last month there is a warning', 0.1, 1200.0))
 
 
 def _config(p: Parameters, tracker: str, detector: str, where: str) -> PipelineConfig:

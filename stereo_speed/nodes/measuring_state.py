@@ -63,12 +63,12 @@ class Counts:
         if self.resets.recent:
             state.find(WARN, 'stamps jumped back: all passes ended')
         if self.skipped.recent:
-            state.find(WARN, f'does not keep up: {self.skipped.recent} pairs skipped')
+            state.find(WARN, f'measuring does not keep up: {self.skipped.recent} pairs skipped')
         if self.hurried.recent > _HARDLY * self.measured.recent:
-            state.find(WARN, 'the machine hardly keeps up: pairs are hurried')
+            state.find(WARN, 'measuring barely keeps up: most pairs are hurried')
         if self.frozen.recent:
-            state.find(WARN, f'{self.frozen.recent} pairs withheld: an image is the last one '
-                       'again')
+            state.find(WARN, f'{self.frozen.recent} pairs withheld: an image is identical to '
+                       'the previous one')
         if self.failed.recent:
             state.find(ERROR, f'measuring failed {self.failed.recent} times')
 
@@ -93,7 +93,7 @@ class ClockSteps:
         self._known = watch.steps
         state.values['clock_steps'] = watch.steps
         if self._tally.recent:
-            state.find(WARN, f'the clock stepped by {watch.last_step_s * 1e3:+.1f} ms: passes of '
+            state.find(WARN, f'the clock stepped by {watch.last_step_s * 1e3:+.1f} ms: passes at '
                        'that moment are rejected')
 
 
@@ -102,7 +102,8 @@ def tell_stamps(pipeline: SpeedPipeline, state: State) -> None:
     if pipeline.uneven_stamps_s is not None:
         off_ms = pipeline.uneven_stamps_s * 1e3
         state.values['uneven_ms'] = round(off_ms, 3)
-        state.find(WARN, f'stamps are off an even pace by {off_ms:.1f} ms: 1-sigmas are greater')
+        state.find(WARN, f'stamps deviate from an even pace by {off_ms:.1f} ms: 1-sigmas are '
+                   'larger')
     lag = pipeline.view_lag.state
     if lag is None:
         return
@@ -111,10 +112,10 @@ def tell_stamps(pipeline: SpeedPipeline, state: State) -> None:
                         lag_std_ms=round(lag.std_s * 1e3, 3))
     say = f'stamps of the views are {lag.gap_s * 1e3:.1f} ms apart'
     if lag.std_s > _LAG_KNOWN_S:
-        state.find(ERROR, f'{say}, and nothing shows yet whether the exposures were: readings '
+        state.find(ERROR, f'{say}, and it is not known yet whether the exposures are: readings '
                    'are withheld')
     elif lag.correction_s or lag.constant:
-        state.find(WARN, f'{say}, which the images contradict: corrected')
+        state.find(WARN, f'{say}, which the images contradict: the right stamps are corrected')
     else:
         state.find(WARN, f'{say}, as the exposures are')
 

@@ -37,7 +37,7 @@ def pair_message(left: Grey, right: Grey, *, left_ns: int, right_ns: int,
     """
     if left.shape != right.shape or left.dtype != right.dtype:
         raise InputError(PAIR_TOPIC, 'right image', f'{right.shape} {right.dtype}',
-                         f'{left.shape} {left.dtype} as the left one')
+                         f'{left.shape} {left.dtype} as the left image')
     width, size = left.shape[1], left.dtype.itemsize
     extra = -(-_STAMP.size // size)
     both = np.zeros((2 * len(left), width + extra), left.dtype)

@@ -162,7 +162,7 @@ class Pairing:
         if left.shape != right.shape or left.dtype != right.dtype:
             self.refusals.add('pair', InputError(
                 'right/image_raw', 'image', f'{right.shape[1]}x{right.shape[0]} {right.dtype}',
-                f'{left.shape[1]}x{left.shape[0]} {left.dtype} as the left one'))
+                f'{left.shape[1]}x{left.shape[0]} {left.dtype} as the left image'))
             return
         self.pairs.add()
         self.give(pair)
@@ -177,7 +177,7 @@ class Pairing:
     def _reset(self, side: str, ns: int) -> None:
         """Drop unpaired images, because time has jumped back."""
         self.node.get_logger().warning(f'{side} stamp jumped back from {self.sides[side].last_ns} '
-                                       f'to {ns} ns: starting anew')
+                                       f'to {ns} ns: starting again')
         self.matcher.reset()
         self._known_unpaired = dict.fromkeys(SIDES, 0)
         for of in self.sides.values():
@@ -188,7 +188,7 @@ class Pairing:
     # -- diagnostics ------------------------------------------------------------------------
 
     def _camera(self, side: str) -> State:
-        of, state = self.sides[side], State('images come')
+        of, state = self.sides[side], State('receiving images')
         if not self.subscriptions:
             state.find(WARN, 'inactive')
             return state
@@ -198,7 +198,7 @@ class Pairing:
         if of.stuck >= _STUCK:
             state.find(ERROR, f'stamps of {side} images stand still at {of.last_ns} ns')
         elif of.repeated.recent:
-            state.find(WARN, f'{of.repeated.recent} {side} images came twice or late')
+            state.find(WARN, f'{of.repeated.recent} {side} images arrived twice or late')
         if of.lost.recent:
             state.find(WARN, f'{of.lost.recent} {side} images lost on the way: their stamps are '
                        'missing')

@@ -36,7 +36,7 @@ class PairingPeerNode(Node):
 
     def __init__(self) -> None:
         super().__init__('pairing_peer_node')
-        matching = Parameters(self).get('matching', 'none', 'of the views: none, or sgbm')
+        matching = Parameters(self).get('matching', 'none', 'stereo matching: none or sgbm')
         if matching not in ('none', 'sgbm'):
             raise InputError('pairing_peer_node: parameter', 'matching', matching, 'none or sgbm')
         self._waiting: dict[str, dict[int, Image]] = {side: {} for side in SIDES}
@@ -57,7 +57,7 @@ class PairingPeerNode(Node):
 
     def _image(self, side: str, msg: Image) -> None:
         if self._failed is not None:  # otherwise answers would stop without an error
-            raise MatchingError(f'pairing_peer_node: matching: found that it ended by '
+            raise MatchingError(f'pairing_peer_node: matching: found its thread ended by '
                                 f'{self._failed!r}, wanted each pair matched')
         ns = stamp_ns(msg.header.stamp)
         self._waiting[side][ns] = msg

@@ -21,9 +21,9 @@ class RepeatingReplayNode(ReplayNode):
     def __init__(self) -> None:
         super().__init__('repeating_replay_node')
         p = Parameters(self)
-        self.rounds = p.get('rounds', 1, 'how often the bag is played', 1, 1_000_000)
-        round_s = p.get('round_s', 10.0, 'from a stamp to that of the next round [s]', 0.1,
-                        86400.0)
+        self.rounds = p.get('rounds', 1, 'number of times that the bag is played', 1, 1_000_000)
+        round_s = p.get('round_s', 10.0, 'time from a stamp to the same one in the next round [s]',
+                        0.1, 86400.0)
         self.round_ns = round(round_s * 1e9)
 
     def messages(self) -> Iterator[BagMessage]:

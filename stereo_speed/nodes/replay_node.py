@@ -39,18 +39,20 @@ class ReplayNode(Node):
         p = Parameters(self)
         bag = p.get('bag', '', 'rosbag2 folder, .mcap or .db3 file, or ROS 1 .bag')
         left, right = (p.get(f'{side}_topic', '', f'topic of the {side} images in the bag; '
-                             'empty finds it by type and name') for side in ('left', 'right'))
-        self.rate = p.get('rate', 1.0, 'pace: 2 is twice as fast as recorded', 0.01, 100.0)
-        self.start_s = p.get('start', 0.0, 'seconds of the bag to leave out', 0.0, 1e9)
-        self.loop = p.get('loop', False, 'play again and again')
+                             'empty: found by type and name') for side in ('left', 'right'))
+        self.rate = p.get('rate', 1.0, 'speed of the replay; 2 is twice as fast as recorded',
+                          0.01, 100.0)
+        self.start_s = p.get('start', 0.0, 'seconds that are left out at the start of the bag',
+                             0.0, 1e9)
+        self.loop = p.get('loop', False, 'play the bag endlessly')
         self.decode = p.get('decode', True, 'publish compressed images as raw grey ones; false '
-                            'publishes them as recorded, on image_raw/compressed')
+                            'to publish them as recorded, on image_raw/compressed')
         self.wait = p.get('wait_for_subscribers', True,
-                          'begin when images and camera_info have subscribers')
-        self.wait_for = p.get('wait_for_topics', '', 'topics between other nodes, with blanks '
-                              'between them, that must have a publisher and a subscriber before '
-                              'it begins, as stereo/image_pair and tracks').split()
-        self.wait_s = p.get('wait_timeout', 60.0, 'give up waiting after [s]', 0.0, 3600.0)
+                          'begin only when images and camera_info have subscribers')
+        self.wait_for = p.get('wait_for_topics', '', 'topics between other nodes, separated by '
+                              'blanks, that must have a publisher and a subscriber before the '
+                              'replay begins, such as stereo/image_pair and tracks').split()
+        self.wait_s = p.get('wait_timeout', 60.0, 'longest wait for subscribers [s]', 0.0, 3600.0)
         if not bag:
             raise InputError(f'{self.get_name()}: parameter', 'bag', 'nothing', 'a bag')
         self.bag = StereoBag(bag, left or None, right or None)

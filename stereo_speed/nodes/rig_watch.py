@@ -42,14 +42,14 @@ class RigWatch:
     def __init__(self, p: Parameters, log: Any, make: Callable[[], LookProcess] = LookProcess,
                  clock: Callable[[], float] = time.monotonic) -> None:
         self.interval_s = p.get(
-            'rig_check_interval_s', 600.0, 'look at lines and background at start and this often '
-            '[s]: while the rig has moved so that speeds are off by more than '
-            f'{100 * MOST_SHARE:g} %, or the right camera has turned, beyond doubt, nothing is '
-            'measured, until two looks find it alike, which is measured with then; 0 for never',
+            'rig_check_interval_s', 600.0, 'interval of checks of lines and background, the first '
+            'at start [s]; if the rig has certainly moved so that speeds are off by more than '
+            f'{100 * MOST_SHARE:g} %, or the right camera has certainly turned, nothing is '
+            'measured until two checks find the same stance, which is then used; 0 for never',
             0.0, 1e6)
-        self.pairs = p.get('rig_check_pairs', 9, 'pairs that such a look takes', 1, 100)
-        self.spread_s = p.get('rig_check_spread_s', 20.0, 'time that they are spread over [s]',
-                              0.0, 3600.0)
+        self.pairs = p.get('rig_check_pairs', 9, 'number of pairs that such a check uses', 1, 100)
+        self.spread_s = p.get('rig_check_spread_s', 20.0, 'time over which these pairs are '
+                              'spread [s]', 0.0, 3600.0)
         self.log, self._make, self._clock = log, make, clock
         self.newest: Optional[RigState] = None
         self.looks, self.failure, self.corrected = 0, '', ''
@@ -135,14 +135,14 @@ class RigWatch:
                 self._learn(found)
                 self._end(self.interval_s)
             elif now_s - self._begun_s > _LONGEST_S:
-                raise TimeoutError(f'not over in {_LONGEST_S:g} s')
+                raise TimeoutError(f'not finished within {_LONGEST_S:g} s')
             return
         self._ready = self._ready or process.is_ready()
         if self._ready:
             process.look(self._used, self._config, self._followed, self._suspected)
             self._asked, self._begun_s = True, now_s
         elif now_s - self._begun_s > self.spread_s + _LONGEST_S:
-            raise TimeoutError(f'no process for it in {_LONGEST_S:g} s')
+            raise TimeoutError(f'its process was not ready within {_LONGEST_S:g} s')
 
     def poll(self) -> None:
         """
@@ -157,7 +157,7 @@ class RigWatch:
                 self._failed(error)
 
     def _failed(self, error: Exception) -> None:
-        self.failure = f'the look at the rig failed: {error}'
+        self.failure = f'the check of the rig failed: {error}'
         self.log.error(self.failure)
         self._end(min(_AGAIN_S, self.interval_s))
 
@@ -190,15 +190,15 @@ class RigWatch:
     def state(self) -> State:
         """Return the state of the rig for ``/diagnostics``."""
         self.poll()
-        fine = 'no look at the rig asked for'
+        fine = 'checks of the rig are disabled'
         if self.interval_s:
-            fine = 'not looked at yet' if self.newest is None else self.newest.text
+            fine = 'not checked yet' if self.newest is None else self.newest.text
         state = State(fine, values={'looks': self.looks})
         if self.withholds and self.newest is not None:
             state.find(ERROR, f'{self.newest.text}: nothing is measured')
         elif self.failure:
             state.find(WARN, self.failure)
         if self.corrected:
-            state.find(WARN, 'measured with as two looks found it, and not as the site says; '
-                       f'refine the site: {self.corrected}')
+            state.find(WARN, 'measuring with the rig as two checks found it, not as in the site '
+                       f'file; refine the site: {self.corrected}')
         return state

@@ -42,10 +42,10 @@ class SelfTestWatch:
 
     def __init__(self, node: Node, p: Parameters, config: PipelineConfig) -> None:
         folder = p.get('self_test', '', 'folder with bag/, site.yaml and truth.csv of a stored '
-                       'pass of one vehicle: nothing is measured unless it reads within 1 % of '
+                       'pass of one vehicle; nothing is measured unless it reads within 1 % of '
                        'its known speed; empty for no self-test')
-        self.interval_s = p.get('self_test_interval_s', 3600.0, 'from one self-test to the next '
-                                '[s]', 10.0, 1e6)
+        self.interval_s = p.get('self_test_interval_s', 3600.0, 'time from one self-test to the '
+                                'next [s]', 10.0, 1e6)
         self.log, self.folder, self.fault = node.get_logger(), folder, ''
         self.passed = self.failed = 0
         self.newest: Optional[dict[str, Any]] = None  # the last passed test, for records
@@ -59,7 +59,7 @@ class SelfTestWatch:
             if not (Path(folder) / name).exists():
                 raise InputError(f'{node.get_name()}: parameter', 'self_test', folder,
                                  'a folder with ' + ', '.join(_FILES))
-        self.fault = 'self-test under way'
+        self.fault = 'self-test running'
         self._scratch = tempfile.TemporaryDirectory(prefix='stereo_speed-')
         path = Path(self._scratch.name) / 'config.yaml'
         path.write_text(yaml.safe_dump(_parameters(config)), encoding='utf-8')
@@ -90,7 +90,7 @@ class SelfTestWatch:
         elif now_s - self._begun_s > _LONGEST_S:
             self._process.kill()
             self._process.communicate()
-            self._ended(-1, f'self-test not done within {_LONGEST_S:g} s')
+            self._ended(-1, f'self-test not finished within {_LONGEST_S:g} s')
             self._process = None
 
     def _ended(self, status: int, line: str) -> None:
@@ -106,7 +106,7 @@ class SelfTestWatch:
 
     def state(self) -> State:
         """Return the state of the self-test for ``/diagnostics``."""
-        state = State('passed' if self.folder else 'no self-test asked for',
+        state = State('passed' if self.folder else 'no self-test is configured',
                       values={'passed': self.passed, 'failed': self.failed})
         if self.fault:
             state.find(ERROR, self.fault)

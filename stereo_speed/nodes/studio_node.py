@@ -43,10 +43,10 @@ class StudioNode(Node):
     def __init__(self) -> None:
         super().__init__('studio_node')
         p = Parameters(self)
-        port = p.get('port', PORT, 'port of the page; 0 takes any that is free', 0, 65535)
-        address = p.get('address', LOCALHOST, 'address to listen on; what is sent is not '
-                        'encrypted')
-        rate_hz = p.get('images_per_second', 4.0, 'overlays shown a second [Hz]', 0.1, 30.0)
+        port = p.get('port', PORT, 'port of the page; 0 for any free one', 0, 65535)
+        address = p.get('address', LOCALHOST, 'address to listen on; the connection is '
+                        'not encrypted')
+        rate_hz = p.get('images_per_second', 4.0, 'rate of the overlays shown [Hz]', 0.1, 30.0)
         self.period_s, self.next_s = 1.0 / rate_hz, {'left': 0.0, 'right': 0.0}
         self.live = LiveState()
         options = {'qos_overriding_options': qos_options()}
@@ -80,7 +80,7 @@ class StudioNode(Node):
         except ValueError:
             data = None
         if not isinstance(data, dict) or not isinstance(data.get('verdict'), str):
-            self.get_logger().warning('passes: found no pass, left out', once=True)
+            self.get_logger().warning('passes: message ignored, as it is no pass', once=True)
             return
         self.live.add_pass({key: data.get(key) for key in _PASS_FIELDS})
 

@@ -114,7 +114,7 @@ class Worker(Generic[P]):
             self._process, self._starting, self._since_s = self._starting, None, self._clock()
             again, self.fault = bool(self.fault), ''
         if again:
-            self._log.info(f'{self._does} in a process of its own again')
+            self._log.info(f'{self._does} in a separate process again')
 
     def _not_started(self, error: OSError) -> None:
         starting, self._starting = self._starting, None
@@ -125,7 +125,7 @@ class Worker(Generic[P]):
 
     def _ail(self, why: str) -> None:
         """Set and log the fault, and when the process is to be restarted."""
-        self.fault = f'{self._does} without a process of its own: {why}'
+        self.fault = f'{self._does} without a separate process: {why}'
         self._log.error(self.fault)
         self._due_s = self._clock() + self._pause_s
         self._pause_s = min(2.0 * self._pause_s, LONGEST_PAUSE_S)

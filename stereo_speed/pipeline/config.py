@@ -109,7 +109,7 @@ def _sections(registry: Registry[Any], data: object, where: object) -> dict[str,
     """Return the settings, by name, that a section of a file contains."""
     if not isinstance(data, Mapping):
         raise InputError(where, f'{registry.kind}s', type(data).__name__,
-                         f'a mapping of names of {registry.kind}s')
+                         f'a mapping from names of {registry.kind}s to their parameters')
     for name in data:
         registry.check(str(name), f'{where}: {registry.kind}s')
     return {str(name): registry.settings(str(name), values, where)

@@ -150,7 +150,7 @@ class OpenWork:
     def _worker(self) -> SolvingBeside:
         """Return the thread that does the work; called only where there is one."""
         if self._solving is None:
-            raise RuntimeError('nobody works beside the pairs')
+            raise RuntimeError('no thread works beside the pairs')
         return self._solving
 
     def _carried(self, track: Track, pair: StereoPair, particles: int) -> Optional[TrackUpdate]:

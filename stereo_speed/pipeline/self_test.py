@@ -74,7 +74,7 @@ def self_test(site: Site, rig: StereoRig, pairs: Iterable[StereoPair], known_mps
         raise InputError('self-test', 'known speed', f'{known_mps} m/s', 'more than 0')
     passes = run(MeasuringSite.of(site, rig, None, config.site).pipeline(config), pairs).passes
     if len(passes) != 1:
-        return SelfTest(known_mps, None, None, f'{len(passes)} passes measured in place of one')
+        return SelfTest(known_mps, None, None, f'{len(passes)} passes measured instead of one')
     one = passes[0]
     second = None if one.second is None else one.second.speed_mps
     if one.verdict is not Verdict.MEASURED or one.speed_mps is None:

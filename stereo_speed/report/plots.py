@@ -112,7 +112,7 @@ def road_figure(updates: Sequence[TrackUpdate], lanes: Mapping[str, LanePath]) -
                      edgecolor=colour, zorder=4,
                      label=None if sure.all() else f'vehicle {track}, not confirmed')
     axes.plot(0, 0, marker='>', ms=11, color=_GREY, ls='none', label='left camera')
-    axes.set(title='Places on the road, from above', xlabel='forward of the camera (z), m',
+    axes.set(title='Positions on the road, from above', xlabel='forward of the camera (z), m',
              ylabel='right of the camera (x), m')
     axes.set_aspect('equal', adjustable='datalim')
     axes.margins(0.04, 0.25)
@@ -137,8 +137,8 @@ def show_legend(figure: Figure, axes: Axes, columns: int = 4) -> None:
     if labels:
         if len(labels) > _LEGEND:
             handles, labels = handles[:_LEGEND], labels[:_LEGEND]
-            labels[-1] += ', and so on'
-        # Below the axes it hides nothing; the constrained layout makes room for it.
+            labels[-1] += ', and others'
+        # Below the axes, where it hides nothing; the layout leaves room for legends of axes.
         axes.legend(handles, labels, loc='upper center', bbox_to_anchor=(0.5, -0.14),
                     ncols=columns, frameon=False, fontsize=9)
 

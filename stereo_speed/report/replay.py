@@ -57,7 +57,7 @@ def replay_page(facts: RunFacts, unit: SpeedUnit) -> str:
         Section('Distribution', pictures=[Picture.of(
             'Measured speeds by lane', histogram([_vehicle(p) for p in passes], unit))]),
         _profiles(facts, passes, unit), _site(facts),
-        Section('Settings', text=['Everything that decided this run.'],
+        Section('Settings', text=['All settings and inputs that determine this run.'],
                 details=json.dumps(facts.summary, indent=2, sort_keys=True, default=str))])
 
 
@@ -105,7 +105,7 @@ def _profiles(facts: RunFacts, passes: Sequence[PassResult], unit: SpeedUnit) ->
 def _site(facts: RunFacts) -> Section:
     """Return the lane paths over an image, the positions from above, and some images."""
     pictures = [Picture(caption, jpeg(image, _JPEG_QUALITY), 'jpeg') for caption, image in (
-        ('Paths of the lanes, over the left image', facts.site),
+        ('Paths of the lanes, drawn on the left image', facts.site),
         ('Some pairs of the run', facts.frames)) if image is not None]
     if facts.updates:
         pictures.insert(1, Picture.of('From above', road_figure(facts.updates, facts.lanes)))

@@ -50,8 +50,8 @@ def traffic_page(groups: Sequence[TrafficGroup], vehicles: Sequence[Vehicle], un
         pictures.append(Picture.of('By hour of the day', hours(groups, unit)))
     return page_html('Traffic', [
         Section('Figures', columns=traffic_columns(unit), rows=traffic_rows(groups, unit),
-                text=['The pace is the 10 mph that hold most vehicles. Rejected passes have no '
-                      'speed and count as passes only.']),
+                text=['The pace is the 10 mph range that contains most vehicles. Rejected passes '
+                      'have no speed and count as passes only.']),
         Section('Plots', pictures=pictures)])
 
 
@@ -93,30 +93,31 @@ def verification_page(found: Verification, unit: SpeedUnit) -> str:
     """Return the report of a verification as HTML."""
     failures = found.counted - found.within
     verdict = 'within the limits of error' if found.is_within else (
-        'nothing to judge by' if not found.counted else 'NOT within the limits of error')
+        'not assessed, because none counts' if not found.counted
+        else 'NOT within the limits of error')
     figures: list[tuple[str, str]] = [
-        ('vehicles of the reference', str(len(found.matches))),
-        ('errors that count', str(found.counted)),
+        ('reference vehicles', str(len(found.matches))),
+        ('errors counted', str(found.counted)),
         ('no pass found', str(found.without_pass)), ('pass rejected', str(found.rejected)),
-        ('reference not good enough', str(found.not_good_enough)),
-        ('passes without a vehicle of the reference', str(found.strangers)),
+        ('reference too uncertain', str(found.not_good_enough)),
+        ('passes without a reference vehicle', str(found.strangers)),
         (f'mean error, {unit.name}', unit.signed(found.mean_mps, 3)),
         ('standard deviation', unit.of(found.std_mps, 3)),
-        ('worst error against its limit', unit.signed(found.worst_mps, 3)),
+        ('worst error relative to its limit', unit.signed(found.worst_mps, 3)),
         ('within ±3 km/h, ±3 % above 100 km/h', f'{found.within} of {found.counted}'),
-        ('reliability shown at 95 % confidence',
+        ('reliability demonstrated at 95 % confidence',
          f'{100 * reliability_shown(found.counted, failures):.2f} %')]
     return page_html('Verification against a reference', [
         Section('Result', text=[
-            f'The errors are {verdict}.', 'A reference counts where its expanded uncertainty '
+            f'The errors are {verdict}.', 'A reference counts if its expanded uncertainty '
             f'({COVERAGE:g} of its 1-sigmas) is at most a third of the limit of error. Speeds '
-            'are means over a pass, errors are measured less reference.'],
+            'are means over a pass; errors are measured minus reference speeds.'],
             columns=['', ''], rows=figures),
-        Section('Passes wanted', columns=['claim', 'wanted', 'counted', 'still wanted'],
+        Section('Passes needed', columns=['claim', 'needed', 'counted', 'missing'],
                 rows=[(c.name, c.wanted, c.had, c.missing) for c in found.claims],
-                text=['Numbers of passes without regard to conformity, which takes more than '
-                      'numbers and is not for software to declare.']),
-        Section('Errors', pictures=[Picture.of('Errors over the speed, and their limits',
+                text=['These are numbers of passes only. Conformity takes more than numbers, '
+                      'and software cannot declare it.']),
+        Section('Errors', pictures=[Picture.of('Errors against speed, with their limits',
                                                error_figure(found, unit))])])
 
 

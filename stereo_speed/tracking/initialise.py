@@ -154,8 +154,8 @@ def _depth_of_quads(start: TrackStart) -> Union[_Depth, Refusal]:
     left, right, _, _ = rig.project(centre[None])
     gap_px = float(np.linalg.norm(right[0] - right_px) + np.linalg.norm(left[0] - left_px))
     if not gap_px < most_px:
-        return _refusal(start, 'left and right quads', f'{gap_px:.1f} px off one another',
-                        f'quads of one vehicle front, within {most_px:g} px of the epipolar line')
+        return _refusal(start, 'left and right quads', f'lines of sight {gap_px:.1f} px apart',
+                        f'quads on the same vehicle front, at most {most_px:g} px')
     s_m = float(path.arc_length(centre))
 
     def disparity(s_m: float) -> float:

@@ -89,8 +89,8 @@ def test_the_same_is_written_with_helpers_without_and_where_they_are_killed(
     capfd.readouterr()
     assert written('killed', both, Dying, DyingBeforePasses) == (alone, [-signal.SIGKILL] * 2)
     said = capfd.readouterr().err
-    assert 'the process that searches for vehicles: ' in said
-    assert 'the process that measures passes: ' in said
+    assert 'search process: ' in said
+    assert 'pass process: ' in said
 
 
 @pytest.fixture(scope='module')

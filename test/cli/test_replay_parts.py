@@ -89,7 +89,7 @@ def test_an_interrupted_run_goes_on_and_writes_the_same(
     capsys.readouterr()
     assert main(argv('cut')) == 0
     told = capsys.readouterr().out
-    done = int(told.partition('going on after ')[2].split()[0])
+    done = int(told.partition('resuming after ')[2].split()[0])
     assert 32 < done < 50
     assert files(tmp_path / 'cut') == wanted
 
@@ -99,7 +99,7 @@ def test_an_interrupted_run_goes_on_and_writes_the_same(
         assert main(argv('other', '--seed', '5', '--no-plots')) == 130
     capsys.readouterr()
     assert main(argv('other')) == 0
-    assert 'going on' not in capsys.readouterr().out
+    assert 'resuming' not in capsys.readouterr().out
     assert files(tmp_path / 'other') == wanted
 
 

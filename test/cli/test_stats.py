@@ -82,7 +82,7 @@ def test_verification(runs, tmp_path, capsys):
         assert [row['outcome'] for row in csv.DictReader(file)] == [
             'measured', 'measured', 'uncertain', 'no_pass']
     assert 'NOT within' in (out / 'verification.html').read_text()
-    assert 'approval: 500 passes wanted, 498 of them still' in capsys.readouterr().out
+    assert 'approval: 500 passes needed, 498 of them missing' in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(('text', 'said'), [

@@ -24,7 +24,7 @@ START_S = 90.0
     (['BAG', '--port', '70000'], '--port: 70000 is not in [0, 65535]'),
     (['BAG', '--address', '0.0.0.0', '--port', '0'], 'wanted one address of this machine'),
     (['BAG', '--live'], 'found a bag or a run as well'),
-    (['--site', 'site.yaml', '--port', '0'], 'BAG: found none beside a site'),
+    (['--site', 'site.yaml', '--port', '0'], 'BAG: found none with a site'),
     (['--run', 'none', '--port', '0'], 'none: folder: found no such folder'),
 ])
 def test_bad_input_is_one_line(options, told, sample, tmp_path, monkeypatch, capsys):

@@ -122,8 +122,8 @@ def test_one_process_survives_a_bad_message_and_measures_the_pass(fault, stand_i
 
 
 @pytest.mark.parametrize(('module', 'fault'), [
-    ('search_process', 'searches for vehicles without a process of its own'),
-    ('pass_process', 'measures passes without a process of its own')])
+    ('search_process', 'searches for vehicles without a separate process'),
+    ('pass_process', 'measures passes without a separate process')])
 def test_a_node_measures_without_a_process_that_works_for_it_and_starts_it_anew(
         stand_in, sample, module, fault):
     """Killed before a pass, the process is missing in that pass and back in the next."""

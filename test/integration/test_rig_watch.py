@@ -62,7 +62,7 @@ def test_a_camera_that_has_turned_is_noticed_and_then_measured_with(
                  'rig_check_pairs:=8', 'rig_check_spread_s:=0.0'):
         stand_in.wait(lambda: stand_in.count_subscribers('/left/image_raw'), STARTUP_S)
         with Process('replay_node', f'bag:={bag}', 'loop:=true'):
-            stand_in.wait(lambda: any('two looks' in s.message for s in states), LOOK_S)
+            stand_in.wait(lambda: any('two checks' in s.message for s in states), LOOK_S)
             before = len(passes)
             stand_in.wait(lambda: any(p['verdict'] == 'measured' for p in passes[before:]),
                           LOOK_S)

@@ -56,7 +56,7 @@ def test_each_state_and_a_jump_of_time_are_told(node):
     assert (measuring.state().level, measuring.state().message) == (WARN, 'inactive')
     node.trigger_activate()
     assert 'inactive' not in measuring.state().message
-    assert 'nothing is known' in measuring.stamps().message  # and stamps are not reported as right
+    assert 'not checked yet' in measuring.stamps().message  # and none are said to be right
     measuring._start_anew(SimpleNamespace(reset=lambda: None), 5)
     state = measuring.state()
     assert state.values['resets'] == 1 and 'stamps jumped back' in state.message
@@ -72,7 +72,7 @@ def test_it_is_told_when_most_pairs_are_hurried(node, every, told):
         node.measuring.counts.measured.add()
         node.measuring.counts.hurried.add(k % every == 0)
     state = node.measuring.state()
-    assert ('the machine hardly keeps up: pairs are hurried' in state.message) is told
+    assert ('measuring barely keeps up: most pairs are hurried' in state.message) is told
     assert state.level == WARN or not told
 
 
@@ -106,5 +106,5 @@ def test_a_process_of_the_passes_that_fails_is_closed_and_told_and_not_asked_aga
     node.measuring._measured(lambda: 'result')
     state = node.measuring.state()
     assert state.level == WARN
-    assert 'measures passes without a process of its own: it has ended' in state.message
+    assert 'measures passes without a separate process: it has ended' in state.message
     node.trigger_deactivate()

@@ -29,7 +29,7 @@ def told(steps, pipeline):
 
 def test_a_step_of_the_clock_is_told():
     assert told(ClockSteps(), stepped(1)) == (
-        WARN, 'the clock stepped by +30.0 ms: passes of that moment are rejected', 1)
+        WARN, 'the clock stepped by +30.0 ms: passes at that moment are rejected', 1)
 
 
 def test_steps_of_another_pipeline_are_counted_from_its_own_start():
@@ -43,7 +43,8 @@ def test_steps_of_another_pipeline_are_counted_from_its_own_start():
 
 
 @pytest.mark.parametrize(('name', 'level', 'says'), [
-    ('resets', WARN, 'stamps jumped back'), ('skipped', WARN, 'does not keep up: 1 pairs'),
+    ('resets', WARN, 'stamps jumped back'),
+    ('skipped', WARN, 'measuring does not keep up: 1 pairs'),
     ('frozen', WARN, '1 pairs withheld'), ('failed', ERROR, 'measuring failed 1 times')])
 def test_what_goes_wrong_is_told_with_its_count(name, level, says):
     counts, state = Counts(), State('fine')
@@ -64,7 +65,7 @@ def test_latencies_are_told_once_there_are_any():
 
 
 @pytest.mark.parametrize(('lag', 'level', 'says'), [
-    ({'std_s': 3e-3}, ERROR, 'nothing shows yet'), ({'correction_s': 5e-3}, WARN, 'corrected'),
+    ({'std_s': 3e-3}, ERROR, 'not known yet'), ({'correction_s': 5e-3}, WARN, 'corrected'),
     ({'constant': True}, WARN, 'corrected'), ({}, WARN, 'as the exposures are')])
 def test_what_the_images_say_of_stamps_apart_is_told(lag, level, says):
     known = {'gap_s': 5e-3, 'looks': 9, 'correction_s': 0.0, 'std_s': 1e-3, 'constant': False}

@@ -32,6 +32,6 @@ def test_an_image_that_is_no_pair_is_refused():
 
 
 def test_images_of_two_sizes_make_no_pair():
-    with pytest.raises(InputError, match='as the left one'):
+    with pytest.raises(InputError, match='as the left image'):
         pair_message(np.zeros((4, 6), np.uint8), np.zeros((4, 5), np.uint8), left_ns=1,
                      right_ns=1, frame_id='left')

@@ -42,7 +42,7 @@ def test_all_is_withheld_until_it_is_passed(sample):
     try:
         before = watch.state()
         assert watch.newest is None
-        assert (before.level, before.message) == (ERROR, 'self-test under way') and watch.withholds
+        assert (before.level, before.message) == (ERROR, 'self-test running') and watch.withholds
         watch.poll()  # has begun
         assert watch.withholds
         poll_until(watch, lambda: not watch.withholds)
@@ -78,4 +78,4 @@ def test_a_folder_without_a_stored_pass_is_refused(tmp_path):
 def test_without_a_folder_nothing_is_withheld():
     watch = make_watch('')
     watch.poll()
-    assert not watch.withholds and watch.state().message == 'no self-test asked for'
+    assert not watch.withholds and watch.state().message == 'no self-test is configured'

@@ -81,7 +81,7 @@ def test_one_that_fails_is_closed_told_and_started_anew_when_it_is_ready(case):
     case.worker.start(), case.worker.wait()
     case.worker.failed(case.made[0], 'it has ended')
     assert case.made[0].closed and case.worker.process is None
-    assert case.worker.fault == 'works without a process of its own: it has ended'
+    assert case.worker.fault == 'works without a separate process: it has ended'
     case.next = Process(ready=False)
     assert case.revived_after(PAUSE_S) == pytest.approx(PAUSE_S, abs=0.02)
     case.worker.revive()
@@ -89,7 +89,7 @@ def test_one_that_fails_is_closed_told_and_started_anew_when_it_is_ready(case):
     case.made[1].ready = True
     case.worker.revive()
     assert case.worker.process is case.made[1] and case.worker.fault == ''
-    assert case.log.lines[1:] == ['works in a process of its own again']
+    assert case.log.lines[1:] == ['works in a separate process again']
 
 
 def test_one_that_fails_again_and_again_is_started_less_and_less_often(case):

@@ -94,6 +94,6 @@ def test_every_vehicle_of_the_reference_is_counted_once():
     assert (told['counted'], told['no_pass'], told['rejected'],
             told['reference_not_good_enough']) == (1, 2, 2, 1)
     page = re.sub(r'<[^>]*>', ' ', verification_page(found, SpeedUnit('km/h')))
-    for name, count in (('errors that count', 1), ('no pass found', 2), ('pass rejected', 2),
-                        ('reference not good enough', 1)):
+    for name, count in (('errors counted', 1), ('no pass found', 2), ('pass rejected', 2),
+                        ('reference too uncertain', 1)):
         assert re.search(rf'{name}\s+{count}\s', page)

@@ -54,7 +54,7 @@ def test_the_views_tell_the_depth_better_than_scattered_quads_do(textured, pair)
 
 
 @pytest.mark.parametrize('left, right, what, found', [
-    ((0.0, 0.0), (0.0, 12.0), 'left and right quads', 'px off one another'),
+    ((0.0, 0.0), (0.0, 12.0), 'left and right quads', 'px apart'),
     ((0.0, 0.0), (60.0, 0.0), 'left and right quads', 'no point in front of the cameras'),
     ((30.0, -60.0), (30.0, -60.0), 'left-right correlation', '0.0'),
 ])

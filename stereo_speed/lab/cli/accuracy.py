@@ -25,26 +25,27 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``accuracy``."""
     add = parser.add_argument
     add('--passes', type=number_in(int, 1, 100000), default=200,
-        help='passes, drawn over speeds, roads, rigs, heights and noise (default: 200)')
-    add('--seed', type=number_in(int, 0, 2 ** 31), default=0, help='another set of passes')
+        help='number of passes, over speeds, roads, rigs, heights and noise (default: 200)')
+    add('--seed', type=number_in(int, 0, 2 ** 31), default=0,
+        help='seed of the set of passes (default: 0)')
     add('--particles', type=int, default=TrackerConfig().particles)
     lines = parser.add_mutually_exclusive_group()
     lines.add_argument('--lines', choices=[k.value for k in LineKnowledge], default='refined',
                        help='source of the lines of the site (default: refined)')
     lines.add_argument('--picked', action='store_const', const='picked', dest='lines',
-                       help='picks with 0.3 px of scatter')
+                       help='same as --lines picked: picks with 0.3 px of scatter')
     lines.add_argument('--refine', action='store_const', const='refined', dest='lines',
-                       help='picks refined by the images of the pass')
+                       help='same as --lines refined: picks refined by the images of the pass')
     add('--pan-deg', type=number_in(float, -1, 1), default=0.0, metavar='DEG',
-        help='the right camera has turned this far, to either side, since its calibration')
+        help='turn of the right camera since its calibration, to either side')
     add('--sway-deg', type=number_in(float, 0, 1), default=0.0, metavar='DEG',
-        help='the rig sways: 1-sigma of each of its angles, in each pair by itself')
+        help='sway of the rig: 1-sigma of each of its angles, independent in each pair')
     add('--tolerances', action='store_true',
-        help='calibration and stamps are off within the tolerances the tracker allows for')
+        help='vary calibration and stamps within the tolerances that the tracker allows for')
     add('--outdoors', nargs='*', metavar='HEADING=KIND',
-        help='bodies with depth, lamps that clip, sun, wet nights and faults of cameras, in place '
-             'of painted fronts; HEADING=KIND holds one, such as vehicle=bus or fault=none')
-    add('--detect', action='store_true', help='vehicles are detected, not annotated')
+        help='bodies with depth, lamps that clip, sun, wet nights and faults of cameras, instead '
+             'of painted fronts; HEADING=KIND fixes one, such as vehicle=bus or fault=none')
+    add('--detect', action='store_true', help='detect the vehicles instead of annotating them')
     add_job_options(parser)
 
 

@@ -40,11 +40,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('sample', nargs='?', type=Path, default=_SAMPLE,
                         help='folder with bag/, site.yaml and init.yaml (default: the sample)')
     parser.add_argument('--particles', type=int, nargs='+', default=[200, 400])
-    parser.add_argument('--rounds', type=int, default=5, help='interleaved runs of each candidate')
+    parser.add_argument('--rounds', type=int, default=5,
+                        help='number of runs of each, interleaved')
     parser.add_argument('--live', type=number_in(float, 0, 3600), default=_LIVE_S, metavar='S',
-                        help='seconds of traffic that live nodes are given in the end, some 20 MB '
-                             f'each on disk meanwhile; 0 for none (default: {_LIVE_S:g})')
-    parser.add_argument('--plot', type=Path, metavar='PNG', help='plot how the cost grows')
+                        help='seconds of traffic played to live nodes at the end, which take some '
+                             f'20 MB each on disk; 0 for none (default: {_LIVE_S:g})')
+    parser.add_argument('--plot', type=Path, metavar='PNG', help='write a plot of the cost')
 
 
 def run(args: argparse.Namespace) -> int:
@@ -77,11 +78,11 @@ def run(args: argparse.Namespace) -> int:
     height, width = pairs[0].left.shape
     print(f'ms per pair of {width}x{height}, one core, {args.rounds} interleaved rounds')
     _print(times)
-    print(f'ms of CPU per target and frame of {WIDTH}x{HEIGHT}, the same way')
+    print(f'ms of CPU per target and frame of {WIDTH}x{HEIGHT}, one core, interleaved rounds')
     _print(rows(args.rounds))
     _tabulate(Scene(rig, place, pairs, annotations), args.rounds, args.plot)
     if args.live:
-        print('\nin real time, nodes in processes of their own:\n', flush=True)
+        print('\nin real time, each node in a process of its own:\n', flush=True)
         print(live_lines(args.live), end='')
     return 0
 
@@ -100,8 +101,8 @@ def _tabulate(scene: Scene, rounds: int, plot: Optional[Path]) -> None:
         print(table.markdown(), end='')
     if plot is not None:
         growth_plot(plot, {
-            'particles (likelihood)': _curve(particles), 'tracks (a pair)': _curve(vehicles),
-            'share of the width (a pair)': list(zip(
+            'particles (likelihood)': _curve(particles), 'tracks (per pair)': _curve(vehicles),
+            'share of the width (per pair)': list(zip(
                 SCALES, (float(str(row[1])) for row in sizes.rows)))},
             'particles, tracks, share of 1024 px')
 

@@ -73,14 +73,14 @@ def live_table(traffic: Traffic) -> Table:
         return [node, tells, told * traffic.fps / count, float(median_ms), float(late_ms), cpu_ms]
     return Table(
         title=f'Live over DDS: {count} pairs, {traffic.fps:g} a second',
-        columns=('node', 'what it tells', 'pairs a second', 'p50, ms', 'p95, ms',
-                 'CPU a pair, ms'),
+        columns=('node', 'output', 'pairs a second', 'p50, ms', 'p95, ms',
+                 'CPU per pair, ms'),
         rows=[row('speed_camera_node', f'{len(one.reading_delays_s)} readings, {len(passes)} '
                   'passes', len(one.pairs_ns), one.reading_delays_s, one_ms),
               row('the same', 'all tracks of a pair', len(one.pairs_ns), one.delays_s, one_ms),
-              row('a pairing one with StereoSGBM, 3 ways', 'that a pair is matched',
+              row('a pairing node with StereoSGBM, 3 ways', 'an answer per matched pair',
                   len(matched.pairs_ns), matched.delays_s, matched_ms),
-              row('a pairing one', 'that there is a pair', len(paired.pairs_ns), paired.delays_s,
+              row('a pairing node', 'an answer per pair', len(paired.pairs_ns), paired.delays_s,
                   paired_ms)],
         digits=(0, 0, 1, 1, 1, 1))
 
@@ -118,5 +118,5 @@ def _taken_s(node: Process) -> float:
     try:
         return processor_s(node.process.pid)
     except ProcessLookupError:
-        raise GraphError(f'live: {node.name}: found no process of it any more, wanted it running'
+        raise GraphError(f'live: {node.name}: found its process gone, wanted it running'
                          ) from None

@@ -31,19 +31,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add('--left', metavar='TOPIC', help='left image topic (default: found by type and name)')
     add('--right', metavar='TOPIC', help='right image topic')
     add('--sway-deg', type=number_in(float, 0, 2), default=0.0, metavar='DEG',
-        help='1-sigma of each angle of the rig, in each pair by itself')
+        help='1-sigma of each angle of the rig, independent in each pair')
     add('--turn-deg', type=number_in(float, -2, 2), default=0.0, metavar='DEG',
-        help='by which one camera has turned')
+        help='angle by which one camera has turned')
     add('--turn-axis', choices=AXES, default='pan',
-        help='positive to the right, upwards or clockwise (default: pan)')
+        help='axis of the turn, positive to the right, upwards or clockwise (default: pan)')
     add('--turn-at', type=number_in(float, 0, 1e6), default=0.0, metavar='S',
-        help='from when on, s after the first pair (default: always)')
+        help='time of the turn after the first pair, s (default: 0)')
     add('--exposure-step', type=number_in(float, 0, 0.9), default=0.0, metavar='SHARE',
         help='largest random change of the exposure of a pair')
     add('--defocus-px', type=number_in(float, 0, 20), default=0.0, metavar='PX',
         help='1-sigma of the blur of one camera')
     add('--camera', choices=CAMERAS, default='right',
-        help='the one that turns or is out of focus (default: right)')
+        help='camera that turns or is out of focus (default: right)')
     add('--seed', type=number_in(int, 0, 2 ** 63), default=0)
 
 

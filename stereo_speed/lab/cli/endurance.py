@@ -23,20 +23,20 @@ _TINY = 4  # number of pairs of a tiny bag
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``endurance``."""
     actions = parser.add_subparsers(metavar='ACTION', required=True)
-    long = actions.add_parser('long', help='replay bags with increasing numbers of passes')
+    long = actions.add_parser('long', help='replay bags of increasing length')
     long.add_argument('--passes', type=number_in(int, 1, 100_000), nargs='+', default=[10, 100],
                       metavar='N', help='rounds of the sample in each bag (default: 10 100)')
     long.add_argument('--gap-s', type=number_in(float, 0.01, 86400), default=_GAP_S, metavar='S',
-                      help=f'from one round to the next, s (default: {_GAP_S:g})')
+                      help=f'pause between rounds, s (default: {_GAP_S:g})')
     long.set_defaults(run=run_long)
-    many = actions.add_parser('many', help='replay-many over increasing numbers of bags')
+    many = actions.add_parser('many', help='run replay-many over increasing numbers of bags')
     many.add_argument('--bags', type=number_in(int, 1, 100_000), nargs='+', default=[10, 100],
-                      metavar='N', help='bags of each run (default: 10 100)')
+                      metavar='N', help='number of bags of each run (default: 10 100)')
     many.add_argument('--jobs', type=number_in(int, 0, 512), default=2, metavar='N')
     many.set_defaults(run=run_many)
     for action in (long, many):
         action.add_argument('--sample', type=Path, default=_SAMPLE,
-                            help='folder with bag/ and site.yaml; many needs init.yaml too')
+                            help='folder with bag/ and site.yaml; init.yaml too for many')
         action.add_argument('--out', type=Path, required=True, metavar='DIR')
     add_soak(actions)
 

@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``evaluate``."""
     add = parser.add_argument
     add('bags', nargs='*', type=Path, metavar='BAG',
-        help='folder with bag/, site.yaml, init.yaml and truth.csv, as simulate writes it; or '
+        help='folder with bag/, site.yaml, init.yaml and truth.csv, as written by simulate; or '
              'a bag with --site and --truth')
     add('--site', type=Path, help='site file of a bag')
     add('--init', type=Path, help='init file of a bag')
@@ -41,17 +41,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add('--left', metavar='TOPIC', help='topic of the left images')
     add('--right', metavar='TOPIC', help='topic of the right images')
     add('--sequences', type=partial(_names, known=tuple(SEQUENCES)), default=[], metavar='NAMES',
-        help='simulated sequences, with commas, or all: ' + ', '.join(SEQUENCES))
+        help='simulated sequences, separated by commas, or all: ' + ', '.join(SEQUENCES))
     add('--trackers', type=partial(_names, known=TRACKERS.names), default=None, metavar='NAMES',
-        help='with commas (default: all): ' + ', '.join(TRACKERS.names))
+        help='trackers, separated by commas (default: all): ' + ', '.join(TRACKERS.names))
     add('--seeds', type=number_in(int, 1, 1000), default=None, metavar='K',
         help='runs of each (default: 10; 20 of each cell of the tables of the paper)')
     add('--particles', type=number_in(int, 20, 20000), nargs='+', metavar='N', default=None,
         help='numbers of particles (default: those of the paper)')
     add('--lines', choices=[k.value for k in LineKnowledge], default='refined',
         help='how the lines of simulated sites are known (default: refined)')
-    add('--paper', action='store_true', help='run the tables of Zhu et al. (2012) again')
-    add('--quick', action='store_true', help='with --paper: a small part of it')
+    add('--paper', action='store_true', help='rerun the tables of Zhu et al. (2012)')
+    add('--quick', action='store_true', help='with --paper: only a small part')
     add_job_options(parser)
     evaluate_monocular.add_options(parser)
 

@@ -26,8 +26,8 @@ _SEEDS = 25  # gives standard errors of a few per cent
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options for videos to those of ``evaluate``."""
     group = parser.add_argument_group(
-        'videos of one camera', 'with --init the targets and --truth their boxes in the '
-        "MOTChallenge's format; --seeds and --particles as above")
+        'videos of one camera', '--init gives the targets and --truth their boxes in the '
+        'MOTChallenge format; --seeds and --particles as above')
     group.add_argument('--video', type=Path, help='video file, folder of images, or bag')
     group.add_argument('--map', type=Path, metavar='PNG', help='map of the scene')
     group.add_argument('--strides', type=number_in(int, 1, 1000), nargs='+', metavar='K',
@@ -42,7 +42,7 @@ def run(args: argparse.Namespace) -> int:
         if getattr(args, option) is None:
             raise InputError('evaluate --video', f'--{option}', 'nothing', {
                 'map': 'the map of the scene', 'init': 'the targets file',
-                'truth': "boxes in the MOTChallenge's format",
+                'truth': 'boxes in the MOTChallenge format',
                 'out': 'a folder for the results'}[option])
     if getattr(args, 'trackers', None) or getattr(args, 'bags', None):
         raise InputError('evaluate --video', '--trackers or BAG', 'given',
@@ -75,14 +75,14 @@ def make_settings(args: argparse.Namespace) -> list[Setting]:
 def _write(folder: Path, name: str, settings: Sequence[Setting],
            results: Sequence[Result]) -> None:
     """Write and print the tables, and draw the plot."""
-    tables = {'settings': summary_table(f'{name}: what is kept', settings, results),
+    tables = {'settings': summary_table(f'{name}: targets kept', settings, results),
               'targets': target_table(f'{name}: each target', settings, results)}
     text = '\n'.join(table.markdown() for table in tables.values())
     write_whole(folder, {'evaluation.md': text,
                          **{f'{kind}.csv': table.csv() for kind, table in tables.items()}})
     _draw(folder / 'kept.png', name, settings, results)
     print(tables['settings'].markdown())
-    print(f'in {folder}')
+    print(f'results in {folder}')
 
 
 def _draw(path: Path, name: str, settings: Sequence[Setting],

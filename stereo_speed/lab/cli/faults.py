@@ -84,15 +84,16 @@ class _Row:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``faults``."""
     parser.add_argument('traffic', type=Path,
-                        help='folder that traffic --bag has written: bag, site.yaml, truth.csv')
+                        help='folder written by traffic --bag: bag, site.yaml, truth.csv')
     parser.add_argument('--fault', action='append', metavar='NAME',
-                        help='only this one; may be repeated')
+                        help='play only this fault; may be given several times')
     parser.add_argument('--single', action='store_true',
-                        help='speed_camera_node instead of three nodes')
-    parser.add_argument('--rate', type=float, default=1.0, help='pace of the replay')
+                        help='one node, speed_camera_node, instead of three')
+    parser.add_argument('--rate', type=float, default=1.0, help='speed of the replay')
     parser.add_argument('--start', type=float, default=5.0, help='start of the fault, s')
-    parser.add_argument('--length', type=float, default=3.0, help='duration of the fault, s')
-    parser.add_argument('--play', type=float, default=18.0, help='seconds of the bag to play')
+    parser.add_argument('--length', type=float, default=3.0, help='length of the fault, s')
+    parser.add_argument('--play', type=float, default=18.0,
+                        help='seconds of the bag that are played')
 
 
 def run(args: argparse.Namespace) -> int:
@@ -194,7 +195,7 @@ def helper_of(pid: int, module: str) -> int:
             continue
         if parent == pid and module in command:
             return int(folder.name)
-    raise InputError('faults', f'process {pid}', f'no {module} that it has started', 'one')
+    raise InputError('faults', f'process {pid}', f'no child process that runs {module}', 'one')
 
 
 def _exposures(truth: Sequence[VehicleTruth]) -> int:

@@ -17,7 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--cases', type=number_in(int, 1, 10 ** 8), default=2000, metavar='N',
                         help='number of cases (default: 2000)')
     parser.add_argument('--first', type=number_in(int, 0, 10 ** 9), default=0, metavar='K',
-                        help='number of the first case, as in the report of a fault')
+                        help='number of the first case, as in the line of a fault')
     parser.add_argument('--seed', type=number_in(int, 0, 2 ** 32), default=0)
     add_job_options(parser)
 

@@ -172,8 +172,9 @@ def fuzz_table(values: Sequence[Mapping[str, Any]]) -> Table:
               for name in SUBJECTS}
     rows = [[name, sum(both), *both] for name, both in counts.items() if sum(both)]
     rows.append(['all', *(sum(row[k] for row in rows) for k in (1, 2, 3))])
-    return Table(title='Damaged input', columns=['what', 'cases', 'refused in one line', 'taken'],
-                 rows=rows, note='Longest case: '
+    return Table(title='Damaged input',
+                 columns=['input', 'cases', 'refused in one line', 'accepted'], rows=rows,
+                 note='Longest case: '
                  f'{max((v["slowest_s"] for v in values), default=0.0):.1f} s of processor time.')
 
 

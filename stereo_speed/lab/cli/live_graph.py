@@ -99,8 +99,8 @@ def play(stack: ExitStack, traffic: Traffic, nodes: Mapping[str, Process],
     :raises GraphError: a node has ended, or they do not discover each other.
     """
     if not listener.spin(START_S, lambda: alive(nodes) and listener.connected(*told)):
-        raise GraphError(f'live: graph: found nodes that are not connected after {START_S:.0f} s, '
-                         'wanted all of them')
+        raise GraphError(f'live: graph: found nodes not connected after {START_S:.0f} s, '
+                         'wanted all connected')
     replay = stack.enter_context(Process(
         'repeating_replay_node', f'bag:={traffic.folder / "bag"}', f'rounds:={rounds}',
         f'round_s:={traffic.round_ns * 1e-9}',
@@ -109,9 +109,9 @@ def play(stack: ExitStack, traffic: Traffic, nodes: Mapping[str, Process],
         bool(listener.pairs_ns) or replay.ended()))
     listener.spin(ON_ITS_WAY_S, lambda: alive(nodes) and bool(listener.pairs_ns))
     if not listener.pairs_ns:
-        raise GraphError('live: pairs: found none that was told, ' + (
-            f'for who plays them ended with status {replay.process.returncode}'
-            if replay.ended() else f'within {START_S:.0f} s') + ', wanted those that are played')
+        raise GraphError('live: pairs: found no result, ' + (
+            f'as the replay ended with status {replay.process.returncode}'
+            if replay.ended() else f'within {START_S:.0f} s') + ', wanted one of each pair')
     return replay
 
 

@@ -17,12 +17,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``roads``."""
     parser.add_argument(
         '--roads', type=number_in(int, 1, 10000), default=4 * len(KINDS),
-        help=f'roads, {len(KINDS)} kinds by turns (default: {4 * len(KINDS)})')
+        help=f'number of roads, of {len(KINDS)} kinds in turn (default: {4 * len(KINDS)})')
     parser.add_argument('--seed', type=number_in(int, 0, 2 ** 31), default=0,
-                        help='another set of roads')
+                        help='seed of the set of roads (default: 0)')
     parser.add_argument('--pan-deg', type=number_in(float, -1, 1), default=0.0, metavar='DEG',
-                        help='rotation of the right camera, to either side, since its '
-                             'calibration')
+                        help='turn of the right camera since its calibration, to either '
+                             'side')
     add_job_options(parser)
 
 

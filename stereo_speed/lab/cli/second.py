@@ -20,15 +20,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``second``."""
     add = parser.add_argument
     add('--passes', type=number_in(int, 1, 100000), default=200,
-        help='passes, drawn as those of accuracy (default: 200)')
-    add('--seed', type=number_in(int, 0, 2 ** 31), default=0, help='another set of passes')
+        help='number of passes, drawn as by accuracy (default: 200)')
+    add('--seed', type=number_in(int, 0, 2 ** 31), default=0,
+        help='seed of the set of passes (default: 0)')
     add('--lines', choices=[k.value for k in LineKnowledge], default='refined',
         help='how the lines of the site are known (default: refined)')
     add('--outdoors', nargs='*', metavar='HEADING=KIND',
-        help='as of accuracy: bodies with depth, lamps that clip, sun, wet nights and faults of '
-             'cameras, in place of painted fronts')
+        help='as for accuracy: bodies with depth, lamps that clip, sun, wet nights and faults of '
+             'cameras, instead of painted fronts')
     add('--wrong-percent', type=number_in(float, 0.1, 50), default=5.0, metavar='PERCENT',
-        help='first estimates are made wrong by so much, to either side (default: 5)')
+        help='error given to first estimates, in either direction (default: 5)')
     add_job_options(parser)
 
 
@@ -48,7 +49,6 @@ def run(args: argparse.Namespace) -> int:
                                'passes.csv': second_rows(passes).csv()})
     print(table.markdown())
     wrong, rejected = wrong_firsts(passes)
-    print(f'lines {args.lines}; first estimates made wrong by {args.wrong_percent:g} % to either '
-          f'side; first estimates that were wrong by themselves: {wrong}, {rejected} of them '
-          'rejected')
+    print(f'lines {args.lines}; first estimates made wrong by {args.wrong_percent:g} % in either '
+          f'direction; first estimates wrong without that: {wrong}, {rejected} of them rejected')
     return report_failures(failures(results))

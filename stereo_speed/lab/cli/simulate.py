@@ -37,7 +37,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``simulate``."""
     add = parser.add_argument
     add('--out', type=Path, required=True, help='folder to write; must not exist')
-    add('--speed', type=_speed, default=_speed('55 mph'), help="'55 mph', '80 km/h' or '22 m/s'")
+    add('--speed', type=_speed, default=_speed('55 mph'),
+        help="'55 mph', '80 km/h' or '22 m/s' (default: '55 mph')")
     add('--accel', type=number_in(float, -12, 12), default=0.0, help='acceleration, m/s^2')
     add('--path', default='straight',
         help='straight, circle:RADIUS_M or clothoid:CURVATURE:CURVATURE:LENGTH_M (1/m; positive '
@@ -46,43 +47,50 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add('--lanes', type=int, choices=(1, 2, 3), default=2)
     add('--lane', type=int, default=0, help='lane of the vehicle, 0 the rightmost')
     add('--lane-change', type=number_in(float, -8, 8), default=0.0, metavar='M',
-        help='go this far to the left, from 0.6 s to 2.8 s')
+        help='move this far to the left between 0.6 s and 2.8 s')
     add('--start', type=number_in(float, 5, 200), help='distance of the first front, m')
     add('--near', type=number_in(float, 4, 100), help='distance at which the pass ends, m')
-    add('--pairs', type=number_in(int, 1, 2000), help='most pairs')
+    add('--pairs', type=number_in(int, 1, 2000), help='greatest number of pairs')
     add('--fps', type=number_in(float, 0.1, 200), default=5.0)
     add('--jitter', type=number_in(float, 0, 1), default=0.0, help='unevenness of the stamps, s')
-    add('--drop', type=int, nargs='*', default=[], metavar='PAIR', help='pairs that get lost')
+    add('--drop', type=int, nargs='*', default=[], metavar='PAIR',
+        help='numbers of pairs that are lost')
     add('--noise', type=number_in(float, 0, 50), default=2.0, help='sensor noise, grey levels')
-    add('--exposure', type=number_in(float, 0.05, 2), default=1.0, help='1 day, 0.35 dusk')
+    add('--exposure', type=number_in(float, 0.05, 2), default=1.0,
+        help='brightness: 1 day, 0.35 dusk')
     add('--rig', choices=sorted(RIGS), default='parallel')
     add('--rig-moved', type=number_in(float, -10, 10), nargs=3, default=(0.0, 0.0, 0.0),
         metavar=('PAN', 'TILT', 'ROLL'),
         help='degrees by which the right camera has turned since its calibration')
     add('--gap', type=number_in(float, 0, 1000), nargs=2, metavar=('FROM', 'TO'),
         help='time, s, in which no pair arrives')
-    add('--camera-height', type=number_in(float, 0.5, 30), default=4.0, help='m above the road')
+    add('--camera-height', type=number_in(float, 0.5, 30), default=4.0,
+        help='height of the cameras above the road, m')
     add('--front-height', type=number_in(float, 0.3, 3),
-        help='m (default: 0.8, or that of --kind)')
+        help='height of the front, m (default: 0.8, or that of --kind)')
     add('--kind', choices=sorted(filter(None, BODIES)),
-        help='a body whose front is no plane (default: a car with a painted one)')
+        help='body with a front that is not flat (default: a car with a painted flat front)')
     add('--lamp-grey', type=number_in(float, 0, 1e6), default=0.0,
         help='grey level of the lit lamps of --kind; 255 is full scale')
-    add('--gloss', type=number_in(float, 0, 1), default=0.0, help='of its paint, 1 is lacquer')
-    add('--light', choices=sorted(LIGHTS), help='(default: an even sky)')
+    add('--gloss', type=number_in(float, 0, 1), default=0.0,
+        help='gloss of the paint of --kind; 1 is lacquer')
+    add('--light', choices=sorted(LIGHTS), help='light of the scene (default: an even sky)')
     add('--lens', type=number_in(float, 0, 50), nargs=3, metavar=('CORE_PX', 'SHARE', 'HALO_PX'),
         default=(0.0, 0.0, 8.0), help='point spread: core, and share and width of its halo')
     add('--exposure-step', type=number_in(float, 0, 0.9), default=0.0,
         help='largest random change of the exposure of a pair, as a share')
-    add('--right-gain', type=number_in(float, 0.1, 10), default=1.0, help='of the right camera')
+    add('--right-gain', type=number_in(float, 0.1, 10), default=1.0,
+        help='gain of the right camera')
     add('--right-defocus', type=number_in(float, 0, 20), default=0.0, metavar='PX',
         help='1-sigma of the blur of the right camera')
-    add('--dirt', type=number_in(int, 0, 200), default=0, help='specks on the right camera')
-    add('--speed-limit', type=_limit, default='45 mph', help='as in the site file')
+    add('--dirt', type=number_in(int, 0, 200), default=0,
+        help='number of specks on the right camera')
+    add('--speed-limit', type=_limit, default='45 mph',
+        help='speed limit in the site file, such as 45 mph')
     add('--seed', type=number_in(int, 0, 2 ** 63), default=0)
     add('--storage', choices=STORAGES, default='mcap')
-    add('--encoding', default='mono8', help='of raw images: mono8, bgr8, bayer_rggb8, mono16, …')
-    add('--compressed', action='store_true', help='JPEG messages instead of raw ones')
+    add('--encoding', default='mono8', help='encoding of raw images: mono8, bgr8, …')
+    add('--compressed', action='store_true', help='write JPEG messages instead of raw ones')
 
 
 def _pass(text: str) -> SimConfig:

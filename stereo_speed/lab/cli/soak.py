@@ -35,26 +35,26 @@ _SAMPLES = 240  # samples of the nodes' resources over the run
 
 def add_soak(actions: Any) -> None:
     """Add the action ``soak``."""
-    parser = actions.add_parser('soak', help='play traffic through the live nodes',
+    parser = actions.add_parser('soak', help='play traffic to the live nodes for a long time',
                                 description=__doc__)
     add = parser.add_argument
     rules = SoakRules()
     add('--minutes', type=number_in(float, 0.5, 10_000), default=60.0,
-        help='how long, at least; whole rounds are played (default: 60)')
+        help='least duration; whole rounds are played (default: 60)')
     add('--round-minutes', type=number_in(float, 0.1, 60), default=2.0, metavar='M',
-        help='length of the traffic that goes round (default: 2)')
+        help='length of the traffic that is repeated (default: 2)')
     add('--vehicles', type=number_in(int, 1, 1000), default=14, metavar='N',
-        help='of a round (default: 14)')
+        help='number of vehicles of a round (default: 14)')
     add('--fps', type=number_in(float, 1, 60), default=5.0, help='pairs per second (default: 5)')
     add('--lanes', type=int, choices=(1, 2, 3), default=2)
     add('--seed', type=number_in(int, 0, 2 ** 63), default=11)
     add('--width', type=number_in(int, 640, 4096), default=1024, metavar='PX',
-        help='of the images, which are three quarters as high (default: 1024)')
+        help='width of the images, which are three quarters as high (default: 1024)')
     add('--one-node', action='store_true',
-        help='measure with speed_camera_node as it is installed, which hurries pairs where it '
-             'does not keep up, in place of three nodes that hurry none')
+        help='measure with speed_camera_node with its default parameters, which hurries pairs if '
+             'it does not keep up, instead of three nodes that never do')
     add('--growth-mb', type=number_in(float, 0, 1e6), default=rules.growth_mb, metavar='MB',
-        help=f'most growth of a node after its warm-up (default: {rules.growth_mb:g})')
+        help=f'greatest growth of a node after its warm-up (default: {rules.growth_mb:g})')
     add('--out', type=Path, required=True, metavar='DIR')
     parser.set_defaults(run=run_soak)
 
@@ -128,4 +128,4 @@ def _log_faults(path: Path, soaked: Soaked) -> Sequence[str]:
     with sqlite3.connect(path) as log:
         (logged,), = log.execute("SELECT count(*) FROM passes WHERE verdict = 'measured'")
     told = len(soaked.rounds.errors_mps) + soaked.rounds.astray
-    return [] if logged == told else [f'{path}: {logged} passes logged, {told} were told']
+    return [] if logged == told else [f'{path}: {logged} passes logged, {told} published']

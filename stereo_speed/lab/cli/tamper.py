@@ -30,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--positions', type=number_in(int, 0, 10 ** 7), default=2000,
                         help='number of bytes to flip, one at a time (default: 2000)')
     parser.add_argument('--stops', type=number_in(int, 0, 10 ** 6), default=200,
-                        help='number of writers to kill, and of disks to fill (default: 200)')
+                        help='number of writers to kill and of disks to fill (default: 200)')
     parser.add_argument('--seed', type=number_in(int, 0, 2 ** 31), default=0, metavar='S',
                         help='seed (default: 0)')
 

@@ -27,19 +27,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``traffic``."""
     add = parser.add_argument
     add('--minutes', type=number_in(float, 0.05, 600), default=10.0, help='length of the stream')
-    add('--vehicles', type=number_in(int, 1, 5000), default=200, help='how many drive past')
+    add('--vehicles', type=number_in(int, 1, 5000), default=200, help='number of vehicles')
     add('--fps', type=number_in(float, 0.5, 60), default=10.0, help='pairs per second')
     add('--lanes', type=int, choices=(1, 2, 3), default=3)
     add('--receding', type=int, choices=(0, 1, 2), default=0,
-        help='lanes, from the left, whose vehicles drive away and show their rears')
+        help='number of lanes, from the left, whose vehicles drive away and show their rears')
     add('--light', choices=sorted(LIGHTS), default='day')
     add('--outdoors', action='store_true',
-        help='motorcycles, buses and small cars drive too, and fronts are no painted planes')
+        help='bodies with depth, including motorcycles, buses and small cars')
     add('--rig', choices=sorted(RIGS), default='parallel')
     add('--sway-deg', type=number_in(float, 0, 1), default=0.0, metavar='DEG',
-        help='the rig sways: 1-sigma of each of its angles, in each pair by itself')
+        help='sway of the rig: 1-sigma of each of its angles, independent in each pair')
     add('--turn-deg', type=number_in(float, -1, 1), default=0.0, metavar='DEG',
-        help='the right camera pans this far to the right in the middle of the stream')
+        help='angle by which the right camera pans to the right in the middle of the stream')
     add('--seed', type=number_in(int, 0, 2 ** 63), default=0)
     add('--particles', type=int, default=TrackerConfig().particles)
     add('--jobs', type=int, choices=(1, 2), default=2,
@@ -48,12 +48,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     where.add_argument('--out', type=Path, metavar='DIR',
                        help='write tracks.csv, passes.csv, summary.json and truth.csv there')
     where.add_argument('--bag', type=Path, metavar='DIR',
-                       help='only write the stream as a bag with site and truth')
+                       help='only write the stream as a bag, with site and truth')
     add('--raw', action='store_true',
-        help='with --bag: images as mono8, four times as large as the PNG of the default')
+        help='with --bag: write mono8 images, four times as large as the default PNG')
     where.add_argument('--lane-changes', type=number_in(int, 1, 1000), metavar='SEEDS',
-                       help='instead of a stream: number of runs of each lane change of the '
-                            '2012 paper, annotated, with and without the lane-change model')
+                       help='instead of a stream, measure each lane change of the 2012 paper '
+                            'with this many seeds, also with a tracker that keeps to the path')
     add('--lines', choices=[k.value for k in LineKnowledge], default='refined',
         help='how the lines of the road are known: as clicked, clicked and refined by the images '
              '(default), or exactly')

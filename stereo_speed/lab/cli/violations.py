@@ -25,12 +25,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``violations``."""
     add = parser.add_argument
     add('--streams', type=number_in(int, 1, 10 ** 6), default=110,
-        help='streams of half a minute with some 20 passes each; the faults take turns '
-             '(default: 110)')
-    add('--seed', type=number_in(int, 0, 2 ** 31), default=0, help='of other traffic')
+        help='number of streams of half a minute with some 20 passes each, with the faults in '
+             'turn (default: 110)')
+    add('--seed', type=number_in(int, 0, 2 ** 31), default=0,
+        help='seed of the traffic (default: 0)')
     add('--fps', type=number_in(float, 0.5, 60), default=8.0, help='pairs per second (default: 8)')
     add('--fault', action='append', choices=list(FAULTS), metavar='NAME',
-        help='only the streams with this one; may be repeated: ' + ', '.join(FAULTS))
+        help='run only the streams with this fault; may be given several times: '
+        + ', '.join(FAULTS))
     add_job_options(parser)
 
 

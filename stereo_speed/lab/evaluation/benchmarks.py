@@ -154,7 +154,8 @@ def vehicle_table(scene: Scene, rounds: int) -> Table:
     """Return the time of a pair over the number of tracks, without detection."""
     jobs = {str(n): _tracked(scene, [scene.fronts[0]] * n) for n in VEHICLES}
     found, pairs = medians(jobs, rounds), min(len(scene.pairs), _PAIRS)
-    return Table(title='Tracks in view', columns=('tracks', 'a pair, ms', 'a track and pair, ms'),
+    return Table(title='Tracks in view',
+                 columns=('tracks', 'per pair, ms', 'per track and pair, ms'),
                  rows=[[n, found[str(n)] / pairs, found[str(n)] / pairs / n] for n in VEHICLES])
 
 
@@ -168,8 +169,8 @@ def follower_table(scene: Scene, rounds: int) -> Table:
         if make is not None:
             jobs[name] = partial(_followed, make, [pair.left for pair in pairs], front.left_px)
     found = {name: time_ms / len(pairs) for name, time_ms in medians(jobs, rounds).items()}
-    return Table(title='Following one vehicle', columns=('tracker', 'what it tells', 'a pair, ms'),
-                 rows=[['ours', 'speed, by both views', found['ours']],
+    return Table(title='Following one vehicle', columns=('tracker', 'output', 'per pair, ms'),
+                 rows=[['ours', 'speed, from both views', found['ours']],
                        *([f'OpenCV {name}', 'box in one view', found.get(name, 'not installed')]
                          for name in FOLLOWERS)])
 
@@ -187,8 +188,8 @@ def size_table(scene: Scene, rounds: int) -> Table:
     found, pairs = medians(jobs, rounds), min(len(scene.pairs), _PAIRS)
     height, width = scene.pairs[0].left.shape
     return Table(
-        title='Size of the images: one vehicle, found by itself',
-        columns=('size', 'a pair, ms', *(f'{name}, ms' for name in matchers)),
+        title='Size of the images: one vehicle, detected automatically',
+        columns=('size', 'per pair, ms', *(f'{name}, ms' for name in matchers)),
         rows=[[f'{round(width * s)}x{round(height * s)}', found[f'ours {s}'] / pairs,
                *(found[f'{name} {s}'] for name in matchers)] for s in SCALES])
 

@@ -67,9 +67,9 @@ def long_table(rows: Sequence[tuple[int, float, int, int, Cost]]) -> Table:
     :param rows: rounds of the sample, length in h, passes found, passes measured, and the cost.
     """
     return Table(
-        title='One bag, ever longer',
+        title='Bags of increasing length',
         columns=['rounds', 'length, h', 'passes', 'measured', 'processor, s', 's per round',
-                 'times as fast as it happened', 'peak memory, MB'],
+                 'times faster than real time', 'peak memory, MB'],
         rows=[[n, hours, found, measured, cost.cpu_s, cost.cpu_s / n, 3600 * hours / cost.cpu_s,
                cost.peak_mb] for n, hours, found, measured, cost in rows],
         digits=[0, 2, 0, 0, 1, 2, 1, 0])
@@ -82,9 +82,9 @@ def many_table(rows: Sequence[tuple[int, int, Cost, Cost]]) -> Table:
     :param rows: bags, passes, the cost, and that of the same command run again.
     """
     return Table(
-        title='Ever more bags',
+        title='Increasing numbers of bags',
         columns=['bags', 'passes', 'processor, s', 's per bag', 'peak memory of a process, MB',
-                 'processor when all is done, s'],
+                 'processor if all is done already, s'],
         rows=[[n, passes, cost.cpu_s, cost.cpu_s / n, cost.peak_mb, again.cpu_s]
               for n, passes, cost, again in rows],
         digits=[0, 0, 1, 2, 0, 1])

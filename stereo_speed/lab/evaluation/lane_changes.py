@@ -133,7 +133,7 @@ def changes_table(jobs: Sequence[Job], results: Sequence[Result]) -> Table:
     return Table(title='', columns=(
         'lane change', 'tracker', 'followed to the end', 'measured', 'pass: mean ± sd, mph',
         'worst, mph', 'mean r.m.s. of readings of second half, mph', 'of smoothed, mph',
-        'lane it went to right'), digits=(0, 0, 0, 0, 0, 3, 2, 2, 0), rows=[
+        'target lane correct'), digits=(0, 0, 0, 0, 0, 3, 2, 2, 0), rows=[
             _row(case, model, [ChangeError(**value[model]) for of, value in done if of == case])
             for case in CASES for model in MANOEUVRE_MODELS])
 

@@ -219,8 +219,8 @@ def summary_table(title: str, settings: Sequence[Setting], results: Sequence[Res
     return Table(title=title, columns=(
         'tracker', 'particles', 'stride', 'kept to the end, %', 's.e., %', 'frames followed, %',
         'frames astray, %', 'mean overlap'), rows=rows, digits=(0, 0, 0, 1, 1, 1, 1, 3),
-        note=f'{done} seeds; kept: overlap above {KEPT_OVERLAP} in the last frame; astray: a box '
-             'that overlaps the target by less')
+        note=f'{done} seeds; kept: overlap above {KEPT_OVERLAP} in the last frame; astray: boxes '
+             'with a smaller overlap')
 
 
 def target_table(title: str, settings: Sequence[Setting], results: Sequence[Result]) -> Table:

@@ -50,7 +50,7 @@ def _next(items: Queue[Any], process: BaseProcess) -> Any:
             return items.get(timeout=_ALIVE_S)
         except queue.Empty:
             if not process.is_alive() and items.empty():
-                raise RuntimeError(f'the process that makes the items ended with exit code '
+                raise RuntimeError(f'the producing process ended with exit code '
                                    f'{process.exitcode}') from None
 
 

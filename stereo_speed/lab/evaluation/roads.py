@@ -256,7 +256,7 @@ def road_table(results: Sequence[Result]) -> Table:
             v.get('moved_probability'), v.get('pan_deg'), said])
     return Table(title='', rows=rows, digits=(0, 0, 3, 3, 3, 3, 3, 4, 0), columns=(
         'road', 'kind', 'clicks, %', 'σ', 'refined, %', 'σ', 'probability of a turn',
-        'pan corrected, °', 'not refined because'))
+        'pan corrected, °', 'reason if not refined'))
 
 
 def kinds_table(results: Sequence[Result]) -> Table:

@@ -32,10 +32,10 @@ from ...survey.reference import error_limit_mps
 
 Follow = Sequence[tuple[StereoPair, TrackUpdate]]
 
-COLUMNS = ('', 'measured by the first', 'have a second', 'mean error of the second, mph',
+COLUMNS = ('', 'passes measured', 'with a second estimate', 'mean error of the second, mph',
            'sd, mph', 'max, mph', 'r.m.s. of error/σ', 'r.m.s. of difference/σ',
-           'right ones rejected', 'right ones not compared', 'wrong ones rejected',
-           'wrong ones not compared', 'wrong ones agreed with')
+           'right passes rejected', 'right passes not compared', 'wrong passes rejected',
+           'wrong passes not compared', 'wrong passes accepted')
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -252,8 +252,8 @@ def held_table(held: Sequence[Held], minutes: float) -> Table:
     """Tabulate the resources of the nodes over a run."""
     return Table(
         title=f'Memory and handles of {minutes:.0f} minutes',
-        columns=['node', 'memory, MB', 'growth by its trend, MB', 'most, MB', 'handles, threads',
-                 'in the end'],
+        columns=['node', 'memory, MB', 'trend of growth, MB', 'peak, MB', 'handles, threads',
+                 'at the end'],
         rows=[[h.node, h.first_mb, h.growth_mb, h.most_mb,
                f'{h.handles[0]}, {h.threads[0]}', f'{h.handles[1]}, {h.threads[1]}']
               for h in held], digits=[0, 1, 1, 1, 0, 0])
@@ -292,7 +292,7 @@ class Soaked:
         """Return notes on criteria that could not be judged."""
         return [] if self.longest_s <= rules.late_s else [
             f'memory was NOT JUDGED: the machine did not keep up, tracks came up to '
-            f'{self.longest_s:.0f} s late, and pairs that wait take room']
+            f'{self.longest_s:.0f} s late, and waiting pairs take memory']
 
     def table(self) -> Table:
         """Tabulate the counts of pairs and passes."""
@@ -300,7 +300,7 @@ class Soaked:
         return Table(
             title='', columns=[
                 'minutes', 'pairs', 'lost', 'vehicles', 'measured once', 'more than once',
-                'rejected', 'missed', 'on nothing', 'worst error, mph', 'live readings'],
+                'rejected', 'missed', 'on no vehicle', 'worst error, mph', 'live readings'],
             rows=[[self.minutes, *self.pairs, *counts.values(), self.rounds.worst_mph,
                    self.readings]],
             digits=[1, *(0,) * 8, 2, 0])

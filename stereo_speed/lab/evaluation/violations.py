@@ -49,9 +49,9 @@ SEEN_PX = 20.0  # least width of a well-seen front in these images
 BEFORE_S = 14.0  # time from entry to the camera, at a pace of 1
 WEATHERS = (('day', False), ('day', True), ('dusk', False), ('overcast', True),
             ('wet_night', True))  # light, and whether bodies have depth
-COLUMNS = ('fault', 'passes', 'measured', 'violations', 'recorded', 'share', 'records', 'of none',
-           'wrong speed', 'wrong vehicle', 'worst error, km/h', 'no record', 'compared',
-           'rejected')
+COLUMNS = ('fault', 'passes', 'measured', 'violations', 'recorded', 'share', 'records',
+           'unjustified', 'wrong speed', 'wrong vehicle', 'worst error, km/h', 'no record',
+           'compared', 'rejected')
 _BELOW = (str(NoRecord.BELOW_LIMIT), str(NoRecord.NOT_MEASURED))
 
 

@@ -26,15 +26,15 @@ def test_figures_by_hand():
               a_run(5.0, 0.0, rejected=True, wrong=()), a_run(0.0, 0.5, rejected=True)]
     table = second_table(passes)
     row = dict(zip(table.columns, next(r for r in table.rows if r[0] == 'all')))
-    assert row['measured by the first'] == 5
-    assert row['have a second'] == '4 of 5'
+    assert row['passes measured'] == 5
+    assert row['with a second estimate'] == '4 of 5'
     assert row['mean error of the second, mph'] == '+0.150'
     assert row['max, mph'] == '0.500'
-    assert row['right ones rejected'] == '1 of 4'
-    assert row['right ones not compared'] == '1 of 4'
-    assert row['wrong ones rejected'] == '5 of 8'
-    assert row['wrong ones not compared'] == '2 of 8'
-    assert row['wrong ones agreed with'] == '1 of 8'
+    assert row['right passes rejected'] == '1 of 4'
+    assert row['right passes not compared'] == '1 of 4'
+    assert row['wrong passes rejected'] == '5 of 8'
+    assert row['wrong passes not compared'] == '2 of 8'
+    assert row['wrong passes accepted'] == '1 of 8'
     assert [r[0] for r in table.rows] == ['all', 'path: circle', 'path: straight']
     assert wrong_firsts(passes) == (1, 1)
 
