@@ -91,21 +91,20 @@ class CornerFollower:
     def take(self, pair: StereoPair, left_region: Array, right_region: Array
              ) -> Optional[Sighting]:
         """
-        Return the corners of the next pair; None if the region is too small or not finite.
+        Return the corners of the next pair; None if a region is too small or not finite.
 
         :param left_region: (4, 2) outline of the vehicle in the raw left view, px.
         :param right_region: (4, 2) outline of the vehicle in the raw right view, px.
         """
-        told = np.stack([left_region.min(axis=0), left_region.max(axis=0)])
-        if not (np.isfinite(left_region).all() and np.isfinite(right_region).all()
-                and (told[1] - told[0]).min() >= _LEAST_REGION_PX):
+        if not (_is_large_enough(left_region) and _is_large_enough(right_region)):
             return None
-        off, disparity_off = self._carried(told)
-        part, origin = _part(to_eight_bits(pair.left), told + off)
-        window = _window_px(float(told[1, 0] - told[0, 0]))
-        ids, at, move = self._follow(part, origin, told + off, window)
+        given = _bounds(left_region)
+        off, disparity_off = self._carried(given)
+        part, origin = _part(to_eight_bits(pair.left), given + off)
+        window = _window_px(float(given[1, 0] - given[0, 0]))
+        ids, at, move = self._follow(part, origin, given + off, window)
         off = off + move
-        region, box = left_region + off, told + off
+        region, box = left_region + off, given + off
         inside = _inside(at, region)
         fresh = self._corners(part, origin, region, at[inside], window)
         ids = np.concatenate([ids[inside], np.arange(self._next_id, self._next_id + len(fresh))])
@@ -122,11 +121,15 @@ class CornerFollower:
         return Sighting(ids[good], at[good], there[good],
                         max(1.0, len(good) * window ** 2 / area))
 
-    def _carried(self, told: Array) -> tuple[Array, float]:
-        """Return the corrections of region and disparity, scaled from the last pair to this."""
+    def _carried(self, given: Array) -> tuple[Array, float]:
+        """
+        Return the corrections of region and disparity, scaled from the last pair to this.
+
+        :param given: (2, 2) least and greatest u, v of the given left region, px.
+        """
         if self._last is None:
             return np.zeros(2), 0.0
-        grown = (told[1] - told[0]) / (self._last.box[1] - self._last.box[0])
+        grown = (given[1] - given[0]) / (self._last.box[1] - self._last.box[0])
         return grown * self._last.off_px, float(grown[0]) * self._last.disparity_off_px
 
     def _follow(self, part: Grey, origin: Array, box: Array, window: int
@@ -166,6 +169,17 @@ class CornerFollower:
         if found is None:
             return np.zeros((0, 2))
         return np.asarray(found.reshape(-1, 2).astype(float) + origin)
+
+
+def _bounds(region: Array) -> Array:
+    """Return least and greatest u, v (2, 2) of a region (4, 2), px."""
+    return np.stack([region.min(axis=0), region.max(axis=0)])
+
+
+def _is_large_enough(region: Array) -> bool:
+    """Return whether a region (4, 2) is finite and large enough to show corners."""
+    low, high = _bounds(region)
+    return bool(np.isfinite(region).all() and (high - low).min() >= _LEAST_REGION_PX)
 
 
 def _agreed(moves_px: Array, window: int) -> Array:
