@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from ...core.errors import InputError
 from ...core.records import StereoPair
+from ...core.sampling import EvenSampler
 from ...estimation.robust import robust_std, SIGMAS_PER_MEDIAN
 from ...vision.spline_image import SplineImage
 
@@ -62,21 +63,18 @@ def spread_pairs(pairs: Iterable[StereoPair], most: int = MOST_PAIRS) -> list[St
     """
     Return at most so many pairs of a stream of any length, evenly spread over it.
 
+    Of large images fewer pairs are returned, so that those of a view fit into ``MOST_BYTES``.
+
     :param pairs: the stream, which is read to its end.
     :param most: largest number of pairs, 2 or more.
     """
-    kept: list[StereoPair] = []
-    step = 1
-    for number, pair in enumerate(pairs):
-        if number % step:
-            continue
-        if not kept:
-            most = max(min(most, MOST_BYTES // pair.left.nbytes), 2)
-        kept.append(pair)
-        if len(kept) > 2 * most:
-            kept, step = kept[::2], 2 * step
-    chosen = np.round(np.linspace(0, len(kept) - 1, min(most, len(kept)))).astype(int)
-    return [kept[i] for i in chosen]
+    sampler: Optional[EvenSampler[StereoPair]] = None
+    for pair in pairs:
+        if sampler is None:
+            sampler = EvenSampler(max(min(most, MOST_BYTES // pair.left.nbytes), 2))
+        if sampler.wants():
+            sampler.add(pair)
+    return [] if sampler is None else sampler.items()
 
 
 def clean_background(images: list[NDArray[np.generic]], where: object) -> Background:
