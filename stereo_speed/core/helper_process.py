@@ -139,9 +139,10 @@ class HelperProcess:
             ours.setsockopt(socket.SOL_SOCKET, side, turn)
         try:
             with theirs:
-                start = _forked if fork and can_fork() else _started
-                self.process: Union[Fork, subprocess.Popen[bytes]] = start(
-                    module, theirs.fileno(), self._memory_fd, {*self._pipes, ours.fileno()})
+                fds = theirs.fileno(), self._memory_fd
+                self.process: Union[Fork, subprocess.Popen[bytes]] = (
+                    _forked(module, *fds, {*self._pipes, ours.fileno()})
+                    if fork and can_fork() else _started(module, *fds))
         except OSError:
             ours.close()
             os.close(self._memory_fd)
@@ -250,8 +251,7 @@ class HelperProcess:
             os.close(memory_fd)
 
 
-def _started(module: str, pipe_fd: int, memory_fd: int, others: Iterable[int]
-             ) -> subprocess.Popen[bytes]:
+def _started(module: str, pipe_fd: int, memory_fd: int) -> subprocess.Popen[bytes]:
     """Return a new process that runs a module; it inherits no other descriptors."""
     environment = {**os.environ, 'PYTHONPATH': os.pathsep.join(filter(None, sys.path))}
     with _ends_held_back():
