@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 
 from .config import RefineConfig
 from .cross_sections import CrossSections, LineView
-from .section_model import BAND, detect, EDGE, fit_sections, Places, Shape, tuned
+from .section_model import (
+    BAND, BAND_SHARE, detect, EDGE, fit_sections, least_contrast_grey, Places, Shape, tuned)
 from ...core.records import Array
 from ...estimation.robust import robust_std
 
@@ -35,8 +36,6 @@ _ROOM = 0.45  # share of the distance to the next line that may be read
 _LEAST_ROOM_M = 0.3  # width that is read even if lines are closer
 _START_BLUR_PX = 0.6  # initial blur, that of a pixel and a good lens
 _USUAL = 0.85  # quantile of contrasts that is the usual one, as dashes cover a quarter of a line
-_BAND_SHARE = 0.35  # least contrast of a band, as a share of the contrast of the best edge
-_LEAST_NOISES, _LEAST_GREY = 3.0, 4.0  # least contrast, in 1-sigmas of the noise and grey levels
 _NEAR_PX = 1.5  # largest distance of a place of the line from the smooth curve through it
 _IN_A_ROW = 0.5  # share of places near one curve below which contrast counts less, as for noise
 
@@ -166,11 +165,6 @@ def _read(view: LineView, sections: CrossSections, start_m: Array, shape: Shape
     return x, view.read(sections, x)
 
 
-def _least_grey(view: LineView) -> float:
-    """Return the least contrast of a marking, grey levels."""
-    return max(_LEAST_NOISES * view.noise_grey, _LEAST_GREY)
-
-
 def _search(view: LineView, sections: CrossSections, config: RefineConfig
             ) -> Optional[_Candidate]:
     """Return the line found: a band if there is one, else an edge."""
@@ -187,8 +181,9 @@ def _search(view: LineView, sections: CrossSections, config: RefineConfig
                    Shape(BAND if width else EDGE, width, _START_BLUR_PX, sign), config)
          for contrast, sign in zip(detect(x, grey, scale, width), (1, -1))),
         key=lambda candidate: candidate.score) for width in (0.0, *WIDTHS_M))
-    band, least = max(bands, key=lambda candidate: candidate.score), _least_grey(view)
-    if band.usual >= max(least, _BAND_SHARE * edge.usual):
+    band = max(bands, key=lambda candidate: candidate.score)
+    least = least_contrast_grey(view.noise_grey)
+    if band.usual >= max(least, BAND_SHARE * edge.usual):
         return band
     return edge if edge.usual >= least else None
 
@@ -256,7 +251,7 @@ def _gathered(view: LineView, sections: CrossSections, places: Places, shape: Sh
     arc, off_px = sections.arc_px, places.across_m * sections.px_per_m
     usual = np.quantile(places.contrast, _USUAL)
     good = np.isfinite(off_px) & (places.contrast > config.painted_share * usual) & (
-        places.contrast > _least_grey(view) / 2)
+        places.contrast > least_contrast_grey(view.noise_grey) / 2)
     if good.sum() < 2 * LEAST_SECTIONS:
         return None
     good &= places.rms < _MOST_RMS * np.median(places.rms[good])

@@ -18,6 +18,10 @@ from scipy.special import ndtr
 from ...core.records import Array
 
 BAND, EDGE = 'band', 'edge'
+# Least contrast of a band as a share of that of the best edge.  A kerb shows no band, as a band
+# must differ from both of its sides; a painted line beside something lighter shows a weak one.
+BAND_SHARE = 0.35
+_LEAST_NOISES, LEAST_GREY = 3.0, 4.0  # least contrast, in 1-sigmas of the noise and grey levels
 MARGIN_PX = 4.0  # least width of road that is read on either side of a band
 _MARGIN_WIDTHS = 0.8  # the same in half widths of the band, for bands that are wide in the image
 _STEPS = 6  # Gauss-Newton steps; it converges in four from half a band away
@@ -191,6 +195,11 @@ def tuned(shape: Shape, across_m: Array, grey: Array, px_per_m: Array, start_m: 
 def _simplex(start: list[float]) -> Array:
     """Return an initial simplex whose vertices differ by about a fifth of width and blur."""
     return np.array(start) + np.vstack([np.zeros(len(start)), 0.2 * np.eye(len(start))])
+
+
+def least_contrast_grey(noise_grey: float) -> float:
+    """Return the least contrast of a marking, in grey levels, for the noise of an image."""
+    return max(_LEAST_NOISES * noise_grey, LEAST_GREY)
 
 
 def detect(across_m: Array, grey: Array, px_per_m: Array, width_m: float

@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .empty_road import Background
-from .section_model import BAND, detect, EDGE, fit_sections, Places, Shape
+from .section_model import (
+    BAND, BAND_SHARE, detect, EDGE, fit_sections, least_contrast_grey, LEAST_GREY, Places, Shape)
 from ...core.records import Array
 from ...estimation.robust import robust_std
 
@@ -29,8 +30,6 @@ _ROUNDS = 3  # rounds of measuring, each along the direction found before
 _LEAST_SECTIONS = 7  # fewest cross-sections that must show the marking
 _MOST_SLOPE = 0.2  # largest slope of a marking relative to its expected direction
 _WIDE = 0.01  # 1-sigma of a band's middle by perspective and wear, as a share of its width
-_LEAST_NOISES, _LEAST_GREY = 3.0, 4.0  # least contrast, in 1-sigmas of the noise and grey levels
-_BAND_SHARE = 0.5  # least contrast of a band, as a share of the contrast of the best edge
 _PAINTED = 0.5  # share of the usual contrast below which a cross-section shows no marking
 _NEAR_PX = 1.5  # largest distance from the median place for cross-sections of one marking
 _STRAY = 3.0  # sigmas beyond which a cross-section is an outlier
@@ -164,10 +163,10 @@ def _found(view: Background, sections: _Sections) -> Optional[_Start]:
             value = float(score[peak]) * (1 + 0.01 * width)
             if value > best.get(kind, (-np.inf, start))[0]:
                 best[kind] = value, start
-    least = max(_LEAST_NOISES * view.noise_grey, _LEAST_GREY)
+    least = least_contrast_grey(view.noise_grey)
     band, edge = (best[kind][1] if kind in best else None for kind in (BAND, EDGE))
     strongest = 0.0 if edge is None else edge.contrast
-    if band is not None and band.contrast >= max(least, _BAND_SHARE * strongest):
+    if band is not None and band.contrast >= max(least, BAND_SHARE * strongest):
         return _tuned(view, sections, band)
     return _tuned(view, sections, edge) if edge is not None and strongest >= least else None
 
@@ -211,7 +210,7 @@ def _line(view: Background, sections: _Sections, shape: _Start
     """Return offset, slope and 1-sigma of the marking at the centre; None if too few agree."""
     places = _fitted(view, sections, shape, shape.at_px)
     x, t = places.across_m, sections.along_px
-    least = max(_PAINTED * float(np.quantile(places.contrast, 0.8)), _LEAST_GREY / 2)
+    least = max(_PAINTED * float(np.quantile(places.contrast, 0.8)), LEAST_GREY / 2)
     good: NDArray[np.bool_] = np.isfinite(x) & (places.contrast > least)
     if good.sum() < _LEAST_SECTIONS:
         return None
