@@ -120,10 +120,10 @@ def _change(images: list[NDArray[np.generic]], scale: float, still: NDArray[np.f
     middle = still[every, every]
     lit = (middle > _LIGHT_NOISES * noise) & (middle < _CLIPPED_GREY)
     off = np.empty((len(images), *middle.shape), np.float32)
-    for one, image in zip(off, images):
-        seen = scale * image[every, every].astype(np.float32)
-        exposure = float(np.median(seen[lit] / middle[lit])) if lit.any() else 1.0
-        np.abs(seen / max(exposure, _DARKEST) - middle, out=one)
+    for row, image in zip(off, images):
+        grey = scale * image[every, every].astype(np.float32)
+        exposure = float(np.median(grey[lit] / middle[lit])) if lit.any() else 1.0
+        np.abs(grey / max(exposure, _DARKEST) - middle, out=row)
     std = SIGMAS_PER_MEDIAN * np.median(off, axis=0)
     usual = max(float(np.median(std)), LEAST_NOISE_GREY)  # most of a view has steady light
     return np.where(std > _LIGHT_NOISES * usual, std / np.maximum(middle, usual), 0.0).astype(

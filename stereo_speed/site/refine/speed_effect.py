@@ -69,10 +69,10 @@ def speed_error(true: Setup, used: Setup) -> float:
         return np.asarray(np.nan_to_num(np.concatenate(
             [off[0].ravel(), off[1].ravel(), FRONT_STD_PX * change])))
 
-    found = least_squares(residuals, np.append(start.ravel(), [0.0, _ABOVE_M]), x_scale='jac',
-                          xtol=1e-10, ftol=1e-10)
+    solution = least_squares(residuals, np.append(start.ravel(), [0.0, _ABOVE_M]), x_scale='jac',
+                             xtol=1e-10, ftol=1e-10)
     weight = points[:, 2]**-4.0
-    along, middle = found.x[:-2].reshape(-1, 3)[:, 0], np.average(s, weights=weight)
+    along, middle = solution.x[:-2].reshape(-1, 3)[:, 0], np.average(s, weights=weight)
     slope = np.sum(weight * (s - middle) * along) / np.sum(weight * (s - middle)**2)
     return float(slope - 1)
 
