@@ -35,8 +35,8 @@ _ENDS = (signal.SIGINT, signal.SIGTERM)
 
 def leave_ending_to_parent() -> None:
     """Ignore signals sent to the whole process group; the parent ends its helper."""
-    for one in _ENDS:
-        signal.signal(one, signal.SIG_IGN)
+    for number in _ENDS:
+        signal.signal(number, signal.SIG_IGN)
 
 
 @contextmanager
@@ -134,9 +134,9 @@ class HelperProcess:
         ours, theirs = socket.socketpair()
         self._memory_fd = os.memfd_create('stereo_speed')
         # A large message takes several system calls; a stalled one at most two such timeouts.
-        turn = struct.pack('ll', *divmod(int(answer_s * 5e5), 10**6))
+        timeout = struct.pack('ll', *divmod(int(answer_s * 5e5), 10**6))
         for side in (socket.SO_SNDTIMEO, socket.SO_RCVTIMEO):
-            ours.setsockopt(socket.SOL_SOCKET, side, turn)
+            ours.setsockopt(socket.SOL_SOCKET, side, timeout)
         try:
             with theirs:
                 fds = theirs.fileno(), self._memory_fd
@@ -192,7 +192,7 @@ class HelperProcess:
         try:
             self._pipe.send(request)
         except BlockingIOError:
-            raise self._late() from None
+            raise self._timeout_error() from None
 
     def answered(self, request: Any) -> Any:
         """
@@ -221,15 +221,15 @@ class HelperProcess:
 
     def _received(self, most_s: float) -> Any:
         if not self._pipe.poll(most_s):
-            raise self._late()
+            raise self._timeout_error()
         try:
             return self._pipe.recv()
         except EOFError:
             raise BrokenPipeError('it has ended') from None
         except BlockingIOError:  # the answer stalled halfway
-            raise self._late() from None
+            raise self._timeout_error() from None
 
-    def _late(self) -> TimeoutError:
+    def _timeout_error(self) -> TimeoutError:
         return TimeoutError(f'no answer in {self._answer_s:g} s')
 
     def close(self, most_s: float = _END_S) -> None:
