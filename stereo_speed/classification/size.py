@@ -43,15 +43,16 @@ class HeightSearch:
         vehicle has nothing below its bumper.
     :param most_m: height of the highest strip, m, above the 4.0 to 4.3 m allowed on most roads.
     :param step_m: step between strips, m, a third of a strip so that they overlap.
-    :param behind_m: depths of a strip behind the front that are tried, m.  A roof begins behind
+    :param depths_m: depths of a strip behind the front that are tried, m.  A roof begins behind
         bonnet and windscreen, the box of a lorry behind its cab.  The steps grow because a wrong
         depth close to the front matters more.
-    :param own_m: a strip that agrees best at a greater depth belongs to another vehicle behind, m.
+    :param most_depth_m: a strip that agrees best at a greater depth belongs to another vehicle
+        behind, m.
     :param half_height_m: half of the height of a strip, m, which is enough for some texture.
     :param width_share: width of a strip relative to that of the front, as roofs are narrower.
     :param across: samples across a strip.
     :param down: samples down a strip.
-    :param farther: least ratio of the ranges of two views that are compared.
+    :param least_range_ratio: least ratio of the ranges of two views that are compared.
     :param most_views: number of nearest views kept for a pass; two are used, the others replace
         those that do not show the top.
     """
@@ -59,13 +60,13 @@ class HeightSearch:
     least_m: float = 0.2
     most_m: float = 4.5
     step_m: float = 0.1
-    behind_m: tuple[float, ...] = (0, 0.25, 0.5, 0.8, 1.2, 1.6, 2, 2.5, 3, 4, 5, 6, 8)
-    own_m: float = 4.0
+    depths_m: tuple[float, ...] = (0, 0.25, 0.5, 0.8, 1.2, 1.6, 2, 2.5, 3, 4, 5, 6, 8)
+    most_depth_m: float = 4.0
     half_height_m: float = 0.15
     width_share: float = 0.8
     across: int = 20
     down: int = 6
-    farther: float = 1.12
+    least_range_ratio: float = 1.12
     most_views: int = 4
 
     @property
@@ -196,7 +197,7 @@ class VehicleSize:
         on_front[..., 2] = up[:, None] + strip[:, 1]
         on_plane = update.position_m + on_front @ update.axes.T
         ahead_m = abs(float(update.position_m @ update.axes[:, 0]))
-        depth = 1 + np.array(self._search.behind_m) / ahead_m
+        depth = 1 + np.array(self._search.depths_m) / ahead_m
         points = on_plane[:, None] * depth[:, None, None]  # (strips, depths, samples, 3)
         on_vehicle = (points - update.position_m) @ update.axes
         at_right_exposure = points + update.axes[:, 0] * update.speed_mps * view.pair.right_lag_s
@@ -212,7 +213,7 @@ class VehicleSize:
         height_m = np.take_along_axis(on_vehicle[..., 2].mean(axis=-1), best, axis=1)[:, 0]
         moving = moving_ncc > self.config.least_ncc
         moving &= moving_ncc > static_ncc + self.config.still_margin
-        moving &= np.array(self._search.behind_m)[best[:, 0]] <= self._search.own_m
+        moving &= np.array(self._search.depths_m)[best[:, 0]] <= self._search.most_depth_m
         # Strips overlap by two thirds, so a single moving strip is a chance match.
         moving &= np.convolve(moving, np.ones(3), 'same') > 1
         return visible, height_m[moving] - view.road_m
@@ -220,7 +221,7 @@ class VehicleSize:
     def _apart(self, one: _View, other: _View) -> bool:
         """Return whether the ranges of two views differ enough."""
         near, far = sorted((one.range_m, other.range_m))
-        return far >= self._search.farther * near
+        return far >= self._search.least_range_ratio * near
 
 
 def _samples(image: NDArray[Any], *uv_px: Array) -> list[Array]:
