@@ -43,15 +43,16 @@ class HeightSearch:
         vehicle has nothing below its bumper.
     :param most_m: height of the highest strip, m, above the 4.0 to 4.3 m allowed on most roads.
     :param step_m: step between strips, m, a third of a strip so that they overlap.
-    :param behind_m: depths of a strip behind the front that are tried, m.  A roof begins behind
+    :param depths_m: depths of a strip behind the front that are tried, m.  A roof begins behind
         bonnet and windscreen, the box of a lorry behind its cab.  The steps grow because a wrong
         depth close to the front matters more.
-    :param own_m: a strip that agrees best at a greater depth belongs to another vehicle behind, m.
+    :param most_depth_m: a strip that agrees best at a greater depth belongs to another vehicle
+        behind, m.
     :param half_height_m: half of the height of a strip, m, which is enough for some texture.
     :param width_share: width of a strip relative to that of the front, as roofs are narrower.
     :param across: samples across a strip.
     :param down: samples down a strip.
-    :param farther: least ratio of the ranges of two views that are compared.
+    :param least_range_ratio: least ratio of the ranges of two views that are compared.
     :param most_views: number of nearest views kept for a pass; two are used, the others replace
         those that do not show the top.
     """
@@ -59,13 +60,13 @@ class HeightSearch:
     least_m: float = 0.2
     most_m: float = 4.5
     step_m: float = 0.1
-    behind_m: tuple[float, ...] = (0, 0.25, 0.5, 0.8, 1.2, 1.6, 2, 2.5, 3, 4, 5, 6, 8)
-    own_m: float = 4.0
+    depths_m: tuple[float, ...] = (0, 0.25, 0.5, 0.8, 1.2, 1.6, 2, 2.5, 3, 4, 5, 6, 8)
+    most_depth_m: float = 4.0
     half_height_m: float = 0.15
     width_share: float = 0.8
     across: int = 20
     down: int = 6
-    farther: float = 1.12
+    least_range_ratio: float = 1.12
     most_views: int = 4
 
     @property
@@ -146,8 +147,8 @@ class VehicleSize:
     def _width_m(self) -> tuple[float, float]:
         """Return the width of the front and its 1-sigma, m."""
         if self._marked_std_px is None and self._fronts is not None:
-            seen = [self._fronts.widths_m(view.pair, view.update) for view in self._views]
-            if len(widths := np.concatenate(seen)) > 1:
+            measured = [self._fronts.widths_m(view.pair, view.update) for view in self._views]
+            if len(widths := np.concatenate(measured)) > 1:
                 return float(np.median(widths)), self.config.width_std_m
         return self._tracked_width_m()
 
@@ -167,18 +168,18 @@ class VehicleSize:
     def _height_m(self, width_m: float) -> Optional[float]:
         """Return the height above the road up to which strips move with the vehicle, m."""
         views = sorted(self._views, key=lambda v: v.range_m)
-        found: Optional[float] = None
+        best_m: Optional[float] = None
         for k, view in enumerate(views[:-1]):
             others = [other for other in views[k + 1:] if self._apart(other, view)]
             if not others:
                 continue
-            seen, height_m = self._strips(view, others[0], width_m)
+            visible, height_m = self._strips(view, others[0], width_m)
             # The highest matching strip has the upper edge of the vehicle near its lower end.
             below_m = self._search.half_height_m - self._search.step_m / 2
-            found = float(height_m.max()) - below_m if len(height_m) else None
-            if seen[-1].any():
+            best_m = float(height_m.max()) - below_m if len(height_m) else None
+            if visible[-1].any():
                 break
-        return found
+        return best_m
 
     def _strips(self, view: _View, other: _View, width_m: float
                 ) -> tuple[NDArray[np.bool_], Array]:
@@ -188,36 +189,39 @@ class VehicleSize:
         :return: mask (strips, depths) of those inside all images, and heights (n,) above the road
             of those that move with the vehicle, m.
         """
-        here, there = view.update, other.update
-        rig, before = (self.rig.as_taken(v.pair.motion) for v in (view, other))
+        update, earlier = view.update, other.update
+        rig, earlier_rig = (self.rig.as_taken(v.pair.motion) for v in (view, other))
         up, strip = view.road_m + self._search.heights_m, self._search.strip
         on_front = np.zeros((len(up), len(strip), 3))
         on_front[..., 1] = strip[:, 0] * width_m
         on_front[..., 2] = up[:, None] + strip[:, 1]
-        facing = here.position_m + on_front @ here.axes.T
-        depth = 1 + np.array(self._search.behind_m) / abs(float(here.position_m @ here.axes[:, 0]))
-        points = facing[:, None] * depth[:, None, None]  # (strips, depths, samples, 3)
-        on_vehicle = (points - here.position_m) @ here.axes
-        later = points + here.axes[:, 0] * here.speed_mps * view.pair.right_lag_s
-        px = (rig.left.project(points), rig.right.project(rig.to_right(later)),
-              before.left.project(there.position_m + on_vehicle @ there.axes.T))
+        on_plane = update.position_m + on_front @ update.axes.T
+        ahead_m = abs(float(update.position_m @ update.axes[:, 0]))
+        depth = 1 + np.array(self._search.depths_m) / ahead_m
+        points = on_plane[:, None] * depth[:, None, None]  # (strips, depths, samples, 3)
+        on_vehicle = (points - update.position_m) @ update.axes
+        at_right_exposure = points + update.axes[:, 0] * update.speed_mps * view.pair.right_lag_s
+        px = (rig.left.project(points), rig.right.project(rig.to_right(at_right_exposure)),
+              earlier_rig.left.project(earlier.position_m + on_vehicle @ earlier.axes.T))
         (left,), (right,) = _samples(view.pair.left, px[0][0]), _samples(view.pair.right, px[1][0])
-        along, still = _samples(other.pair.left, px[2][0], px[0][0])
-        seen = np.all([valid.all(axis=-1) for _, valid in px], axis=0)
-        goes = np.where(seen, np.minimum(ncc(left, right), ncc(left, along)), -1.0)
-        best = np.argmax(goes, axis=1)[:, None]
-        goes, stays = (np.take_along_axis(v, best, axis=1)[:, 0] for v in (goes, ncc(left, still)))
+        moved, unmoved = _samples(other.pair.left, px[2][0], px[0][0])
+        visible = np.all([valid.all(axis=-1) for _, valid in px], axis=0)
+        moving_ncc = np.where(visible, np.minimum(ncc(left, right), ncc(left, moved)), -1.0)
+        best = np.argmax(moving_ncc, axis=1)[:, None]
+        moving_ncc, static_ncc = (np.take_along_axis(scores, best, axis=1)[:, 0]
+                                  for scores in (moving_ncc, ncc(left, unmoved)))
         height_m = np.take_along_axis(on_vehicle[..., 2].mean(axis=-1), best, axis=1)[:, 0]
-        moves = (goes > self.config.least_ncc) & (goes > stays + self.config.still_margin)
-        moves &= np.array(self._search.behind_m)[best[:, 0]] <= self._search.own_m
+        moving = moving_ncc > self.config.least_ncc
+        moving &= moving_ncc > static_ncc + self.config.still_margin
+        moving &= np.array(self._search.depths_m)[best[:, 0]] <= self._search.most_depth_m
         # Strips overlap by two thirds, so a single moving strip is a chance match.
-        moves &= np.convolve(moves, np.ones(3), 'same') > 1
-        return seen, height_m[moves] - view.road_m
+        moving &= np.convolve(moving, np.ones(3), 'same') > 1
+        return visible, height_m[moving] - view.road_m
 
     def _apart(self, one: _View, other: _View) -> bool:
         """Return whether the ranges of two views differ enough."""
         near, far = sorted((one.range_m, other.range_m))
-        return far >= self._search.farther * near
+        return far >= self._search.least_range_ratio * near
 
 
 def _samples(image: NDArray[Any], *uv_px: Array) -> list[Array]:

@@ -127,8 +127,8 @@ def warm_up() -> Kernels:
     :return: which kernels are in use; plain ones need no compilation.
     """
     if kernels().compiled:
-        for one in REGISTRY.values():
-            one.warm_up()
+        for each in REGISTRY.values():
+            each.warm_up()
     return kernels()
 
 

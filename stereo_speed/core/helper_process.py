@@ -35,8 +35,8 @@ _ENDS = (signal.SIGINT, signal.SIGTERM)
 
 def leave_ending_to_parent() -> None:
     """Ignore signals sent to the whole process group; the parent ends its helper."""
-    for one in _ENDS:
-        signal.signal(one, signal.SIG_IGN)
+    for number in _ENDS:
+        signal.signal(number, signal.SIG_IGN)
 
 
 @contextmanager
@@ -134,14 +134,15 @@ class HelperProcess:
         ours, theirs = socket.socketpair()
         self._memory_fd = os.memfd_create('stereo_speed')
         # A large message takes several system calls; a stalled one at most two such timeouts.
-        turn = struct.pack('ll', *divmod(int(answer_s * 5e5), 10**6))
+        timeout = struct.pack('ll', *divmod(int(answer_s * 5e5), 10**6))
         for side in (socket.SO_SNDTIMEO, socket.SO_RCVTIMEO):
-            ours.setsockopt(socket.SOL_SOCKET, side, turn)
+            ours.setsockopt(socket.SOL_SOCKET, side, timeout)
         try:
             with theirs:
-                start = _forked if fork and can_fork() else _started
-                self.process: Union[Fork, subprocess.Popen[bytes]] = start(
-                    module, theirs.fileno(), self._memory_fd, {*self._pipes, ours.fileno()})
+                fds = theirs.fileno(), self._memory_fd
+                self.process: Union[Fork, subprocess.Popen[bytes]] = (
+                    _forked(module, *fds, {*self._pipes, ours.fileno()})
+                    if fork and can_fork() else _started(module, *fds))
         except OSError:
             ours.close()
             os.close(self._memory_fd)
@@ -191,7 +192,7 @@ class HelperProcess:
         try:
             self._pipe.send(request)
         except BlockingIOError:
-            raise self._late() from None
+            raise self._timeout_error() from None
 
     def answered(self, request: Any) -> Any:
         """
@@ -220,15 +221,15 @@ class HelperProcess:
 
     def _received(self, most_s: float) -> Any:
         if not self._pipe.poll(most_s):
-            raise self._late()
+            raise self._timeout_error()
         try:
             return self._pipe.recv()
         except EOFError:
             raise BrokenPipeError('it has ended') from None
         except BlockingIOError:  # the answer stalled halfway
-            raise self._late() from None
+            raise self._timeout_error() from None
 
-    def _late(self) -> TimeoutError:
+    def _timeout_error(self) -> TimeoutError:
         return TimeoutError(f'no answer in {self._answer_s:g} s')
 
     def close(self, most_s: float = _END_S) -> None:
@@ -250,8 +251,7 @@ class HelperProcess:
             os.close(memory_fd)
 
 
-def _started(module: str, pipe_fd: int, memory_fd: int, others: Iterable[int]
-             ) -> subprocess.Popen[bytes]:
+def _started(module: str, pipe_fd: int, memory_fd: int) -> subprocess.Popen[bytes]:
     """Return a new process that runs a module; it inherits no other descriptors."""
     environment = {**os.environ, 'PYTHONPATH': os.pathsep.join(filter(None, sys.path))}
     with _ends_held_back():

@@ -231,6 +231,6 @@ def time_shares(stamps_ns: Sequence[int]) -> Array:
     gaps = np.diff(np.asarray(stamps_ns, dtype=np.int64)).astype(float)
     if not len(gaps):
         return np.ones(len(stamps_ns))
-    usual = float(np.median(gaps))
-    stands_for = np.append(usual, gaps) + np.append(gaps, usual)
-    return np.asarray(stands_for / stands_for.sum())
+    median_gap = float(np.median(gaps))
+    duration = np.append(median_gap, gaps) + np.append(gaps, median_gap)
+    return np.asarray(duration / duration.sum())

@@ -56,8 +56,8 @@ class SharedPair:
 
     def lay(self, pair: StereoPair, memory: mmap) -> None:
         """Copy the images of the pair into the memory."""
-        there = self._images(memory)
-        there[0], there[1] = pair.left, pair.right
+        images = self._images(memory)
+        images[0], images[1] = pair.left, pair.right
 
     def pair(self, memory: mmap) -> StereoPair:
         """Return the pair; its images are views of the memory and valid until that is reused."""

@@ -110,10 +110,10 @@ class StampWatch:
         :param most_s: largest error of a stamp, s; a larger deviation is one of the exposure.
         :param least_s: shortest time over which a speed is measured, s.
         """
-        asked = odd_s, most_s, least_s
-        if asked not in self._odd:  # cached, as every track of a pair asks the same
-            self._odd[asked] = self._odd_share(*asked)
-        return self._odd[asked]
+        key = odd_s, most_s, least_s
+        if key not in self._odd:  # cached, as every track of a pair asks the same
+            self._odd[key] = self._odd_share(*key)
+        return self._odd[key]
 
     def _odd_share(self, odd_s: float, most_s: float, least_s: float) -> float:
         intervals_s = np.array(self._latest_s)

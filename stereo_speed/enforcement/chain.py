@@ -85,7 +85,7 @@ class Seal:
             Ed25519PublicKey.from_public_bytes(bytes.fromhex(self.key)).verify(
                 bytes.fromhex(self.signature), self._signed_text())
         except (InvalidSignature, ValueError):
-            return 'has a signature that is not of its content'
+            return 'has a signature that does not match its content'
         return ''
 
     def _signed_text(self) -> bytes:

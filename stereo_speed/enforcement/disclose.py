@@ -49,7 +49,7 @@ def disclose(folder: Path, out: Path, *, hide_plate: bool = False) -> Path:
     """
     found = verify(folder)
     if not found.sound or not (folder / RECORD_FILE).exists():
-        raise InputError(folder, 'record', found.faults[0] if found.faults else 'many of them',
+        raise InputError(folder, 'record', found.faults[0] if found.faults else 'several records',
                          'one record as it was written')
     record = read_json(folder / RECORD_FILE)
     target = out / f'{record["id"]}-disclosed'

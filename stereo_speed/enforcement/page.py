@@ -23,13 +23,13 @@ _TITLE = 'Record of a speed above the limit'
 _COUNTS = ('The speed that counts is the considered speed: the measured speed less its tolerance, '
            'rounded down. ')
 NOTE = _COUNTS + (
-    'Pictures show the vehicle, marked by a frame, at different instants; unmarked originals, all '
-    'figures and the images to measure again from lie beside this page, under the seal of the '
-    'record.')
+    'The pictures show the vehicle, marked by a frame, at different instants. The unmarked '
+    'originals, all figures and the images from which the speed can be measured again are stored '
+    'beside this page and covered by the seal of the record.')
 DISCLOSED_NOTE = _COUNTS + (
-    'This is a copy to be handed out: pictures show the vehicle at different instants, and all '
-    'else in them is blurred. The record that it was made of has the originals, and is under the '
-    'seal that lies beside this page.')
+    'This is a copy for disclosure: the pictures show the vehicle at different instants, and '
+    'everything else in them is blurred. The record that it was made from contains the originals '
+    'and is covered by the seal beside this page.')
 
 
 @dataclass(frozen=True)
@@ -77,13 +77,13 @@ def rows(record: Mapping[str, Any]) -> list[tuple[str, str]]:
     second = s['second']
     estimates = f'{s["measured_mps"] / unit:.2f} ± {s["measured_std_mps"] / unit:.2f} {s["unit"]}'
     clock = record['time']['clock']
-    approved = {'yes': 'as approved', 'not asked': 'not given what was approved',
+    approved = {'yes': 'as approved', 'not asked': 'approved fingerprints not given',
                 'no': 'NOT as approved: ' + ', '.join(instrument['not_approved'])}
     return [
         ('record', f'{record["id"]}, number {record["number"]}'),
         ('time (UTC)', f'{record["time"]["first_utc"]} to {record["time"]["last_utc"]}'),
         ('clock', f'{record["time"]["source"]}; ' + (
-            'its state is not known' if clock is None else
+            'state unknown' if clock is None else
             ', '.join(f'{key}: {value}' for key, value in clock.items()))),
         ('place', f'{place["place"]}; site {place["site"]}, {lane}'),
         ('direction', record['direction']),
@@ -95,10 +95,10 @@ def rows(record: Mapping[str, Any]) -> list[tuple[str, str]]:
          f'{s["unit"]}'),
         ('vehicle', f'{_class(record["vehicle"])}track {record["track"]}, '
          f'front {record["vehicle"]["front_width_m"]:.2f} m '
-         f'wide; {len(record["vehicle"]["others"])} others in view, none near it'),
+         f'wide; {len(record["vehicle"]["others"])} other vehicles in view, none near it'),
         ('instrument', f'{instrument["name"]}; stereo_speed '
          f'{instrument["versions"]["stereo_speed"]}; {approved[instrument["approved"]]}'),
-        ('calibrated', instrument['calibrated'] or 'on a day that is not known'),
+        ('calibrated', instrument['calibrated'] or 'date unknown'),
         ('self-test', _self_test(instrument.get('self_test'))),
         *((f'fingerprint, {kind}', value)
           for kind, value in sorted(instrument['fingerprints'].items()))]
@@ -107,7 +107,7 @@ def rows(record: Mapping[str, Any]) -> list[tuple[str, str]]:
 def _self_test(passed: Optional[Mapping[str, Any]]) -> str:
     """Return when the last self-test was passed, and its error."""
     if passed is None:
-        return 'none was asked for'
+        return 'none required'
     off = passed['off_percent']
     return f'passed {passed["passed_utc"]}' + ('' if off is None else f', {off:+.2f} % off')
 

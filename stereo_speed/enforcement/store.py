@@ -78,7 +78,7 @@ class EvidenceStore(AbstractContextManager['EvidenceStore']):
             try:
                 fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError:
-                raise InputError(self.folder, 'evidence', 'another program that writes there',
+                raise InputError(self.folder, 'evidence', 'another program that writes to it',
                                  'one writer') from None
             self.chain = self._recovered()
             self._entries = {seal.record_id: seal for seal in self.chain}  # the last one counts
@@ -246,8 +246,8 @@ class EvidenceStore(AbstractContextManager['EvidenceStore']):
         known = {seal.record_id for seal in chain}
         strange = [p for p in self.folder.iterdir() if p.is_dir() and p.name not in known]
         if len(strange) > 1:
-            raise InputError(self.folder, 'folders', f'{len(strange)} that the chain does not '
-                             'know', "records of the chain only (see 'evidence verify')")
+            raise InputError(self.folder, 'folders', f'{len(strange)} that are not in the '
+                             'chain', "records of the chain only (see 'evidence verify')")
         chain = [*chain, *(self._left_over(path, chain) for path in strange)]
         for seal in chain:
             if seal.kind == DELETED:
@@ -269,10 +269,10 @@ class EvidenceStore(AbstractContextManager['EvidenceStore']):
         if head is not None and not faults:
             behind = len(chain) - head.number
             if behind not in (0, 1) or head.record_sha256 != tip(chain[:head.number]):
-                faults.append(f'{CHAIN_FILE} is not the chain of its head')
+                faults.append(f'{CHAIN_FILE} does not match its head')
             own = None if self._key is None else head_of([], self._key).key
             if head.key and own is None:
-                faults.append('the chain is signed and no key was given')
+                faults.append('the chain is signed but no key was given')
             elif head.key:
                 fault = head.fault([])
                 faults += [f'{self.head_path.name} {fault}'] if fault else []
@@ -283,7 +283,7 @@ class EvidenceStore(AbstractContextManager['EvidenceStore']):
         faults: list[str] = []
         seal = check_record(path, path.name, faults)
         if seal is None or faults or not follows(seal, chain):
-            raise InputError(path, 'folder', faults[0] if faults else 'no record of this chain',
+            raise InputError(path, 'folder', faults[0] if faults else 'not a record of this chain',
                              "records of the chain only (see 'evidence verify')")
         return seal
 

@@ -69,7 +69,7 @@ def _verify_one(folder: Path, trusted: Sequence[str]) -> Verification:
     seal = check_record(folder, folder.resolve().name, out.faults)
     if seal is not None:
         _check_signature(seal, f'{folder.name}/{SEAL_FILE}', trusted, out)
-    out.notes.append('one record by itself: whether others are missing is not known')
+    out.notes.append('a single record: whether others are missing cannot be checked')
     return out
 
 
@@ -81,18 +81,18 @@ def _verify_all(folder: Path, head: Optional[Path], trusted: Sequence[str]) -> V
         where = f'{CHAIN_FILE}: entry {seal.number} ({seal.record_id})'
         _check_signature(seal, where, trusted, out)
         if signed and not seal.key:
-            out.faults.append(f'{where} is not signed, although earlier ones are')
+            out.faults.append(f'{where} is not signed, although earlier entries are')
         signed |= bool(seal.key)
     _check_head(folder, head, chain, trusted, out)
     files = (CHAIN_FILE, HEAD_FILE) if head is None else (CHAIN_FILE,)
     _check_folders(folder, files, chain, trusted, out)
     if head is None:
-        out.notes.append(f'{HEAD_FILE} lies beside the records: an older copy of the whole '
-                         'folder would not be told from it')
+        out.notes.append(f'{HEAD_FILE} is stored beside the records: replacement of the folder '
+                         'by an older copy cannot be detected')
     if not signed:
-        out.notes.append('nothing is signed: who can write here can make all of it anew')
+        out.notes.append('nothing is signed: anyone who can write to the folder can forge it')
     elif not trusted:
-        out.notes.append('signatures were held against the keys that the records name: '
+        out.notes.append('signatures were checked only against the keys that the records name: '
                          'give the public key that you trust')
     return out
 
@@ -132,7 +132,7 @@ def read_chain(path: Path, faults: list[str]) -> list[Seal]:
         return []
     chain: list[Seal] = []
     if text and not text.endswith('\n'):
-        faults.append(f'{path.name} is cut in its last line')
+        faults.append(f'{path.name} ends in an incomplete line')
     for number, line in enumerate(text.split('\n')[:-1], 1):
         seal = seal_of(line)
         if seal is None:
@@ -140,7 +140,7 @@ def read_chain(path: Path, faults: list[str]) -> list[Seal]:
             return chain
         if not follows(seal, chain):
             faults.append(f'{path.name}: entry {number} ({seal.record_id}) does not follow the '
-                          'one before: entries are missing, added or reordered')
+                          'previous one: entries are missing, added or reordered')
         chain.append(seal)
     return chain
 
@@ -164,16 +164,16 @@ def _check_head(folder: Path, apart: Optional[Path], chain: Sequence[Seal],
     if chain and chain[-1].key and not head.key:
         out.faults.append(f'{path.name} is not signed, although the chain is')
     if head.number == len(chain) - 1 and head.record_sha256 == chain[-1].previous:
-        out.notes.append(f'{path.name} lacks the last entry: the writer was stopped before it '
-                         'was told; its next start mends that')
+        out.notes.append(f'{path.name} lacks the last entry: the writer stopped before it was '
+                         'updated; the next start of the writer repairs it')
     elif head.number > len(chain):
-        out.faults.append(f'{CHAIN_FILE} was cut: it has {len(chain)} entries of {head.number} '
-                          f'in {path.name}')
+        out.faults.append(f'{CHAIN_FILE} was cut: it has {len(chain)} of the {head.number} '
+                          f'entries in {path.name}')
     elif head.number < len(chain):
-        out.faults.append(f'{CHAIN_FILE} has {len(chain)} entries, and {path.name} '
-                          f'knows of {head.number}')
+        out.faults.append(f'{CHAIN_FILE} has {len(chain)} entries, but {path.name} '
+                          f'counts {head.number}')
     elif head.record_sha256 != tip(chain):
-        out.faults.append(f'{CHAIN_FILE} is not the chain of {path.name}: entries were replaced')
+        out.faults.append(f'{CHAIN_FILE} does not match {path.name}: entries were replaced')
 
 
 def read_head(path: Path, faults: list[str]) -> Optional[Seal]:
@@ -192,13 +192,13 @@ def _check_folders(folder: Path, files: Sequence[str], chain: Sequence[Seal],
     deleted = {seal.record_id for seal in chain if seal.kind == DELETED}
     records = {seal.record_id: seal for seal in chain if seal.kind == RECORD}
     if len(records) + len([s for s in chain if s.kind == DELETED]) != len(chain):
-        out.faults.append(f'{CHAIN_FILE}: an entry of another kind, or a record twice')
+        out.faults.append(f'{CHAIN_FILE}: an entry of unknown kind, or a record listed twice')
     present = {p.name for p in folder.iterdir()}
     for record_id, seal in records.items():
         if record_id in deleted:
             if record_id in present:
-                out.notes.append(f'{record_id}: its deletion was not finished; the next start '
-                                 'of the writer does so')
+                out.notes.append(f'{record_id}: deletion unfinished; the next start of the '
+                                 'writer completes it')
             continue
         out.records += 1
         if not (folder / record_id).is_dir():
@@ -206,9 +206,9 @@ def _check_folders(folder: Path, files: Sequence[str], chain: Sequence[Seal],
             continue
         own = check_record(folder / record_id, record_id, out.faults)
         if own is not None and own != seal:
-            out.faults.append(f'{record_id}/{SEAL_FILE} is not its entry in the chain')
+            out.faults.append(f'{record_id}/{SEAL_FILE} differs from its entry in the chain')
     for record_id in sorted(deleted - set(records)):
-        out.faults.append(f'{CHAIN_FILE}: {record_id} was deleted and never written')
+        out.faults.append(f'{CHAIN_FILE}: {record_id} was deleted but never written')
     for name in sorted(present - set(records) - set(files)):
         _check_stranger(folder / name, chain, trusted, out)
 
@@ -217,14 +217,14 @@ def _check_stranger(path: Path, chain: Sequence[Seal], trusted: Sequence[str],
                     out: Verification) -> None:
     """Check a file or folder that is not in the chain."""
     if path.name.startswith(PARTIAL):
-        out.notes.append(f'{path.name} was never finished; it is no record')
+        out.notes.append(f'{path.name} is unfinished and not a record')
         return
     faults: list[str] = []
     seal = check_record(path, path.name, faults) if path.is_dir() else None
     if not faults and seal is not None and follows(seal, chain) and not seal.fault(trusted):
         out.records += 1
-        out.notes.append(f'{path.name} is whole and not in the chain yet: the writer was stopped '
-                         'before; its next start enters it')
+        out.notes.append(f'{path.name} is complete but not in the chain yet: the writer stopped '
+                         'before; its next start adds it')
         return
     out.faults.append(f'{path.name} was added')
 
@@ -240,7 +240,7 @@ def check_record(folder: Path, record_id: str, faults: list[str]) -> Optional[Se
     name = folder.name
     seal = _seal_in(folder / SEAL_FILE, f'{name}/{SEAL_FILE}', RECORD, faults)
     if seal is not None and seal.record_id != record_id:
-        faults.append(f'{name}/{SEAL_FILE} is of the record {seal.record_id}')
+        faults.append(f'{name}/{SEAL_FILE} is the seal of record {seal.record_id}')
     try:
         data = (folder / RECORD_FILE).read_bytes()
     except OSError:
@@ -251,10 +251,10 @@ def check_record(folder: Path, record_id: str, faults: list[str]) -> Optional[Se
     record = _parsed(data)
     fault = 'no JSON' if record is None else schema_fault(record)
     if record is None or fault:
-        faults.append(f'{name}/{RECORD_FILE} is no record: {fault}')
+        faults.append(f'{name}/{RECORD_FILE} is not a valid record: {fault}')
         return seal
     if record['id'] != record_id:
-        faults.append(f'{name} holds the record {record["id"]}')
+        faults.append(f'{name} contains record {record["id"]}')
     faults += [f'{name}/{fault}' for fault in _file_faults(folder, record['files'])]
     return seal
 

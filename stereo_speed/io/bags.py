@@ -212,7 +212,7 @@ class StereoBag:
         elif rest != infos[raw.topic][0] \
                 and not same_calibration(infos[raw.topic][1], self._recording.decode(raw)):
             raise BagError(f'{self.path}: {raw.topic}', 'calibration',
-                           f'another one at {raw.stamp_ns} ns', 'one for the whole bag')
+                           f'a different one at {raw.stamp_ns} ns', 'one for the whole bag')
 
     def _make_plan(self) -> None:
         """Decide which images pair, from their stamps."""
@@ -229,13 +229,13 @@ class StereoBag:
         self._plan = np.array(plan, dtype=np.int64).reshape(-1, 2)
 
     def _log_plan(self) -> None:
-        how = f'nearest within {self.tolerance_ns} ns' if self.tolerance_ns else 'exact'
-        told = f'{self.path}: {self.pair_count} pairs, {how} by header stamp, ' \
-               f'{self.unpaired_left} left and {self.unpaired_right} right images unpaired'
+        method = f'nearest within {self.tolerance_ns} ns' if self.tolerance_ns else 'exact'
+        summary = f'{self.path}: {self.pair_count} pairs, {method} by header stamp, ' \
+                  f'{self.unpaired_left} left and {self.unpaired_right} right images unpaired'
         if self._wanted_tolerance_ns is None and self.tolerance_ns:
-            _log.warning('%s (too few stamps are equal)', told)
+            _log.warning('%s (too few stamps are equal)', summary)
         else:
-            _log.info('%s', told)
+            _log.info('%s', summary)
 
     def _pair(self, index: int, left: RawMessage, right: RawMessage) -> StereoPair:
         images, sources = [], []

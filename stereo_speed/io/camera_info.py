@@ -101,7 +101,7 @@ def rig_from_info(left_msg: Any, right_msg: Any, where: object) -> StereoRig:
                                '> 0 m (are left and right swapped?)')
     if abs(p2[1, 3] / p2[0, 0]) > 1e-6:
         raise CalibrationError(at_right, 'CameraInfo P[7]', p2[1, 3],
-                               '0: the cameras side by side')
+                               '0 (cameras side by side)')
     return StereoRig(left=left, right=right, R=r2.T @ r1, t=r2.T @ np.array([tx, 0.0, 0.0]),
                      frame_id=str(left_msg.header.frame_id))
 

@@ -54,8 +54,8 @@ def read_rows(path: PathLike, kind: str) -> tuple[tuple[str, ...], list[CsvRow]]
     try:
         for row in reader:
             if None in row or None in row.values():
-                raise InputError(path, f'line {reader.line_num}', 'another number of values',
-                                 'one for each column')
+                raise InputError(path, f'line {reader.line_num}', 'a different number of values',
+                                 'one value for each column')
             rows.append(CsvRow(path, f'line {reader.line_num}', row))
     except csv.Error as error:
         raise InputError(path, f'line {reader.line_num + 1}', error,

@@ -73,7 +73,7 @@ def _check(path: Path, columns: Sequence[str], wanted: Sequence[str]) -> None:
     missing = [name for name in wanted if name not in columns]
     if missing:
         raise InputError(path, 'columns', ','.join(columns) or 'none',
-                         'among them ' + ','.join(missing))
+                         'columns including ' + ','.join(missing))
 
 
 def _limits(path: Path) -> Mapping[str, Optional[float]]:

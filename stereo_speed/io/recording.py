@@ -56,8 +56,8 @@ def _reading(path: Path) -> Iterator[None]:
     except StereoSpeedError:
         raise
     except Exception as error:
-        told = ' '.join(str(error).split()) or 'no details'
-        raise BagError(path, 'file', f'{type(error).__name__}: {told[:300]}', WHOLE) from error
+        message = ' '.join(str(error).split()) or 'no details'
+        raise BagError(path, 'file', f'{type(error).__name__}: {message[:300]}', WHOLE) from error
 
 
 def header_stamp_ns(data: Union[bytes, memoryview], big_endian: bool = False) -> int:

@@ -118,5 +118,6 @@ def png(pixels: NDArray[Any]) -> bytes:
     """
     done, data = cv2.imencode('.png', pixels, _PNG)
     if not done:
-        raise BagError('image', 'pixels', f'{pixels.dtype} {pixels.shape}', 'what PNG can hold')
+        raise BagError('image', 'pixels', f'{pixels.dtype} {pixels.shape}',
+                       'an array that PNG can store')
     return data.tobytes()

@@ -31,7 +31,7 @@ def load_targets(path: PathLike) -> list[Target]:
                                ('id', 'frame', 'box', 'angle_deg'))
         target = _target(fields)
         if target.id in [t.id for t in targets]:
-            raise fields.error('id', f'{target.id} again', 'an id of its own for each target')
+            raise fields.error('id', f'{target.id} twice', 'a different id for each target')
         targets.append(target)
     return targets
 

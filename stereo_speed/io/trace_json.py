@@ -49,7 +49,7 @@ def trace_of(data: Any, where: object) -> PassTrace:
                                                     for pair in data['pairs']))
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise InputError(where, 'trace', f'{type(error).__name__}: {error}',
-                         'how a pass came about') from None
+                         'the trace of a pass') from None
 
 
 def _pair_of(data: Mapping[str, Any], track: int) -> TracePair:

@@ -20,9 +20,9 @@ from ..geometry.rig import StereoRig
 
 PLACES = 13  # number of places at which the vehicle is seen
 _FEWEST = 4  # fewest visible points of a path for a speed
-_WANDER_STD_M = 0.05  # 1-sigma of changes of the offsets across and above the path
+OFFSET_CHANGE_STD_M = 0.05  # 1-sigma of a vehicle's offsets from their means during its pass
 _ANYWHERE_M = 10.0  # prior 1-sigma of these offsets and of the arc lengths
-_PIXEL_STD = 0.1  # 1-sigma of the position of a front in an image, px
+FRONT_STD_PX = 0.1  # 1-sigma of the position of a front in an image
 _STEP_M = 1e-4  # step for finite differences by the position, about 1e-2 px
 
 
@@ -75,7 +75,8 @@ def path_effect(rig: StereoRig, points_m: Array, frames: Array, arc_m: Array) ->
     n = len(points_m)
     near = points_m[:, None] + _STEP_M * np.concatenate([np.eye(3), -np.eye(3)])
     seen = np.concatenate(rig.project(near)[:2], axis=-1)  # (n, 6, 4)
-    slope = np.swapaxes(seen[:, :3] - seen[:, 3:], 1, 2) / (2 * _STEP_M * _PIXEL_STD)  # (n, 4, 3)
+    slope = np.swapaxes(seen[:, :3] - seen[:, 3:], 1, 2)  # (n, 4, 3)
+    slope = slope / (2 * _STEP_M * FRONT_STD_PX)
     # Unknowns: shift along, across and above at each place, then the common ones across and above.
     normal = np.zeros((3 * n + 2, 3 * n + 2))
     right = np.zeros((3 * n + 2, n, 3))
@@ -86,7 +87,7 @@ def path_effect(rig: StereoRig, points_m: Array, frames: Array, arc_m: Array) ->
         right[at, i] = here.T @ slope[i]
         for k in (1, 2):
             pair = np.array([3 * i + k, 3 * n + k - 1])
-            normal[np.ix_(pair, pair)] += np.array([[1, -1], [-1, 1]]) / _WANDER_STD_M**2
+            normal[np.ix_(pair, pair)] += np.array([[1, -1], [-1, 1]]) / OFFSET_CHANGE_STD_M**2
     normal[-2:, -2:] += np.eye(2) / _ANYWHERE_M**2
     moved = np.linalg.solve(normal, right.reshape(3 * n + 2, -1))[:3 * n:3].reshape(n, n, 3)
     weight = points_m[:, 2]**-4.0

@@ -58,18 +58,44 @@ def with_scale(lane: LanePath, rig: StereoRig, covariance_rad2: Array) -> LanePa
 
     :param covariance_rad2: (3, 3) covariance of pan, tilt and roll, rad^2.
     """
-    s = np.linspace(0.0, lane.path.length_m, _PLACES)
-    slope = scale_by_drift(lane.path, rig, s)
-    known = np.isfinite(slope).all(axis=-1)
-    if not known.any():
+    s, slope = _seen_scales(lane.path, rig)
+    if not len(s):
         return lane
-    s, slope = s[known], slope[known]
-    weight = lane.path.position(s)[:, 2]**-4.0
-    lever = weight * (s - np.average(s, weights=weight))
-    # Displacement of each place, m per rad.
-    off = np.concatenate([np.zeros((1, 3)), np.cumsum(
-        (slope[1:] + slope[:-1]) / 2 * np.diff(s)[:, None], axis=0)])
-    mean = lever @ off / (lever @ s)
+    mean = _over_pass(lane.path, s, slope)
     profile = np.sqrt(np.einsum('ni,ij,nj->n', slope, covariance_rad2, slope))
     return replace(lane, scale_std=float(np.sqrt(mean @ covariance_rad2 @ mean)),
                    scale_profile=(s, profile))
+
+
+def pass_scale_by_drift(path: Path, rig: StereoRig) -> Array:
+    """
+    Return the relative change of the speed of a pass with the rotation of the right camera.
+
+    :return: (3,) signed changes per rad of pan, tilt and roll; NaN if the cameras do not see the
+        path.
+    """
+    s, slope = _seen_scales(path, rig)
+    return _over_pass(path, s, slope) if len(s) else np.full(3, np.nan)
+
+
+def _seen_scales(path: Path, rig: StereoRig) -> tuple[Array, Array]:
+    """Return arc lengths (n,) that both cameras see, m, and :func:`scale_by_drift` there."""
+    s = np.linspace(0.0, path.length_m, _PLACES)
+    slope = scale_by_drift(path, rig, s)
+    known = np.isfinite(slope).all(axis=-1)
+    return s[known], slope[known]
+
+
+def _over_pass(path: Path, s_m: Array, slope: Array) -> Array:
+    """
+    Return the relative change (3,) of the speed over given places of a path, per rad.
+
+    :param s_m: (n,) arc lengths of the places, m.
+    :param slope: (n, 3) relative changes of lengths there, per rad.
+    """
+    weight = path.position(s_m)[:, 2]**-4.0
+    lever = weight * (s_m - np.average(s_m, weights=weight))
+    # Displacement of each place, m per rad.
+    off = np.concatenate([np.zeros((1, 3)), np.cumsum(
+        (slope[1:] + slope[:-1]) / 2 * np.diff(s_m)[:, None], axis=0)])
+    return np.asarray(lever @ off / (lever @ s_m))

@@ -40,7 +40,7 @@ class SecondOpinion:
     def __init__(self, rig: StereoRig, lane: LanePath, config: TrackerConfig) -> None:
         self.rig, self.lane, self.config = rig, lane, config
         self._corners = CornerFollower(config.second)
-        self._taken: list[Rays] = []
+        self._rays: list[Rays] = []
         self._first_ns: Optional[int] = None
         self._taken_ns: Optional[int] = None
 
@@ -61,7 +61,7 @@ class SecondOpinion:
         if self._first_ns is None:
             self._first_ns = pair.stamp_ns
         rig = self.rig.as_taken(pair.motion)
-        self._taken.append(Rays(
+        self._rays.append(Rays(
             rig, seconds(pair.stamp_ns, self._first_ns), pair.right_lag_s, seen.ids,
             rig.left.rays(seen.left_px)[:, :2], rig.right.rays(seen.right_px)[:, :2],
             seen.crowding).finite())
@@ -88,14 +88,14 @@ class SecondOpinion:
 
     def _sightings(self) -> list[Rays]:
         """Return evenly spaced pairs, with the corners that are seen in more than one of them."""
-        config, taken = self.config.second, self._taken
+        config, taken = self.config.second, self._rays
         if len(taken) > config.most_pairs:
             chosen = np.unique(np.linspace(0, len(taken) - 1, config.most_pairs).round())
             taken = [taken[int(k)] for k in chosen]
         while taken:
-            common = _seen_twice([one.ids for one in taken])
-            kept = [one.only(np.isin(one.ids, common)) for one in taken]
-            good = [one for one in kept if len(one.ids) >= config.least_points]
+            common = _repeated_ids([rays.ids for rays in taken])
+            kept = [rays.only(np.isin(rays.ids, common)) for rays in taken]
+            good = [rays for rays in kept if len(rays.ids) >= config.least_points]
             if len(good) == len(taken):
                 return good
             taken = good
@@ -127,7 +127,7 @@ class SecondOpinion:
                           self.lane.scale_std)
 
 
-def _seen_twice(ids: Sequence[NDArray[np.int64]]) -> NDArray[np.int64]:
+def _repeated_ids(ids: Sequence[NDArray[np.int64]]) -> NDArray[np.int64]:
     """Return the ids that are in more than one list."""
     if not ids:
         return np.zeros(0, np.int64)

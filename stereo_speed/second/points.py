@@ -54,7 +54,7 @@ class Sighting:
 
 
 @dataclass(frozen=True, eq=False)
-class _Seen:
+class _FollowerState:
     """
     The state kept from the last pair.
 
@@ -85,48 +85,53 @@ class CornerFollower:
 
     def __init__(self, config: SecondConfig) -> None:
         self.config = config
-        self._last: Optional[_Seen] = None
+        self._last: Optional[_FollowerState] = None
         self._next_id = 0
 
     def take(self, pair: StereoPair, left_region: Array, right_region: Array
              ) -> Optional[Sighting]:
         """
-        Return the corners of the next pair; None if the region is too small or not finite.
+        Return the corners of the next pair; None if a region is too small or not finite.
 
         :param left_region: (4, 2) outline of the vehicle in the raw left view, px.
         :param right_region: (4, 2) outline of the vehicle in the raw right view, px.
         """
-        told = np.stack([left_region.min(axis=0), left_region.max(axis=0)])
-        if not (np.isfinite(left_region).all() and np.isfinite(right_region).all()
-                and (told[1] - told[0]).min() >= _LEAST_REGION_PX):
+        if not (_is_large_enough(left_region) and _is_large_enough(right_region)):
             return None
-        off, disparity_off = self._carried(told)
-        part, origin = _part(to_eight_bits(pair.left), told + off)
-        window = _window_px(float(told[1, 0] - told[0, 0]))
-        ids, at, move = self._follow(part, origin, told + off, window)
+        given = _bounds(left_region)
+        off, disparity_off = self._carried(given)
+        part, origin = _part(to_eight_bits(pair.left), given + off)
+        window = _window_px(float(given[1, 0] - given[0, 0]))
+        ids, left_px, move = self._follow(part, origin, given + off, window)
         off = off + move
-        region, box = left_region + off, told + off
-        inside = _inside(at, region)
-        fresh = self._corners(part, origin, region, at[inside], window)
+        region, box = left_region + off, given + off
+        inside = _inside(left_px, region)
+        fresh = self._corners(part, origin, region, left_px[inside], window)
         ids = np.concatenate([ids[inside], np.arange(self._next_id, self._next_id + len(fresh))])
         self._next_id += len(fresh)
-        at = np.concatenate([at[inside], fresh])
-        across = right_region.mean(axis=0) - left_region.mean(axis=0) + [disparity_off, 0.0]
-        shift = np.round(across)
-        there = _match(part, _beside(to_eight_bits(pair.right), origin + shift, part.shape),
-                       at - origin, window, self.config.most_round_trip_px) + origin + shift
-        good = np.flatnonzero(np.isfinite(there).all(axis=1))
-        disparity_off += float(_agreed(there[good] - at[good] - across, window)[0])
-        self._last = _Seen(part, origin, box, ids, at, off, disparity_off)
+        left_px = np.concatenate([left_px[inside], fresh])
+        expected_px = right_region.mean(axis=0) - left_region.mean(axis=0) + [disparity_off, 0.0]
+        shift = np.round(expected_px)
+        right_part = _part_at(to_eight_bits(pair.right), origin + shift, part.shape)
+        right_px = _match(part, right_part, left_px - origin, window,
+                          self.config.most_round_trip_px) + origin + shift
+        good = np.flatnonzero(np.isfinite(right_px).all(axis=1))
+        disparity_off += float(_consensus_move(
+            right_px[good] - left_px[good] - expected_px, window)[0])
+        self._last = _FollowerState(part, origin, box, ids, left_px, off, disparity_off)
         area = float(np.prod(box[1] - box[0]))
-        return Sighting(ids[good], at[good], there[good],
+        return Sighting(ids[good], left_px[good], right_px[good],
                         max(1.0, len(good) * window ** 2 / area))
 
-    def _carried(self, told: Array) -> tuple[Array, float]:
-        """Return the corrections of region and disparity, scaled from the last pair to this."""
+    def _carried(self, given: Array) -> tuple[Array, float]:
+        """
+        Return the corrections of region and disparity, scaled from the last pair to this.
+
+        :param given: (2, 2) least and greatest u, v of the given left region, px.
+        """
         if self._last is None:
             return np.zeros(2), 0.0
-        grown = (told[1] - told[0]) / (self._last.box[1] - self._last.box[0])
+        grown = (given[1] - given[0]) / (self._last.box[1] - self._last.box[0])
         return grown * self._last.off_px, float(grown[0]) * self._last.disparity_off_px
 
     def _follow(self, part: Grey, origin: Array, box: Array, window: int
@@ -145,10 +150,10 @@ class CornerFollower:
             last.part, np.column_stack([np.diag(scale), move]), part.shape[::-1],
             flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE), np.uint8)
         start = (last.left_px - last.origin) * scale + move
-        to = _match(warped, part, start, window, self.config.most_round_trip_px)
-        found = np.flatnonzero(np.isfinite(to).all(axis=1))
-        return (last.ids[found], to[found] + origin,
-                _agreed(to[found] - start[found], window))
+        found_px = _match(warped, part, start, window, self.config.most_round_trip_px)
+        found = np.flatnonzero(np.isfinite(found_px).all(axis=1))
+        return (last.ids[found], found_px[found] + origin,
+                _consensus_move(found_px[found] - start[found], window))
 
     def _corners(self, part: Grey, origin: Array, region: Array, known: Array, window: int
                  ) -> Array:
@@ -168,7 +173,18 @@ class CornerFollower:
         return np.asarray(found.reshape(-1, 2).astype(float) + origin)
 
 
-def _agreed(moves_px: Array, window: int) -> Array:
+def _bounds(region: Array) -> Array:
+    """Return least and greatest u, v (2, 2) of a region (4, 2), px."""
+    return np.stack([region.min(axis=0), region.max(axis=0)])
+
+
+def _is_large_enough(region: Array) -> bool:
+    """Return whether a region (4, 2) is finite and large enough to show corners."""
+    low, high = _bounds(region)
+    return bool(np.isfinite(region).all() and (high - low).min() >= _LEAST_REGION_PX)
+
+
+def _consensus_move(moves_px: Array, window: int) -> Array:
     """Return the median (2,) of moves (n, 2); zeros unless more than half of them agree on it."""
     if len(moves_px) < _LEAST_AGREEING:
         return np.zeros(2)
@@ -190,7 +206,7 @@ def _part(image: Grey, box: Array) -> tuple[Grey, Array]:
     return np.ascontiguousarray(image[low[1]:high[1], low[0]:high[0]]), low.astype(float)
 
 
-def _beside(image: Grey, origin: Array, shape: tuple[int, ...]) -> Grey:
+def _part_at(image: Grey, origin: Array, shape: tuple[int, ...]) -> Grey:
     """Return the part of an image with a given origin and shape; edges are repeated."""
     u = np.clip(np.arange(shape[1]) + int(origin[0]), 0, image.shape[1] - 1)
     v = np.clip(np.arange(shape[0]) + int(origin[1]), 0, image.shape[0] - 1)
@@ -214,19 +230,19 @@ def _match(first: Grey, second: Grey, uv: Array, window: int, most_px: float) ->
     """
     if not len(uv):
         return np.zeros((0, 2))
-    how: dict[str, Any] = {
+    options: dict[str, Any] = {
         'winSize': (window, window), 'maxLevel': _LEVELS, 'criteria': _STOP,
         'flags': cv2.OPTFLOW_USE_INITIAL_FLOW}
     start = np.ascontiguousarray(uv, dtype=np.float32)[:, None]
-    second = _alike(second, first)
-    there, found, _ = cv2.calcOpticalFlowPyrLK(first, second, start, start.copy(), **how)
-    back, found_back, _ = cv2.calcOpticalFlowPyrLK(second, first, there, start.copy(), **how)
-    trip = np.linalg.norm((back - start)[:, 0], axis=1)
-    good = (found[:, 0] == 1) & (found_back[:, 0] == 1) & (trip < most_px)
-    return np.where(good[:, None], there[:, 0].astype(float), math.nan)
+    second = _with_contrast_of(second, first)
+    matched, found, _ = cv2.calcOpticalFlowPyrLK(first, second, start, start.copy(), **options)
+    back, found_back, _ = cv2.calcOpticalFlowPyrLK(second, first, matched, start.copy(), **options)
+    round_trip_px = np.linalg.norm((back - start)[:, 0], axis=1)
+    good = (found[:, 0] == 1) & (found_back[:, 0] == 1) & (round_trip_px < most_px)
+    return np.where(good[:, None], matched[:, 0].astype(float), math.nan)
 
 
-def _alike(image: Grey, model: Grey) -> Grey:
+def _with_contrast_of(image: Grey, model: Grey) -> Grey:
     """Return an image with the mean and contrast of another one, as exposures may differ."""
     mean, std = (float(v[0, 0]) for v in cv2.meanStdDev(image))
     wanted, wanted_std = (float(v[0, 0]) for v in cv2.meanStdDev(model))

@@ -32,13 +32,13 @@ from ..geometry.rig import StereoRig
 from ..road.path import Path
 
 _ROUNDS = 10  # most Gauss-Newton steps, in which outliers lose their weight
-_STILL_M = 1e-4  # step at which the solution has converged
+_CONVERGED_M = 1e-4  # step at which the solution has converged
 _STEP_M = 0.05  # step for finite differences along the path
 # Prior 1-sigmas of a corner on the front of a body: in depth, to the side and above its centre.
 _BODY_STD_M = np.array([0.3, 2.0, 2.0])
 # A corner stays behind if it spreads along the path by so many median spreads plus so much.
 _STAYS_FACTOR, _STAYS_M = 3.0, 0.5
-_NOTHING = 1e-9  # weight of such a corner, which keeps all equations solvable
+_NEGLIGIBLE = 1e-9  # weight of such a corner, which keeps all equations solvable
 _MIXING = 5  # rounds of expectation maximisation
 # Variances of a corner's slide from pair to pair, in those of a sighting; the evidence decides.
 SLIDES = (0.0, 0.03, 0.3, 3.0)
@@ -147,8 +147,8 @@ class _Group:
     @cached_property
     def walk(self) -> Array:
         """Return the covariance (m, n, n) of a random walk of unit variance per pair."""
-        gone = np.where(self.seen, self.pair - self.pair[:, :1], 0).astype(float)
-        return np.asarray(np.minimum(gone[:, :, None], gone[:, None]))
+        pairs_since = np.where(self.seen, self.pair - self.pair[:, :1], 0).astype(float)
+        return np.asarray(np.minimum(pairs_since[:, :, None], pairs_since[:, None]))
 
     def of_each(self, values: Array, empty: float = 0.0) -> Array:
         """Return values (N, ...) of sightings by corner: (m, n, ...)."""
@@ -165,9 +165,9 @@ class _Group:
         :param slide: (m,) see :class:`_Noise`.
         :param weight: (N,) weights of the sightings.
         """
-        own = self.of_each(1 / weight, 1.0)
+        sighting_variance = self.of_each(1 / weight, 1.0)
         return np.asarray(2 * slide[:, None, None] * self.walk
-                          + own[:, :, None] * np.eye(own.shape[1]))
+                          + sighting_variance[:, :, None] * np.eye(sighting_variance.shape[1]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,32 +193,33 @@ def places_of(sightings: Sequence[Rays], path: Path, config: SecondConfig) -> Pl
     :param path: path of its lane.
     :param config: limits of the precision of matches, and the tails of the residuals.
     """
-    corners = _gathered(sightings)
-    stamps = np.array([one.stamp_s for one in sightings])
+    corners = _stacked(sightings)
+    stamps = np.array([pair.stamp_s for pair in sightings])
     place, body, corners = _first_guess(sightings, corners, path)
     floor = (config.match_std_px / float(sightings[0].rig.left.K[0, 0])) ** 2
-    free = max(4 * float(corners.along.sum()) - place.size - body.size, corners.along.sum(), 1.0)
+    moving = float(corners.along.sum())
+    freedom = max(4 * moving - place.size - body.size, moving, 1.0)
     weight = np.ones(len(corners.pair))
     for _ in range(_ROUNDS):
         residual, by_place, by_body = _residuals(sightings, corners, path, place, body)
-        noise = _noise_of(corners, residual, weight, free, floor)
+        noise = _noise_of(corners, residual, weight, freedom, floor)
         weight = _weights(corners, noise, residual, config.tail_dof)
         noise = replace(noise, weight=weight * corners.share * corners.along)
         step, steps, covariance = _solved(corners, noise, residual, by_place, by_body, body)
         place, body = place + step, body + steps
-        if np.abs(step).max() < _STILL_M:
+        if np.abs(step).max() < _CONVERGED_M:
             break
-    return Places(stamps, place, covariance + _common(sightings, path, place, config))
+    return Places(stamps, place, covariance + _shared_error(sightings, path, place, config))
 
 
-def _gathered(sightings: Sequence[Rays]) -> _Corners:
-    ids = np.concatenate([one.ids for one in sightings])
-    counts = [len(one.ids) for one in sightings]
+def _stacked(sightings: Sequence[Rays]) -> _Corners:
+    ids = np.concatenate([pair.ids for pair in sightings])
+    counts = [len(pair.ids) for pair in sightings]
     return _Corners(
         pair=np.repeat(np.arange(len(sightings)), counts),
         corner=np.unique(ids, return_inverse=True)[1].reshape(-1),
-        rays=np.concatenate([np.column_stack([one.left, one.right]) for one in sightings]),
-        share=1 / np.repeat([one.crowding for one in sightings], counts),
+        rays=np.concatenate([np.column_stack([pair.left, pair.right]) for pair in sightings]),
+        share=1 / np.repeat([pair.crowding for pair in sightings], counts),
         along=np.ones(len(ids)))
 
 
@@ -230,7 +231,7 @@ def _first_guess(sightings: Sequence[Rays], corners: _Corners, path: Path
     The initial values are medians of triangulated points.  A corner that stays behind, as on the
     background, spreads much more along the path than the others.
     """
-    points = np.concatenate([_met(one) for one in sightings])
+    points = np.concatenate([_triangulated(pair) for pair in sightings])
     s_m = path.arc_length(points)
     off = np.einsum('ij,ijk->ik', points - path.position(s_m), path.frame(s_m))
     along = np.column_stack([s_m, off[:, 1:]])
@@ -242,15 +243,15 @@ def _first_guess(sightings: Sequence[Rays], corners: _Corners, path: Path
     off = np.abs(near - body[corners.corner])[:, 0]
     spread = np.array([np.median(off[corners.corner == k]) for k in range(count)])
     stays = spread > _STAYS_M + _STAYS_FACTOR * float(np.median(spread))
-    along = np.where(stays[corners.corner], _NOTHING, 1.0)
+    along = np.where(stays[corners.corner], _NEGLIGIBLE, 1.0)
     return place, np.clip(body, -_BODY_STD_M, _BODY_STD_M), replace(corners, along=along)
 
 
-def _met(one: Rays) -> Array:
+def _triangulated(pair: Rays) -> Array:
     """Return the points (n, 3) nearest to both rays of each corner, m."""
-    left = np.column_stack([one.left, np.ones(len(one.left))])
-    right = np.column_stack([one.right, np.ones(len(one.right))]) @ one.rig.R
-    centre = -one.rig.R.T @ one.rig.t
+    left = np.column_stack([pair.left, np.ones(len(pair.left))])
+    right = np.column_stack([pair.right, np.ones(len(pair.right))]) @ pair.rig.R
+    centre = -pair.rig.R.T @ pair.rig.t
     normal = np.stack([left, -right], axis=-1)
     depths = np.linalg.pinv(normal) @ centre
     return depths[:, :1] * left
@@ -263,8 +264,8 @@ def _residuals(sightings: Sequence[Rays], corners: _Corners, path: Path, place: 
 
     For the right view, the body is moved by its own speed to its place at the right exposure.
     """
-    stamps = np.array([one.stamp_s for one in sightings])
-    lags = np.array([one.lag_s for one in sightings])
+    stamps = np.array([pair.stamp_s for pair in sightings])
+    lags = np.array([pair.lag_s for pair in sightings])
     speed = np.gradient(place[:, 0], stamps)
     residual, by_place, by_body = [], [], []
     for right in (False, True):
@@ -277,9 +278,9 @@ def _residuals(sightings: Sequence[Rays], corners: _Corners, path: Path, place: 
         points = centres[corners.pair] + np.einsum(
             'nij,nj->ni', frames[corners.pair], body[corners.corner])
         if right:
-            rotations = np.stack([one.rig.R for one in sightings])
+            rotations = np.stack([pair.rig.R for pair in sightings])
             points = np.einsum('nij,nj->ni', rotations[corners.pair], points) + np.stack(
-                [one.rig.t for one in sightings])[corners.pair]
+                [pair.rig.t for pair in sightings])[corners.pair]
             axes, frames = rotations @ axes, rotations @ frames
         depth = np.maximum(points[:, 2:], 1e-3)
         xy = points[:, :2] / depth
@@ -293,7 +294,7 @@ def _residuals(sightings: Sequence[Rays], corners: _Corners, path: Path, place: 
             np.concatenate(by_body, axis=1))
 
 
-def _noise_of(corners: _Corners, residual: Array, weight: Array, free: float, floor: float
+def _noise_of(corners: _Corners, residual: Array, weight: Array, freedom: float, floor: float
               ) -> _Noise:
     """
     Return the noise estimated from the residuals (N, 4).
@@ -302,7 +303,7 @@ def _noise_of(corners: _Corners, residual: Array, weight: Array, free: float, fl
     residuals and the share of corners with that slide.
 
     :param weight: (N,) weights of the sightings by Student's tails.
-    :param free: degrees of freedom of the residuals.
+    :param freedom: degrees of freedom of the residuals.
     :param floor: least variance, at depth 1.
     """
     count = int(corners.corner.max()) + 1
@@ -310,23 +311,24 @@ def _noise_of(corners: _Corners, residual: Array, weight: Array, free: float, fl
     sums, differences = _sum_and_difference(residual)
     volumes, squares = np.empty((len(SLIDES), count)), np.empty((len(SLIDES), count))
     for group in corners.groups:
-        own_sums = group.of_each(sums)
-        apart = group.of_each(weight[:, None] * differences ** 2).sum(axis=(1, 2))
+        group_sums = group.of_each(sums)
+        difference_squares = group.of_each(weight[:, None] * differences ** 2).sum(axis=(1, 2))
         for k, slide in enumerate(SLIDES):
             roots = np.linalg.cholesky(
                 group.covariances(np.full(len(group.corner), slide), weight))
             volumes[k, group.corner] = 2 * np.log(
                 np.diagonal(roots, axis1=1, axis2=2)).sum(axis=1)
-            squares[k, group.corner] = apart + np.sum(
-                np.linalg.solve(roots, own_sums) ** 2, axis=(1, 2))
-    shares, own = np.full(len(SLIDES), 1 / len(SLIDES)), np.full_like(squares, 1 / len(SLIDES))
+            squares[k, group.corner] = difference_squares + np.sum(
+                np.linalg.solve(roots, group_sums) ** 2, axis=(1, 2))
+    shares = np.full(len(SLIDES), 1 / len(SLIDES))
+    responsibilities = np.full_like(squares, 1 / len(SLIDES))
     for _ in range(_MIXING):
-        variance = max(float(np.sum(own * squares)) / free, floor)
+        variance = max(float(np.sum(responsibilities * squares)) / freedom, floor)
         logs = np.log(shares)[:, None] - volumes - 0.5 * squares / variance
-        own = np.exp(logs - logs.max(axis=0))
-        own /= own.sum(axis=0)
-        shares = np.maximum(own.mean(axis=1), 1e-6)
-    return _Noise(variance, np.array(SLIDES)[np.argmax(own, axis=0)], weight)
+        responsibilities = np.exp(logs - logs.max(axis=0))
+        responsibilities /= responsibilities.sum(axis=0)
+        shares = np.maximum(responsibilities.mean(axis=1), 1e-6)
+    return _Noise(variance, np.array(SLIDES)[np.argmax(responsibilities, axis=0)], weight)
 
 
 def _weights(corners: _Corners, noise: _Noise, residual: Array, dof: float) -> Array:
@@ -345,9 +347,9 @@ def _weights(corners: _Corners, noise: _Noise, residual: Array, dof: float) -> A
         gain = np.linalg.solve(group.covariances(slide, noise.weight), walk)
         own = group.of_each(sums)
         off = own - gain.transpose(0, 2, 1) @ own
-        unsure = np.diagonal(walk - walk @ gain, axis1=1, axis2=2)
+        remaining = np.diagonal(walk - walk @ gain, axis1=1, axis2=2)
         square[group.rows[group.seen]] += (
-            np.sum(off ** 2, axis=2) / noise.variance + 2 * unsure)[group.seen]
+            np.sum(off ** 2, axis=2) / noise.variance + 2 * remaining)[group.seen]
     return np.asarray((dof + 4) / (dof + square))
 
 
@@ -403,13 +405,13 @@ def _normals(group: _Group, noise: _Noise, slopes: tuple[Array, Array], body: Ar
     sums, differences = (group.of_each(one) for one in slopes)
     inverse = np.linalg.inv(noise.variance * group.covariances(
         noise.slide[group.corner], noise.weight))
-    certain = group.of_each(noise.weight / noise.variance)
+    information = group.of_each(noise.weight / noise.variance)
     many, most = group.rows.shape
     by_place = sums[..., :3].transpose(0, 1, 3, 2).reshape(many, 3 * most, 2)
     places = (by_place @ by_place.transpose(0, 2, 1)).reshape(many, most, 3, most, 3)
     places *= inverse[:, :, None, :, None]
     # Information of each sighting by the difference, then that of all by the correlated sums.
-    each = certain[:, :, None, None] * (differences.transpose(0, 1, 3, 2) @ differences)
+    each = information[:, :, None, None] * (differences.transpose(0, 1, 3, 2) @ differences)
     at = np.arange(most)
     places[:, at, :, at] += each[:, :, :3, :3].transpose(1, 0, 2, 3)
     known = (inverse @ sums[..., 3:].reshape(many, most, 8)).reshape(many, most, 2, 4)
@@ -421,15 +423,16 @@ def _normals(group: _Group, noise: _Noise, slopes: tuple[Array, Array], body: Ar
             rows[:, :, :3, 3].reshape(many, -1), inner, h)
 
 
-def _common(sightings: Sequence[Rays], path: Path, place: Array, config: SecondConfig) -> Array:
+def _shared_error(sightings: Sequence[Rays], path: Path, place: Array, config: SecondConfig
+                  ) -> Array:
     """Return the covariance (n, 3, n, 3) by the matching error that a pair's corners share."""
     out = np.zeros((len(place), 3, len(place), 3))
-    for i, (one, at) in enumerate(zip(sightings, place)):
+    for i, (pair, at) in enumerate(zip(sightings, place)):
         s_m = np.array(at[0])
         frame = path.frame(s_m)
         point = path.position(s_m) + frame[:, 1:] @ at[1:]
-        focal_px, range_m = float(one.rig.left.K[0, 0]), float(point[2])
-        error_m = config.match_floor_px * range_m / (focal_px * one.rig.baseline_m) * point
+        focal_px, range_m = float(pair.rig.left.K[0, 0]), float(point[2])
+        error_m = config.match_floor_px * range_m / (focal_px * pair.rig.baseline_m) * point
         shift = frame.T @ error_m
         out[i, :, i] = np.outer(shift, shift) + _EXACT_M ** 2 * np.eye(3)
     return out

@@ -58,14 +58,14 @@ def _solved(t: Array, places: Array, noise: Array, at: Array, variance: float
     weighed = cho_solve(joint, basis)
     inner = np.linalg.inv(basis.T @ weighed)
     line = inner @ (weighed.T @ places)
-    rest = places - basis @ line
+    residual = places - basis @ line
     early = np.minimum.outer(at, t)
     slope = variance * (early * t[None] - early ** 2 / 2)  # cov(speed at, place t)
     gain = cho_solve(joint, slope.T).T
-    speed = line[1] + gain @ rest
-    open_part = np.array([0.0, 1.0]) - gain @ basis
+    speed = line[1] + gain @ residual
+    mean_part = np.array([0.0, 1.0]) - gain @ basis
     covariance = (variance * np.minimum.outer(at, at) - gain @ slope.T
-                  + open_part @ inner @ open_part.T)
+                  + mean_part @ inner @ mean_part.T)
     log = -(np.log(np.diag(joint[0])).sum() - 0.5 * np.linalg.slogdet(inner)[1]
-            + 0.5 * float(rest @ cho_solve(joint, rest)))
+            + 0.5 * float(residual @ cho_solve(joint, residual)))
     return float(log), speed, covariance

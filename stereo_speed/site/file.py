@@ -187,7 +187,7 @@ def site_of(path: Union[str, FilePath], data: Mapping[str, Any]) -> Site:
     lanes = tuple(_lane(path, i, value, lines) for i, value in enumerate(top.listed('lanes')))
     for a, b in combinations(lanes, 2):
         if a.name == b.name:
-            raise top.error('lanes', f'two lanes named {a.name}', 'a name for each')
+            raise top.error('lanes', f'two lanes named {a.name}', 'a different name for each lane')
     correction = read_correction(path, data['rig_correction']) \
         if 'rig_correction' in top else None
     lengths = tuple(read_length(path, i, value, lines) for i, value in enumerate(
@@ -234,7 +234,7 @@ def _line(where: object, name: str, data: object) -> SiteLine:
     fields = StrictMapping(where, f'lines.{name}', data, (*VIEWS, 'points_m', 'std_m', *stds))
     if 'points_m' in fields:
         if any(view in fields for view in VIEWS + stds):
-            raise fields.error('points_m', 'image picks as well', 'either one')
+            raise fields.error('points_m', 'image picks too', 'only one of the two')
         points = _ordered(fields, 'points_m', 3)
         length = np.linalg.norm(np.diff(points, axis=0), axis=-1).sum()
         if length < LEAST_ROAD_M:
@@ -242,7 +242,7 @@ def _line(where: object, name: str, data: object) -> SiteLine:
         std = fields.number('std_m', LEAST_STD_M, MOST_STD_M, 'm') if 'std_m' in fields else None
         return SurveyedLine(name, points, std)
     if 'std_m' in fields:
-        raise fields.error('std_m', 'image picks', 'points_m beside it')
+        raise fields.error('std_m', 'image picks', 'std_m only with points_m')
     left, right = (_ordered(fields, view, 2) for view in VIEWS)
     return PickedLine(name, left, right, _stds(fields, stds[0], len(left)),
                       _stds(fields, stds[1], len(right)))
@@ -253,7 +253,7 @@ def _ordered(fields: StrictMapping, key: str, width: int) -> Array:
     points = fields.points(key, width, 2)
     bad = out_of_order(points)
     if bad is not None:
-        raise fields.error(f'{key}[{bad}]', 'a point behind the one before it',
+        raise fields.error(f'{key}[{bad}]', 'a point behind the previous one',
                            'points in order along travel')
     return points
 
@@ -303,7 +303,7 @@ def _lane(where: object, index: int, data: object, lines: Mapping[str, SiteLine]
                            ('name', 'right', 'left', 'path', 'speed_limit', 'class_limits'))
     keys = ('path',) if 'path' in fields else ('right', 'left')
     if 'path' in fields and ('right' in fields or 'left' in fields):
-        raise fields.error('path', 'right or left as well', 'path, or right and left')
+        raise fields.error('path', 'right or left too', 'either path, or right and left')
     names = {key: fields.choice(key, lines) for key in keys}
     if len(set(names.values())) < len(names):
         raise fields.error('left', f'the same line {names["left"]} as right', 'another line')

@@ -22,7 +22,7 @@ from ..road.problem import DriftPrior, RoadPrior
 from ..road.scale import with_scale
 
 MARGIN_PX = 5.0  # distance by which picks may lie outside the image, because of their scatter
-_CLEARLY = 0.3  # relative difference of distances between line ends that tells the direction
+_CLEAR_SHARE = 0.3  # relative difference of distances between line ends that tells the direction
 ALIKE_PX = 2.0  # residual from which the lines are not taken as one road
 MOST_RESIDUAL_PX = 5.0  # residual from which the two views do not show one line
 _SAME_PX = 3.0  # distance up to which scatter may reverse the order of two picks
@@ -75,18 +75,19 @@ def in_one_direction(site: Site, rig: StereoRig) -> tuple[Site, set[str]]:
     for line in picked.values():
         _refuse_outside(site, line, rig)
     first = next(iter(picked.values()), None)
-    names = {n for n, line in picked.items() if first is not None and _against(line, first, rig)}
+    names = {n for n, line in picked.items()
+             if first is not None and _is_opposed(line, first, rig)}
     return with_reversed(site, names), names
 
 
-def _against(line: PickedLine, other: PickedLine, rig: StereoRig) -> bool:
+def _is_opposed(line: PickedLine, other: PickedLine, rig: StereoRig) -> bool:
     """Return whether two lines run in opposite directions."""
     ends, others = line.left_px[[0, -1]], other.left_px[[0, -1]]
-    along, across = (float(np.linalg.norm(ends - them, axis=1).sum())
-                     for them in (others, others[::-1]))
-    if abs(along - across) > _CLEARLY * max(along, across):
+    along, across = (float(np.linalg.norm(ends - other_ends, axis=1).sum())
+                     for other_ends in (others, others[::-1]))
+    if abs(along - across) > _CLEAR_SHARE * max(along, across):
         return across < along
-    return float(_way(line, rig) @ _way(other, rig)) < 0
+    return float(_rough_vector(line, rig) @ _rough_vector(other, rig)) < 0
 
 
 def with_reversed(site: Site, names: Iterable[str]) -> Site:
@@ -98,7 +99,7 @@ def with_reversed(site: Site, names: Iterable[str]) -> Site:
     return replace(site, lines={**site.lines, **{n: site.picked[n].in_reverse() for n in names}})
 
 
-def _way(line: PickedLine, rig: StereoRig) -> Array:
+def _rough_vector(line: PickedLine, rig: StereoRig) -> Array:
     """Return the rough vector (3,) from the begin to the end of a line, by matching its picks."""
     points = match_curves(rig, line.left_px, line.right_px).points_m
     if len(points) < 2:
@@ -136,7 +137,7 @@ def fit_roads(site: Site, rig: StereoRig, drift: Optional[DriftPrior], prior: Ro
     if fit.residual_px.max() < ALIKE_PX or not site.lanes:
         return [fit]
     lanes = [[n for n in lane.lines if n in site.picked] for lane in site.lanes]
-    return [fit_lines(site, rig, mine, drift, prior) for mine in lanes if mine]
+    return [fit_lines(site, rig, names, drift, prior) for names in lanes if names]
 
 
 def _stds(lines: Iterable[PickedLine]) -> dict[str, tuple[Array, Array]]:
@@ -152,7 +153,7 @@ def _lane_on(fit: RoadFit, site: Site, index: int, reversed_lines: set[str],
     picked = tuple(n for n in spec.lines if n in site.picked)
     reverse = bool(reversed_lines.intersection(picked))
     if reverse and not reversed_lines.issuperset(picked):
-        raise SiteError(site.where, f'lanes[{index}]', f'{picked[0]} against {picked[1]}',
+        raise SiteError(site.where, f'lanes[{index}]', f'{picked[0]} opposed to {picked[1]}',
                         'picks in order along travel')
     _check_fit(site, fit, picked)
     if len(picked) < len(spec.lines):
@@ -203,13 +204,13 @@ def _check_fit(site: Site, fit: RoadFit, names: tuple[str, ...]) -> None:
             raise SiteError(site.where, where, f'picks {fit.residual_px[number]:.1f} px off',
                             f'views that agree within {MOST_RESIDUAL_PX} px')
         for right, view in enumerate(VIEWS):
-            mine = picks.of_line(number, bool(right))
-            apart = np.linalg.norm(np.diff(picks.uv_px[mine], axis=0), axis=-1)
-            back = (np.diff(fit.feet.s_m[mine]) <= 0) & (apart > _SAME_PX)
+            rows = picks.of_line(number, bool(right))
+            apart = np.linalg.norm(np.diff(picks.uv_px[rows], axis=0), axis=-1)
+            back = (np.diff(fit.feet.s_m[rows]) <= 0) & (apart > _SAME_PX)
             # Points found in the images are in order, but may not appear so at a crest.
             if back.any() and site.picked[name].views_std_px is None:
                 raise SiteError(site.where, f'{where}.{view}[{int(np.argmax(back)) + 1}]',
-                                'a pick behind the one before it', 'picks in order along travel')
+                                'a pick behind the previous one', 'picks in order along travel')
         ranges.append(fit.line_range_m(number))
     common = min(b for _, b in ranges) - max(a for a, _ in ranges)
     if common < LEAST_ROAD_M:

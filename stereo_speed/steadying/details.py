@@ -111,8 +111,8 @@ class Details:
     def _axes(self) -> tuple[Array, Array]:
         """Return the information of each patch on its place along its axes, and the axes."""
         slopes = self._slopes.astype(np.float64)
-        told, axes = np.linalg.eigh(slopes @ np.swapaxes(slopes, 1, 2))
-        return np.maximum(told, _LEAST_INFORMATION), np.swapaxes(axes, 1, 2)
+        information, axes = np.linalg.eigh(slopes @ np.swapaxes(slopes, 1, 2))
+        return np.maximum(information, _LEAST_INFORMATION), np.swapaxes(axes, 1, 2)
 
     @property
     def information(self) -> Array:
@@ -127,8 +127,8 @@ class Details:
     @cached_property
     def _steps(self) -> Patches:
         """Return the offsets (n, 2, m), along the axes, per grey level of each sample."""
-        told, axes = self._axes
-        return np.asarray(axes @ self._slopes / told[..., None], np.float32)
+        information, axes = self._axes
+        return np.asarray(axes @ self._slopes / information[..., None], np.float32)
 
     def find(self, image: Grey, places_px: Array) -> Displaced:
         """

@@ -3,7 +3,6 @@
 """Adds the remaining uncertainty of the rig to speeds, or withholds them."""
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cached_property
 import math
 from typing import Mapping
@@ -16,7 +15,7 @@ from ..core.passes import PassResult, Reason
 from ..core.records import Array, TrackUpdate
 from ..geometry.rig import StereoRig
 from ..road.lanes import LanePath
-from ..road.scale import with_scale
+from ..road.scale import pass_scale_by_drift
 
 _NONE = np.zeros(3)
 
@@ -38,26 +37,33 @@ class SpeedDoubt:
     @cached_property
     def _slopes(self) -> Mapping[str, Array]:
         """Return the change of speeds with the angles, by lane; computed only when needed."""
-        return {name: _slopes(lane, self.rig) for name, lane in self.lanes.items()}
+        return {name: pass_scale_by_drift(lane.path, self.rig)
+                for name, lane in self.lanes.items()}
 
     def share(self, lane: str, steadier: Steadier, changed_rad: Array = _NONE) -> float:
         """
         Return the relative 1-sigma of a vehicle's speed on a lane by the turned camera.
 
         It is 0 if the camera has not turned, as the lane includes the tolerance of that state, and
-        infinite if it has turned too far.  A turn is found only after some pairs, and it is not
-        known which earlier pairs came before it.  The whole change therefore counts as uncertain.
+        infinite if it has turned too far or if the cameras do not see the lane.  A turn is found
+        only after some pairs, and it is not known which earlier pairs came before it.  The whole
+        change therefore counts as uncertain.
 
-        :param changed_rad: (3,) change of the correction while the vehicle was in view, rad.
+        :param changed_rad: (3,) largest change of each angle of the correction, in either
+            direction, while the vehicle was in view, rad.
         """
         drift = steadier.drift
         if drift.too_far:
             return math.inf
         if not (drift.turned or changed_rad.any()):
             return 0.0
-        slopes = self._slopes[lane]
-        known = slopes**2 @ np.diag(drift.covariance_rad2) if drift.turned else 0.0
-        return math.hypot(math.sqrt(known), float(slopes @ changed_rad))
+        slope = self._slopes[lane]
+        if not np.isfinite(slope).all():
+            return math.inf
+        variance = float(slope @ drift.covariance_rad2 @ slope) if drift.turned else 0.0
+        # The changes are magnitudes, each from any pair, so their signs are unknown and the
+        # largest possible sum counts.
+        return math.hypot(math.sqrt(variance), float(np.abs(slope) @ np.abs(changed_rad)))
 
     def update(self, update: TrackUpdate, steadier: Steadier, changed_rad: Array = _NONE
                ) -> TrackUpdate:
@@ -84,9 +90,3 @@ class SpeedDoubt:
         if whole >= self.most_share:
             return result.rejected(Reason.RIG_UNCERTAIN)
         return result.doubted(share, 'calibration_mps')
-
-
-def _slopes(lane: LanePath, rig: StereoRig) -> Array:
-    """Return the absolute relative changes (3,) of a lane's speeds per rad of each angle."""
-    unknown = replace(lane, scale_std=math.inf)  # where no camera sees the path
-    return np.array([with_scale(unknown, rig, np.diag(axis)).scale_std for axis in np.eye(3)])

@@ -54,8 +54,8 @@ class DriftFilter:
     @property
     def turned(self) -> bool:
         """Return whether the camera has significantly turned."""
-        off = float(self.mean_rad @ np.linalg.solve(self.covariance_rad2, self.mean_rad))
-        return off > self.config.drift_sigmas ** 2
+        significance = float(self.mean_rad @ np.linalg.solve(self.covariance_rad2, self.mean_rad))
+        return significance > self.config.drift_sigmas ** 2
 
     @property
     def corrected_rad(self) -> Array:
@@ -79,24 +79,25 @@ class DriftFilter:
         c = self.config
         if self._is_new:
             self._forget_reference(_REFERENCE_SHARE * covariance_rad2)
-        own = (1 - _REFERENCE_SHARE) * covariance_rad2
-        stays = self._covariance + _of_angles(pairs * np.radians(c.drift_rate_deg) ** 2)
-        unturned = (1 - c.drift_probability) ** pairs
-        scores, answers = [], []
-        for share, before in ((unturned, stays), (
-                1 - unturned, stays + _of_angles(np.radians(c.drift_std_deg) ** 2))):
-            seen = before[:, :3] + before[:, 3:]  # covariance of the state with a measurement
-            total, off = seen[:3] + seen[3:] + own, seen_rad - self._mean[:3] - self._mean[3:]
-            gain = np.linalg.solve(total, seen.T).T
+        pair_noise = (1 - _REFERENCE_SHARE) * covariance_rad2
+        predicted = self._covariance + _of_angles(pairs * np.radians(c.drift_rate_deg) ** 2)
+        stay_probability = (1 - c.drift_probability) ** pairs
+        scores, posteriors = [], []
+        for share, before in ((stay_probability, predicted), (
+                1 - stay_probability, predicted + _of_angles(np.radians(c.drift_std_deg) ** 2))):
+            joint = before[:, :3] + before[:, 3:]  # covariance of the state with a measurement
+            spread = joint[:3] + joint[3:] + pair_noise  # covariance of the innovation
+            innovation = seen_rad - self._mean[:3] - self._mean[3:]
+            gain = np.linalg.solve(spread, joint.T).T
             scores.append((math.log(share) if share else -math.inf) - 0.5 * float(
-                off @ np.linalg.solve(total, off) + np.linalg.slogdet(total)[1]))
-            answers.append((self._mean + gain @ off, before - gain @ seen.T))
+                innovation @ np.linalg.solve(spread, innovation) + np.linalg.slogdet(spread)[1]))
+            posteriors.append((self._mean + gain @ innovation, before - gain @ joint.T))
         weights = np.exp(np.array(scores) - max(scores))
         weights /= weights.sum()
         self.turns += int(weights[1] > 0.5)
-        mean = sum(w * m for w, (m, _) in zip(weights, answers))
+        mean = sum(w * m for w, (m, _) in zip(weights, posteriors))
         self._covariance = np.sum([w * (p + np.outer(m - mean, m - mean))
-                                   for w, (m, p) in zip(weights, answers)], axis=0)
+                                   for w, (m, p) in zip(weights, posteriors)], axis=0)
         self._mean = np.asarray(mean)
 
     def _forget_reference(self, covariance_rad2: Array) -> None:

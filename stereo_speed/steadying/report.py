@@ -21,15 +21,15 @@ def steadiness_lines(state: Steadiness) -> list[str]:
     """Return lines for the user; none for a rig that stood still."""
     out = []
     if state.swayed:
-        out.append(f'the rig swayed in {state.swayed} of {state.looks} pairs looked at, r.m.s. '
-                   f'{_angles(state.sway_rms_deg)}; it rests {_angles(state.rest_deg, "+")} off '
-                   'where the site was learnt')
+        out.append(f'the rig swayed in {state.swayed} of {state.looks} examined pairs, r.m.s. '
+                   f'{_angles(state.sway_rms_deg)}; its mean rotation since the site was learnt '
+                   f'is {_angles(state.rest_deg, "+")}')
     if any(state.drift_deg):
         out.append(f'the right camera has turned by {_angles(state.drift_deg, "+")} since the '
                    f'first pair (± {_angles(state.drift_std_deg)})')
     if state.unknown:
-        out.append(f'nothing showed how the rig stood in {state.unknown} of {state.looks} pairs '
-                   'looked at')
+        out.append(f'the pose of the rig is unknown in {state.unknown} of {state.looks} examined '
+                   'pairs')
     return out
 
 
@@ -39,7 +39,7 @@ def warning(steadier: Steadier) -> str:
         return 'the right camera has turned too far: calibrate again'
     if steadier.drift.turned:
         return 'the right camera has turned; measuring with its angles corrected'
-    return 'the rig sways and nothing shows how' if steadier.lost else ''
+    return 'the rig sways and its pose is unknown' if steadier.lost else ''
 
 
 def _angles(degrees: tuple[float, float, float], sign: str = '') -> str:

@@ -25,7 +25,7 @@ from ..geometry.rig import StereoRig
 
 _ORDER = [1, 0, 2]  # indices of pan, tilt and roll in the components of a rotation vector
 _REST_PAIRS = 100  # number of pairs that the rest of the rig is averaged over
-_NEVER = 0.5  # probability up to which a sway is ignored, so that a static rig is left unchanged
+_LEAST_PROBABILITY = 0.5  # of a sway; less probable ones are ignored, as of a static rig
 _MOST_ODDS = 500.0  # bound of the log odds, against overflow
 
 
@@ -93,8 +93,8 @@ class Steadier:
         self.drift = DriftFilter(self.config)
         self._square: Array = np.zeros(3)
         self._pairs = self._looks = self._unknown = self._swayed = self._missed = 0
-        self._still = self._looked_ns = 0
-        self._drift_at = 0  # number of the pair with the last measurement of the drift
+        self._still_looks = self._last_look_ns = 0
+        self._drift_pair = 0  # number of the pair with the last measurement of the drift
         self._rest_rad: Array = np.zeros(3)
         self._rest: Array = np.zeros(3)
         if self.reference is not None:
@@ -111,8 +111,8 @@ class Steadier:
 
     def _is_due(self, pair: StereoPair) -> bool:
         """Return whether to look at a pair; after a while without motion, only some are due."""
-        return (self._still < self.config.still_looks
-                or pair.stamp_ns - self._looked_ns >= self.config.look_interval_s * 1e9)
+        return (self._still_looks < self.config.still_looks
+                or pair.stamp_ns - self._last_look_ns >= self.config.look_interval_s * 1e9)
 
     def _look(self, pair: StereoPair) -> Array:
         """Return the sway (3,) in a pair, rad, and update drift and appearance by it."""
@@ -126,13 +126,13 @@ class Steadier:
         if left is not None and right is not None:
             # The reference compared with itself carries no information, not even its own noise.
             if pair is not self._reference_pair:
-                self._take_drift(left, right, self._pairs - self._drift_at)
-            self._drift_at = self._pairs
-        self._learn_looks(pair, (left, right))
+                self._update_drift(left, right, self._pairs - self._drift_pair)
+            self._drift_pair = self._pairs
+        self._learn_appearance(pair, (left, right))
         sway = self._sway(left, right)
-        self._looked_ns = pair.stamp_ns
+        self._last_look_ns = pair.stamp_ns
         moved = self.lost or before != (self._swayed, self.drift.turns)
-        self._still = 0 if moved else self._still + 1
+        self._still_looks = 0 if moved else self._still_looks + 1
         return sway
 
     @property
@@ -193,7 +193,7 @@ class Steadier:
             pair.right, self._right_of_left @ self._last_rad + self._drift_seen_rad)
         return left, right
 
-    def _learn_looks(self, pair: StereoPair, found: Sequence[Optional[Rotated]]) -> None:
+    def _learn_appearance(self, pair: StereoPair, found: Sequence[Optional[Rotated]]) -> None:
         """Learn the appearance of a pair in each view whose rotation is known."""
         renewed = [view.learn(image, rotated) for view, image, rotated
                    in zip(self._views or (), (pair.left, pair.right), found)
@@ -201,7 +201,7 @@ class Steadier:
         if any(renewed):
             self.drift.renew()
 
-    def _take_drift(self, left: Rotated, right: Rotated, pairs: int) -> None:
+    def _update_drift(self, left: Rotated, right: Rotated, pairs: int) -> None:
         """Update the drift by the rotations of both cameras, after so many pairs."""
         turned = _vector(left.angles_rad)
         rig = self._right_of_left
@@ -216,29 +216,29 @@ class Steadier:
     def _sway(self, left: Optional[Rotated], right: Optional[Rotated]) -> Array:
         """Return the sway (3,) of the rig, rad; zeros if it has probably stood still."""
         information: Array = np.zeros((3, 3))
-        total: Array = np.zeros(3)
+        weighted_sum: Array = np.zeros(3)
         if left is not None:
             information = information + np.linalg.inv(left.covariance_rad2)
-            total = total + np.linalg.solve(left.covariance_rad2, left.angles_rad)
+            weighted_sum = weighted_sum + np.linalg.solve(left.covariance_rad2, left.angles_rad)
         if right is not None:
             back = self._right_of_left.T
             spread = back @ (right.covariance_rad2 + self.drift.covariance_rad2) @ back.T
             information = information + np.linalg.inv(spread)
-            total = total + np.linalg.solve(
+            weighted_sum = weighted_sum + np.linalg.solve(
                 spread, back @ (right.angles_rad - self._drift_seen_rad))
         if left is None and right is None:
             self._unknown, self._missed = self._unknown + 1, self._missed + 1
             return self._rest if self._swayed else np.zeros(3)
         self._missed = 0
         covariance: Array = np.asarray(np.linalg.inv(information), np.float64)
-        angles = covariance @ total
-        self._average(angles)
-        share = self._swayed_share(angles, covariance)
-        swayed = share > _NEVER
+        angles = covariance @ weighted_sum
+        self._update_rest(angles)
+        probability = self._sway_probability(angles, covariance)
+        swayed = probability > _LEAST_PROBABILITY
         self._swayed += swayed
-        return share * angles if swayed else np.zeros(3)
+        return probability * angles if swayed else np.zeros(3)
 
-    def _swayed_share(self, angles: Array, covariance: Array) -> float:
+    def _sway_probability(self, angles: Array, covariance: Array) -> float:
         """Return the probability that the rig has swayed."""
         prior = self.config.sway_probability
         if prior in (0.0, 1.0):
@@ -249,7 +249,7 @@ class Steadier:
             + np.linalg.slogdet(covariance)[1] - np.linalg.slogdet(wide)[1])
         return 1 / (1 + math.exp(-min(max(odds, -_MOST_ODDS), _MOST_ODDS)))
 
-    def _average(self, angles: Array) -> None:
+    def _update_rest(self, angles: Array) -> None:
         """Update the rest and the sway about it by the pose in a pair."""
         known = self._looks - self._unknown
         self._rest = self._rest + (angles - self._rest) / min(known, _REST_PAIRS)

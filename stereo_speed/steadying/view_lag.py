@@ -48,7 +48,7 @@ _REACH_PX, _REACH_S = 4.0, 0.06  # reach of the search: a constant, and a time o
 _SIGNIFICANT = 1.0  # sigmas from which a change of the correction is applied
 _LEAST_CHANGE_S = 1e-4  # smallest change of the correction that is applied
 _VARIED_S = 5e-4  # standard deviation of the stamps' differences from which they can be judged
-_CLEARLY = 9.0  # difference of chi^2 from which the stamps are found not to tell the lag
+_LEAST_MARGIN = 9.0  # difference of chi^2 from which the stamps are found not to tell the lag
 _EPSILON_S = 1e-3  # step in time for finite differences
 _LEAST_MPS = 1e-3  # lower bound of the speed for relative errors
 _LEAST_LONG_S = 0.01  # least time over which the curvature of the motion is determined
@@ -167,19 +167,19 @@ class ViewLag:
     def _decide(self) -> None:
         """Solve both regressions and apply a significant change."""
         gap = np.array([look.gap_s for look in self._looks])
-        added = _solve(self._looks, gap)
-        best, constant = added, False
+        by_stamps = _solve(self._looks, gap)
+        best, constant = by_stamps, False
         if np.std(gap) > _VARIED_S:
-            fixed = _solve(self._looks, np.zeros_like(gap))
-            margin = 0.0 if self._constant else _CLEARLY
-            if fixed.chi2 < added.chi2 - margin:
-                best, constant = fixed, True
+            by_constant = _solve(self._looks, np.zeros_like(gap))
+            margin = 0.0 if self._constant else _LEAST_MARGIN
+            if by_constant.chi2 < by_stamps.chi2 - margin:
+                best, constant = by_constant, True
         self._std_s = best.std_s
-        known = constant == self._constant
-        change_s = abs(best.tau_s - self._applied) if known else abs(
+        same_model = constant == self._constant
+        change_s = abs(best.tau_s - self._applied) if same_model else abs(
             best.tau_s - self._applied - (float(np.mean(gap)) if constant else 0.0))
-        self._off_s = best.tau_s - self._applied if known else 0.0
-        if not known or change_s > max(_SIGNIFICANT * best.std_s, _LEAST_CHANGE_S):
+        self._off_s = best.tau_s - self._applied if same_model else 0.0
+        if not same_model or change_s > max(_SIGNIFICANT * best.std_s, _LEAST_CHANGE_S):
             self._applied, self._constant, self._off_s = best.tau_s, constant, 0.0
             self.changes_s += change_s
 
@@ -215,16 +215,16 @@ def _solve(looks: Sequence[_Look], known_s: Array) -> _Regression:
         expected, slope = (rate + bend * time_s) * time_s, rate + 2 * bend * time_s
         variance = _LOOK_PX**2 + (share * expected)**2
         columns = np.column_stack([slope, np.ones(len(rate)), member, member * expected[:, None]])
-        wanted, w = across - expected + slope * tau, weight / variance
-        told = (columns * w[:, None]).T @ columns
-        information = told + np.diag(prior)
-        x = np.linalg.solve(information, (columns * w[:, None]).T @ wanted)
-        residual = (wanted - columns @ x) / np.sqrt(variance)
+        target, w = across - expected + slope * tau, weight / variance
+        data_information = (columns * w[:, None]).T @ columns
+        information = data_information + np.diag(prior)
+        x = np.linalg.solve(information, (columns * w[:, None]).T @ target)
+        residual = (target - columns @ x) / np.sqrt(variance)
         weight, tau = 1.0 / (1.0 + residual**2 / 9.0), float(x[0])
     # A misfit enlarges the 1-sigma. The degrees of freedom exclude what the unknowns absorb, such
     # as the only look at a vehicle, which always fits.
     covariance = np.linalg.inv(information)
-    freedom = max(len(residual) - float(np.trace(covariance @ told)), 1.0)
+    freedom = max(len(residual) - float(np.trace(covariance @ data_information)), 1.0)
     excess = max(1.0, float(np.sum(weight * residual**2)) / freedom)
     std_s = float(np.sqrt(excess * covariance[0, 0]))
     chi2 = float(np.sum(np.log1p(residual**2 / 9.0)) * 9.0 + np.sum(x[1:]**2 * prior[1:]))
@@ -242,12 +242,12 @@ def _look(pair: StereoPair, update: TrackUpdate, rig: StereoRig, gap_s: float
         return None
     low, high = (middle - half).round().astype(int), (middle + half).round().astype(int)
     at = (low + high - 1) / 2
-    way_m = update.speed_mps * update.axes[:, 0]  # displacement in one second
+    velocity_mps = update.speed_mps * update.axes[:, 0]  # displacement in one second
     lag_s = pair.right_lag_s
-    content_m = rig.triangulate(at, _moved(left_px, right_px, at))
+    content_m = rig.triangulate(at, _mapped(left_px, right_px, at))
     corners_m = rig.triangulate(left_px, right_px)
     # The front as the right view should show it at the assumed time.
-    now_px, then_px = (_right_px(rig, corners_m + seconds * way_m) for seconds in (
+    now_px, then_px = (_right_px(rig, corners_m + seconds * velocity_mps) for seconds in (
         lag_s, lag_s + _EPSILON_S))
     if not np.isfinite(now_px + then_px + content_m.sum()).all():
         return None
@@ -264,13 +264,13 @@ def _look(pair: StereoPair, update: TrackUpdate, rig: StereoRig, gap_s: float
         return None
     du, dv = float(parabola_peak(scores[row, :, None])[0][0]), float(
         parabola_peak(scores[:, column, None])[0][0])
-    found = _moved(left_px, now_px, at + np.array([du, dv]) - reach)
+    found_px = _mapped(left_px, now_px, at + np.array([du, dv]) - reach)
     # The image motion is not uniform: an approaching point accelerates in the image.
     long_s = lag_s if abs(lag_s) > _LEAST_LONG_S else _LEAST_LONG_S
-    short, long = (float(_across(rig, at, _right_px(rig, content_m + seconds * way_m)))
+    short, long = (float(_across(rig, at, _right_px(rig, content_m + seconds * velocity_mps)))
                    for seconds in (_EPSILON_S, long_s))
     bend = (long / long_s - short / _EPSILON_S) / (long_s - _EPSILON_S)
-    return _Look(update.track, gap_s, float(_across(rig, at, found)),
+    return _Look(update.track, gap_s, float(_across(rig, at, found_px)),
                  short / _EPSILON_S - bend * _EPSILON_S, bend,
                  update.speed_std_mps / max(abs(update.speed_mps), _LEAST_MPS))
 
@@ -280,7 +280,7 @@ def _right_px(rig: StereoRig, points_m: Array) -> Array:
     return np.asarray(rig.right.project(rig.to_right(points_m))[0])
 
 
-def _moved(quad_px: Array, to_px: Array, points_px: Array) -> Array:
+def _mapped(quad_px: Array, to_px: Array, points_px: Array) -> Array:
     """Return a pixel (2,) mapped by the homography from one quad (4, 2) to another."""
     matrix = cv2.getPerspectiveTransform(quad_px.astype(np.float32), to_px.astype(np.float32))
     x, y, w = matrix @ np.append(points_px, 1.0)

@@ -34,13 +34,13 @@ def views_crossed(rig: StereoRig, pair: StereoPair) -> Optional[bool]:
     off = np.abs(np.sum(lines * right, axis=1)) / np.hypot(lines[:, 0], lines[:, 1])
     focal_px = float(rig.right.K[0, 0])
     # The rays to one point differ by the baseline divided by the depth.
-    turned, way = right @ rig.R, -rig.R.T @ rig.t
-    apart = left / left[:, 2:] - turned / turned[:, 2:]
-    disparity_px = focal_px * (apart @ way) / float(np.linalg.norm(way))
-    some = disparity_px[(off * focal_px < _OFF_PX) & (np.abs(disparity_px) > _LEAST_PX)]
-    if len(some) < _FEWEST:
+    rotated, centre_m = right @ rig.R, -rig.R.T @ rig.t
+    apart = left / left[:, 2:] - rotated / rotated[:, 2:]
+    disparity_px = focal_px * (apart @ centre_m) / float(np.linalg.norm(centre_m))
+    significant_px = disparity_px[(off * focal_px < _OFF_PX) & (np.abs(disparity_px) > _LEAST_PX)]
+    if len(significant_px) < _FEWEST:
         return None
-    share = float(np.mean(some < 0))
+    share = float(np.mean(significant_px < 0))
     return None if 1 - _CLEAR_SHARE < share < _CLEAR_SHARE else share > 0.5
 
 

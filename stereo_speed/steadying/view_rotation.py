@@ -27,7 +27,7 @@ _STEP_RAD = 1e-5  # step for finite differences by the rotation, about 1e-2 px
 _KEPT_SHARE = 0.5  # least share of images in which a detail must agree to be kept
 _SURE_SHARE = 0.4  # least share of agreeing details for which the expected rotation is accepted
 _LEAST_NOISE = 0.01  # lower bound of the noise variance in squared grey levels
-_NORMAL = 1.386  # median of chi-square with two degrees of freedom
+_CHI2_MEDIAN = 1.386  # median of chi-square with two degrees of freedom
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,20 +108,20 @@ class ViewRotation:
         :param image: (H, W) the image.
         :param about_rad: (3,) expected rotation, rad.
         """
-        found = self._sought(image, about_rad)
+        found = self._search(image, about_rad)
         return found if found and found.spread_px <= self.config.most_spread_px else None
 
-    def _sought(self, image: Grey, about_rad: Array) -> Optional[Rotated]:
+    def _search(self, image: Grey, about_rad: Array) -> Optional[Rotated]:
         """Return the rotation that most details agree on; None if there are too few."""
         fine = smooth(image)
-        found = self._settled(self._fine, fine, about_rad)
+        found = self._converged(self._fine, fine, about_rad)
         if found is not None and found.details >= _SURE_SHARE * len(self._fine.details):
             return found
         coarse = shrunk(image)
         for start in (about_rad, np.zeros(3)):
-            found = self._settled(self._coarse, coarse, start)
+            found = self._converged(self._coarse, coarse, start)
             if found is not None:
-                return self._settled(self._fine, fine, found.angles_rad)
+                return self._converged(self._fine, fine, found.angles_rad)
         return None
 
     def learn(self, image: Grey, found: Rotated) -> bool:
@@ -141,17 +141,18 @@ class ViewRotation:
         mean = self._sum / np.maximum(self._seen, 1)[:, None, None]
         grey = old.grey + np.float32(self.config.learning_share) * (mean - old.grey)
         # New details must not overlap the places where the kept ones are now.
-        there = self._fine.places(found.angles_rad)[kept]
-        others = self._back(Details.of(smooth(image), self.config.details, there), found, 1)
+        current_px = self._fine.places(found.angles_rad)[kept]
+        fresh = self._moved_back(
+            Details.of(smooth(image), self.config.details, current_px), found, 1)
         self._fine = _Level(self.camera, Details(
-            np.concatenate([old.centres_px[kept], others.centres_px]),
-            np.concatenate([grey[kept], others.grey])), 1)
+            np.concatenate([old.centres_px[kept], fresh.centres_px]),
+            np.concatenate([grey[kept], fresh.grey])), 1)
         coarse = Details.of(shrunk(image), self.config.details)
-        self._coarse = _Level(self.camera, self._back(coarse, found, _COARSE), _COARSE)
+        self._coarse = _Level(self.camera, self._moved_back(coarse, found, _COARSE), _COARSE)
         self._forget()
         return True
 
-    def _back(self, details: Details, found: Rotated, scale: int) -> Details:
+    def _moved_back(self, details: Details, found: Rotated, scale: int) -> Details:
         """Return details of an image moved to where they were before the camera rotated."""
         uv = (details.centres_px + 0.5) * scale - 0.5
         rays = self.camera.rays(uv) @ of_camera(found.angles_rad)
@@ -165,7 +166,7 @@ class ViewRotation:
         self._seen = np.zeros(len(details), dtype=int)
         self._images = 0
 
-    def _settled(self, level: _Level, image: Grey, start_rad: Array) -> Optional[Rotated]:
+    def _converged(self, level: _Level, image: Grey, start_rad: Array) -> Optional[Rotated]:
         """Return the converged rotation by the details of a level; None if there are too few."""
         if len(level.details) < self.config.least_details:
             return None
@@ -173,7 +174,7 @@ class ViewRotation:
         out: Optional[Rotated] = None
         for _ in range(_ITERATIONS[level.scale]):
             places = level.places(angles)
-            out = self._step(level, image, places, angles)
+            out = self._iteration(level, image, places, angles)
             if out is None:
                 return None
             moved = np.abs(level.jacobian @ (out.angles_rad - angles)).max()
@@ -182,34 +183,34 @@ class ViewRotation:
                 break
         return out
 
-    def _step(self, level: _Level, image: Grey, places: Array, angles: Array
-              ) -> Optional[Rotated]:
+    def _iteration(self, level: _Level, image: Grey, places: Array, angles: Array
+                   ) -> Optional[Rotated]:
         """Return the rotation after one step, from the offsets of the details; None as above."""
         seen = level.details.find(image, places)
         good = (seen.ncc >= self.config.least_ncc) & _inside(places, image)
         if good.sum() < self.config.least_details:
             return None
-        told = level.details.information[good]
+        information = level.details.information[good]
         noise = max(float(np.median(seen.noise[good])), _LEAST_NOISE)
-        weight = 1 / (noise / told + self.config.detail_floor_px ** 2)  # (n, 2), per px^2
+        weight = 1 / (noise / information + self.config.detail_floor_px ** 2)  # (n, 2), per px^2
         jacobian, offset = level.jacobian[good], seen.offset_px[good]
         share, limit = np.ones(len(offset)), np.inf
-        for left in reversed(range(_ROUNDS)):
+        for remaining in reversed(range(_ROUNDS)):
             rows = (share[:, None] * weight)[..., None] * jacobian
             normal = np.tensordot(rows, jacobian, ((0, 1), (0, 1)))
             step = np.linalg.solve(normal, np.tensordot(rows, offset, ((0, 1), (0, 1))))
-            off = offset - jacobian @ step
-            chi2 = (weight * off ** 2).sum(axis=1)
-            scale2 = max(float(np.median(chi2)) / _NORMAL, 1.0)
+            residual = offset - jacobian @ step
+            chi2 = (weight * residual ** 2).sum(axis=1)
+            scale2 = max(float(np.median(chi2)) / _CHI2_MEDIAN, 1.0)
             limit = self.config.outlier_sigmas ** 2 * scale2
             # In the last rounds, moving details such as reflected headlamps have no weight at all.
-            share = 1 / (1 + chi2 / limit) if left > 1 else (chi2 < limit).astype(np.float64)
+            share = 1 / (1 + chi2 / limit) if remaining > 1 else (chi2 < limit).astype(np.float64)
         fits = np.zeros(len(good), dtype=bool)
         fits[good] = chi2 < limit
-        alike = max(float(share.sum()) / self.config.independent_details, 1.0)
-        covariance = np.asarray(alike * scale2 * np.linalg.inv(normal), np.float64)
+        redundancy = max(float(share.sum()) / self.config.independent_details, 1.0)
+        covariance = np.asarray(redundancy * scale2 * np.linalg.inv(normal), np.float64)
         return Rotated(np.asarray(angles + step, np.float64), covariance, int(fits.sum()),
-                       robust_std(off), fits, seen.grey)
+                       robust_std(residual), fits, seen.grey)
 
 
 def smooth(image: Grey) -> Grey:

@@ -173,8 +173,8 @@ def test_the_top_is_no_higher_than_it_is_looked_for():
 def test_what_is_further_behind_than_a_vehicle_s_own_is_none_of_its_height():
     """A windscreen 1 m behind the bumper is the vehicle's own; farther back it is another's."""
     rig, lane, rows = drawn('car')
-    heights = [measured(rig, lane, rows, search=HeightSearch(own_m=own_m)).height_m
-               for own_m in (0.4, 4.0)]
+    heights = [measured(rig, lane, rows, search=HeightSearch(most_depth_m=m)).height_m
+               for m in (0.4, 4.0)]
     assert heights[0] < 1.15 and 1.3 < heights[1] < 1.65
 
 

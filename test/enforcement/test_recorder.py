@@ -60,7 +60,7 @@ def test_record_says_what_was_measured_where_when_and_by_what(written, sample):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(('passed', 'shown'), [
-    (None, 'none was asked for'),
+    (None, 'none required'),
     ({'passed_utc': '2026-11-22T10:00:00Z', 'off_percent': -0.31},
      'passed 2026-11-22T10:00:00Z, -0.31 % off')])
 def test_record_says_when_the_self_test_was_passed_and_how_far_off(sample, passed, shown):

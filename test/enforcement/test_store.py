@@ -112,7 +112,7 @@ def test_a_writer_that_is_killed_at_any_step_loses_nothing_that_was_finished(
 
 def test_only_one_writer(tmp_path):
     with EvidenceStore(tmp_path):
-        with pytest.raises(InputError, match='another program that writes there, wanted one'):
+        with pytest.raises(InputError, match='another program that writes to it, wanted one'):
             EvidenceStore(tmp_path)
     EvidenceStore(tmp_path).close()
 
@@ -142,7 +142,7 @@ def test_nothing_is_added_to_a_chain_that_is_not_sound(tmp_path, small):
     chain = tmp_path / 'chain.jsonl'
     text = chain.read_text()
     for spoilt, wanted in ((text.replace('r1', 'x1'), 'entry 2'),
-                           (text.splitlines()[0] + '\n', 'not the chain of its head')):
+                           (text.splitlines()[0] + '\n', 'does not match its head')):
         chain.write_text(spoilt)
         with pytest.raises(InputError, match=wanted):
             EvidenceStore(tmp_path)
@@ -153,7 +153,7 @@ def test_nothing_is_added_to_a_chain_that_is_not_sound(tmp_path, small):
 def test_a_signed_chain_is_not_continued_without_a_key(tmp_path, small):
     with EvidenceStore(tmp_path, key=Ed25519PrivateKey.generate()) as store:
         store.add('r1', *small('r1', 1))
-    with pytest.raises(InputError, match='signed and no key was given'):
+    with pytest.raises(InputError, match='signed but no key was given'):
         EvidenceStore(tmp_path)
 
 
@@ -193,7 +193,7 @@ def test_a_deletion_that_was_stopped_is_finished(tmp_path, small, monkeypatch):
             patch.setattr(module.shutil, 'rmtree', lambda *_, **__: full())
             with pytest.raises(StoreError, match='deletion'):
                 store.delete_older(10 * DAY_NS, 1)
-    assert any('not finished' in note for note in verify(tmp_path).notes)
+    assert any('deletion unfinished' in note for note in verify(tmp_path).notes)
     with EvidenceStore(tmp_path):
         assert names(tmp_path) == []
     assert verify(tmp_path).sound

@@ -95,7 +95,7 @@ def test_what_is_removed_added_or_moved_is_named(three):
     spoilt(lambda d: shutil.copytree(d / 'r1', d / 'r9'), wanted='r9 was added')
     spoilt(lambda d: (d / 'r1/a.txt').rename(d / 'r1/c.txt'), wanted='r1/a.txt is missing')
     spoilt(lambda d: (d / 'r1').rename(d / 't'), lambda d: (d / 'r2').rename(d / 'r1'),
-           lambda d: (d / 't').rename(d / 'r2'), wanted='r1/seal.json is of the record r2')
+           lambda d: (d / 't').rename(d / 'r2'), wanted='r1/seal.json is the seal of record r2')
     spoilt(lambda d: (d / 'r1/a.txt').unlink(),
            lambda d: (d / 'r1/a.txt').symlink_to(d / 'r2/a.txt'), wanted='r1/a.txt was changed')
     spoilt(lambda d: (d / 'chain.jsonl').unlink(), wanted='chain.jsonl is missing')
@@ -106,18 +106,18 @@ def test_chain_that_is_cut_or_reordered(three):
     folder, trusted = three
     path = folder / 'chain.jsonl'
     lines = path.read_text().splitlines(keepends=True)
-    for kept, wanted in (([0, 1], 'was cut: it has 2 entries of 3'), ([], 'was cut'),
+    for kept, wanted in (([0, 1], 'was cut: it has 2 of the 3 entries'), ([], 'was cut'),
                          ([0, 2], 'entry 2 (r3) does not follow'),
                          ([1, 0, 2], 'entry 1 (r2) does not follow'),
                          ([0, 1, 2, 2], 'entry 4 (r3) does not follow')):
         path.write_text(''.join(lines[k] for k in kept))
         assert wanted in faults(folder, trusted)
     path.write_text(''.join(lines)[:-40])
-    assert 'cut in its last line' in faults(folder, trusted)
+    assert 'ends in an incomplete line' in faults(folder, trusted)
     # chain and last record removed together
     path.write_text(''.join(lines[:2]))
     shutil.rmtree(folder / 'r3')
-    assert 'was cut: it has 2 entries of 3' in faults(folder, trusted)
+    assert 'was cut: it has 2 of the 3 entries' in faults(folder, trusted)
 
 
 def test_a_head_kept_apart_tells_an_older_copy(tmp_path, small):
@@ -128,7 +128,7 @@ def test_a_head_kept_apart_tells_an_older_copy(tmp_path, small):
         store.add('r2', *small('r2', 2))
         store.add('r3', *small('r3', 3))
     assert verify(tmp_path / 'evidence', head).sound
-    assert 'was cut: it has 1 entries of 3' in '; '.join(verify(Path(older), head).faults)
+    assert 'was cut: it has 1 of the 3 entries' in '; '.join(verify(Path(older), head).faults)
 
 
 def test_records_made_anew_are_found_by_their_signature(three, small):
@@ -158,5 +158,5 @@ def test_a_record_may_not_point_outside_its_folder(evidence):
     record = json.loads(path.read_text())
     record['files']['../../x'] = {'sha256': '0' * 64, 'bytes': 1}
     path.write_text(json.dumps(record))
-    assert 'is no record' in faults(evidence)
+    assert 'is not a valid record' in faults(evidence)
     assert os.path.exists(path)

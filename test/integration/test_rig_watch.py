@@ -45,7 +45,7 @@ def test_a_look_at_the_rig_is_told(stand_in, sample):
                  'rig_check_pairs:=4', 'rig_check_spread_s:=0.0'):
         stand_in.wait(lambda: stand_in.count_subscribers('/left/image_raw'), STARTUP_S)
         with Process('replay_node', f'bag:={sample / "bag"}', 'rate:=2'):
-            stand_in.wait(lambda: states and states[-1].message.startswith('rig and lines'),
+            stand_in.wait(lambda: states and states[-1].message.startswith('the present pose'),
                           LOOK_S)
     assert states[-1].level == b'\x00'
 

@@ -225,7 +225,7 @@ def test_calibration_changes(bags, write):
     rows = bags.recording(bags.ros2)
     rows[-2] = (rows[-2][0], bags.ros2.info(bags.START_NS, 'right', d=np.full(5, 0.1)),
                 rows[-2][2])
-    refused(write(rows), 'camera_info: calibration: found another one at')
+    refused(write(rows), 'camera_info: calibration: found a different one at')
 
 
 def test_image_size(bags, write):

@@ -35,7 +35,7 @@ def test_targets(written):
     ('frame: 12', 'frame: 1.5', r'targets\[0\]\.frame: found 1\.5'),
     ('frame: 12, ', '', r'targets\[0\]\.frame: found nothing'),
     ('frame: 12', 'colour: red, frame: 12', r'targets\[0\]\.colour'),
-    ('id: 4', 'id: 0', r'targets\[1\]\.id: found 0 again, wanted an id of its own'),
+    ('id: 4', 'id: 0', r'targets\[1\]\.id: found 0 twice, wanted a different id'),
     ('id: 4', 'id: car', r"targets\[0\]\.id: found 'car'"),
     ('30, 40.25]', '30]', r'targets\[0\]\.box: found 3 values, wanted x, y, w, h in px'),
     ('40.25', '0', r'targets\[0\]\.box: found \[.*\], wanted a width and height above 0 px'),

@@ -57,7 +57,7 @@ def test_rows_of_a_simulation_need_no_file():
     ('stamp,speed\nnan,3\n', 'line 2, stamp'),
     ('stamp,speed,x,y,z\n1,3,a,1,1\n', 'line 2, x'),
     ('stamp,speed\n1,\n', 'line 2, speed'),
-    ('stamp,speed\n1\n', 'line 2: found another number of values')])
+    ('stamp,speed\n1\n', 'line 2: found a different number of values')])
 def test_faults_are_named(tmp_path, text, wanted):
     with pytest.raises(InputError, match=wanted):
         read_truth(written(tmp_path, text))

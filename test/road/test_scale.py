@@ -9,7 +9,7 @@ from stereo_speed.geometry.camera import Camera
 from stereo_speed.geometry.rig import StereoRig
 from stereo_speed.road.lanes import LanePath
 from stereo_speed.road.path import StraightPath
-from stereo_speed.road.scale import scale_by_drift, with_scale
+from stereo_speed.road.scale import pass_scale_by_drift, scale_by_drift, with_scale
 
 
 def make_rig(baseline_m=0.5):
@@ -48,3 +48,17 @@ def test_a_path_that_nobody_sees_keeps_what_it_had():
     lane = LanePath('lane', behind, None, np.zeros(2), 0.0)
     assert with_scale(lane, make_rig(), np.eye(3)) is lane
     assert np.isnan(scale_by_drift(behind, make_rig(), np.array([1.0]))).all()
+    assert np.isnan(pass_scale_by_drift(behind, make_rig())).all()
+
+
+def test_pan_and_roll_change_speeds_with_their_signs():
+    """
+    Compare with the ray of the right camera at 40 m, 2 m below its axis.
+
+    A pan to the right reduces the disparity b / Z by the angle: Z' = Z + Z^2 pan / b.  A clockwise
+    roll increases it by Y / Z times the angle: Z' = Z / (1 + Y roll / b).
+    """
+    path = StraightPath(np.array([0.25, 2.0, 40.5]), np.array([0.0, 0.0, -1.0]), 1.0)
+    slope = pass_scale_by_drift(path, make_rig(0.5))
+    assert slope[0] == pytest.approx(2 * 40 / 0.5, rel=0.02)
+    assert slope[2] == pytest.approx(-2 / 0.5, rel=0.02)

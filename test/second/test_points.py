@@ -59,8 +59,10 @@ def test_a_region_that_shows_nothing_gives_none():
     follower, flat = CornerFollower(SecondConfig()), np.full(SIZE, 90, np.uint8)
     one = StereoPair(0, 0, 0, flat, flat)
     assert len(follower.take(one, region(1.0, (60, 50)), region(1.0, (50, 50))).ids) == 0
-    assert follower.take(one, region(0.05, (60, 50)), region(0.05, (50, 50))) is None
-    assert follower.take(one, region(np.nan, (60, 50)), region(1.0, (50, 50))) is None
+    wrong = [region(0.05, (60, 50)), region(np.nan, (60, 50))]
+    for bad in wrong:
+        assert follower.take(one, bad, region(1.0, (50, 50))) is None
+        assert follower.take(one, region(1.0, (60, 50)), bad) is None
 
 
 @pytest.mark.parametrize('runs_px', [(0.0, 0.0, 0.0), (3.0, -8.0, 0.0), (-2.0, 7.0, 2.0)],

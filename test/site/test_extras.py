@@ -66,7 +66,7 @@ def test_there_and_back(tmp_path):
     (['lines', 'a', 'left_std_px'], [0.1, 0.1], 'lines.a.left_std_px: found 2 numbers, wanted 3'),
     (['lines', 'a', 'left_std_px'], [0.1, 0, 0.1], r'left_std_px\[1\]: found 0, wanted px'),
     (['lines', 'a', 'right_std_px'], 0.1, 'right_std_px: found 0.1, wanted a list'),
-    (['lines', 'p', 'left_std_px'], [0.1], 'points_m: found image picks as well'),
+    (['lines', 'p', 'left_std_px'], [0.1], 'points_m: found image picks too'),
     (['rig_correction', 'pan_deg'], 3, r'rig_correction.pan_deg: found 3, wanted degrees'),
     (['rig_correction', 'pan_deg'], 'left', "pan_deg: found 'left'"),
     (['rig_correction', 'yaw_deg'], 0, 'unknown key yaw_deg'),

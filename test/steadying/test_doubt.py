@@ -12,6 +12,8 @@ import pytest
 from stereo_speed.core.config import TrackerConfig
 from stereo_speed.core.passes import PassResult, Reason, SpeedBudget, Verdict
 from stereo_speed.core.records import TrackState, TrackUpdate
+from stereo_speed.geometry.camera import Camera
+from stereo_speed.geometry.rig import StereoRig
 from stereo_speed.road.lanes import LanePath
 from stereo_speed.road.path import StraightPath
 from stereo_speed.steadying.doubt import SpeedDoubt
@@ -33,6 +35,17 @@ def doubt(rig):
                         np.array([0.0, -1.0, 0.0]))
     lane = LanePath('a', path, None, np.zeros(2), 0.0)
     return SpeedDoubt(rig, {'a': lane}, TrackerConfig())
+
+
+@pytest.fixture(scope='module')
+def short():
+    """Return the doubt of a lane of 1 m, 40 m ahead of parallel cameras and 2 m below them."""
+    k = np.array([[1800.0, 0.0, 511.5], [0.0, 1800.0, 383.5], [0.0, 0.0, 1.0]])
+    cameras = [Camera(n, 1024, 768, k, np.zeros(0), 'plumb_bob') for n in ('left', 'right')]
+    rig = StereoRig(*cameras, np.eye(3), np.array([-0.5, 0.0, 0.0]))
+    path = StraightPath(np.array([0.25, 2.0, 40.5]), np.array([0.0, 0.0, -1.0]), 1.0,
+                        np.array([0.0, -1.0, 0.0]))
+    return SpeedDoubt(rig, {'a': LanePath('a', path, None, np.zeros(2), 0.0)}, TrackerConfig())
 
 
 TURN_RAD = np.radians([0.02, 0.0, 0.0])
@@ -64,6 +77,36 @@ def test_the_uncertain_angle_of_a_turned_camera_is_in_every_sigma(doubt):
     assert result.speed_std_mps == pytest.approx(math.hypot(0.05, 20 * share))
     assert result.budget.total_mps == pytest.approx(result.speed_std_mps)
     assert result.smoothed_std[0] == pytest.approx(math.hypot(0.06, 20 * share))
+
+
+@pytest.mark.parametrize(('correlation', 'wanted'), [
+    (0.0, math.sqrt(2) * 1.6e-3), (-1.0, 3.2e-3), (0.75, math.sqrt(0.5) * 1.6e-3)])
+def test_correlated_angles_add_or_cancel(correlation, wanted, short):
+    """
+    Work out the share of a pan that changes speeds by +160 and a roll that does by -4 per rad.
+
+    1e-5 rad of pan and 4e-4 rad of roll each change speeds by 1.6e-3, with opposite signs.
+    """
+    pan, roll = 1e-5, 4e-4
+    watch = steadier(turned=True)
+    watch.drift.covariance_rad2 = np.array([
+        [pan**2, 0.0, correlation * pan * roll], [0.0, 0.0, 0.0],
+        [correlation * pan * roll, 0.0, roll**2]])
+    assert short.share('a', watch) == pytest.approx(wanted, rel=0.03)
+
+
+def test_changes_of_several_angles_do_not_cancel(short):
+    """The largest changes of two angles may be of different pairs and of either sign."""
+    changed = np.array([1e-5, 0.0, 4e-4])
+    assert short.share('a', steadier(), changed) == pytest.approx(3.2e-3, rel=0.03)
+
+
+def test_a_lane_that_no_camera_sees_is_uncertain_without_limit(rig):
+    behind = StraightPath(np.array([0.0, 2.0, -60.0]), np.array([0.0, 0.0, -1.0]), 40.0)
+    doubt = SpeedDoubt(rig, {'a': LanePath('a', behind, None, np.zeros(2), 0.0)}, TrackerConfig())
+    assert doubt.share('a', steadier()) == 0.0
+    assert math.isinf(doubt.share('a', steadier(turned=True)))
+    assert math.isinf(doubt.share('a', steadier(), TURN_RAD))
 
 
 @pytest.mark.parametrize('watch', [steadier(turned=True, too_far=True),

@@ -58,7 +58,7 @@ def test_sway_is_found_in_each_pair_and_told(rig, take):
         assert sway < 0.02 and drift == 0
     state = steadier.state()
     assert state.swayed == 7 and 0.03 < state.sway_rms_deg[0] < 0.3
-    assert steadiness_lines(state)[0].startswith('the rig swayed in 7 of 8 pairs looked at')
+    assert steadiness_lines(state)[0].startswith('the rig swayed in 7 of 8 examined pairs')
 
 
 @pytest.mark.slow

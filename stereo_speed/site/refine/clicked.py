@@ -20,7 +20,7 @@ _KERB_M = 0.15  # distance between the two edges of a kerb stone, of which eithe
 _STEP_M = 0.05  # step along and across a line for its directions in the image
 
 
-class Beside(NamedTuple):
+class ClickDistance(NamedTuple):
     """
     Distance of the clicks of a line from the marking that was found.
 
@@ -32,7 +32,8 @@ class Beside(NamedTuple):
     outside_px: float
 
     @classmethod
-    def of(cls, road: RoadFit, name: str, width_m: float, clicks_px: Sequence[Array]) -> Beside:
+    def of(cls, road: RoadFit, name: str, width_m: float, clicks_px: Sequence[Array]
+           ) -> ClickDistance:
         """
         Return the medians over the clicks of both views.
 
@@ -42,13 +43,14 @@ class Beside(NamedTuple):
         :param clicks_px: (n, 2) clicked raw pixels of each view.
         """
         half_m = width_m / 2 if width_m else _KERB_M
-        off_px, px_per_m = np.concatenate([
-            beside(road, name, bool(right), uv) for right, uv in enumerate(clicks_px)], axis=-1)
+        off_px, px_per_m = np.concatenate(
+            [signed_distances(road, name, bool(right), uv)
+             for right, uv in enumerate(clicks_px)], axis=-1)
         off_px = np.abs(off_px)
         return cls(float(np.median(off_px)), float(np.median(off_px - half_m * px_per_m)))
 
 
-def beside(road: RoadFit, name: str, right: bool, uv_px: Array) -> Array:
+def signed_distances(road: RoadFit, name: str, right: bool, uv_px: Array) -> Array:
     """
     Return signed distances of pixels from a line, px, and the image scale across it, px/m: (2, n).
 
@@ -56,17 +58,18 @@ def beside(road: RoadFit, name: str, right: bool, uv_px: Array) -> Array:
     :param right: whether the pixels are of the right view.
     :param uv_px: (n, 2) raw pixels.
     """
-    number, none = road.number(name), np.zeros(len(uv_px))
+    number, zeros = road.number(name), np.zeros(len(uv_px))
     feet = road.foot(number, right, uv_px)
-    on, ahead, left = (road.seen(road.points(number, feet + along_m, none + across_m), right)
+    on, ahead, left = (road.seen(road.points(number, feet + along_m, zeros + across_m), right)
                        for along_m, across_m in ((0.0, 0.0), (_STEP_M, 0.0), (0.0, _STEP_M)))
-    way, off, across = ahead - on, uv_px - on, left - on
-    way /= np.linalg.norm(way, axis=1, keepdims=True)
-    return np.stack([way[:, 0] * off[:, 1] - way[:, 1] * off[:, 0], np.abs(
-        way[:, 0] * across[:, 1] - way[:, 1] * across[:, 0]) / _STEP_M])
+    along_px, off, across = ahead - on, uv_px - on, left - on
+    along_px /= np.linalg.norm(along_px, axis=1, keepdims=True)
+    return np.stack([along_px[:, 0] * off[:, 1] - along_px[:, 1] * off[:, 0], np.abs(
+        along_px[:, 0] * across[:, 1] - along_px[:, 1] * across[:, 0]) / _STEP_M])
 
 
-def not_clicked(lines: Mapping[str, Beside], scatter_px: float, most_sigmas: float) -> set[str]:
+def not_clicked(lines: Mapping[str, ClickDistance], scatter_px: float, most_sigmas: float
+                ) -> set[str]:
     """
     Return the lines whose markings cannot be what was clicked, found one by one.
 
@@ -77,15 +80,15 @@ def not_clicked(lines: Mapping[str, Beside], scatter_px: float, most_sigmas: flo
     :param most_sigmas: largest distance outside the marking, in sigmas of the scatter combined
         with the median distance of the other lines' clicks.
     """
-    meant = {name: line for name, line in lines.items() if np.isfinite(line).all()}
+    plausible = {name: line for name, line in lines.items() if np.isfinite(line).all()}
     wrong: set[str] = set()
-    while meant:
+    while plausible:
         sigmas = {name: line.outside_px / np.hypot(scatter_px, np.median(
-            [other.off_px for one, other in meant.items() if one != name] or [0.0]))
-            for name, line in meant.items()}
+            [other.off_px for key, other in plausible.items() if key != name] or [0.0]))
+            for name, line in plausible.items()}
         worst = max(sigmas, key=sigmas.__getitem__)
         if not sigmas[worst] > most_sigmas:
             break
         wrong.add(worst)
-        del meant[worst]
+        del plausible[worst]
     return wrong

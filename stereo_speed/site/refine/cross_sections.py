@@ -24,10 +24,10 @@ from ...vision.spline_image import SplineImage
 SPACING_PX = 1.5  # spacing of cross-sections along the line; closer ones share their pixels
 BORDER_PX = 3.0  # width of the image border, where the spline knows only one side
 _DENSE = 4000  # places along a line at which its image is sampled
-_SIGHTS = 160  # places along a line at which its occlusion by the road is checked
+_OCCLUSION_SAMPLES = 160  # places along a line at which its occlusion by the road is checked
 _STEP_M = 0.02  # step for finite differences along and across the line
 _BESIDE_M = np.linspace(-0.3, 0.3, 13)  # places across the line where the light must be steady
-_STEADY = 0.75  # least share of these places with steady light
+_STEADY_SHARE = 0.75  # least share of these places with steady light
 _MIN_SINE = 0.12  # least sine of the angle between the line and a cross-section in the image
 
 
@@ -110,15 +110,15 @@ class LineView:
             return CrossSections(*np.zeros((3, 0)))
         s, arc = s[visible], chord_lengths(uv[visible])
         arcs = np.linspace(0, arc[-1], max(int(arc[-1] / SPACING_PX), 2))
-        at, none = np.interp(arcs, arc, s), np.zeros(len(arcs))
+        at, zeros = np.interp(arcs, arc, s), np.zeros(len(arcs))
         near = self.seen(at, np.tile([-_STEP_M, 0.0, _STEP_M], (len(at), 1)))
-        along = self.seen(at + _STEP_M, none) - self.seen(at - _STEP_M, none)
+        along = self.seen(at + _STEP_M, zeros) - self.seen(at - _STEP_M, zeros)
         along /= np.linalg.norm(along, axis=-1, keepdims=True)
         across = (near[:, 2] - near[:, 0]) / (2 * _STEP_M)
         px_per_m = np.abs(along[:, 0] * across[:, 1] - along[:, 1] * across[:, 0])
         good = ((near[:, 1] >= BORDER_PX) & (near[:, 1] <= size - 1 - BORDER_PX)).all(axis=-1)
         good &= px_per_m > _MIN_SINE * np.linalg.norm(across, axis=-1)
-        coarse = np.linspace(s[0], s[-1], _SIGHTS)
+        coarse = np.linspace(s[0], s[-1], _OCCLUSION_SAMPLES)
         good &= np.interp(at, coarse, hidden(self.fit, self.line, self.right, coarse)) == 0
         return CrossSections(at, arcs, px_per_m).take(good)
 
@@ -135,4 +135,4 @@ class LineView:
         uv = self.seen(sections.s_m, np.tile(_BESIDE_M, (len(sections.s_m), 1))) / LIGHT_STEP_PX
         last = np.array(self.change.shape[::-1]) - 1
         u, v = np.moveaxis(np.clip(np.rint(np.nan_to_num(uv)), 0, last).astype(int), -1, 0)
-        return np.asarray(np.quantile(self.change[v, u], _STEADY, axis=1) <= most_share)
+        return np.asarray(np.quantile(self.change[v, u], _STEADY_SHARE, axis=1) <= most_share)

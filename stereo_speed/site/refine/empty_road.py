@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from ...core.errors import InputError
 from ...core.records import StereoPair
+from ...core.sampling import EvenSampler
 from ...estimation.robust import robust_std, SIGMAS_PER_MEDIAN
 from ...vision.spline_image import SplineImage
 
@@ -62,21 +63,18 @@ def spread_pairs(pairs: Iterable[StereoPair], most: int = MOST_PAIRS) -> list[St
     """
     Return at most so many pairs of a stream of any length, evenly spread over it.
 
+    Of large images fewer pairs are returned, so that those of a view fit into ``MOST_BYTES``.
+
     :param pairs: the stream, which is read to its end.
     :param most: largest number of pairs, 2 or more.
     """
-    kept: list[StereoPair] = []
-    step = 1
-    for number, pair in enumerate(pairs):
-        if number % step:
-            continue
-        if not kept:
-            most = max(min(most, MOST_BYTES // pair.left.nbytes), 2)
-        kept.append(pair)
-        if len(kept) > 2 * most:
-            kept, step = kept[::2], 2 * step
-    chosen = np.round(np.linspace(0, len(kept) - 1, min(most, len(kept)))).astype(int)
-    return [kept[i] for i in chosen]
+    sampler: Optional[EvenSampler[StereoPair]] = None
+    for pair in pairs:
+        if sampler is None:
+            sampler = EvenSampler(max(min(most, MOST_BYTES // pair.left.nbytes), 2))
+        if sampler.wants():
+            sampler.add(pair)
+    return [] if sampler is None else sampler.items()
 
 
 def clean_background(images: list[NDArray[np.generic]], where: object) -> Background:
@@ -122,10 +120,10 @@ def _change(images: list[NDArray[np.generic]], scale: float, still: NDArray[np.f
     middle = still[every, every]
     lit = (middle > _LIGHT_NOISES * noise) & (middle < _CLIPPED_GREY)
     off = np.empty((len(images), *middle.shape), np.float32)
-    for one, image in zip(off, images):
-        seen = scale * image[every, every].astype(np.float32)
-        exposure = float(np.median(seen[lit] / middle[lit])) if lit.any() else 1.0
-        np.abs(seen / max(exposure, _DARKEST) - middle, out=one)
+    for row, image in zip(off, images):
+        grey = scale * image[every, every].astype(np.float32)
+        exposure = float(np.median(grey[lit] / middle[lit])) if lit.any() else 1.0
+        np.abs(grey / max(exposure, _DARKEST) - middle, out=row)
     std = SIGMAS_PER_MEDIAN * np.median(off, axis=0)
     usual = max(float(np.median(std)), LEAST_NOISE_GREY)  # most of a view has steady light
     return np.where(std > _LIGHT_NOISES * usual, std / np.maximum(middle, usual), 0.0).astype(

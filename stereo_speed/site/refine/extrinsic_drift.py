@@ -53,7 +53,7 @@ class Drift:
         return np.asarray(np.sqrt(np.diag(self.covariance_rad2)))
 
 
-class Shown(NamedTuple):
+class FamilyDrift(NamedTuple):
     """
     What lines and background show of the angles, assuming one family of roads.
 
@@ -84,7 +84,7 @@ class _Branch(NamedTuple):
     covariance_rad2: Array
 
 
-def decide_drift(shown: Sequence[Shown], config: RefineConfig = RefineConfig(),
+def decide_drift(shown: Sequence[FamilyDrift], config: RefineConfig = RefineConfig(),
                  prior: RoadPrior = RoadPrior()) -> Drift:
     """
     Decide whether the camera has rotated, and about which axes.
@@ -103,12 +103,13 @@ def decide_drift(shown: Sequence[Shown], config: RefineConfig = RefineConfig(),
                np.zeros(3)) / chances[best]
     # Angles that have not moved are not corrected.
     drift = np.where(best, mean, 0.0)
-    by_itself = _shares([s.log_evidence for s in shown])
-    seen = np.asarray(sum(w * s.drift_rad for w, s in zip(by_itself, shown)))
+    by_images = _shares([s.log_evidence for s in shown])
+    image_mean = np.asarray(sum(w * s.drift_rad for w, s in zip(by_images, shown)))
     return Drift(
-        seen, np.sqrt(np.diag(_spread(seen, by_itself, shown))),
+        image_mean, np.sqrt(np.diag(_spread(image_mean, by_images, shown))),
         float(1 - chances[(False, False, False)]), drift,
-        _spread(drift, weight, [Shown(0.0, b.mean_rad, b.covariance_rad2) for b in branches]))
+        _spread(drift, weight,
+                [FamilyDrift(0.0, b.mean_rad, b.covariance_rad2) for b in branches]))
 
 
 def _shares(scores: Sequence[float]) -> Array:
@@ -117,22 +118,22 @@ def _shares(scores: Sequence[float]) -> Array:
     return np.asarray(weight / weight.sum())
 
 
-def _spread(about_rad: Array, weight: Array, parts: Sequence[Shown]) -> Array:
+def _spread(about_rad: Array, weight: Array, parts: Sequence[FamilyDrift]) -> Array:
     """Return the covariance (3, 3) of a mixture about a given mean."""
     return np.asarray(sum(
         w * (p.covariance_rad2 + np.outer(p.drift_rad - about_rad, p.drift_rad - about_rad))
         for w, p in zip(weight, parts)))
 
 
-def _branch(shown: Shown, moved: tuple[bool, ...], config: RefineConfig, prior: RoadPrior
+def _branch(shown: FamilyDrift, moved: tuple[bool, ...], config: RefineConfig, prior: RoadPrior
             ) -> _Branch:
     """Return the posterior of one combination for one family of roads."""
-    seen, covariance = shown.drift_rad, shown.covariance_rad2
+    mean, covariance = shown.drift_rad, shown.covariance_rad2
     still, far = np.radians(prior.calibrated_std_deg)**2, np.radians(config.moved_std_deg)**2
     before = np.diag(np.where(moved, far, still))
     total = covariance + before
     gain = before @ np.linalg.inv(total)
-    score = -0.5 * (seen @ np.linalg.solve(total, seen) + np.linalg.slogdet(total)[1])
+    score = -0.5 * (mean @ np.linalg.solve(total, mean) + np.linalg.slogdet(total)[1])
     chance = config.moved_probability
     score += sum(np.log(chance if m else 1 - chance) for m in moved) + shown.log_evidence
-    return _Branch(float(score), moved, gain @ seen, before - gain @ before)
+    return _Branch(float(score), moved, gain @ mean, before - gain @ before)

@@ -109,16 +109,16 @@ def _period(refined: RefinedSite, name: str, expected_m: float) -> tuple[float, 
     road = refined.road_with([name])
     if road is None or name not in refined.found:
         return math.nan, math.nan
-    found = []
+    spacings = []
     for right, ends in enumerate(refined.rough.picked[name].views_px):
         view = refined.line_view(road, name, bool(right))
         sections = view.sections(ends[[0, -1]])
         half = refined.found[name][right].shape.width_m * _INNER
         x = np.tile(half * np.linspace(-1, 1, _SAMPLES), (len(sections.s_m), 1))
         grey = np.nanmean(view.read(sections, x), axis=1)
-        found += [spacing_of(dash_ends(sections.s_m, grey, rising, expected_m), expected_m)
-                  for rising in (True, False)]
-    values = np.array([f for f in found if np.isfinite(f[0])])
+        spacings += [spacing_of(dash_ends(sections.s_m, grey, rising, expected_m), expected_m)
+                     for rising in (True, False)]
+    values = np.array([spacing for spacing in spacings if np.isfinite(spacing[0])])
     if not len(values):
         return math.nan, math.nan
     weight = values[:, 1]**-2
@@ -169,6 +169,6 @@ def spacing_of(places: Array, expected_m: float) -> tuple[float, float]:
     if (np.diff(number) < 1).any():
         return math.nan, math.nan
     slope, intercept = np.polyfit(number, places, 1)
-    left = places - slope * number - intercept
-    scatter = max(float(np.sqrt(np.sum(left**2) / (len(places) - 2))), _END_STD_M)
+    residual = places - slope * number - intercept
+    scatter = max(float(np.sqrt(np.sum(residual**2) / (len(places) - 2))), _END_STD_M)
     return float(slope), scatter / float(np.sqrt(np.sum((number - number.mean())**2)))

@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 
 from .config import RefineConfig
 from .cross_sections import CrossSections, LineView
-from .section_model import BAND, detect, EDGE, fit_sections, Places, Shape, tuned
+from .section_model import (
+    BAND, BAND_SHARE, detect, EDGE, fit_sections, least_contrast_grey, Places, Shape, tuned)
 from ...core.records import Array
 from ...estimation.robust import robust_std
 
@@ -31,14 +32,12 @@ TUNED_SECTIONS = 60  # cross-sections used to find width and blur; more add litt
 # The search for the line as a whole.
 _SEARCH_SAMPLES = 81  # samples of a cross-section, half a pixel apart
 _SIDE_M = 0.4  # width of road read beyond the search range, for the sides of wide bands
-_ROOM = 0.45  # share of the distance to the next line that may be read
-_LEAST_ROOM_M = 0.3  # width that is read even if lines are closer
+_READ_SHARE = 0.45  # share of the distance to the next line that may be read
+_LEAST_READ_M = 0.3  # width that is read even if lines are closer
 _START_BLUR_PX = 0.6  # initial blur, that of a pixel and a good lens
-_USUAL = 0.85  # quantile of contrasts that is the usual one, as dashes cover a quarter of a line
-_BAND_SHARE = 0.35  # least contrast of a band, as a share of the contrast of the best edge
-_LEAST_NOISES, _LEAST_GREY = 3.0, 4.0  # least contrast, in 1-sigmas of the noise and grey levels
+_USUAL_QUANTILE = 0.85  # of contrasts; its value is the usual one, as dashes cover a quarter
 _NEAR_PX = 1.5  # largest distance of a place of the line from the smooth curve through it
-_IN_A_ROW = 0.5  # share of places near one curve below which contrast counts less, as for noise
+_COHERENT_SHARE = 0.5  # of places near one curve; below it contrast counts less, as for noise
 
 # The smooth curve through the places of a line.
 _VOTE_PX = 1.0  # distance within which places vote for each other
@@ -155,7 +154,7 @@ def locate(view: LineView, ends_px: Array, shape: Optional[Shape] = None,
     shape = tuned(shape, x, grey, scale[best], start[best], view.noise_grey)
     x, grey = _read(view, sections, start, shape)
     places = fit_sections(shape, x, grey, scale, start, view.noise_grey)
-    return _gathered(view, sections, places, shape, config)
+    return _combined(view, sections, places, shape, config)
 
 
 def _read(view: LineView, sections: CrossSections, start_m: Array, shape: Shape
@@ -166,35 +165,31 @@ def _read(view: LineView, sections: CrossSections, start_m: Array, shape: Shape
     return x, view.read(sections, x)
 
 
-def _least_grey(view: LineView) -> float:
-    """Return the least contrast of a marking, grey levels."""
-    return max(_LEAST_NOISES * view.noise_grey, _LEAST_GREY)
-
-
 def _search(view: LineView, sections: CrossSections, config: RefineConfig
             ) -> Optional[_Candidate]:
     """Return the line found: a band if there is one, else an edge."""
     offsets = view.fit.problem.model.offsets(view.fit.x)
     apart = np.abs(np.delete(offsets, view.line) - offsets[view.line])
-    room = _ROOM * float(apart.min()) if apart.size else np.inf
+    read_m = _READ_SHARE * float(apart.min()) if apart.size else np.inf
     scale = sections.px_per_m
-    half = np.minimum(config.search_px / scale + _SIDE_M, max(room, _LEAST_ROOM_M))
+    half = np.minimum(config.search_px / scale + _SIDE_M, max(read_m, _LEAST_READ_M))
     x = half[:, None] * np.linspace(-1, 1, _SEARCH_SAMPLES)
     grey = view.read(sections, x)
     reach = np.minimum(config.search_px / scale, half)
     edge, *bands = (max(
-        (_followed(x, np.where(np.abs(x) <= reach[:, None], contrast, -np.inf), sections,
-                   Shape(BAND if width else EDGE, width, _START_BLUR_PX, sign), config)
+        (_follow(x, np.where(np.abs(x) <= reach[:, None], contrast, -np.inf), sections,
+                 Shape(BAND if width else EDGE, width, _START_BLUR_PX, sign), config)
          for contrast, sign in zip(detect(x, grey, scale, width), (1, -1))),
         key=lambda candidate: candidate.score) for width in (0.0, *WIDTHS_M))
-    band, least = max(bands, key=lambda candidate: candidate.score), _least_grey(view)
-    if band.usual >= max(least, _BAND_SHARE * edge.usual):
+    band = max(bands, key=lambda candidate: candidate.score)
+    least = least_contrast_grey(view.noise_grey)
+    if band.usual >= max(least, BAND_SHARE * edge.usual):
         return band
     return edge if edge.usual >= least else None
 
 
-def _followed(x: Array, contrast: Array, sections: CrossSections, shape: Shape,
-              config: RefineConfig) -> _Candidate:
+def _follow(x: Array, contrast: Array, sections: CrossSections, shape: Shape,
+            config: RefineConfig) -> _Candidate:
     """
     Follow one kind of line over all cross-sections.
 
@@ -206,7 +201,7 @@ def _followed(x: Array, contrast: Array, sections: CrossSections, shape: Shape,
     peak = contrast[rows, best]
     peak = np.where(np.isfinite(peak), peak, -1.0)
     off_px = x[rows, best] * sections.px_per_m
-    usual = float(np.quantile(peak, _USUAL))
+    usual = float(np.quantile(peak, _USUAL_QUANTILE))
     good = peak > config.painted_share * max(usual, 1e-6)
     if good.sum() < LEAST_SECTIONS:
         return _Candidate(-1.0, shape, np.zeros(len(x)), peak, 0.0)
@@ -214,7 +209,7 @@ def _followed(x: Array, contrast: Array, sections: CrossSections, shape: Shape,
     near = good & (np.abs(off_px - curve) < _NEAR_PX)
     size = np.sqrt(shape.width_m * sections.px_per_m[near]) if shape.width_m else np.ones(
         near.sum())
-    usual = usual * min(1.0, near.sum() / max(_IN_A_ROW * good.sum(), 1))
+    usual = usual * min(1.0, near.sum() / max(_COHERENT_SHARE * good.sum(), 1))
     return _Candidate(float(np.sum(peak[near] * size)), shape, curve / sections.px_per_m,
                       np.where(near, peak, 0.0), usual)
 
@@ -223,9 +218,9 @@ def _consensus(arc_px: Array, off_px: Array, good: NDArray[np.bool_]) -> Array:
     """Return a smooth curve (n,) through the majority of the good places (n,)."""
     u = 2 * (arc_px - arc_px[0]) / max(arc_px[-1] - arc_px[0], 1.0) - 1
     values = off_px[good]
-    asked = values[::_VOTE_EVERY]
-    votes = (np.abs(values[:, None] - asked[None]) < _VOTE_PX).sum(axis=0)
-    curve = np.full(len(arc_px), asked[np.argmax(votes)])
+    candidates = values[::_VOTE_EVERY]
+    votes = (np.abs(values[:, None] - candidates[None]) < _VOTE_PX).sum(axis=0)
+    curve = np.full(len(arc_px), candidates[np.argmax(votes)])
     for degree, gate in _GATES:
         near = good & (np.abs(off_px - curve) < gate)
         if near.sum() < _POINTS_PER_TERM * (degree + 2):
@@ -250,13 +245,13 @@ def _spread_best(contrast: Array, count: int) -> NDArray[np.bool_]:
     return out
 
 
-def _gathered(view: LineView, sections: CrossSections, places: Places, shape: Shape,
+def _combined(view: LineView, sections: CrossSections, places: Places, shape: Shape,
               config: RefineConfig) -> Optional[LocatedLine]:
     """Return the line from its combined segments; None if too few cross-sections show it."""
     arc, off_px = sections.arc_px, places.across_m * sections.px_per_m
-    usual = np.quantile(places.contrast, _USUAL)
+    usual = np.quantile(places.contrast, _USUAL_QUANTILE)
     good = np.isfinite(off_px) & (places.contrast > config.painted_share * usual) & (
-        places.contrast > _least_grey(view) / 2)
+        places.contrast > least_contrast_grey(view.noise_grey) / 2)
     if good.sum() < 2 * LEAST_SECTIONS:
         return None
     good &= places.rms < _MOST_RMS * np.median(places.rms[good])
@@ -301,6 +296,6 @@ def _segment(arc: Array, off: Array, config: RefineConfig) -> Optional[_Segment]
     count = float(weight.sum())
     if count < LEAST_SECTIONS:
         return None
-    left = np.sqrt(np.sum(weight * (off - fitted)**2) / max(count - 2, 1))
-    std = float(np.hypot(left * np.sqrt(config.correlated_sections / count), config.floor_std_px))
+    rms = np.sqrt(np.sum(weight * (off - fitted)**2) / max(count - 2, 1))
+    std = float(np.hypot(rms * np.sqrt(config.correlated_sections / count), config.floor_std_px))
     return _Segment(float(middle), float(solution[0]), std, int(round(count)))

@@ -18,7 +18,7 @@ _COLOURS: tuple[Colour, ...] = (
     (60, 220, 60), (255, 160, 40), (60, 120, 255), (220, 60, 220), (40, 220, 220))
 _CLICKED: Colour = (90, 90, 255)
 _RESIDUAL: Colour = (0, 255, 255)
-_TIMES = 50  # magnification of the residuals
+_MAGNIFICATION = 50  # magnification of the residuals
 _NAME_PX = (-60, -8)  # offset of a line's name from its end
 
 
@@ -38,13 +38,14 @@ def picture(refined: RefinedSite, right: bool) -> NDArray[np.uint8]:
         dtype=np.uint8)
     for line in refined.rough.picked.values():
         for uv in line.views_px[int(right)]:
-            cv2.drawMarker(canvas, _at(uv), _CLICKED, cv2.MARKER_TILTED_CROSS, 9, 1, cv2.LINE_AA)
+            cv2.drawMarker(canvas, _canvas_px(uv), _CLICKED, cv2.MARKER_TILTED_CROSS, 9, 1,
+                           cv2.LINE_AA)
     if refined.road is not None:
         for number, name in enumerate(refined.road.names):
             colour = _COLOURS[number % len(_COLOURS)]
             _draw_line(canvas, refined.road, number, right, colour)
             at = refined.site.picked[name].views_px[int(right)][-1] + _NAME_PX
-            cv2.putText(canvas, name, _at(at), cv2.FONT_HERSHEY_SIMPLEX, 0.6, colour, 1,
+            cv2.putText(canvas, name, _canvas_px(at), cv2.FONT_HERSHEY_SIMPLEX, 0.6, colour, 1,
                         cv2.LINE_AA)
     return canvas
 
@@ -53,21 +54,22 @@ def _draw_line(canvas: NDArray[np.uint8], road: RoadFit, number: int, right: boo
                ) -> None:
     """Draw a fitted line, its points and their residuals."""
     s = np.linspace(*road.line_range_m(number), 400)
-    _draw(canvas, road.seen(road.points(number, s, np.zeros_like(s)), right), colour)
+    _draw_curve(canvas, road.seen(road.points(number, s, np.zeros_like(s)), right), colour)
     picks, feet = road.problem.picks, road.feet
-    mine = picks.of_line(number, right)
-    for uv, off, normal in zip(picks.uv_px[mine], feet.residual_px[mine], feet.normal[mine]):
-        cv2.circle(canvas, _at(uv), 3, colour, 1, cv2.LINE_AA)
-        cv2.line(canvas, _at(uv), _at(uv + _TIMES * off * normal), _RESIDUAL, 1, cv2.LINE_AA)
+    rows = picks.of_line(number, right)
+    for uv, off, normal in zip(picks.uv_px[rows], feet.residual_px[rows], feet.normal[rows]):
+        cv2.circle(canvas, _canvas_px(uv), 3, colour, 1, cv2.LINE_AA)
+        end = uv + _MAGNIFICATION * off * normal
+        cv2.line(canvas, _canvas_px(uv), _canvas_px(end), _RESIDUAL, 1, cv2.LINE_AA)
 
 
-def _at(uv: Array) -> tuple[int, int]:
+def _canvas_px(uv: Array) -> tuple[int, int]:
     """Return the pixel of the picture that shows a raw pixel."""
     u, v = np.round((np.asarray(uv) + 0.5) * _SCALE - 0.5).astype(int)
     return int(u), int(v)
 
 
-def _draw(canvas: NDArray[np.uint8], uv: Array, colour: Colour) -> None:
+def _draw_curve(canvas: NDArray[np.uint8], uv: Array, colour: Colour) -> None:
     """Draw a curve of raw pixels (n, 2)."""
     seen = np.isfinite(uv).all(axis=-1)
     points = np.round((uv[seen] + 0.5) * _SCALE - 0.5).astype(np.int32)

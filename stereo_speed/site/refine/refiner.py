@@ -16,12 +16,12 @@ from typing import Iterable, Mapping, Optional
 
 import numpy as np
 
-from .clicked import Beside, beside, not_clicked
+from .clicked import ClickDistance, not_clicked, signed_distances
 from .config import RefineConfig
 from .cross_sections import LineView
 from .empty_road import Background, backgrounds
 from .equal_sharpness import equally_sharp
-from .extrinsic_drift import decide_drift, Drift, Shown
+from .extrinsic_drift import decide_drift, Drift, FamilyDrift
 from .markings import locate, LocatedLine
 from .rig_check import Epipolar, epipolar_check
 from .speed_effect import lane_speed_std, Setup, speed_error
@@ -132,47 +132,47 @@ def refine_site(site: Site, rig: StereoRig, pairs: Iterable[StereoPair],
     if any(rig.drift_rad):
         rig = rig.drifted(-np.array(rig.drift_rad))
     rough, reversed_lines = in_one_direction(replace(site, correction=None), rig)
-    roads, found = _found_along(rough, rig, views, config, prior)
-    alike = equally_sharp(views, found.values())
-    if alike is not views:
-        views = alike
-        roads, found = _found_along(rough, rig, views, config, prior)
+    roads, found = _search_roads(rough, rig, views, config, prior)
+    equal = equally_sharp(views, found.values())
+    if equal is not views:
+        views = equal
+        roads, found = _search_roads(rough, rig, views, config, prior)
     largest = max(roads, key=lambda fit: len(fit.names), default=None)
     checked = _checked(rough, largest, views, found, config, prior)
     found, drift, road = checked.found, checked.drift, checked.road
     correction = RigCorrection(drift.drift_rad, drift.covariance_rad2)
     better = replace(_with_found(rough, found), correction=correction if road else None)
-    now = better.corrected_rig(rig)
+    corrected = better.corrected_rig(rig)
     if road is not None:
         road = same_family(
-            road, RoadProblem(now, road.problem.picks, road.problem.model, prior=prior,
+            road, RoadProblem(corrected, road.problem.picks, road.problem.model, prior=prior,
                               wander=road.problem.wander))
         better = replace(better, lines={**better.lines, **{
             n: _with_ends(better.picked[n], rough.picked[n], road)
             for n in found if n in road.names}})
     result = with_reversed(better, reversed_lines)
     try:
-        lanes = lane_paths(result, now, prior)
+        lanes = lane_paths(result, corrected, prior)
     except SiteError as error:
         if not found:
             raise
-        why = f'the markings that were found make no lane: {error.what}: found {error.found}'
+        reason = f'the detected markings give no lane: {error.what}: found {error.found}'
     else:
         off_px = np.zeros(0) if road is None else _off_road_px(road, rough)
         clicked = replace(site, correction=correction)
-        why = _disagreement(lanes, clicked, now, off_px, config, prior)
-    refined = RefinedSite(result, now, {}, site, found, road, drift, checked.epipolar, views,
+        reason = _disagreement(lanes, clicked, corrected, off_px, config, prior)
+    refined = RefinedSite(result, corrected, {}, site, found, road, drift, checked.epipolar, views,
                           config, prior)
-    return _as_clicked(refined, rig, why) if why else replace(refined, lanes=lanes)
+    return _as_clicked(refined, rig, reason) if reason else replace(refined, lanes=lanes)
 
 
-def _found_along(site: Site, rig: StereoRig, views: tuple[Background, Background],
-                 config: RefineConfig, prior: RoadPrior) -> tuple[list[RoadFit], Found]:
+def _search_roads(site: Site, rig: StereoRig, views: tuple[Background, Background],
+                  config: RefineConfig, prior: RoadPrior) -> tuple[list[RoadFit], Found]:
     """Return the roads of a site, and their lines as found."""
     roads: list[RoadFit] = []
     found: Found = {}
     for fit in fit_roads(site, rig, _LOOSE, prior):
-        fit, found = _find(site, fit, views, found, config)
+        fit, found = _search_road(site, fit, views, found, config)
         roads.append(fit)
     return roads, found
 
@@ -180,7 +180,8 @@ def _found_along(site: Site, rig: StereoRig, views: tuple[Background, Background
 def _off_road_px(road: RoadFit, rough: Site) -> Array:
     """Return the signed distances (n,) of all clicks from their lines on a refined road, px."""
     return np.concatenate([np.zeros(0), *(
-        beside(road, name, bool(right), uv)[0] for name in rough.picked if name in road.names
+        signed_distances(road, name, bool(right), uv)[0]
+        for name in rough.picked if name in road.names
         for right, uv in enumerate(rough.picked[name].views_px))])
 
 
@@ -205,34 +206,34 @@ def _disagreement(lanes: Mapping[str, LanePath], clicked: Site, rig: StereoRig, 
     if len(off_px) and np.sqrt(np.mean(np.square(off_px))) < most_px:
         return ''
     for name, lane in lanes.items():
-        ways = Setup(lane.path, rig), Setup(rough[name].path, rig)
-        change = max((speed_error(a, b) for a, b in (ways, ways[::-1])),
+        setups = Setup(lane.path, rig), Setup(rough[name].path, rig)
+        change = max((speed_error(a, b) for a, b in (setups, setups[::-1])),
                      key=lambda value: abs(np.nan_to_num(value)))
-        std = math.hypot(*(lane_speed_std(one, rig) for one in (lane, rough[name])))
+        std = math.hypot(*(lane_speed_std(each, rig) for each in (lane, rough[name])))
         if abs(change) > config.disagreement_sigmas * std:
-            return (f'on {name} the markings that were found and the clicks differ by '
-                    f'{100 * change:+.2f} % of the speed, {abs(change) / std:.1f} sigmas of both')
+            return (f'speeds on {name} by the detected markings and by the clicks differ by '
+                    f'{100 * change:+.2f} %, {abs(change) / std:.1f} combined sigmas')
     return ''
 
 
-def _as_clicked(refined: RefinedSite, rig: StereoRig, why: str) -> RefinedSite:
+def _as_clicked(refined: RefinedSite, rig: StereoRig, reason: str) -> RefinedSite:
     """
     Return the site as clicked, with the possible drift of the right camera as its covariance.
 
     :param refined: result of the refinement.
     :param rig: rig as calibrated.
-    :param why: reason why the refinement is not used.
+    :param reason: reason why the refinement is not used.
     """
     drift = refined.drift
     spread = drift.covariance_rad2 + np.outer(drift.drift_rad, drift.drift_rad)
     drift = replace(drift, drift_rad=np.zeros(3), covariance_rad2=spread)
     site = replace(refined.rough, correction=RigCorrection(np.zeros(3), spread))
     return replace(refined, site=site, rig=rig, lanes=lane_paths(site, rig, refined.prior),
-                   drift=drift, kept_clicks=why)
+                   drift=drift, kept_clicks=reason)
 
 
-def _find(site: Site, fit: RoadFit, views: tuple[Background, Background], known: Found,
-          config: RefineConfig) -> tuple[RoadFit, Found]:
+def _search_road(site: Site, fit: RoadFit, views: tuple[Background, Background], known: Found,
+                 config: RefineConfig) -> tuple[RoadFit, Found]:
     """
     Find the lines of one road in both views, and fit a better road to them.
 
@@ -273,7 +274,7 @@ def _checked(site: Site, first: Optional[RoadFit], views: tuple[Background, Back
     """
     if first is None:
         return _Checked(decide_drift(
-            [Shown(0.0, np.zeros(3), _UNKNOWN_RAD2)], config, prior), None, None, found)
+            [FamilyDrift(0.0, np.zeros(3), _UNKNOWN_RAD2)], config, prior), None, None, found)
     rig = first.problem.rig
     epipolar = epipolar_check(rig, views, first.plane, config)
     information = np.linalg.inv(_UNKNOWN_RAD2)
@@ -286,14 +287,14 @@ def _checked(site: Site, first: Optional[RoadFit], views: tuple[Background, Back
     clicked, site, kept = site, _with_found(site, found), found
     free = fit_lines(site, rig, first.names, before, prior, first)
     for _ in range(_STRAY_ROUNDS):
-        without = _meant(clicked, free, _without_strays(free, kept, config), config)
+        without = _without_unclicked(clicked, free, _without_strays(free, kept, config), config)
         if without == kept:
             break
         kept = without
         site = _with_found(clicked, kept)
         free = fit_lines(site, rig, first.names, before, prior, free)
     fixed = fit_lines(site, rig, first.names, still, prior, first)
-    drift = decide_drift(_shown(free, fixed, before), config, prior)
+    drift = decide_drift(_drift_by_family(free, fixed, before), config, prior)
     worst = int(np.argmax(np.abs(drift.drift_rad)))
     if np.degrees(abs(drift.drift_rad[worst])) > config.most_drift_deg:
         raise SiteError(site.where, f'{("pan", "tilt", "roll")[worst]} of the right camera since '
@@ -302,7 +303,7 @@ def _checked(site: Site, first: Optional[RoadFit], views: tuple[Background, Back
     return _Checked(drift, epipolar, free if drift.moved else fixed, kept)
 
 
-def _shown(free: RoadFit, fixed: RoadFit, before: DriftPrior) -> list[Shown]:
+def _drift_by_family(free: RoadFit, fixed: RoadFit, before: DriftPrior) -> list[FamilyDrift]:
     """
     Return the rotation of the right camera for each plausible family of roads.
 
@@ -313,7 +314,7 @@ def _shown(free: RoadFit, fixed: RoadFit, before: DriftPrior) -> list[Shown]:
     starts = {(family.problem.model.shape, family.problem.wander is None): (fit, family)
               for fit in (fixed, free) for family in fit.families}
     fits = [in_family(*start, before) for start in starts.values()]
-    return [Shown(log, fit.drift_rad, fit.covariance[-3:, -3:])
+    return [FamilyDrift(log, fit.drift_rad, fit.covariance[-3:, -3:])
             for log, fit in zip(log_evidences(fits), fits)]
 
 
@@ -339,7 +340,7 @@ def _without_strays(fit: RoadFit, found: Found, config: RefineConfig) -> Found:
     return out
 
 
-def _meant(clicked: Site, road: RoadFit, found: Found, config: RefineConfig) -> Found:
+def _without_unclicked(clicked: Site, road: RoadFit, found: Found, config: RefineConfig) -> Found:
     """
     Return the found lines without those that cannot be the clicked ones.
 
@@ -348,11 +349,11 @@ def _meant(clicked: Site, road: RoadFit, found: Found, config: RefineConfig) -> 
     :param clicked: site with the lines as clicked.
     :param road: road fitted to the found lines.
     """
-    beside_px = {name: Beside.of(road, name, found[name][0].shape.width_m,
-                                 clicked.picked[name].views_px)
+    distances = {name: ClickDistance.of(road, name, found[name][0].shape.width_m,
+                                        clicked.picked[name].views_px)
                  for name in road.names if name in found}
-    wrong = not_clicked(beside_px, road.problem.prior.pick_std_px, config.clicked_sigmas)
-    return {name: line for name, line in found.items() if name not in wrong}
+    unclicked = not_clicked(distances, road.problem.prior.pick_std_px, config.clicked_sigmas)
+    return {name: line for name, line in found.items() if name not in unclicked}
 
 
 def _with_ends(line: PickedLine, rough: PickedLine, road: RoadFit) -> PickedLine:
@@ -376,5 +377,5 @@ def _with_ends(line: PickedLine, rough: PickedLine, road: RoadFit) -> PickedLine
 
 def _beyond(uv: Array, point: Array, end: int) -> bool:
     """Return whether a point lies beyond the first (0) or the last (-1) point of a line."""
-    way = uv[0] - uv[1] if end == 0 else uv[-1] - uv[-2]
-    return bool((point - uv[end]) @ way > 0)
+    outward = uv[0] - uv[1] if end == 0 else uv[-1] - uv[-2]
+    return bool((point - uv[end]) @ outward > 0)

@@ -97,19 +97,19 @@ def report(refined: RefinedSite) -> Report:
 
 def _line(refined: RefinedSite, name: str) -> LineFigures:
     """Return the figures of one line."""
-    nothing = (math.nan, math.nan)
+    unknown = (math.nan, math.nan)
     if name not in refined.found:
         kind = 'as clicked' if name in refined.site.picked else 'surveyed'
-        return LineFigures(name, kind, math.nan, nothing, nothing, (0, 0), (0.0, 0.0))
+        return LineFigures(name, kind, math.nan, unknown, unknown, (0, 0), (0.0, 0.0))
     found = refined.found[name]
     residual = [math.nan, math.nan]
     road = refined.road_with([name])
     if road is not None:
         picks = road.problem.picks
         for right in (0, 1):
-            mine = picks.of_line(road.number(name), bool(right))
+            rows = picks.of_line(road.number(name), bool(right))
             residual[right] = float(np.sqrt(np.average(
-                road.feet.residual_px[mine]**2, weights=picks.std_px[mine]**-2)))
+                road.feet.residual_px[rows]**2, weights=picks.std_px[rows]**-2)))
     return LineFigures(
         name, found[0].shape.kind, found[0].shape.width_m, (residual[0], residual[1]),
         (found[0].scatter_px, found[1].scatter_px), (len(found[0].s_m), len(found[1].s_m)),
@@ -145,50 +145,50 @@ def _warnings(refined: RefinedSite, lines: tuple[LineFigures, ...],
     """Return the warnings."""
     config, out = refined.config, _rig_warnings(refined)
     if refined.views[0].pairs < config.few_pairs:
-        out.insert(0, f'only {refined.views[0].pairs} pairs: what passed may still be in the '
-                   'background')
+        out.insert(0, f'only {refined.views[0].pairs} pairs: the background may still show '
+                   'passing vehicles')
     if refined.kept_clicks:
-        out.append(f'lines left as they were clicked: {refined.kept_clicks}')
+        out.append(f'lines kept as clicked: {refined.kept_clicks}')
     for lane in lanes:
         if lane.std > config.worst_speed_std:
-            out.append(f'{lane.name}: path and rig leave speeds uncertain by {100 * lane.std:.2f} '
-                       f'% (± {lane.std * lane.limit_mps / MPH_MPS:.2f} mph at the limit)')
+            out.append(f'{lane.name}: 1-sigma of speeds by path and rig is {100 * lane.std:.2f} % '
+                       f'({lane.std * lane.limit_mps / MPH_MPS:.2f} mph at the speed limit)')
     for name in refined.lost:
-        out.append(f'{name}: no marking or kerb where it was clicked; left as it was clicked')
+        out.append(f'{name}: no marking or kerb found at the clicks; line kept as clicked')
     for line in lines:
         worst = max(line.residual_px)
         if worst > config.worst_residual_px:
-            out.append(f'{line.name}: marking {worst:.2f} px r.m.s. off the road that all lines '
-                       'make together')
+            out.append(f'{line.name}: marking lies {worst:.2f} px r.m.s. off the road fitted to '
+                       'all lines')
     for length in lengths:
         if length.wrong:
-            out.append(f'{length.name}: {length.measured_m:.4f} m ± {length.measured_std_m:.4f} '
-                       f'm found, {length.known_m:g} m ± {length.known_std_m:g} m known: '
-                       f'{length.off_sigmas:+.1f} sigmas apart')
+            out.append(f'{length.name}: measured {length.measured_m:.4f} m ± '
+                       f'{length.measured_std_m:.4f} m, known {length.known_m:g} m ± '
+                       f'{length.known_std_m:g} m: {length.off_sigmas:+.1f} sigmas apart')
         elif not math.isfinite(length.measured_m):
-            out.append(f'{length.name}: cannot be measured here')
+            out.append(f'{length.name}: cannot be measured at this site')
     return out
 
 
 def _rig_warnings(refined: RefinedSite) -> list[str]:
     """Return the warnings about the rig."""
     drift, out = refined.drift, []
-    for angle, value, left in zip(ANGLES, drift.drift_rad, drift.std_rad):
+    for angle, value, std in zip(ANGLES, drift.drift_rad, drift.std_rad):
         if value:
             out.append(f'the right camera has moved since the calibration: {angle} '
-                       f'{np.degrees(value):+.4f}° ± {np.degrees(left):.4f}°; refining corrects '
-                       'it, but calibrate the rig again')
+                       f'{np.degrees(value):+.4f}° ± {np.degrees(std):.4f}°; the refined '
+                       'site corrects this, but calibrate the rig again')
     if not drift.moved and drift.moved_probability > refined.config.doubtful_probability:
         out.append('the right camera may have moved since the calibration (probability '
-                   f'{drift.moved_probability:.2f}); nothing is corrected, speeds are the more '
-                   'uncertain for it')
+                   f'{drift.moved_probability:.2f}); this is not corrected but included in the '
+                   '1-sigma of speeds')
     before = refined.rough.correction
     if before is not None:
         step = drift.drift_rad - before.drift_rad
-        std = np.sqrt(np.diag(drift.covariance_rad2 + before.covariance_rad2))
+        step_std = np.sqrt(np.diag(drift.covariance_rad2 + before.covariance_rad2))
         out += [f'the right camera has moved since the site was refined: {angle} '
                 f'{np.degrees(change):+.4f}° ± {np.degrees(sigma):.4f}°; refine it again'
-                for angle, change, sigma in zip(ANGLES, step, std)
+                for angle, change, sigma in zip(ANGLES, step, step_std)
                 if abs(change) > _MOVED_SIGMAS * sigma]
     return out
 
@@ -220,15 +220,15 @@ def summary_lines(refined: RefinedSite, figures: Report) -> list[str]:
             (shape.tilt, 'grade and crossfall in the bend'),
             (shape.vertical, f'changing grade ({shape.vertical})'),
             (shape.twist, f'changing crossfall ({shape.twist})'),
-            (shape.vertical_curve, 'one grade after another')) if count]
+            (shape.vertical_curve, 'vertical curve')) if count]
         out.append(f'road: {kind}, {", ".join(bent) or "plane surface"}')
     for lane in figures.lanes:
         mph = lane.limit_mps / MPH_MPS
         width = '' if math.isnan(lane.width_m) else \
             f'{lane.width_m:.4f} m ± {1e3 * lane.width_std_m:.1f} mm wide; '
         change = '' if math.isnan(lane.change) else \
-            f'speeds by {100 * lane.change:+.3f} % ({lane.change * mph:+.3f} mph at the limit) ' \
-            'before; '
+            f'refinement changes speeds by {100 * lane.change:+.3f} % ' \
+            f'({lane.change * mph:+.3f} mph at the speed limit); '
         out.append(f'{lane.name}: {width}{change}1-sigma of path and rig '
                    f'{100 * lane.std:.3f} % ({lane.std * mph:.3f} mph)')
     for length in figures.lengths:

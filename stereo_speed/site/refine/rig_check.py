@@ -73,7 +73,7 @@ def epipolar_check(rig: StereoRig, views: tuple[Background, Background], plane: 
     left, right = _matches(rig, views, plane)
     if len(left) < LEAST_DETAILS:
         return None
-    residual, slope = off_lines(rig, left, right)
+    residual, slope = epipolar_distances(rig, left, right)
     drift = np.zeros(3)
     for _ in range(_ROUNDS):
         off = residual - slope @ drift
@@ -86,7 +86,7 @@ def epipolar_check(rig: StereoRig, views: tuple[Background, Background], plane: 
                     share * (slope.T * weight) @ slope / spread**2)
 
 
-def off_lines(rig: StereoRig, left_px: Array, right_px: Array) -> tuple[Array, Array]:
+def epipolar_distances(rig: StereoRig, left_px: Array, right_px: Array) -> tuple[Array, Array]:
     """
     Return the distances of right pixels from the epipolar lines of left ones, and their slopes.
 
@@ -111,38 +111,38 @@ def _matches(rig: StereoRig, views: tuple[Background, Background], plane: Plane
     """Return the raw pixels (n, 2) of matched details in both views."""
     height, width = views[0].image.shape
     u, v = np.meshgrid(np.arange(width, dtype=np.float64), np.arange(height, dtype=np.float64))
-    carried = _carry(rig, np.stack([u, v], axis=-1), plane)
+    carried = _to_right_view(rig, np.stack([u, v], axis=-1), plane)
     warped = views[1].spline(carried)
     known = np.isfinite(warped)
-    here = _flattened(views[0].image)
-    there = _flattened(np.where(known, warped, views[0].image).astype(np.float32))
+    left_grey = _flattened(views[0].image)
+    right_grey = _flattened(np.where(known, warped, views[0].image).astype(np.float32))
     mask = cv2.erode(known.astype(np.uint8), np.ones((2 * _WINDOW_PX + 1,) * 2, np.uint8))
     corners = cv2.goodFeaturesToTrack(
-        here, MOST_DETAILS, _CORNER_SHARE, _CORNERS_APART_PX, mask=mask, blockSize=_CORNER_PX)
+        left_grey, MOST_DETAILS, _CORNER_SHARE, _CORNERS_APART_PX, mask=mask, blockSize=_CORNER_PX)
     if corners is None:
         return np.zeros((0, 2)), np.zeros((0, 2))
-    found, good = _tracked(here, there, np.asarray(corners, np.float32))
-    back, good_back = _tracked(there, here, found)
-    same = np.linalg.norm((back - corners).reshape(-1, 2), axis=-1) < _SAME_PX
-    same &= good & good_back
-    left = corners.reshape(-1, 2)[same].astype(np.float64)
-    right = _carry(rig, found.reshape(-1, 2)[same].astype(np.float64), plane)
-    residual = off_lines(rig, left, right)[0]
+    found, good = _tracked(left_grey, right_grey, np.asarray(corners, np.float32))
+    back, good_back = _tracked(right_grey, left_grey, found)
+    consistent = np.linalg.norm((back - corners).reshape(-1, 2), axis=-1) < _SAME_PX
+    consistent &= good & good_back
+    left = corners.reshape(-1, 2)[consistent].astype(np.float64)
+    right = _to_right_view(rig, found.reshape(-1, 2)[consistent].astype(np.float64), plane)
+    residual = epipolar_distances(rig, left, right)[0]
     near = np.isfinite(residual) & (np.abs(residual) < _MOST_PX)
     return left[near], right[near]
 
 
-def _tracked(here: NDArray[np.uint8], there: NDArray[np.uint8], corners: NDArray[np.float32]
+def _tracked(first: NDArray[np.uint8], second: NDArray[np.uint8], corners: NDArray[np.float32]
              ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     """Return corners (n, 1, 2) of one image tracked to another, and which (n,) were found."""
     criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, _MOST_STEPS, _ACCURACY_PX)
     found, good, _ = cv2.calcOpticalFlowPyrLK(
-        here, there, corners, np.zeros_like(corners), winSize=(_WINDOW_PX, _WINDOW_PX),
+        first, second, corners, np.zeros_like(corners), winSize=(_WINDOW_PX, _WINDOW_PX),
         maxLevel=_LEVELS, criteria=criteria)
     return np.asarray(found, np.float32), np.asarray(good).ravel() == 1
 
 
-def _carry(rig: StereoRig, uv_px: Array, plane: Plane) -> Array:
+def _to_right_view(rig: StereoRig, uv_px: Array, plane: Plane) -> Array:
     """Return left pixels (..., 2) mapped to the right view over the road, or over infinity."""
     rays, distance = rig.left.rays(uv_px), plane.distance_m
     toward = rays @ plane.normal

@@ -26,9 +26,9 @@ from ...road.lanes import LanePath
 from ...road.problem import RoadPrior
 
 MOST_SHARE = 0.01  # largest relative error of speeds that a self-test allows
-_AS_FAR_AS_FOUND = 100.0  # sigmas that disable the comparison of found lines with their clicks
-_SURELY = 4.0  # sigmas of the speed error from which a rotated camera makes the rig off
-_BEYOND_DOUBT = 3.0  # sigmas by which an error must exceed the limit
+_NO_LIMIT = 100.0  # sigmas that disable the comparison of found lines with their clicks
+_SIGNIFICANT_SIGMAS = 4.0  # sigmas of the speed error from which a rotated camera counts
+_EXCESS_SIGMAS = 3.0  # sigmas by which an error must exceed the limit
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,9 +79,9 @@ class RigState:
         """
         if self.share is None:
             return False
-        if self.turned and self.share > _SURELY * self.std_share:
+        if self.turned and self.share > _SIGNIFICANT_SIGMAS * self.std_share:
             return True
-        return not self.share <= MOST_SHARE + _BEYOND_DOUBT * self.std_share
+        return not self.share <= MOST_SHARE + _EXCESS_SIGMAS * self.std_share
 
 
 def rig_state(used: Stance, pairs: Iterable[StereoPair], config: RefineConfig = RefineConfig(),
@@ -98,21 +98,21 @@ def rig_state(used: Stance, pairs: Iterable[StereoPair], config: RefineConfig = 
     :param suspected: stance found by an earlier look; None if there was none.
     """
     # Lines beside their clicks must not be dropped here, as they may show that the rig has moved.
-    beside = replace(config, clicked_sigmas=_AS_FAR_AS_FOUND, disagreement_sigmas=_AS_FAR_AS_FOUND,
-                     disagreement_factor=_AS_FAR_AS_FOUND)
+    tolerant = replace(config, clicked_sigmas=_NO_LIMIT, disagreement_sigmas=_NO_LIMIT,
+                       disagreement_factor=_NO_LIMIT)
     try:
-        now = refine_site(used.site, used.rig, pairs, beside, prior)
+        refined = refine_site(used.site, used.rig, pairs, tolerant, prior)
     except SiteError as error:
-        return RigState(None, '', f'lines and background do not show how the rig stands: {error}')
-    if now.kept_clicks:
-        return RigState(math.inf, '', f'the rig or the lines have moved: {now.kept_clicks}')
-    if not now.found:
-        return RigState(None, '', 'none of the lines is seen: how the rig stands is not known')
-    stance = Stance(now.site, now.rig, now.lanes)
-    state = _compared(stance, replace(used, rig=used.rig.as_taken(followed)), now.drift.moved)
-    again = None if suspected is None else _compared(stance, suspected, now.drift.moved)
-    return replace(state, confirmed=again is not None and again.share is not None
-                   and again.share <= MOST_SHARE)
+        return RigState(None, '', f'pose of the rig unknown: {error}')
+    if refined.kept_clicks:
+        return RigState(math.inf, '', f'the rig or the lines have moved: {refined.kept_clicks}')
+    if not refined.found:
+        return RigState(None, '', 'pose of the rig unknown: no line is visible')
+    stance = Stance(refined.site, refined.rig, refined.lanes)
+    state = _compared(stance, replace(used, rig=used.rig.as_taken(followed)), refined.drift.moved)
+    repeated = None if suspected is None else _compared(stance, suspected, refined.drift.moved)
+    return replace(state, confirmed=repeated is not None and repeated.share is not None
+                   and repeated.share <= MOST_SHARE)
 
 
 def _compared(now: Stance, used: Stance, turned: bool) -> RigState:
@@ -129,11 +129,11 @@ def _compared(now: Stance, used: Stance, turned: bool) -> RigState:
     if not known:
         return RigState(math.inf, '', 'the road is out of view: the rig has moved')
     lane = max(known, key=lambda name: known[name])
-    seen_to = max(lane_speed_std(now.lanes[name], now.rig) for name in known)
-    std = math.hypot(seen_to, lane_speed_std(used.lanes[lane], used.rig))
-    text = (f'rig and lines as they stand now change speeds on {lane} '
+    worst_std = max(lane_speed_std(now.lanes[name], now.rig) for name in known)
+    std = math.hypot(worst_std, lane_speed_std(used.lanes[lane], used.rig))
+    text = (f'the present pose of rig and lines changes speeds on {lane} '
             f'by {100 * known[lane]:.2f} ± {100 * std:.2f} %')
     hidden = [name for name in used.lanes if name not in known]
     return RigState(known[lane], lane, text + (
-        f'; not known of what is out of view: {", ".join(hidden)}' if hidden else ''),
-        std, turned, None if hidden or seen_to > MOST_SHARE else now)
+        f'; unknown for lanes out of view: {", ".join(hidden)}' if hidden else ''),
+        std, turned, None if hidden or worst_std > MOST_SHARE else now)

@@ -18,6 +18,10 @@ from scipy.special import ndtr
 from ...core.records import Array
 
 BAND, EDGE = 'band', 'edge'
+# Least contrast of a band as a share of that of the best edge.  A kerb shows no band, as a band
+# must differ from both of its sides; a painted line beside something lighter shows a weak one.
+BAND_SHARE = 0.35
+_LEAST_NOISES, LEAST_GREY = 3.0, 4.0  # least contrast, in 1-sigmas of the noise and grey levels
 MARGIN_PX = 4.0  # least width of road that is read on either side of a band
 _MARGIN_WIDTHS = 0.8  # the same in half widths of the band, for bands that are wide in the image
 _STEPS = 6  # Gauss-Newton steps; it converges in four from half a band away
@@ -145,13 +149,13 @@ def _basis(shape: Shape, x: Array, blur: Array) -> tuple[Array, Array]:
     """
     def edge(z: Array) -> tuple[Array, Array]:
         return ndtr(z / blur), np.exp(-0.5 * (z / blur)**2) / (blur * np.sqrt(2 * np.pi))
-    one, half = np.ones_like(x), shape.width_m / 2
+    ones, half = np.ones_like(x), shape.width_m / 2
     if shape.kind == EDGE:
         rise, slope = edge(x)
-        return np.stack([one, rise - 0.5], axis=-1), -slope
+        return np.stack([ones, rise - 0.5], axis=-1), -slope
     (rise, up), (fall, down) = edge(x + half), edge(x - half)
     # The sides may differ, with half of the step at either edge.
-    return np.stack([one, (rise + fall) / 2 - 0.5, rise - fall], axis=-1), down - up
+    return np.stack([ones, (rise + fall) / 2 - 0.5, rise - fall], axis=-1), down - up
 
 
 def _ridge(shape: Shape, size: int, level: Array, noise_grey: float) -> Array:
@@ -166,7 +170,7 @@ def _ridge(shape: Shape, size: int, level: Array, noise_grey: float) -> Array:
 def tuned(shape: Shape, across_m: Array, grey: Array, px_per_m: Array, start_m: Array,
           noise_grey: float) -> Shape:
     """Return the shape with the width and blur that fit the cross-sections of a line best."""
-    def of(x: Array) -> Shape:
+    def shape_at(x: Array) -> Shape:
         width = float(np.exp(x[1])) if len(x) > 1 else 0.0
         return replace(shape, blur_px=float(np.exp(x[0])), width_m=width)
 
@@ -177,20 +181,25 @@ def tuned(shape: Shape, across_m: Array, grey: Array, px_per_m: Array, start_m: 
         ranges = (_BLUR_RANGE_PX, _WIDTH_RANGE_M)[:len(x)]
         if not all(np.log(low) <= value <= np.log(high) for value, (low, high) in zip(x, ranges)):
             return 1e9
-        places = fit_sections(of(x), across_m, grey, px_per_m, start_m, noise_grey)
+        places = fit_sections(shape_at(x), across_m, grey, px_per_m, start_m, noise_grey)
         return float(np.mean(np.log(places.rms**2 + _FLOOR_VARIANCE)))
 
     start = [np.log(shape.blur_px)]
     if shape.kind == BAND:
         start.append(np.log(shape.width_m))
-    found = minimize(cost, start, method='Nelder-Mead', options={
+    result = minimize(cost, start, method='Nelder-Mead', options={
         'maxfev': 45, 'xatol': 0.01, 'fatol': 1e-4, 'initial_simplex': _simplex(start)})
-    return of(found.x)
+    return shape_at(result.x)
 
 
 def _simplex(start: list[float]) -> Array:
     """Return an initial simplex whose vertices differ by about a fifth of width and blur."""
     return np.array(start) + np.vstack([np.zeros(len(start)), 0.2 * np.eye(len(start))])
+
+
+def least_contrast_grey(noise_grey: float) -> float:
+    """Return the least contrast of a marking, in grey levels, for the noise of an image."""
+    return max(_LEAST_NOISES * noise_grey, LEAST_GREY)
 
 
 def detect(across_m: Array, grey: Array, px_per_m: Array, width_m: float

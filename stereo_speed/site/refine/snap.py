@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .empty_road import Background
-from .section_model import BAND, detect, EDGE, fit_sections, Places, Shape
+from .section_model import (
+    BAND, BAND_SHARE, detect, EDGE, fit_sections, least_contrast_grey, LEAST_GREY, Places, Shape)
 from ...core.records import Array
 from ...estimation.robust import robust_std
 
@@ -28,9 +29,7 @@ _STEP_PX = 0.5  # spacing of the samples of a cross-section
 _ROUNDS = 3  # rounds of measuring, each along the direction found before
 _LEAST_SECTIONS = 7  # fewest cross-sections that must show the marking
 _MOST_SLOPE = 0.2  # largest slope of a marking relative to its expected direction
-_WIDE = 0.01  # 1-sigma of a band's middle by perspective and wear, as a share of its width
-_LEAST_NOISES, _LEAST_GREY = 3.0, 4.0  # least contrast, in 1-sigmas of the noise and grey levels
-_BAND_SHARE = 0.5  # least contrast of a band, as a share of the contrast of the best edge
+_MIDDLE_STD = 0.01  # 1-sigma of a band's middle by perspective and wear, as a share of its width
 _PAINTED = 0.5  # share of the usual contrast below which a cross-section shows no marking
 _NEAR_PX = 1.5  # largest distance from the median place for cross-sections of one marking
 _STRAY = 3.0  # sigmas beyond which a cross-section is an outlier
@@ -38,7 +37,7 @@ _MOST_STD_PX = 0.3  # largest useful 1-sigma of a point, that of a careful click
 _FLOOR_PX = 0.02  # 1-sigma that more cross-sections do not reduce
 _STANDS_OUT = 2.5  # least contrast in multiples of that of the texture beside the marking
 _BESIDE_PX, _TEXTURE = 4.0, 0.9  # distance of that texture, and quantile of its contrasts
-_FAR = 0.03  # reduction of the score per pixel from the click, so that nearer markings win
+_PENALTY = 0.03  # reduction of the score per pixel from the click, so that nearer markings win
 _RADIUS_PX, _COHERENT = 8, 0.35  # radius of a patch with a direction, and its least coherence
 
 
@@ -57,20 +56,20 @@ class Snapped:
     kind: str
 
 
-def snap(view: Background, uv_px: Array, way: Optional[Array] = None) -> Optional[Snapped]:
+def snap(view: Background, uv_px: Array, direction: Optional[Array] = None) -> Optional[Snapped]:
     """
     Return the point of a marking that is nearest to a click; None if there is no marking.
 
     :param view: the view without traffic.
     :param uv_px: (2,) clicked raw pixel.
-    :param way: (2,) direction of the line there; None to estimate it from the image.
+    :param direction: (2,) direction of the line there; None to estimate it from the image.
     """
     at = np.asarray(uv_px, dtype=np.float64)
-    length = 0.0 if way is None else float(np.linalg.norm(way))
-    along = _way_shown(view, at) if way is None or length == 0 else np.asarray(way) / length
+    length = 0.0 if direction is None else float(np.linalg.norm(direction))
+    along = np.asarray(direction) / length if length > 0 else _image_direction(view, at)
     if along is None:
         return None
-    shape, centre = _found(view, _Sections.across(view, at, along)), at
+    shape, centre = _detected(view, _Sections.across(view, at, along)), at
     if shape is None:
         return None
     for _ in range(_ROUNDS):
@@ -97,7 +96,7 @@ def _normal(along: Array) -> Array:
     return np.array([-along[1], along[0]])
 
 
-def _way_shown(view: Background, at: Array) -> Optional[Array]:
+def _image_direction(view: Background, at: Array) -> Optional[Array]:
     """Return the direction (2,) of the structure at a place; None if it has no clear one."""
     u, v = (int(round(float(x))) for x in at)
     r = _RADIUS_PX
@@ -140,11 +139,11 @@ class _Sections:
         return cls(t, x, view.spline(uv))
 
 
-def _found(view: Background, sections: _Sections) -> Optional[_Start]:
+def _detected(view: Background, sections: _Sections) -> Optional[_Start]:
     """Return the band near the click, or the edge if there is no band."""
     ones, x = np.ones(_SECTIONS), sections.across_px
     reachable = np.abs(x[0]) <= REACH_PX
-    worth = 1 - _FAR * np.abs(x[0])
+    worth = 1 - _PENALTY * np.abs(x[0])
     best: dict[str, tuple[float, _Start]] = {}
     for width in _WIDTHS_PX:
         kind = BAND if width else EDGE
@@ -164,10 +163,10 @@ def _found(view: Background, sections: _Sections) -> Optional[_Start]:
             value = float(score[peak]) * (1 + 0.01 * width)
             if value > best.get(kind, (-np.inf, start))[0]:
                 best[kind] = value, start
-    least = max(_LEAST_NOISES * view.noise_grey, _LEAST_GREY)
+    least = least_contrast_grey(view.noise_grey)
     band, edge = (best[kind][1] if kind in best else None for kind in (BAND, EDGE))
     strongest = 0.0 if edge is None else edge.contrast
-    if band is not None and band.contrast >= max(least, _BAND_SHARE * strongest):
+    if band is not None and band.contrast >= max(least, BAND_SHARE * strongest):
         return _tuned(view, sections, band)
     return _tuned(view, sections, edge) if edge is not None and strongest >= least else None
 
@@ -199,11 +198,11 @@ def _tuned(view: Background, sections: _Sections, start: _Start) -> _Start:
     tried = [_Start(start.kind, width, blur, start.sign, start.at_px, start.contrast)
              for width in widths for blur in _BLURS_PX]
 
-    def left(shape: _Start) -> float:
+    def misfit(shape: _Start) -> float:
         places = _fitted(view, sections, shape, shape.at_px)
         painted = places.contrast > _PAINTED * start.contrast
         return float(np.median(places.rms[painted])) if painted.any() else math.inf
-    return min(tried, key=left)
+    return min(tried, key=misfit)
 
 
 def _line(view: Background, sections: _Sections, shape: _Start
@@ -211,7 +210,7 @@ def _line(view: Background, sections: _Sections, shape: _Start
     """Return offset, slope and 1-sigma of the marking at the centre; None if too few agree."""
     places = _fitted(view, sections, shape, shape.at_px)
     x, t = places.across_m, sections.along_px
-    least = max(_PAINTED * float(np.quantile(places.contrast, 0.8)), _LEAST_GREY / 2)
+    least = max(_PAINTED * float(np.quantile(places.contrast, 0.8)), LEAST_GREY / 2)
     good: NDArray[np.bool_] = np.isfinite(x) & (places.contrast > least)
     if good.sum() < _LEAST_SECTIONS:
         return None
@@ -224,5 +223,5 @@ def _line(view: Background, sections: _Sections, shape: _Start
         spread = max(robust_std(off[good]), _FLOOR_PX)
         good &= np.abs(off) < _STRAY * spread
     std = math.hypot(spread / math.sqrt(max(float(good.sum()) / 2, 1.0)), _FLOOR_PX,
-                     _WIDE * shape.width_m)
+                     _MIDDLE_STD * shape.width_m)
     return float(offset), float(slope), std

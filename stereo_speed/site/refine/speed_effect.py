@@ -21,13 +21,11 @@ from ...core.records import Array
 from ...geometry.rig import StereoRig
 from ...road.lanes import LanePath
 from ...road.path import Path, SplinePath
+from ...road.path_effect import FRONT_STD_PX, OFFSET_CHANGE_STD_M, PLACES, seen_stretch
 
-_PLACES, _FEWEST = 13, 4  # places at which the point is seen, and the fewest for a speed
 _LOOKED_AT = 101  # places of a path whose visibility in both views is checked
 _SPACING_M, _LEAST_POINTS = 1.0, 8  # spacing and fewest points of a rotated path
 _ABOVE_M = 0.6  # height of the middle of a front above the path
-_WANDER_STD_M = 0.05  # 1-sigma of changes of the offsets across and above the path
-_PIXEL_STD = 0.1  # 1-sigma of the position of a front in an image, px
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +50,7 @@ def speed_error(true: Setup, used: Setup) -> float:
     :return: NaN if too little of the path is visible.
     """
     s = _seen(true)
-    if len(s) < _FEWEST:
+    if not len(s):
         return float('nan')
     frame, place = true.path.frame(s), true.path.position(s)
     points = place + _ABOVE_M * frame[..., 2]
@@ -67,14 +65,14 @@ def speed_error(true: Setup, used: Setup) -> float:
         axes = path.frame(along)
         at = path.position(along) + beside[:, None] * axes[..., 1] + above[:, None] * axes[..., 2]
         off = [a - b for a, b in zip(rig.project(at)[:2], seen)]
-        wander = np.concatenate([beside - x[-2], above - x[-1]]) / _WANDER_STD_M
+        change = np.concatenate([beside - x[-2], above - x[-1]]) / OFFSET_CHANGE_STD_M
         return np.asarray(np.nan_to_num(np.concatenate(
-            [off[0].ravel(), off[1].ravel(), _PIXEL_STD * wander])))
+            [off[0].ravel(), off[1].ravel(), FRONT_STD_PX * change])))
 
-    found = least_squares(residuals, np.append(start.ravel(), [0.0, _ABOVE_M]), x_scale='jac',
-                          xtol=1e-10, ftol=1e-10)
+    solution = least_squares(residuals, np.append(start.ravel(), [0.0, _ABOVE_M]), x_scale='jac',
+                             xtol=1e-10, ftol=1e-10)
     weight = points[:, 2]**-4.0
-    along, middle = found.x[:-2].reshape(-1, 3)[:, 0], np.average(s, weights=weight)
+    along, middle = solution.x[:-2].reshape(-1, 3)[:, 0], np.average(s, weights=weight)
     slope = np.sum(weight * (s - middle) * along) / np.sum(weight * (s - middle)**2)
     return float(slope - 1)
 
@@ -104,11 +102,8 @@ def lane_speed_std(lane: LanePath, rig: StereoRig) -> float:
 
 
 def _seen(setup: Setup) -> Array:
-    """Return evenly spaced arc lengths (n,) of the part of a path that both views see, m."""
+    """Return evenly spaced arc lengths (n,) of the visible part of a path, m; maybe none."""
     path = setup.path
     s = np.linspace(0, path.length_m, _LOOKED_AT)
-    _, _, left, right = setup.rig.project(path.position(s) + _ABOVE_M * path.frame(s)[..., 2])
-    both = np.flatnonzero(left & right)
-    if len(both) < 2:
-        return np.zeros(0)
-    return np.linspace(s[both[0]], s[both[-1]], _PLACES)
+    ends = seen_stretch(setup.rig, path.position(s) + _ABOVE_M * path.frame(s)[..., 2])
+    return np.zeros(0) if ends is None else path.length_m * np.linspace(*ends, PLACES)

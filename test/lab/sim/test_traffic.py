@@ -266,5 +266,5 @@ def test_a_lane_between_lines_that_run_against_each_other_is_refused(tmp_path):
     site['lanes'] = [{**site['lanes'][0], 'left': 'edge_left'}]
     path = tmp_path / 'site.yaml'
     path.write_text(yaml.safe_dump(site))
-    with pytest.raises(InputError, match='edge_right against edge_left'):
+    with pytest.raises(InputError, match='edge_right opposed to edge_left'):
         lane_paths(load_site(path), stream.rig)

@@ -24,7 +24,7 @@ from stereo_speed.site.lane_paths import lane_paths
 from stereo_speed.site.refine.config import RefineConfig
 from stereo_speed.site.refine.cross_sections import LineView
 from stereo_speed.site.refine.empty_road import Background
-from stereo_speed.site.refine.extrinsic_drift import decide_drift, Shown
+from stereo_speed.site.refine.extrinsic_drift import decide_drift, FamilyDrift
 from stereo_speed.site.refine.markings import locate
 from stereo_speed.site.refine.refiner import RefinedSite
 from stereo_speed.vision.spline_image import SplineImage
@@ -165,6 +165,6 @@ def drawn_refined(drawn) -> RefinedSite:
                drawn.lines[name].views_px[right][[0, -1]]) for right in (0, 1))
              for i, name in enumerate(LINES_M)}
     drift = decide_drift(
-        [Shown(0.0, np.zeros(3), np.diag(np.radians([0.001, 0.0003, 0.002])**2))])
+        [FamilyDrift(0.0, np.zeros(3), np.diag(np.radians([0.001, 0.0003, 0.002])**2))])
     return RefinedSite(drawn.site, drawn.rig, lane_paths(drawn.site, drawn.rig), drawn.site, found,
                        drawn.fit, drift, None, views, RefineConfig(), RoadPrior())

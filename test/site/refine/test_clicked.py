@@ -9,20 +9,22 @@ import numpy as np
 import pytest
 from stereo_speed.core.records import StereoPair
 from stereo_speed.site.file import PickedLine
-from stereo_speed.site.refine.clicked import Beside, beside, not_clicked
+from stereo_speed.site.refine.clicked import ClickDistance, not_clicked, signed_distances
 from stereo_speed.site.refine.refiner import refine_site
 
-ON = Beside(0.2, -2.0)
+ON = ClickDistance(0.2, -2.0)
 
 
 @pytest.mark.parametrize('lines, wrong', [
-    ({'a': ON, 'b': ON, 'c': Beside(4.0, 1.8)}, {'c'}),
-    ({'a': ON, 'b': ON, 'c': Beside(4.0, 1.0)}, set()),  # 3 sigmas are 1.08 px
-    ({'a': ON, 'c': Beside(4.0, 1.8)}, {'c'}),
-    ({'a': Beside(3.0, 1.8), 'b': Beside(3.0, 1.0), 'c': Beside(3.0, 2.0)}, set()),  # a knock
-    ({'a': Beside(9.0, 8.0), 'b': ON, 'c': Beside(4.0, 1.8), 'd': ON}, {'a', 'c'}),
-    ({'n': Beside(np.nan, np.nan), 'a': ON, 'b': ON, 'c': Beside(4.0, 1.8)}, {'c'}),
-    ({'a': Beside(1.0, 0.91)}, {'a'}), ({'a': Beside(1.0, 0.89)}, set()), ({}, set())])
+    ({'a': ON, 'b': ON, 'c': ClickDistance(4.0, 1.8)}, {'c'}),
+    ({'a': ON, 'b': ON, 'c': ClickDistance(4.0, 1.0)}, set()),  # 3 sigmas are 1.08 px
+    ({'a': ON, 'c': ClickDistance(4.0, 1.8)}, {'c'}),
+    ({'a': ClickDistance(3.0, 1.8), 'b': ClickDistance(3.0, 1.0),
+      'c': ClickDistance(3.0, 2.0)}, set()),  # a knock
+    ({'a': ClickDistance(9.0, 8.0), 'b': ON, 'c': ClickDistance(4.0, 1.8), 'd': ON}, {'a', 'c'}),
+    ({'n': ClickDistance(np.nan, np.nan), 'a': ON, 'b': ON, 'c': ClickDistance(4.0, 1.8)}, {'c'}),
+    ({'a': ClickDistance(1.0, 0.91)}, {'a'}), ({'a': ClickDistance(1.0, 0.89)}, set()),
+    ({}, set())])
 def test_lines_far_beside_their_clicks_where_others_lie_on_theirs(lines, wrong):
     """With clicks of 0.3 px, three sigmas of these and of what clicks do beside other lines."""
     assert not_clicked(lines, 0.3, 3.0) == wrong
@@ -33,15 +35,16 @@ def test_distances_are_those_of_the_drawing(drawn, right):
     """Pixels 0.1 m beside a level line 3 m below lie f 0.1 / z off, times the slope's cosine."""
     z = np.linspace(40.0, 14.0, 9)
     points = np.column_stack([np.full(9, -2.0 + 0.1), np.full(9, 3.0), z])
-    off_px, px_per_m = beside(drawn.fit, 'right', bool(right), drawn.rig.project(points)[right])
+    off_px, px_per_m = signed_distances(
+        drawn.fit, 'right', bool(right), drawn.rig.project(points)[right])
     x = -2.0 - 0.5 * right  # from this camera
     cosine = 3.0 / np.hypot(3.0, x)  # the line's image goes through the vanishing point
     np.testing.assert_allclose(np.abs(off_px), 90.0 / z * cosine, rtol=1e-3)
     np.testing.assert_allclose(px_per_m, 900.0 / z * cosine, rtol=0.02)  # at the foot, not beside
     clicks = [drawn.rig.project(points)[r] for r in (0, 1)]
-    both = Beside.of(drawn.fit, 'right', 0.12, clicks)
+    both = ClickDistance.of(drawn.fit, 'right', 0.12, clicks)
     assert both.outside_px == pytest.approx(0.4 * both.off_px, rel=0.05)  # 0.1 - 0.06 m
-    assert Beside.of(drawn.fit, 'right', 0.0, clicks).outside_px < 0  # within a kerb's stone
+    assert ClickDistance.of(drawn.fit, 'right', 0.0, clicks).outside_px < 0  # in a kerb stone
 
 
 @pytest.mark.slow

@@ -8,7 +8,7 @@ import pytest
 from stereo_speed.core.errors import InputError
 from stereo_speed.core.records import StereoPair
 from stereo_speed.site.refine.empty_road import (
-    as_picture, backgrounds, clean_background, spread_pairs)
+    as_picture, backgrounds, clean_background, MOST_BYTES, spread_pairs)
 
 
 def images(count, rng, noise=2.0, scale=1, dtype=np.uint8):
@@ -78,3 +78,13 @@ def test_pairs_are_spread_over_the_stream(count):
     if len(kept) > 2:
         steps = np.diff(kept)
         assert steps.max() <= 2 * steps.min()
+
+
+@pytest.mark.parametrize(('images', 'wanted'), [(5, 5), (1, 2)])
+def test_large_images_lower_the_number_of_pairs(images, wanted):
+    """The images of a view fit into the limit; two pairs are kept in any case."""
+    image = np.broadcast_to(np.zeros((), np.uint8), (MOST_BYTES // images, 1))
+    kept = [p.index for p in spread_pairs(
+        StereoPair(i, i, i, image, image) for i in range(40))]
+    assert len(kept) == wanted and kept[0] == 0
+    assert kept[-1] >= 0.75 * 39

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from stereo_speed.road.problem import RoadPrior
 from stereo_speed.site.refine.config import RefineConfig
-from stereo_speed.site.refine.extrinsic_drift import decide_drift, Shown
+from stereo_speed.site.refine.extrinsic_drift import decide_drift, FamilyDrift
 
 CONFIG, CALIBRATED_DEG = RefineConfig(), RoadPrior().calibrated_std_deg
 STD_DEG = np.array([0.0008, 0.0003, 0.002])
 
 
 def test_nothing_moved():
-    drift = decide_drift([Shown(0.0, np.radians([0.0005, -0.0002, 0.001]),
-                                np.diag(np.radians(STD_DEG)**2))])
+    drift = decide_drift([FamilyDrift(0.0, np.radians([0.0005, -0.0002, 0.001]),
+                                      np.diag(np.radians(STD_DEG)**2))])
     assert not drift.moved and drift.moved_probability < 0.05
     left = np.degrees(drift.std_rad)
     assert np.all(left < 3 * CALIBRATED_DEG) and np.all(left > 0.5 * CALIBRATED_DEG)
@@ -25,7 +25,7 @@ def test_nothing_moved():
 def test_one_angle_moved(axis):
     shown = np.zeros(3)
     shown[axis] = 0.02
-    drift = decide_drift([Shown(0.0, np.radians(shown), np.diag(np.radians(STD_DEG)**2))])
+    drift = decide_drift([FamilyDrift(0.0, np.radians(shown), np.diag(np.radians(STD_DEG)**2))])
     assert drift.moved and drift.moved_probability > 0.99
     assert np.degrees(drift.drift_rad[axis]) == pytest.approx(0.02, rel=0.02)
     assert np.count_nonzero(drift.drift_rad) == 1
@@ -35,7 +35,8 @@ def test_one_angle_moved(axis):
 
 def test_what_cannot_be_seen_stays_uncertain():
     """An angle that the images do not show keeps its prior probability of having moved."""
-    drift = decide_drift([Shown(0.0, np.zeros(3), np.diag(np.radians([5.0, 0.0003, 0.002])**2))])
+    drift = decide_drift([FamilyDrift(
+        0.0, np.zeros(3), np.diag(np.radians([5.0, 0.0003, 0.002])**2))])
     expected = np.sqrt(CONFIG.moved_probability * CONFIG.moved_std_deg**2)
     assert np.degrees(np.sqrt(drift.covariance_rad2[0, 0])) == pytest.approx(expected, rel=0.05)
 
@@ -50,7 +51,7 @@ def test_uncertainty_covers_the_decision():
         moved = rng.random(3) < CONFIG.moved_probability
         truth = np.radians(np.where(moved, CONFIG.moved_std_deg, CALIBRATED_DEG)
                            * rng.standard_normal(3))
-        drift = decide_drift([Shown(
+        drift = decide_drift([FamilyDrift(
             0.0, truth + np.radians(STD_DEG) * rng.standard_normal(3), covariance)])
         off = drift.drift_rad - truth
         squares.append(off**2)
@@ -64,9 +65,9 @@ def test_uncertainty_covers_the_decision():
 def test_a_road_that_explains_as_much_keeps_a_pan_from_being_found():
     """One family sees a pan of 30 sigmas; another, more likely by e^10, sees none."""
     small = np.diag(np.radians([0.001, 0.0003, 0.002])**2)
-    plane = Shown(0.0, np.radians([0.03, 0.0, 0.0]), small)
+    plane = FamilyDrift(0.0, np.radians([0.03, 0.0, 0.0]), small)
     assert decide_drift([plane]).moved
-    crest = Shown(10.0, np.zeros(3), small)
+    crest = FamilyDrift(10.0, np.zeros(3), small)
     drift = decide_drift([plane, crest])
     assert not drift.moved and drift.moved_probability < 0.02
     # where both are as likely, what is not corrected is uncertain

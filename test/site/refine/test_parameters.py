@@ -17,7 +17,7 @@ from stereo_speed.road.problem import RoadPrior
 from stereo_speed.site.extras import KnownLength, LinesApart
 from stereo_speed.site.refine.config import RefineConfig
 from stereo_speed.site.refine.empty_road import Background
-from stereo_speed.site.refine.extrinsic_drift import decide_drift, Shown
+from stereo_speed.site.refine.extrinsic_drift import decide_drift, FamilyDrift
 from stereo_speed.site.refine.known_lengths import check_lengths
 from stereo_speed.site.refine.markings import locate
 from stereo_speed.site.refine.refiner import refine_site
@@ -55,7 +55,8 @@ def results(drawn, drawn_off, drawn_refined) -> Mapping[str, Callable[..., Any]]
         KnownLength('lane', 3.51, 0.002, LinesApart(('right', 'left'))),)))
 
     def drift(config, prior):
-        shown = Shown(0.0, np.radians([0.01, 0.001, -0.01]), np.radians(0.002)**2 * np.eye(3))
+        shown = FamilyDrift(
+            0.0, np.radians([0.01, 0.001, -0.01]), np.radians(0.002)**2 * np.eye(3))
         found = decide_drift([shown], config, prior)
         return found.moved_probability, *found.drift_rad, *found.std_rad
 

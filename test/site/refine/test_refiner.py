@@ -156,7 +156,7 @@ def test_nothing_where_nothing_is(drawn):
     assert set(refined.lost) == set(drawn.lines) and refined.found == {}
     np.testing.assert_array_equal(refined.site.lines['left'].left_px,
                                   drawn.lines['left'].left_px)
-    assert sum('left as it was clicked' in w for w in report(refined).warnings) == 2
+    assert sum('line kept as clicked' in w for w in report(refined).warnings) == 2
 
 
 @pytest.mark.slow
@@ -227,7 +227,7 @@ def test_clicks_that_contradict_what_was_found_are_kept(drawn):
         for n, x_m in (('right', -2.0), ('left', 1.5))}
     site, pairs = replace(drawn.site, lines=lines), [StereoPair(0, 0, 0, *images)]
     kept = refine_site(site, drawn.rig, pairs)
-    assert 'sigmas of both' in kept.kept_clicks
+    assert 'combined sigmas' in kept.kept_clicks
     np.testing.assert_allclose(kept.site.picked['right'].right_px, lines['right'].right_px)
     for limit in ({'disagreement_sigmas': 100.0}, {'disagreement_factor': 100.0}):
         refined = refine_site(site, drawn.rig, pairs, RefineConfig(**limit))

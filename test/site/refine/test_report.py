@@ -58,8 +58,8 @@ def warned(refined, words):
 @pytest.mark.parametrize('words, quiet, loud', [
     ('only 9 pairs', {'few_pairs': 9}, {'few_pairs': 10}),
     ('may have moved', {'doubtful_probability': 1.0}, {'doubtful_probability': 0.0}),
-    ('leave speeds uncertain', {'worst_speed_std': 1.0}, {'worst_speed_std': 0.0}),
-    ('px r.m.s. off', {'worst_residual_px': 1.0}, {'worst_residual_px': 0.0})])
+    ('1-sigma of speeds by path and rig is', {'worst_speed_std': 1.0}, {'worst_speed_std': 0.0}),
+    ('px r.m.s. off the road', {'worst_residual_px': 1.0}, {'worst_residual_px': 0.0})])
 def test_each_limit_decides_its_warning(drawn_refined, words, quiet, loud):
     assert warned(replace(drawn_refined, config=RefineConfig(**quiet)), words) == 0
     assert warned(replace(drawn_refined, config=RefineConfig(**loud)), words) >= 1
@@ -76,8 +76,8 @@ def test_what_else_is_warned_of(drawn, drawn_refined):
                       found={'right': drawn_refined.found['right']})
     warnings = '\n'.join(report(refined).warnings)
     for words in ('has moved since the calibration: pan +0.0200°',
-                  'since the site was refined: pan', 'left: no marking or kerb',
-                  'short: 3.5', 'unseen: cannot be measured'):
+                  'since the site was refined: pan', 'left: no marking or kerb found',
+                  'short: measured 3.5', 'unseen: cannot be measured'):
         assert words in warnings
     assert 'tilt' not in warnings
 

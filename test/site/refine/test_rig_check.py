@@ -11,7 +11,7 @@ from stereo_speed.geometry.camera import Camera
 from stereo_speed.geometry.ray_plane import Plane
 from stereo_speed.geometry.rig import StereoRig
 from stereo_speed.site.refine.empty_road import Background
-from stereo_speed.site.refine.rig_check import epipolar_check, off_lines
+from stereo_speed.site.refine.rig_check import epipolar_check, epipolar_distances
 
 
 WALL = Plane(np.array([0.0, 0.0, 1.0]), 30.0)
@@ -32,9 +32,9 @@ def test_points_seen_by_a_drifted_rig(rig):
     points = rng.uniform([-8, -3, 15], [8, 3, 80], (200, 3))
     drift = np.radians([0.03, 0.02, -0.05])
     left, right, _, _ = rig.drifted(drift).project(points)
-    residual, slope = off_lines(rig, left, right)
+    residual, slope = epipolar_distances(rig, left, right)
     assert np.abs(residual - slope @ drift).max() < 2e-3 and np.abs(residual).max() > 0.2
-    exact = off_lines(rig, *rig.project(points)[:2])[0]
+    exact = epipolar_distances(rig, *rig.project(points)[:2])[0]
     assert np.abs(exact).max() < 1e-9
 
 

@@ -49,6 +49,18 @@ def test_a_click_beside_a_kerb_moves_to_its_edge():
     assert abs(float((found.uv_px - THROUGH) @ NORMAL)) < 4 * found.std_px < 0.4
 
 
+@pytest.mark.parametrize('width', [3.0, 5.0])
+def test_a_band_beside_something_lighter_is_not_taken_for_a_kerb(width):
+    """The band is 20 grey levels above its lighter side and 50 above the darker one."""
+    view, rng = drawn(lambda x: 80 + 30 * ndtr((x - width / 2) / 0.8) + 50 * (
+        ndtr((x + width / 2) / 0.8) - ndtr((x - width / 2) / 0.8))), np.random.default_rng(2)
+    for _ in range(4):
+        click = THROUGH + rng.uniform(-12, 12) * WAY + rng.uniform(-2.5, 2.5) * NORMAL
+        found = snap(view, click, WAY)
+        assert found is not None and found.kind == 'band'
+        assert abs(float((found.uv_px - THROUGH) @ NORMAL)) < 4 * found.std_px < 0.6
+
+
 @pytest.mark.parametrize('way', [None, WAY])
 def test_where_nothing_is_painted_a_click_stays(way):
     assert snap(drawn(lambda x: 90 + 0 * x, 3.0), THROUGH, way) is None

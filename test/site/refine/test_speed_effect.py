@@ -53,3 +53,11 @@ def test_direction_matters_in_proportion():
     one = heading_effect(PATH, make_rig(), np.array([1e-4, 1e-4]))
     ten = heading_effect(PATH, make_rig(), np.array([1e-3, 1e-3]))
     assert 0 < one < 1e-3 and ten == pytest.approx(10 * one, rel=0.1)
+
+
+@pytest.mark.parametrize(('length_m', 'known'), [(400.0, False), (10.0, True)])
+def test_a_path_of_which_only_its_end_is_seen_has_no_speed(length_m, known):
+    """The path ends 12 m ahead; of 400 m from behind the cameras, 3 of 101 samples are seen."""
+    path = StraightPath(np.array([0.0, 1.0, 12.0 - length_m]), np.array([0.0, 0.0, 1.0]), length_m)
+    setup = Setup(path, make_rig())
+    assert np.isfinite(speed_error(setup, setup)) == known
