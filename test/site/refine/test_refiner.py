@@ -112,7 +112,7 @@ def test_known_lengths(drifted):
     assert not dashes.wrong and dashes.measured_m == pytest.approx(9.0, abs=0.05)
     assert wrong.wrong
     warned = [w for w in report(refined).warnings if 'sigmas apart' in w]
-    assert len(warned) == 1 and 'm found, 3.6 m' in warned[0]
+    assert len(warned) == 1 and 'm, known 3.6 m' in warned[0]
 
 
 @pytest.mark.slow
