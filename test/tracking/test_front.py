@@ -23,11 +23,11 @@ def rig():
 
 @pytest.fixture()
 def oncoming():
-    """Lay a straight path from 60 m ahead towards the camera, 2 m below it."""
+    """Return a straight path from 60 m ahead towards the camera, 2 m below it."""
     return StraightPath(np.array([0.0, 2.0, 60.0]), np.array([0.0, 0.0, -1.0]), 50.0)
 
 
-def test_points_of_an_oncoming_front_by_hand(oncoming):
+def test_oncoming_front_points_by_hand(oncoming):
     # Travel is towards the camera, so left of travel is right in the image (+x), up is -y.
     got = plane_points(oncoming, np.array([[10.0, 0.5, 0.8]]), np.array([[0.0, 0.0], [1.0, 0.3]]))
     np.testing.assert_allclose(got[0], [[0.5, 1.2, 50.0], [1.5, 0.9, 50.0]], atol=1e-12)
@@ -41,8 +41,8 @@ def test_onto_cross_planeion_undoes_projection(rig, oncoming):
                                plane_xy + [0.3, 0.7], atol=1e-9)
 
 
-def test_quads_of_both_views_follow_the_plane_induced_homographies(rig, oncoming):
-    """Corners projected in 3-D move as eq. 5, 8 and 11 say, for both views."""
+def test_quads_follow_the_plane_induced_homographies(rig, oncoming):
+    """Corners projected in 3-D move as eq. 5, 8 and 11 predict, in both views."""
     front = Front(oncoming, np.array([[-0.9, 0.4], [0.9, 0.4], [0.9, -0.4], [-0.9, -0.4]]))
     before = front.corners(rig, np.array([[10.0, 0.0, 0.8]]))
     after = front.corners(rig, np.array([[14.0, 0.1, 0.8]]))
@@ -70,7 +70,7 @@ def test_ground_speed_on_a_circle_grows_with_the_radius(offset_m):
 @pytest.mark.parametrize('height_m', [0.0, 0.6, 2.0])
 @pytest.mark.parametrize('up', [1.0, -1.0], ids=['crest', 'sag'])
 def test_ground_speed_over_a_crest_is_that_of_the_wheels(height_m, up):
-    """A point above the road goes (1 + h / R) times as far over a crest of radius R."""
+    """A point above the road moves (1 + h / R) times as far over a crest of radius R."""
     radius, angle = 500.0, np.linspace(-0.1, 0.1, 60)
     points = np.column_stack([np.zeros(60), up * radius * (1 - np.cos(angle)),
                               40 - radius * np.sin(angle)])

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What stands and what lies, in images of either that are drawn by their closed forms."""
+"""Upright fronts and flat road markings, in images drawn by closed forms."""
 from __future__ import annotations
 
 import math
@@ -33,13 +33,13 @@ def waves(x_m, y_m):
 
 
 def view(x_m, stands, ahead_m=0.0):
-    """Draw the view of a camera so far to the right: a wall at the front's depth, or the road."""
+    """Draw the view of a camera x m to the right: a wall at the front's depth, or the road."""
     v, u = np.mgrid[:240, :320].astype(float)
     across, down = (u - 160) / FOCAL_PX, np.maximum(v - 40, 0.5) / FOCAL_PX
     if stands:
         far_m = FAR_M - ahead_m
         grey = waves(x_m + across * far_m, down * far_m)
-    else:  # of what lies there, one wave is as long as it looks at the front's depth
+    else:  # waves on the road look as long as at the front's depth
         far_m = HIGH_M / down
         grey = waves(x_m + across * far_m, (far_m + ahead_m) / 6)
     noise = np.random.default_rng(round(10 * x_m)).normal(0, 1, grey.shape)
@@ -47,7 +47,7 @@ def view(x_m, stands, ahead_m=0.0):
 
 
 def seen(stands, lag_ns=0, speed_mps=0.0, lane=LANE, **changes):
-    """Return what one pair tells, in which the right view may be later."""
+    """Return the evidence of one pair, in which the right view may be later."""
     images = {'left': view(0.0, stands),
               'right': view(BASELINE_M, stands, speed_mps * lag_ns * 1e-9), **changes}
     corners_m = MIDDLE_M + np.column_stack([SIDES_M, np.zeros(4)])
@@ -60,13 +60,13 @@ def seen(stands, lag_ns=0, speed_mps=0.0, lane=LANE, **changes):
 
 @pytest.mark.parametrize('lag_ns', [0, LAG_NS])
 @pytest.mark.parametrize('stands', [False, True])
-def test_what_stands_is_told_from_what_lies(stands, lag_ns):
+def test_upright_fronts_are_separated_from_flat_markings(stands, lag_ns):
     found = seen(stands, lag_ns, 30.0)
     assert found.lies is not stands and abs(found.evidence) > 1.0
 
 
-def test_the_road_may_be_a_little_higher_than_its_path_says():
-    """Three centimetres that nobody knows of do not make a shadow stand."""
+def test_small_error_of_the_road_height_is_tolerated():
+    """With the road 3 cm off its path a shadow is still not taken for an upright front."""
     raised = LanePath('lane', StraightPath([0, HIGH_M + 0.03, LONG_M], [0, 0, -1.0], 60.0), None,
                       np.zeros(2), 0.0)
     assert seen(False, lane=raised).lies and not seen(True, lane=raised).lies
@@ -74,19 +74,19 @@ def test_the_road_may_be_a_little_higher_than_its_path_says():
 
 @pytest.mark.parametrize('changes', [
     {'left': np.full((240, 320), 90, np.uint8)}, {'right': np.full((240, 320), 90, np.uint8)}])
-def test_what_shows_nothing_tells_nothing(changes):
+def test_texture_free_pair_has_no_evidence(changes):
     found = seen(True, **changes)
     assert found.evidence == pytest.approx(0.0, abs=1e-12) and not found.lies
 
 
 def test_evidence_by_hand():
-    """Views alike in both places tell nothing; alike here and unlike there, the floor's share."""
+    """Equal agreement is no evidence; agreement with one model alone is limited by the floor."""
     everywhere = np.tile(waves(np.arange(320) / 50.0, 0.0), (240, 1)).astype(np.uint8)
     assert abs(seen(True, left=everywhere, right=everywhere).evidence) < math.log(2.005 / 0.005)
     assert 1.0 < seen(True).evidence < math.log(2.005 / 0.005)
 
 
-def test_the_evidence_of_pairs_adds_up():
+def test_evidence_of_pairs_adds_up():
     one = seen(True)
     twice = one.evidence
     pair = StereoPair(0, 0, 0, view(0.0, False), view(BASELINE_M, False))
@@ -97,7 +97,7 @@ def test_the_evidence_of_pairs_adds_up():
     assert one.evidence == pytest.approx(twice + seen(False).evidence)
 
 
-def test_what_is_not_in_view_tells_nothing():
+def test_front_out_of_view_has_no_evidence():
     upright = seen(True)
     before = upright.evidence
     corners_m = MIDDLE_M + [6.0, 0.0, 0.0] + np.column_stack([SIDES_M, np.zeros(4)])
@@ -107,8 +107,8 @@ def test_what_is_not_in_view_tells_nothing():
     assert upright.evidence == before
 
 
-def test_what_hardly_tells_either_is_not_taken_to_lie():
-    """Where both views are noise, the road may meet them a little better, but not by 20 to 1."""
+def test_weak_evidence_is_not_taken_for_a_flat_marking():
+    """With noise in both views the road may fit slightly better, but not by 20 to 1."""
     rng = np.random.default_rng(4)
     found = [seen(True, left=rng.integers(0, 256, (240, 320), np.uint8),
                   right=rng.integers(0, 256, (240, 320), np.uint8)) for _ in range(20)]
