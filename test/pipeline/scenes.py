@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Two vehicles side by side, and what finds them when it is told to."""
+"""Two vehicles side by side, and a scripted detector."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -23,7 +23,7 @@ def start(request):
 
 
 class ScriptedFinder:
-    """Finds what it is told to, in the pairs it is told to; remembers what was occupied."""
+    """Returns scripted fronts in scripted pairs; remembers which places were occupied."""
 
     def __init__(self, marks, lane, pairs):
         self.marks, self.lane, self.pairs, self.occupied = marks, lane, pairs, []
@@ -42,7 +42,7 @@ class ScriptedFinder:
                 for m in self.marks]
 
     def reset(self):
-        """Remember that it was to forget."""
+        """Remember that a reset was requested."""
         self.occupied.append('reset')
 
 
@@ -58,14 +58,14 @@ def two_abreast(folder, **changes):
 
 
 def automatic(scene, marks, pairs, config=TrackerConfig(), **more):
-    """Return a pipeline that finds marks in some pairs of a scene, and what finds them."""
+    """Return a pipeline whose detector finds marks in some pairs of a scene, and the detector."""
     sequence, lanes, _ = scene
     finder = ScriptedFinder(marks, next(iter(lanes)), pairs)
     return SpeedPipeline(sequence.rig, lanes, config, start, detector=finder, **more), finder
 
 
 def project(sequence, mark, k, vehicle=0):
-    """Carry a mark of pair 0 to pair k by the true motion of its vehicle."""
+    """Project a mark of pair 0 into pair k by the true motion of its vehicle."""
     places = [np.array([row[c] for c in 'xyz']) for pair in (sequence.pairs[0], sequence.pairs[k])
               for row in sequence.truth
               if row['stamp_ns'] == pair.stamp_ns and row['vehicle'] == vehicle]

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""From a site file to a pipeline: tolerances, corrections and refinement all arrive."""
+"""From a site file to a pipeline: tolerances, corrections and refinement are all applied."""
 from __future__ import annotations
 
 import numpy as np
@@ -25,7 +25,7 @@ def bag(sample):
 
 @pytest.fixture
 def site_with(sample, tmp_path):
-    """Return the sample's site with other keys beside its own."""
+    """Return the sample's site with additional keys."""
     def write(**keys):
         data = yaml.safe_load((sample / 'site.yaml').read_text())
         (tmp_path / 'site.yaml').write_text(yaml.safe_dump({**data, **keys}))
@@ -33,14 +33,14 @@ def site_with(sample, tmp_path):
     return write
 
 
-def test_the_tolerances_of_the_site_decide(bag, site_with):
+def test_tolerances_of_the_site_are_used(bag, site_with):
     place = MeasuringSite.of(site_with(tolerances={'focal_std': 0.004}), bag.rig)
     pipeline = place.pipeline(PipelineConfig(TrackerConfig(particles=77)), None)
     assert pipeline.config.focal_std == 0.004 and pipeline.config.particles == 77
     assert pipeline.config.baseline_std_m == TrackerConfig().baseline_std_m
 
 
-def test_the_rig_is_corrected_as_the_site_says(bag, site_with):
+def test_rig_is_corrected_as_the_site_says(bag, site_with):
     turn_deg = [0.02, -0.01, 0.03]
     place = MeasuringSite.of(site_with(rig_correction={
         **dict(zip(('pan_deg', 'tilt_deg', 'roll_deg'), turn_deg)),
@@ -51,7 +51,7 @@ def test_the_rig_is_corrected_as_the_site_says(bag, site_with):
 
 
 @pytest.mark.slow
-def test_a_refined_site_is_what_is_measured_at(bag, sample):
+def test_refined_site_is_used_for_measuring(bag, sample):
     rough = load_site(sample / 'site.yaml')
     place = MeasuringSite.of(rough, bag.rig, bag.pairs())
     assert place.refined is not None and place.site is place.refined.site
@@ -66,7 +66,7 @@ def test_vehicles_are_detected_where_none_are_annotated(bag, sample):
     assert place.pipeline(PipelineConfig(), ()).detector is None
 
 
-def test_what_cannot_be_measured_is_refused(bag, sample):
+def test_unusable_inputs_are_refused(bag, sample):
     place = MeasuringSite.of(load_site(sample / 'site.yaml'), bag.rig)
     with pytest.raises(InputError, match='lanes: found none'):
         make_pipeline(bag.rig, {}, PipelineConfig())
@@ -76,8 +76,8 @@ def test_what_cannot_be_measured_is_refused(bag, sample):
                       [InitialFront(0, quad, quad - 30.0)], where='marks.yaml')
 
 
-def test_a_site_that_cannot_be_refined_is_measured_as_it_was_read(bag, sample, monkeypatch):
-    """And it is said why."""
+def test_site_that_cannot_be_refined_is_used_as_read(bag, sample, monkeypatch):
+    """The reason is logged."""
     def refuse(*_):
         raise SiteError('site.yaml', 'pan', '+1 degrees', 'at most 0.3')
     monkeypatch.setattr('stereo_speed.pipeline.assembly.refine_site', refuse)

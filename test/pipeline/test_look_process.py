@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A look at the rig in another process finds what one here finds, and is no burden."""
+"""A look at the rig in another process gives the same result, at low priority."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -35,7 +35,7 @@ def process():
 
 @pytest.fixture(scope='module')
 def seen():
-    """Give the stance of the sample, and five of its pairs."""
+    """Return the stance of the sample, and five of its pairs."""
     with StereoBag(SAMPLE / 'bag') as bag:
         rig, pairs = bag.rig, list(bag.pairs())
     place = MeasuringSite.of(load_site(SAMPLE / 'site.yaml'), rig)
@@ -43,7 +43,7 @@ def seen():
 
 
 def found(process):
-    """Wait for what a look finds."""
+    """Wait for the result of a look."""
     end_s = time.monotonic() + LONGEST_S
     while (state := process.found()) is None:
         assert time.monotonic() < end_s
@@ -51,27 +51,27 @@ def found(process):
     return state
 
 
-def test_it_finds_what_a_look_here_finds(process, seen):
+def test_result_equals_that_of_a_look_in_this_process(process, seen):
     used, pairs = seen
     pairs = [replace(pairs[0], motion=RigMotion((1e-4, 0.0, 0.0))), *pairs[1:]]
     for pair in pairs:
         kept = replace(pair, left=pair.left.copy(), right=pair.right.copy())
         process.lay(kept)
-        kept.left[:], kept.right[:] = 0, 0  # what was laid is a copy
+        kept.left[:], kept.right[:] = 0, 0  # the process has a copy
     process.look(used, SiteConfig(), RigMotion(), None)
     here, there = look_at_rig(used, pairs, SiteConfig(), RigMotion(), None), found(process)
     assert (there.text, there.share, there.std_share, there.turned) == (
         here.text, here.share, here.std_share, here.turned)
 
 
-def test_it_goes_behind_all_that_measures():
+def test_process_runs_at_the_lowest_priority():
     process = LookProcess()
     here, there = (os.getpriority(os.PRIO_PROCESS, pid) for pid in (0, process.process.pid))
     process.close(0.0)
     assert there == min(here + 10, 19)
 
 
-def test_a_look_that_fails_says_why(process, seen):
+def test_failed_look_says_why(process, seen):
     used, pairs = seen
     process.lay(replace(pairs[0], left=np.zeros((2, 2), np.uint8),
                         right=np.zeros((2, 2), np.uint8)))
@@ -80,10 +80,10 @@ def test_a_look_that_fails_says_why(process, seen):
         found(process)
 
 
-def test_one_that_has_ended_says_so(process, seen):
+def test_ended_process_is_reported(process, seen):
     process.process.kill()
     process.process.wait()
     with pytest.raises(OSError):
-        for _ in range(2):  # what is sent may still be taken
+        for _ in range(2):  # data in the pipe may still be taken
             process.look(seen[0], SiteConfig(), None, None)
             found(process)
