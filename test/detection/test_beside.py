@@ -99,7 +99,7 @@ def test_pairs_in_which_nothing_is_searched_are_not_sent(traffic, process):
             turn.reset(), beside.reset()
         beside.expect(pair, [])
         wanted = turn.update(pair)
-        if number % 7 != 3:  # else nobody asks
+        if number % 7 != 3:  # otherwise the result is not requested
             assert_same(beside.update(pair), wanted)
             found += len(wanted)
     assert found > 0 and failures == [] and 10 < len(sent) < 35
@@ -153,7 +153,7 @@ def test_a_process_that_dies_leaves_the_search_here(straight, process):
         assert_same(beside.update(pair), turn.update(pair))
     process.process.kill()
     process.process.wait(END_S)
-    # What the process remembered is known here.
+    # The memory of the process is available here.
     for pair in pairs[2:]:
         beside.expect(pair, [])
         assert_same(beside.update(pair), turn.update(pair))
@@ -238,7 +238,7 @@ def test_what_was_asked_of_tracks_tells_whether_others_would_have_answered_alike
     places = {z: Place(np.array([0.0, 0.0, z]), 0.9, 'lane') for z in (10.0, 12.0, 60.0)}
     asked = Held(spacing, [places[10.0]])
     assert asked.meet('lane', places[12.0]) and not asked.meet('lane', places[60.0])
-    asked.add(places[60.0])  # what is found since counts, and is asked nothing
+    asked.add(places[60.0])  # later detections count, without a recorded query
     assert asked.meet('lane', places[60.0]) and not asked.anew().meet('lane', places[60.0])
     assert [question.answer for question in asked.asked] == [True, False, False, False]
     moved = Place(np.array([0.1, 0.0, 10.3]), 0.9, 'lane')

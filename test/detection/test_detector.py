@@ -204,7 +204,7 @@ def test_only_vehicles_are_found_in_traffic(traffic):
             vehicle = min(gaps, key=lambda v: np.abs(gaps[v][:2]).sum())
             along, across, _ = gaps[vehicle]
             whole = next(row['visible'] for row in rows if row['vehicle'] == vehicle) > 0.98
-            # What covers part of a front in one view displaces the other part that both match.
+            # An occluder of part of a front in one view displaces the part that both views match.
             assert abs(across) < 0.5 and abs(along) < bound_m(one, traffic) * (1 if whole else 2)
             found.setdefault(vehicle, set()).add(one.lane)
     assert all(len(lanes) == 1 for lanes in found.values())
@@ -236,7 +236,7 @@ def test_cameras_exposed_apart_find_and_measure(make_drive, lag_s):
     assert np.abs(one.right_px.mean(axis=0) - later).max() < 1.5
     pipeline = make_pipeline(drive.rig, drive.lanes, PipelineConfig())
     results = []
-    for _ in range(4):  # the first ones tell the time between the views, which then is known
+    for _ in range(4):  # the first ones determine the time between the views
         results += run(pipeline, drive.pairs).passes
         pipeline.reset()
     verdicts = [r.verdict for r in results]
