@@ -33,7 +33,7 @@ class Drive(NamedTuple):
 
 
 def make_lanes(site, rig, folder):
-    """Lanes of a site's content, through a real file."""
+    """Return the lanes of a site's content, through a real file."""
     path = folder / 'site.yaml'
     path.write_text(yaml.safe_dump(dict(site)))
     return lane_paths(load_site(path), rig)

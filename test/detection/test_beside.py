@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The detector in a process of its own: the same as in turn, and no harm when it dies."""
+"""The detector in its own process gives the same result, and its death does no harm."""
 from __future__ import annotations
 
 from dataclasses import astuple, replace
@@ -38,20 +38,20 @@ def process():
 
 
 def both(drive, process, failed):
-    """Return the detector in turn, and the one beside."""
+    """Return the synchronous detector, and the one in another process."""
     return (PlaneSweepDetector(drive.rig, drive.lanes, DetectorConfig()),
             DetectorBeside(process, drive.rig, drive.lanes, DetectorConfig(), failed))
 
 
 def held(found):
-    """Return the place of a detection as a track that holds it would."""
+    """Return the place that a track of this detection would hold."""
     return TrackedRegion(
         lane=found.lane, s_m=found.s_m, lateral_m=found.lateral_m, width_m=found.width_m,
         height_m=found.height_m, left_px=found.left_px, right_px=found.right_px)
 
 
 def assert_same(these, those):
-    """Compare detections to the last bit; earlier pairs are the very same ones."""
+    """Assert equality of detections to the last bit; earlier pairs are the same objects."""
     assert len(these) == len(those)
     for one, other in zip(these, those):
         assert (one.earlier is None) == (other.earlier is None)
@@ -66,8 +66,8 @@ def assert_same(these, those):
 
 
 @pytest.mark.slow
-def test_whatever_tracks_were_expected_to_hold_the_same_is_found(traffic, process):
-    """Expected is what holds, nothing, or what nobody holds, in turn; what holds differs too."""
+def test_result_does_not_depend_on_the_expected_tracks(traffic, process):
+    """Expected are the tracks held, none, or others, in turn; those held differ too."""
     failures, found_ever = [], 0
     turn, beside = both(traffic, process, failures.append)
     known = []
@@ -85,8 +85,8 @@ def test_whatever_tracks_were_expected_to_hold_the_same_is_found(traffic, proces
 
 
 @pytest.mark.slow
-def test_pairs_in_which_nothing_is_searched_are_not_sent(traffic, process):
-    """At 30 pairs a second two lanes have their turn in six of them, and time jumps once."""
+def test_pairs_without_a_search_are_not_sent(traffic, process):
+    """At 30 pairs a second six of them search two lanes in turn; time jumps once."""
     failures, sent, found = [], [], 0
     turn, beside = both(traffic, process, failures.append)
     process.share = lambda pair, most: sent.append(number) or SearchProcess.share(
@@ -107,7 +107,7 @@ def test_pairs_in_which_nothing_is_searched_are_not_sent(traffic, process):
 
 @pytest.mark.slow
 @pytest.mark.parametrize('interval_s', [0.06, 1.0], ids=['rare', 'dense'])
-def test_a_pipeline_measures_the_same_with_it(traffic, process, interval_s):
+def test_pipeline_measures_the_same_with_it(traffic, process, interval_s):
     failures, results = [], []
     config = PipelineConfig(TrackerConfig(effort=EffortConfig(solve_interval_s=interval_s)))
     for detect in (None, lambda *args: DetectorBeside(process, *args, failed=failures.append)):
@@ -118,7 +118,7 @@ def test_a_pipeline_measures_the_same_with_it(traffic, process, interval_s):
     assert results[0] == results[1] and results[0] and failures == []
 
 
-def test_a_pair_that_nobody_asks_for_any_more_is_let_go(straight, process):
+def test_search_whose_result_is_no_longer_wanted_is_dropped(straight, process):
     failures, found = [], []
     _, beside = both(straight, process, failures.append)
     beside.expect(straight.pairs[0], [])
@@ -131,8 +131,8 @@ def test_a_pair_that_nobody_asks_for_any_more_is_let_go(straight, process):
     assert all(one.earlier.pairs[0] in straight.pairs for one in found if one.earlier is not None)
 
 
-def test_what_a_detector_before_has_not_asked_for_is_no_answer_to_the_next(straight, process):
-    """As when a calibration changes while a search is under way."""
+def test_result_of_a_previous_detector_is_not_used_by_the_next(straight, process):
+    """As when a calibration changes during a search."""
     failures, found = [], 0
     _, before = both(straight, process, failures.append)
     before.expect(straight.pairs[3], [])
@@ -145,7 +145,7 @@ def test_what_a_detector_before_has_not_asked_for_is_no_answer_to_the_next(strai
     assert found and failures == []
 
 
-def test_a_process_that_dies_leaves_the_search_here(straight, process):
+def test_search_continues_here_when_the_process_dies(straight, process):
     failures = []
     turn, beside = both(straight, process, failures.append)
     pairs = straight.pairs
@@ -160,8 +160,8 @@ def test_a_process_that_dies_leaves_the_search_here(straight, process):
     assert len(failures) == 1
 
 
-def test_without_a_process_it_searches_here_until_there_is_one(straight, process):
-    """Whoever goes on remembers the pairs before."""
+def test_searches_here_until_the_process_is_ready(straight, process):
+    """The successor remembers the earlier pairs."""
     failures, pairs = [], straight.pairs
     turn, beside = both(straight, None, failures.append)
 
@@ -181,8 +181,8 @@ def test_without_a_process_it_searches_here_until_there_is_one(straight, process
 
 
 @pytest.mark.slow
-def test_wherever_it_moves_to_and_back_the_same_is_found(traffic):
-    """There with the fourth pair, in the middle of a round, and gone after the ninth."""
+def test_moving_to_the_process_and_back_gives_the_same_result(traffic):
+    """It moves there at the fourth pair, within a round, and back after the ninth."""
     process, failures, asked, found = SearchProcess(), [], [], 0
     process.wait()
     turn = PlaneSweepDetector(traffic.rig, traffic.lanes, DetectorConfig())
@@ -204,7 +204,7 @@ def test_wherever_it_moves_to_and_back_the_same_is_found(traffic):
         process.close()
 
 
-def test_a_process_that_does_not_answer_is_waited_for_so_long_and_no_longer(straight):
+def test_unresponsive_process_is_waited_for_up_to_the_limit(straight):
     process, failures = SearchProcess(answer_s=0.3), []
     process.wait()
     try:
@@ -220,7 +220,7 @@ def test_a_process_that_does_not_answer_is_waited_for_so_long_and_no_longer(stra
     assert process.process.returncode is not None
 
 
-def test_it_ends_with_the_process_that_started_it():
+def test_process_ends_with_its_parent():
     with subprocess.Popen([sys.executable, '-c', BEGIN], stdin=subprocess.PIPE,
                           stdout=subprocess.PIPE, text=True) as parent:
         pid = int(parent.stdout.readline())
@@ -231,7 +231,7 @@ def test_it_ends_with_the_process_that_started_it():
         time.sleep(0.02)
 
 
-def test_what_was_asked_of_tracks_tells_whether_others_would_have_answered_alike():
+def test_recorded_queries_decide_whether_other_tracks_agree():
     """A lane along z: 2 m ahead of a track is too near, 50 m is not."""
     path = StraightPath(np.zeros(3), np.array([0.0, 0.0, 1.0]), 100.0)
     spacing = Spacing({'lane': LanePath('lane', path, None, np.zeros(2), 0.0)}, SpacingConfig())

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Fronts in views that are not equally sharp, of which little is seen, or of several kinds."""
+"""Fronts in views of unequal sharpness, with little texture, or of several kinds."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -16,21 +16,21 @@ STEP_M = SPEED_MPS * STEP_NS * 1e-9
 
 
 def out_of_focus(pair, side, blur_px, rng):
-    """Return a pair one view of which is blurred, before the noise of its sensor."""
+    """Return a pair with one view blurred before sensor noise is added."""
     view = cv2.GaussianBlur(getattr(pair, side), (0, 0), blur_px).astype(float)
     noisy = np.clip(np.round(view + rng.normal(0, 1.0, view.shape)), 0, 255).astype(np.uint8)
     return replace(pair, **{side: noisy})
 
 
 def found_in(fronts, change=lambda pair: pair, config=DetectorConfig()):
-    """Return what is found of fronts (one list for each pair) in each pair."""
+    """Return the detections in each pair of a list of fronts for each pair."""
     detector = PlaneSweepDetector(RIG, LANES, config)
     return [detector.update(change(pair_of(one, k))) for k, one in enumerate(fronts)]
 
 
 @pytest.mark.parametrize('side', ['left', 'right'])
 @pytest.mark.parametrize('blur_px', [0.8, 1.5])
-def test_a_front_is_found_though_one_view_is_out_of_focus(side, blur_px):
+def test_front_is_found_with_one_view_out_of_focus(side, blur_px):
     rng = np.random.default_rng(5)
     found = found_in([[Front(20.0 + k * STEP_M)] for k in range(2)],
                      lambda pair: out_of_focus(pair, side, blur_px, rng))
@@ -39,15 +39,15 @@ def test_a_front_is_found_though_one_view_is_out_of_focus(side, blur_px):
 
 
 @pytest.mark.parametrize('side', ['left', 'right'])
-def test_what_lies_on_the_road_is_no_front_out_of_focus_either(side):
+def test_flat_marking_is_no_front_out_of_focus_either(side):
     rng = np.random.default_rng(6)
     found = found_in([[Front(20.0 + k * STEP_M, lying=True)] for k in range(3)],
                      lambda pair: out_of_focus(pair, side, 2.0, rng))
     assert not any(found)
 
 
-def test_a_front_that_shows_nothing_but_what_is_high_up_is_found():
-    """By night lamps are all there is of a van, above where the fronts of cars are looked for."""
+def test_front_visible_only_high_up_is_found():
+    """By night only the lamps of a van are visible, above the search height for cars."""
     fronts = [[Front(20.0 + k * STEP_M, low_m=0.85)] for k in range(2)]
     assert len(found_in(fronts)[1]) == 1
     low = FrontConfig(raised_low_m=0.2, raised_high_m=0.6, narrow_most_m=0.6)
@@ -55,8 +55,8 @@ def test_a_front_that_shows_nothing_but_what_is_high_up_is_found():
 
 
 @pytest.mark.slow
-def test_a_front_of_which_only_part_shows_low_down_is_taken_higher_up():
-    """The bumper of a lorry by night is dark but for its middle; near a tie, so in most places."""
+def test_front_partly_visible_low_down_is_located_higher_up():
+    """Only the middle of a lorry's bumper shows by night; a near tie is decided by most places."""
     def lorry(s_m):
         return [Front(s_m, half_m=0.7), Front(s_m, half_m=1.2, low_m=0.65)]
     places = (18.0, 19.6, 21.2, 22.8, 24.4)
@@ -66,8 +66,8 @@ def test_a_front_of_which_only_part_shows_low_down_is_taken_higher_up():
     assert min(one.width_m for one in high) > 2.0  # its outermost strong edges
 
 
-def test_a_front_is_not_taken_higher_up_for_what_stands_beside_it():
-    """A wall that it passes shows beside the front, but does not move with it."""
+def test_object_beside_a_front_does_not_move_its_place_up():
+    """A wall that it passes is visible beside it, but does not move with it."""
     def before_wall(k):
         return [Front(20.0 + STEP_M, half_m=1.2, low_m=0.65), Front(20.0 + k * STEP_M, half_m=0.7)]
     (one,) = found_in([before_wall(k) for k in range(2)])[1]
@@ -75,7 +75,7 @@ def test_a_front_is_not_taken_higher_up_for_what_stands_beside_it():
 
 
 @pytest.mark.parametrize('half_m', [0.9, 1.2])
-def test_a_front_that_shows_its_width_low_down_is_taken_there(half_m):
+def test_front_whose_width_shows_low_down_is_located_there(half_m):
     (one,) = found_in([[Front(20.0 + k * STEP_M, half_m=half_m)] for k in range(2)])[1]
     assert (one.width_m, one.height_m) == (pytest.approx(2 * half_m, abs=0.2),
                                            pytest.approx(0.51))
