@@ -10,7 +10,7 @@ import pytest
 
 @pytest.fixture(scope='session')
 def in_process(private_graph):
-    """Give what makes a node that hears nobody, and ends it when its block is left."""
+    """Return a context manager that makes a node without peers, and ends it on exit."""
     import rclpy
 
     @contextmanager

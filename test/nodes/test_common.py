@@ -16,14 +16,14 @@ from stereo_speed.nodes.log_node import LogNode, main  # noqa: E402
 
 @pytest.fixture(autouse=True)
 def handlers():
-    """Put the handlers of signals back that a node replaces."""
+    """Restore the signal handlers that a node replaces."""
     former = {one: signal.getsignal(one) for one in (signal.SIGINT, signal.SIGTERM)}
     yield
     for one, handler in former.items():
         signal.signal(one, handler)
 
 
-def test_who_asks_what_a_node_takes_is_told_and_gets_no_file(
+def test_help_of_a_node_is_printed_and_writes_no_file(
         private_graph, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main(['--help']) == 0
@@ -32,8 +32,7 @@ def test_who_asks_what_a_node_takes_is_told_and_gets_no_file(
 
 
 @pytest.mark.parametrize('one', [signal.SIGINT, signal.SIGTERM])
-def test_an_interrupt_that_rclpy_makes_an_error_of_ends_a_node_all_the_same(
-        private_graph, tmp_path, one):
+def test_interrupt_raised_as_an_error_by_rclpy_ends_a_node(private_graph, tmp_path, one):
     def spin(node):
         try:
             os.kill(os.getpid(), one)
@@ -49,8 +48,8 @@ def test_an_interrupt_that_rclpy_makes_an_error_of_ends_a_node_all_the_same(
 
 
 @pytest.mark.parametrize('again', [signal.SIGINT, signal.SIGTERM])
-def test_a_node_that_is_told_twice_to_stop_ends_what_is_under_way(private_graph, tmp_path, again):
-    """As by Ctrl-C under ``ros2 launch``, which a terminal sends to both, and launch on."""
+def test_node_stopped_twice_completes_its_shutdown(private_graph, tmp_path, again):
+    """As by Ctrl-C under ``ros2 launch``, when both the terminal and launch send a signal."""
     ended = []
 
     class Listening(LogNode):

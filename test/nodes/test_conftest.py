@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Nodes of a test end, whatever happens while they do."""
+"""Nodes of a test end, whatever happens during the test."""
 from __future__ import annotations
 
 import pytest
@@ -20,7 +20,7 @@ class Failing:
         self.ended = True
 
 
-def test_a_node_that_fails_to_close_leaves_nothing_behind(in_process):
+def test_node_that_fails_to_close_leaves_nothing_behind(in_process):
     with pytest.raises(RuntimeError, match='still busy'), in_process(Failing) as node:
         assert rclpy.ok()
     assert node.ended and not rclpy.ok()

@@ -34,7 +34,7 @@ from visualization_msgs.msg import MarkerArray  # noqa: E402
 pytestmark = pytest.mark.usefixtures('private_graph')
 STARTUP_S, EVENT_S = 60.0, 60.0
 FRAMES, PERIOD_NS = 8, 200_000_000  # the whole of it is longer than a late image is
-EARLIER_NS = 10 ** 12  # stamps of what is sent before the video; it jumps back to its own
+EARLIER_NS = 10 ** 12  # stamps of frames sent before the video, which then jump back
 BOX = (30, 40, 12, 30)
 
 
@@ -81,7 +81,7 @@ def camera(stand_in):
 
 
 def settle(camera):
-    """Let the node know its listeners: send frames of another time until all have heard of it."""
+    """Send frames of an earlier time until all listeners of the node have received one."""
     image, sent = next(frames()), []
 
     def heard_everywhere():
@@ -94,12 +94,12 @@ def settle(camera):
 
 
 def of_video(heard):
-    """Leave out what was heard before the video began."""
+    """Return messages without those received before the video began."""
     return [m for m in heard if stamp_ns(m.header.stamp) < EARLIER_NS]
 
 
 def drawn(camera, number):
-    """Give the markers of a frame of the video, each time it was shown."""
+    """Return the markers of a frame of the video, each time it was shown."""
     return [m.markers for m in camera.markers if m.markers
             and stamp_ns(m.markers[0].header.stamp) == number * PERIOD_NS]
 
@@ -110,7 +110,7 @@ def parameters(scene, **more):
     return [f'{name}:={value}' for name, value in values.items()]
 
 
-def test_live_tracks_equal_those_of_the_command_and_a_jump_starts_anew(scene, camera, tmp_path):
+def test_live_tracks_equal_the_command_and_a_jump_starts_anew(scene, camera, tmp_path):
     assert main(['track-environment', str(scene / 'video'), '--map', str(scene / 'map.png'),
                  '--init', str(scene / 'targets.yaml'), '--out', str(tmp_path), '--seed',
                  '4']) == 0
@@ -142,7 +142,7 @@ def test_live_tracks_equal_those_of_the_command_and_a_jump_starts_anew(scene, ca
                              ('d_px', 'd_px'), ('d_rate_px', 'd_rate_px')):
             assert row[name] == pytest.approx(float(want[column]), abs=2e-3)
         assert [f.name for f in message.fields] == list(RECORD.names)
-        # what viewers show is the middle of the lower edge
+        # viewers show the middle of the lower edge
         assert row['x'] == pytest.approx(row['left'] + row['width'] / 2, abs=1e-3)
     outline, text = drawn(camera, FRAMES)[0]
     assert len(outline.points) == 5 and text.text.startswith('3 ')
@@ -150,13 +150,12 @@ def test_live_tracks_equal_those_of_the_command_and_a_jump_starts_anew(scene, ca
 
 
 def values_of(told):
-    """Give the newest values of the node on /diagnostics."""
+    """Return the newest values of the node on /diagnostics."""
     found = [s for m in told for s in m.status if s.name.startswith('environment_node')]
     return {v.key: v.value for v in found[-1].values} if found else {}
 
 
-def test_a_target_marked_late_is_followed_as_if_it_had_been_marked_in_time(
-        scene, camera, tmp_path):
+def test_target_marked_late_is_tracked_as_if_marked_in_time(scene, camera, tmp_path):
     """Marked after frame 4, by the stamp of frame 2; a mark of no frame is refused."""
     (tmp_path / 'one.yaml').write_text(
         (scene / 'targets.yaml').read_text().replace('id: 3', 'id: 1'))
@@ -196,7 +195,7 @@ def test_a_target_marked_late_is_followed_as_if_it_had_been_marked_in_time(
 
 
 def marked(*points):
-    """Give the message that marks some points."""
+    """Return the message that marks some points."""
     msg = PolygonStamped()
     msg.polygon.points = [Point32(x=float(x), y=float(y)) for x, y in points]
     return msg
@@ -216,13 +215,13 @@ def test_marks_are_boxes_upright_or_rotated():
     [], [(1, 2)], [(1, 2), (1, 9)], [(1, 2), (float('nan'), 9)],
     [(0, 0), (20, 0), (25, 10), (5, 10)], [(0, 10), (20, 10), (20, 0), (0, 0)]],
     ids=['none', 'one', 'no width', 'nan', 'slanted', 'the wrong way round'])
-def test_what_is_no_box_is_refused(points):
+def test_invalid_box_is_refused(points):
     with pytest.raises(InputError, match='mark: polygon: found'):
         target_from_message(marked(*points), 1, 1)
 
 
 @pytest.mark.parametrize('dropped, stopped', [(7, []), (8, [3, 9])])
-def test_no_target_is_followed_over_a_gap_longer_than_it_may_be_occluded(dropped, stopped):
+def test_target_is_dropped_in_a_gap_longer_than_an_occlusion_may_last(dropped, stopped):
     found = []
     node = SimpleNamespace(
         counter=SimpleNamespace(number=40), targets=[], config=SimpleNamespace(hidden_frames=8),
@@ -231,7 +230,7 @@ def test_no_target_is_followed_over_a_gap_longer_than_it_may_be_occluded(dropped
     assert found == stopped
 
 
-def test_a_mark_whose_frame_never_came_is_told_for_a_while_and_counted_for_good():
+def test_mark_of_a_missing_frame_is_reported_for_a_while_and_counted():
     times = [100.0]
     tallies = {name: kind(clock=lambda: times[0]) for name, kind in (
         ('arrivals', Arrivals), ('marks_missed', Tally))}
@@ -251,7 +250,7 @@ def test_a_mark_whose_frame_never_came_is_told_for_a_while_and_counted_for_good(
     assert levels == [WARN, OK]
 
 
-def test_dropped_repeated_and_missed_frames_are_reported_and_the_end_is_quiet(scene, camera):
+def test_dropped_repeated_and_missed_frames_are_reported(scene, camera):
     """Frames 1 to 3, 3 again, then 5 to 8; target 4 is marked in frame 4, which never comes."""
     (scene / 'two.yaml').write_text(
         (scene / 'targets.yaml').read_text() + f'- {{id: 4, frame: 4, box: {list(BOX)}}}\n')

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""``evidence_node`` in this process, on a disk that fills up and is emptied again."""
+"""``evidence_node`` in this process, on a disk that fills up and is then freed."""
 from __future__ import annotations
 
 from collections import namedtuple
@@ -38,7 +38,7 @@ def node(tmp_path, in_process):
 
 
 def wait(node, condition):
-    """Let the node tell what its writer has done, until the condition holds."""
+    """Let the node report what its writer has done, until the condition holds."""
     end_s = time.monotonic() + LONGEST_S
     while not condition() and time.monotonic() < end_s:
         node.tell()
@@ -48,13 +48,13 @@ def wait(node, condition):
 
 @pytest.fixture()
 def told(sample):
-    """Give what a program that measures the sample says of itself."""
+    """Return the instrument message of a program that measures the sample."""
     with StereoBag(sample / 'bag') as bag:
         place = MeasuringSite.of(load_site(sample / 'site.yaml'), bag.rig)
     return json.loads(Instrument.of('run', place, PipelineConfig()).text())
 
 
-def test_lanes_are_fitted_again_only_where_more_than_the_self_test_is_another(node, told):
+def test_lanes_are_fitted_again_only_if_more_than_the_self_test_changed(node, told):
     places = []
     for change in ({}, {'self_test': PASSED}, {'site_name': 'another'}):
         told.update(change)
@@ -67,9 +67,9 @@ def test_lanes_are_fitted_again_only_where_more_than_the_self_test_is_another(no
 
 
 @pytest.mark.slow
-def test_a_full_disk_is_an_error_until_a_record_is_written_again(
+def test_full_disk_is_an_error_until_a_record_is_written_again(
         node, sample, tmp_path, monkeypatch):
-    """A pass that is told again is the same one; its record says what the instrument told."""
+    """A pass received twice is one pass; its record holds the instrument's message."""
     with StereoBag(sample / 'bag') as bag:
         place = MeasuringSite.of(load_site(sample / 'site.yaml'), bag.rig)
         bag.watcher = lambda pair, left, right: (

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What ``--help`` of a node tells: every parameter, though none is given."""
+"""``--help`` of a node: every parameter, without giving any."""
 from __future__ import annotations
 
 from pathlib import Path

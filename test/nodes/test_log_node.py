@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A fault of the disk is told until something was written again."""
+"""A disk fault is reported until writing succeeds again."""
 from __future__ import annotations
 
 import sqlite3
@@ -15,10 +15,10 @@ from stereo_speed.nodes.health import ERROR, OK  # noqa: E402
 from stereo_speed.nodes.log_node import LogNode  # noqa: E402
 
 
-def test_readings_that_are_written_again_end_the_fault(in_process, tmp_path):
+def test_fault_ends_when_readings_are_written_again(in_process, tmp_path):
     with in_process(LogNode, f'file:={tmp_path / "passes.sqlite"}') as node:
         node.failed(sqlite3.OperationalError('database or disk is full'))
-        node.sync()  # with nothing to write, which tells nothing of the disk
+        node.sync()  # with nothing to write, so the disk is not tested
         assert node.state().level == ERROR
         node.on_track(Odometry(child_frame_id='vehicle_0'))
         assert node.state().level == ERROR

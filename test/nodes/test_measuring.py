@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a node that measures says of itself as its states change, in this process."""
+"""The states that a measuring node reports, in this process."""
 from __future__ import annotations
 
 from types import SimpleNamespace
@@ -17,7 +17,7 @@ from stereo_speed.pipeline.pass_process import PassProcessError  # noqa: E402
 
 
 class Failing:
-    """Stands for the process of the passes; keeps whether it was closed."""
+    """A stand-in for the pass process; remembers whether it was closed."""
 
     def __init__(self, error):
         self.error, self.closed, self.asked = error, False, 0
@@ -31,12 +31,12 @@ class Failing:
         raise self.error
 
     def close(self, most_s=0.0):
-        """Be closed."""
+        """Remember the call."""
         self.closed = True
 
 
 def given(node, error):
-    """Have a process that fails so measure the passes of a node; return it."""
+    """Give a node a pass process that fails; return the process."""
     process, measuring = Failing(error), node.measuring
     measuring._passer = Worker('measures passes', lambda: process, measuring.log)
     measuring._passer.start(), measuring._passer.wait()
@@ -49,14 +49,14 @@ def node(in_process, sample):
         yield node
 
 
-def test_each_state_and_a_jump_of_time_are_told(node):
+def test_each_state_and_a_jump_of_time_are_reported(node):
     measuring = node.measuring
     assert (measuring.state().level, measuring.state().message) == (WARN, 'not configured')
     node.trigger_configure()
     assert (measuring.state().level, measuring.state().message) == (WARN, 'inactive')
     node.trigger_activate()
     assert 'inactive' not in measuring.state().message
-    assert 'nothing is known' in measuring.stamps().message  # and none are said to be right
+    assert 'nothing is known' in measuring.stamps().message  # so none are reported as right
     measuring._start_anew(SimpleNamespace(reset=lambda: None), 5)
     state = measuring.state()
     assert state.values['resets'] == 1 and 'stamps jumped back' in state.message
@@ -65,7 +65,7 @@ def test_each_state_and_a_jump_of_time_are_told(node):
 
 
 @pytest.mark.parametrize(('every', 'told'), [(3, False), (1, True)])
-def test_it_is_told_when_most_pairs_are_hurried(node, every, told):
+def test_hurrying_most_pairs_is_reported(node, every, told):
     node.trigger_configure()
     node.trigger_activate()
     for k in range(30):
@@ -76,7 +76,7 @@ def test_it_is_told_when_most_pairs_are_hurried(node, every, told):
     assert state.level == WARN or not told
 
 
-def test_without_hurry_no_pair_is(in_process, sample):
+def test_with_hurrying_disabled_no_pair_is_hurried(in_process, sample):
     with in_process(TrackerNode, f'site:={sample / "site.yaml"}', 'hurry:=false') as node:
         node.trigger_configure()
         node.trigger_activate()
@@ -88,14 +88,14 @@ def test_without_hurry_no_pair_is(in_process, sample):
         assert queue.take(0.0) == 'pair' and not queue.hurried
 
 
-def test_a_pass_that_cannot_be_told_to_the_process_is_measured_here_without_a_fault(node):
+def test_pass_that_cannot_be_sent_to_the_process_is_measured_here(node):
     process = given(node, OnlyHereError('cannot be pickled'))
     for _ in range(2):
         assert node.measuring._measured(lambda: 'result') == 'result'
     assert (process.asked, process.closed, node.measuring._passer.fault) == (2, False, '')
 
 
-def test_a_process_of_the_passes_that_fails_is_closed_and_told_and_not_asked_again(node):
+def test_failed_pass_process_is_closed_reported_and_not_used_again(node):
     process = given(node, PassProcessError('it has ended'))
     for _ in range(2):
         assert node.measuring._measured(lambda: 'result') == 'result'

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What is counted of pairs and stamps turns into levels, and back."""
+"""Counts of pairs and stamps raise levels, and lower them again."""
 from __future__ import annotations
 
 from types import SimpleNamespace
@@ -15,7 +15,7 @@ from stereo_speed.nodes.measuring_state import ClockSteps, Counts, tell_stamps  
 
 
 def stepped(times):
-    """Return what stands for a pipeline whose stamps have stepped so often."""
+    """Return a stand-in for a pipeline with a number of clock steps."""
     watch = StampWatch()
     watch.steps, watch.last_step_s = times, 0.03
     return SimpleNamespace(stamp_watch=watch)
@@ -27,13 +27,13 @@ def told(steps, pipeline):
     return state.level, state.message, state.values['clock_steps']
 
 
-def test_a_step_of_the_clock_is_told():
+def test_step_of_the_clock_is_reported():
     assert told(ClockSteps(), stepped(1)) == (
         WARN, 'the clock stepped by +30.0 ms: passes of that moment are rejected', 1)
 
 
-def test_steps_of_another_pipeline_are_counted_from_its_own_start():
-    """Else the first look after a new calibration finds fewer steps than before, and warns."""
+def test_steps_of_a_new_pipeline_are_counted_from_its_start():
+    """Otherwise the count would fall after a new calibration, and give a warning."""
     now_s = [0.0]
     steps, before = ClockSteps(lambda: now_s[0]), stepped(3)
     assert told(steps, before)[0] == WARN
@@ -45,7 +45,7 @@ def test_steps_of_another_pipeline_are_counted_from_its_own_start():
 @pytest.mark.parametrize(('name', 'level', 'says'), [
     ('resets', WARN, 'stamps jumped back'), ('skipped', WARN, 'does not keep up: 1 pairs'),
     ('frozen', WARN, '1 pairs withheld'), ('failed', ERROR, 'measuring failed 1 times')])
-def test_what_goes_wrong_is_told_with_its_count(name, level, says):
+def test_faults_are_reported_with_their_counts(name, level, says):
     counts, state = Counts(), State('fine')
     counts.tell(state)
     assert (state.level, state.message) == (OK, 'fine')
@@ -54,7 +54,7 @@ def test_what_goes_wrong_is_told_with_its_count(name, level, says):
     assert state.level == level and says in state.message and state.values[name] == 1
 
 
-def test_latencies_are_told_once_there_are_any():
+def test_latencies_are_reported_once_there_are_any():
     counts, state = Counts(), State('fine')
     counts.tell(state)
     assert 'latency_p50_s' not in state.values
@@ -66,7 +66,7 @@ def test_latencies_are_told_once_there_are_any():
 @pytest.mark.parametrize(('lag', 'level', 'says'), [
     ({'std_s': 3e-3}, ERROR, 'nothing shows yet'), ({'correction_s': 5e-3}, WARN, 'corrected'),
     ({'constant': True}, WARN, 'corrected'), ({}, WARN, 'as the exposures are')])
-def test_what_the_images_say_of_stamps_apart_is_told(lag, level, says):
+def test_image_evidence_on_the_lag_between_views_is_reported(lag, level, says):
     known = {'gap_s': 5e-3, 'looks': 9, 'correction_s': 0.0, 'std_s': 1e-3, 'constant': False}
     state = State('fine')
     tell_stamps(SimpleNamespace(uneven_stamps_s=None, view_lag=SimpleNamespace(

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Whether the views are crossed: nothing is told before it is known, nobody waits later."""
+"""Swapped views: the result is reported once it is known, and later checks do not block."""
 from __future__ import annotations
 
 import threading
@@ -12,7 +12,7 @@ LONG_S = 30.0
 
 
 class Looks:
-    """Answers as told, each in its turn, once it may."""
+    """Gives scripted answers, one after the other, when allowed to."""
 
     def __init__(self, *answers):
         self.answers, self.now_s, self.may = list(answers), 0.0, threading.Event()
@@ -31,14 +31,14 @@ class Looks:
         return OrderWatch(self, lambda: self.now_s)
 
 
-def test_the_first_look_is_waited_for():
+def test_first_check_is_waited_for():
     for answer, crossed in ((True, True), (False, False), (None, False)):
         watch = Looks(answer).watch()
         assert watch.take(None, 'pair') is crossed and watch.crossed is crossed
         watch.close()
 
 
-def test_later_looks_are_taken_in_with_a_later_pair():
+def test_later_checks_are_taken_in_with_a_later_pair():
     looks = Looks(False, True)
     watch = looks.watch()
     watch.take(None, 0)
@@ -47,17 +47,17 @@ def test_later_looks_are_taken_in_with_a_later_pair():
     assert watch.take(None, 1) is False and looks.pairs == [0]  # too soon for another
     looks.may.clear()
     looks.now_s = 11.0
-    assert watch.take(None, 2) is False  # told at once, whatever the look will find
+    assert watch.take(None, 2) is False  # answered at once, before the check ends
     looks.may.set()
     assert looks.over.acquire(timeout=LONG_S)
     watch.close()
     end_s = time.monotonic() + LONG_S
-    while not watch.take(None, 3):  # as soon as it is known, in the time a thread takes
+    while not watch.take(None, 3):  # until the thread has finished
         assert time.monotonic() < end_s
     assert looks.pairs == [0, 2]
 
 
-def test_while_they_are_crossed_each_look_is_waited_for():
+def test_each_check_is_waited_for_while_the_views_are_swapped():
     looks = Looks(True, None, False)
     watch = looks.watch()
     assert watch.take(None, 0)

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a measuring node tells of itself, held in this process."""
+"""The outputs of a measuring node, in this process."""
 from __future__ import annotations
 
 from collections import defaultdict
@@ -25,13 +25,13 @@ LATER = {**PASSED, 'passed_utc': '2026-11-22T11:00:00Z'}
 
 @pytest.fixture()
 def told():
-    """Return what is published, by topic."""
+    """Return the published messages, by topic."""
     return defaultdict(list)
 
 
 @pytest.fixture()
 def outputs(told):
-    """Return the outputs of a node that is none."""
+    """Return outputs without a real node."""
     node = SimpleNamespace(
         create_publisher=lambda kind, topic, *_, **__: SimpleNamespace(publish=told[topic].append),
         get_logger=lambda: SimpleNamespace(info=lambda line: None), get_clock=Clock)
@@ -44,7 +44,7 @@ def place(sample):
         return MeasuringSite.of(load_site(sample / 'site.yaml'), bag.rig)
 
 
-def test_the_instrument_is_told_again_with_each_self_test_and_calibration(told, outputs, place):
+def test_instrument_is_published_with_each_self_test_and_calibration(told, outputs, place):
     pipeline = place.pipeline(PipelineConfig())
     outputs.tell_self_test(None)
     outputs.begin(pipeline, place, PipelineConfig())
@@ -58,7 +58,7 @@ def test_the_instrument_is_told_again_with_each_self_test_and_calibration(told, 
     assert len(told['lane_markers']) == 2  # the lanes stand as they did
 
 
-def test_a_self_test_that_is_passed_before_the_rig_is_known_is_told_with_it(told, outputs, place):
+def test_self_test_passed_before_the_rig_is_known_is_published_with_it(told, outputs, place):
     outputs.tell_self_test(PASSED)
     assert not told['instrument']
     outputs.begin(place.pipeline(PipelineConfig()), place, PipelineConfig())

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The pair's message gives back what was put into it, and shows as a plain image."""
+"""The pair message returns what was put into it, and is a valid plain image."""
 from __future__ import annotations
 
 import numpy as np
@@ -21,11 +21,11 @@ def test_pair_and_both_stamps_come_back(kind):
     assert (pair.index, pair.stamp_ns, pair.right_stamp_ns) == (4, left_ns, right_ns)
     np.testing.assert_array_equal(pair.left, left)
     np.testing.assert_array_equal(pair.right, right)
-    # For a viewer it is one image, the left above the right.
+    # Viewers show one image, the left above the right.
     np.testing.assert_array_equal(grey_from_message(msg, ''), np.vstack([left, right]))
 
 
-def test_an_image_that_is_no_pair_is_refused():
+def test_image_that_is_no_pair_is_refused():
     msg = image_message(np.zeros((8, 6), np.uint8), ns=1, frame_id='left')
     with pytest.raises(InputError, match='right stamp'):
         pair_from_message(msg, 0)

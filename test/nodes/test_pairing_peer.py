@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The peer that live nodes are timed beside does not go on in silence when its matching fails."""
+"""The peer that live nodes are compared with reports a failure of its matching."""
 from __future__ import annotations
 
 import pytest
@@ -12,14 +12,14 @@ from stereo_speed.nodes.pairing_peer_node import MatchingError, PairingPeerNode 
 
 
 def image(sec, size):
-    """Return a black image of 64 x 128 pixels, with so many bytes of data."""
+    """Return a black image of 64 x 128 pixels, with a number of bytes of data."""
     msg = Image(height=64, width=128, step=128, encoding='mono8', data=bytes(size))
     msg.header.stamp.sec = sec
     return msg
 
 
-def test_matching_that_fails_ends_the_node_with_the_next_image(in_process):
-    """Its images are cut short, so that they are no images."""
+def test_failed_matching_ends_the_node_with_the_next_image(in_process):
+    """Its images are truncated, and so invalid."""
     with in_process(PairingPeerNode, 'matching:=sgbm') as node:
         node._image('left', image(1, 7))
         node._image('right', image(1, 7))
@@ -29,7 +29,7 @@ def test_matching_that_fails_ends_the_node_with_the_next_image(in_process):
             node._image('left', image(2, 64 * 128))
 
 
-def test_matching_goes_on_while_it_does_not_fail(in_process):
+def test_matching_continues_while_it_does_not_fail(in_process):
     with in_process(PairingPeerNode, 'matching:=sgbm') as node:
         for sec in (1, 2):
             for side in ('left', 'right'):

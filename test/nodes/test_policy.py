@@ -21,7 +21,7 @@ SETTLE_S = 20.0
 SIM_TIME = 'use_sim_time:=true'  # then /clock is subscribed to
 COMPRESSED = 'image_transport:=compressed'
 SITE = 'site:={sample}/site.yaml'
-# Parameters that a node needs, once for each choice that changes what it has.
+# Parameters that a node needs, one entry per choice that changes its topics.
 NODES = {
     'stereo_sync_node': ('StereoSyncNode', [[SIM_TIME], [COMPRESSED]]),
     'tracker_node': ('TrackerNode', [[SIM_TIME, SITE, 'detector:=boxes']]),
@@ -41,24 +41,24 @@ NODES = {
 
 @pytest.fixture(scope='module')
 def profiles():
-    """Give the profiles of the policy by node."""
+    """Return the profiles of the policy by node."""
     policy = ElementTree.parse(ROOT / 'config' / 'stereo_speed.policy.xml').getroot()
     return {profile.get('node'): profile for profile in policy.iter('profile')}
 
 
 def allowed(profile, what, kind):
-    """Give the names that a profile allows for topics or services, in the root namespace."""
+    """Return the names that a profile allows for topics or services, in the root namespace."""
     return {f'/{name.text.lstrip("/")}' for group in profile.iter(what)
             if group.get(kind) == 'ALLOW' for name in group}
 
 
 def found(node):
-    """Make a node active where it has a lifecycle; give what the graph says that it has."""
+    """Activate a node that has a lifecycle; return what the graph contains of it."""
     getattr(node, 'begin', lambda: None)()
     of, end_s = (node.get_name(), node.get_namespace()), time.monotonic() + SETTLE_S
     made = [{one.topic_name for one in node.publishers},
             {one.topic_name for one in node.subscriptions}, set()]
-    while True:  # the graph may learn of what is made a moment later
+    while True:  # the graph may update with a delay
         has = [{topic for topic, _ in ask(*of)} for ask in (
             node.get_publisher_names_and_types_by_node,
             node.get_subscriber_names_and_types_by_node,
@@ -69,7 +69,7 @@ def found(node):
 
 
 @pytest.mark.parametrize('name', NODES)
-def test_a_profile_allows_what_the_node_has(in_process, name, profiles, sample, tmp_path):
+def test_profile_allows_what_the_node_has(in_process, name, profiles, sample, tmp_path):
     cv2.imwrite(str(tmp_path / 'map.png'), np.full((120, 160), 255, np.uint8))
     (tmp_path / 'targets.yaml').write_text(
         'environment_targets: 1\ntargets:\n- {id: 3, frame: 2, box: [30, 40, 12, 30]}\n')
@@ -92,8 +92,8 @@ def test_every_node_was_tried(profiles):
     assert set(profiles) == set(NODES)
 
 
-def test_layouts_show_what_is_published(profiles):
-    """Also the lanes, which are told once."""
+def test_layouts_show_published_topics(profiles):
+    """Also the lanes, which are published once."""
     published = set().union(*(allowed(p, 'topics', 'publish') for p in profiles.values()))
     for layout in ('stereo_speed.rviz', 'stereo_speed.foxglove.json'):
         text = (ROOT / 'config' / layout).read_text()

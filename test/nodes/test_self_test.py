@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Nothing may be measured from the start of a node until its self-test is passed."""
+"""Nothing may be measured from the start of a node until its self-test has passed."""
 from __future__ import annotations
 
 from datetime import datetime, timezone
@@ -20,7 +20,7 @@ LONGEST_S = 120.0
 
 
 def make_watch(folder):
-    """Make a watch of a node that logs nowhere, with the folder of a stored pass."""
+    """Return a watch of a node without a log, with the folder of a stored pass."""
     log = SimpleNamespace(info=lambda line: None, error=lambda line: None)
     node = SimpleNamespace(get_logger=lambda: log, get_name=lambda: 'node')
     given = SimpleNamespace(get=lambda name, default, *_: (
@@ -37,7 +37,7 @@ def poll_until(watch, condition):
     assert condition()
 
 
-def test_all_is_withheld_until_it_is_passed(sample):
+def test_everything_is_withheld_until_the_self_test_passes(sample):
     watch, begun = make_watch(sample), datetime.now(timezone.utc).replace(microsecond=0)
     try:
         before = watch.state()
@@ -50,13 +50,13 @@ def test_all_is_withheld_until_it_is_passed(sample):
         watch.close()
     after = watch.state()
     assert (after.level, after.message, after.values['passed']) == (OK, 'passed', 1)
-    assert abs(watch.newest['off_percent']) < 1.0  # what records say of it
+    assert abs(watch.newest['off_percent']) < 1.0  # as records state it
     passed = datetime.strptime(watch.newest['passed_utc'], '%Y-%m-%dT%H:%M:%S%z')
     assert begun <= passed <= datetime.now(timezone.utc)
 
 
-def test_one_that_cannot_be_run_withholds_too(sample, tmp_path):
-    """A stored pass whose truth has gone bad is named."""
+def test_self_test_that_cannot_run_withholds_too(sample, tmp_path):
+    """A stored pass with a damaged truth file is named."""
     for name in ('bag', 'site.yaml'):
         (tmp_path / name).symlink_to(sample / name)
     (tmp_path / 'truth.csv').write_text('nothing\n')
@@ -70,7 +70,7 @@ def test_one_that_cannot_be_run_withholds_too(sample, tmp_path):
     assert state.level == ERROR and 'truth.csv' in state.message
 
 
-def test_a_folder_without_a_stored_pass_is_refused(tmp_path):
+def test_folder_without_a_stored_pass_is_refused(tmp_path):
     with pytest.raises(InputError, match='a folder with site.yaml, truth.csv, bag'):
         make_watch(tmp_path)
 

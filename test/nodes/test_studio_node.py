@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The page of what is live, as a real process that listens to real messages."""
+"""The live page, as a real process that receives real messages."""
 from __future__ import annotations
 
 import http.cookiejar
@@ -29,7 +29,7 @@ import yaml  # noqa: E402
 START_S, EVENT_S = 60.0, 30.0
 
 
-def test_what_the_graph_says_is_on_the_page(stand_in):
+def test_messages_of_the_graph_are_on_the_page(stand_in):
     latched = QoSProfile(depth=5, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     speeds, images, right, passes, health = (stand_in.create_publisher(*what) for what in (
         (TwistWithCovarianceStamped, 'vehicle_speed', RELIABLE),
@@ -37,7 +37,7 @@ def test_what_the_graph_says_is_on_the_page(stand_in):
         (Image, 'overlay/right/image_raw', RELIABLE), (String, 'passes', latched),
         (DiagnosticArray, '/diagnostics', 10)))
     passes.publish(String(data='not a pass'))
-    passes.publish(String(data=json.dumps({  # told before anybody looked
+    passes.publish(String(data=json.dumps({  # published before the page was opened
         'track': 4, 'lane': 'near', 'speed_mps': 20.0, 'speed_std_mps': 0.1,
         'verdict': 'measured', 'reason': ''})))
     command = [sys.executable, '-m', 'stereo_speed', 'studio', '--live', '--port', '0']
@@ -84,7 +84,7 @@ def test_what_the_graph_says_is_on_the_page(stand_in):
 
 
 @pytest.mark.parametrize('name', ['stereo_speed.rviz', 'stereo_speed.foxglove.json'])
-def test_layouts_name_topics_that_there_are(name):
+def test_layouts_name_existing_topics(name):
     root = Path(__file__).resolve().parents[2]
     text = (root / 'config' / name).read_text()
     yaml.safe_load(text)  # JSON is YAML as well

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A subscription takes what the publishers of its topic offer."""
+"""A subscription matches the reliability that the publishers of its topic offer."""
 from __future__ import annotations
 
 import pytest
@@ -19,7 +19,7 @@ EVENT_S = 20.0
 BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
-def test_it_is_reliable_where_all_publishers_are_and_hears_the_others_too(stand_in):
+def test_subscription_is_reliable_if_all_publishers_are_and_receives_from_all(stand_in):
     heard = []
     subscription = OfferedSubscription(stand_in, String, 'offered', heard.append)
 
@@ -27,7 +27,7 @@ def test_it_is_reliable_where_all_publishers_are_and_hears_the_others_too(stand_
         stand_in.wait(lambda: publisher.get_subscription_count() == 1, EVENT_S)
         publisher.publish(String(data=text))
         stand_in.wait(lambda: heard and heard[-1].data == text, EVENT_S)
-    assert not subscription.reliable  # hears everybody, while nobody is known
+    assert not subscription.reliable  # accepts all publishers while none is known
     reliable = stand_in.create_publisher(String, 'offered', RELIABLE)
     stand_in.wait(lambda: subscription.reliable, EVENT_S)
     hears(reliable, 'one')
@@ -43,13 +43,13 @@ def test_it_is_reliable_where_all_publishers_are_and_hears_the_others_too(stand_
 
 
 @pytest.mark.parametrize('given', ['reliable', 'best_effort'])
-def test_a_reliability_that_is_given_holds(stand_in, given):
+def test_configured_reliability_is_kept(stand_in, given):
     node = rclpy.create_node('given', context=stand_in.context, parameter_overrides=[Parameter(
         'qos_overrides./offered.subscription.reliability', value=given)])
     subscription = OfferedSubscription(node, String, '/offered', print)
     stand_in.create_publisher(
         String, '/offered', BEST_EFFORT if given == 'reliable' else RELIABLE)
     stand_in.wait(lambda: node.count_publishers('/offered') == 1, EVENT_S)
-    assert not list(node.timers)  # that would look at what is offered
+    assert not list(node.timers)  # that would check the offered reliability
     assert subscription.reliable == (given == 'reliable')
     node.destroy_node()
