@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Errors are one line, and survive the way out of a worker process."""
+"""Errors are one line, and survive the transfer from a worker process."""
 from __future__ import annotations
 
 import pickle

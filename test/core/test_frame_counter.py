@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Numbers of frames from their stamps: with jitter and drops, by hand, and after a jump."""
+"""Frame numbers from stamps: with jitter and drops, by hand, and after a jump."""
 from __future__ import annotations
 
 import numpy as np
@@ -14,11 +14,11 @@ JUMP_NS = 1000 * MS
 
 @pytest.fixture()
 def counter():
-    """Return a counter that takes a second back for a jump."""
+    """Return a counter that treats a step back by a second as a jump."""
     return FrameCounter(JUMP_NS)
 
 
-def test_numbers_are_those_of_the_camera(counter):
+def test_numbers_equal_those_of_the_camera(counter):
     """30 Hz with 3 ms of jitter and one in six dropped."""
     rng = np.random.default_rng(8)
     there = rng.random(900) > 1 / 6
@@ -37,7 +37,7 @@ def test_repeated_and_late_stamps_are_left_out(counter):
     assert (counter.number, counter.repeated, counter.late) == (6, 1, 1)
 
 
-def test_jump_back_is_told_from_a_late_stamp_and_numbers_restart(counter):
+def test_jump_back_restarts_numbers_but_a_late_stamp_does_not(counter):
     assert not counter.jumps_back(0)  # nothing has come yet
     for t in (2400, 2500):
         counter.step(t * MS)
@@ -48,7 +48,7 @@ def test_jump_back_is_told_from_a_late_stamp_and_numbers_restart(counter):
     assert counter.repeated == 1  # the counts go on
 
 
-def test_interval_follows_a_camera_that_changes_its_rate(counter):
+def test_interval_follows_a_change_of_the_frame_rate(counter):
     """After 16 of the 31 latest intervals are the new ones, their median is the new one."""
     for i in range(40):
         counter.step(i * 100 * MS)

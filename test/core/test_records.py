@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Pairs know when their views were exposed."""
+"""Pairs and the exposure times of their views."""
 from __future__ import annotations
 
 import numpy as np

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Pairs that another process shall see lie side by side in memory, and come out as they were."""
+"""Pairs for another process are adjacent in memory, and are returned unchanged."""
 from __future__ import annotations
 
 from mmap import mmap
@@ -12,7 +12,7 @@ from stereo_speed.core.shared_pair import SharedPair
 
 
 @pytest.mark.parametrize('dtype', [np.uint8, np.uint16])
-def test_pairs_one_after_the_other_come_out_as_they_were(dtype):
+def test_successive_pairs_are_returned_unchanged(dtype):
     rng, shape, memory = np.random.default_rng(0), (3, 5), mmap(-1, 4096)
     pairs = [StereoPair(k, 10 * k, 10 * k + 1, rng.integers(0, 255, shape).astype(dtype),
                         rng.integers(0, 255, shape).astype(dtype),
