@@ -10,7 +10,7 @@ from stereo_speed.core.errors import InputError
 
 
 def work(parameters):
-    """Square a number, leave a trace of having done so, or fail as the parameters say."""
+    """Jobs for the tests of the runner's processes."""
     if parameters.get('trace'):
         with open(parameters['trace'], 'a') as file:
             file.write(f'{parameters["n"]} {os.getpid()}\n')

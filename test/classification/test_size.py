@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Sizes of drawn vehicles, from their pairs and where they are in them."""
+"""Sizes of drawn vehicles, from their pairs and their places in them."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -25,7 +25,7 @@ CONFIG = ClassConfig()
 
 @cache
 def drawn(kind, **changes):
-    """Return rig, lane, and each of some near pairs with the place of the front that was drawn."""
+    """Return rig, lane, and some near pairs, each with the true place of the front."""
     body = BODIES[kind]
     vehicle = VehicleConfig(kind=kind, solid=True, front_width_m=body.width_m,
                             front_height_m=body.front_m, clearance_m=body.clearance_m)
@@ -40,7 +40,7 @@ def drawn(kind, **changes):
 
 
 def update_of(row, pair, lane, rig, body):
-    """Return an update of the true place."""
+    """Return an update at the true place."""
     at = np.array([row['x'], row['y'], row['z']])
     s_m = lane.path.arc_length(at)
     axes = lane.path.frame(np.array(s_m))
@@ -64,7 +64,7 @@ def measured(rig, lane, rows, **changes):
     ('car', VehicleClass.CAR, (1.3, 1.65)), ('van', VehicleClass.VAN, (2.2, 2.65)),
     ('truck', VehicleClass.HEAVY_VEHICLE, (2.5, 3.7)),
     ('motorcycle', VehicleClass.MOTORCYCLE, (0.8, 1.8))])
-def test_drawn_vehicles_are_told_by_size(kind, name, height_m):
+def test_sizes_of_drawn_vehicles_are_measured(kind, name, height_m):
     found = measured(*drawn(kind))
     assert found.width_m == pytest.approx(BODIES[kind].width_m, abs=0.02)
     assert height_m[0] < found.height_m < height_m[1]
@@ -72,7 +72,7 @@ def test_drawn_vehicles_are_told_by_size(kind, name, height_m):
 
 
 def in_part(update, rig, low, high):
-    """Return an update of a track that holds a part of the front, between shares of its width."""
+    """Return the update of a track that holds the front from one share of its width to another."""
     left, right = (np.concatenate([
         upper[0] + np.array([[low], [high]]) * (upper[1] - upper[0]),
         lower[0] + np.array([[high], [low]]) * (lower[1] - lower[0])])
@@ -87,7 +87,7 @@ def in_part(update, rig, low, high):
 @pytest.mark.slow
 @pytest.mark.parametrize('delay_s', [0.0, 0.02], ids=['at once', 'right view later'])
 @pytest.mark.parametrize('kind', ['car', 'truck'])
-def test_a_front_of_which_a_part_is_tracked_is_as_wide_as_it_is(kind, delay_s):
+def test_partly_tracked_front_has_its_whole_width(kind, delay_s):
     """A pole hid the rest where the track began."""
     rig, lane, rows = drawn(kind, right_delay_s=delay_s)
     rows = [(pair, in_part(update, rig, 0.45, 1.0)) for pair, update in rows]
@@ -98,19 +98,19 @@ def test_a_front_of_which_a_part_is_tracked_is_as_wide_as_it_is(kind, delay_s):
 
 
 class Seen:
-    """Tells widths that were seen in some pairs, by their stamps."""
+    """Gives scripted widths by the stamps of pairs."""
 
     def __init__(self, widths_m):
         self._widths_m = widths_m
 
     def widths_m(self, pair, update):
-        """Return those of a pair."""
+        """Return the widths of a pair."""
         return self._widths_m.get(pair.stamp_ns, [])
 
 
 @pytest.mark.slow
-def test_what_one_pair_shows_at_two_heights_is_a_width_and_at_one_it_may_be_chance():
-    """A vehicle half hidden all along shows whole in few pairs, or in none."""
+def test_width_needs_two_heights_in_one_pair_or_several_pairs():
+    """A vehicle that is half hidden all the time is wholly visible in few pairs, or in none."""
     rig, lane, rows = drawn('car')
     stamp_ns = rows[-1][0].stamp_ns  # of the nearest, which is kept
     assert measured(rig, lane, rows, fronts=Seen({stamp_ns: [1.9, 2.0]})).width_m == 1.95
@@ -119,8 +119,8 @@ def test_what_one_pair_shows_at_two_heights_is_a_width_and_at_one_it_may_be_chan
 
 
 @pytest.mark.slow
-def test_a_two_wheeler_is_no_part_of_a_wider_front():
-    """No front of a car is seen about it, so it is as wide as what is tracked."""
+def test_two_wheeler_is_no_part_of_a_wider_front():
+    """No car front is visible around it, so its width is that of the tracked part."""
     rig, lane, rows = drawn('motorcycle')
     one, other = (measured(rig, lane, rows, fronts=fronts)
                   for fronts in (None, FrontWidth(rig, lane)))
@@ -129,23 +129,23 @@ def test_a_two_wheeler_is_no_part_of_a_wider_front():
 
 
 @pytest.mark.slow
-def test_exposure_and_lag_of_the_right_view_change_nothing():
-    """The vehicle goes on by 0.4 m until the right view is exposed."""
+def test_exposure_and_lag_of_the_right_view_have_no_effect():
+    """The vehicle moves by 0.4 m until the right view is exposed."""
     found = measured(*drawn('van', right_delay_s=0.02, right_gain=0.8))
     assert found.name == VehicleClass.VAN
     assert found.height_m == pytest.approx(2.45, abs=0.2)
 
 
 @pytest.mark.slow
-def test_a_receding_vehicle_keeps_its_height_where_its_last_pairs_are_alike_in_range():
-    """The images end below the highest strip that is sought, so no pair decides by itself."""
+def test_receding_vehicle_keeps_its_height_despite_similar_ranges():
+    """The images end below the highest strip searched, so no pair decides by itself."""
     rig, lane, rows = drawn('car', fps=10.0, camera_height_m=2.0, camera_pitch_deg=8.0)
     found = measured(rig, lane, rows[-4:][::-1])  # at 23, 28 and 30 m
     assert found.height_m is not None and 1.3 < found.height_m < 1.65
 
 
 @pytest.mark.slow
-def test_the_height_is_unknown_where_no_two_pairs_differ_in_range():
+def test_height_is_unknown_where_all_pairs_have_the_same_range():
     rig, lane, rows = drawn('car')
     found = measured(rig, lane, rows[-1:])
     assert (found.height_m, found.height_std_m) == (None, None)
@@ -153,8 +153,8 @@ def test_the_height_is_unknown_where_no_two_pairs_differ_in_range():
 
 
 @pytest.mark.slow
-def test_what_stands_still_has_no_height():
-    """The same image again: nothing in it moves along."""
+def test_stationary_object_has_no_height():
+    """With the same image twice nothing moves along."""
     rig, lane, rows = drawn('car')
     still = rows[-1][0]
     found = measured(rig, lane, [(replace(still, stamp_ns=pair.stamp_ns), update)
@@ -163,22 +163,22 @@ def test_what_stands_still_has_no_height():
 
 
 @pytest.mark.slow
-def test_the_top_is_no_higher_than_it_is_looked_for():
+def test_height_is_limited_by_the_search_range():
     rig, lane, rows = drawn('van')
     found = measured(rig, lane, rows, search=HeightSearch(most_m=1.2))
     assert 1.0 < found.height_m < 1.2 + HeightSearch().step_m
 
 
 @pytest.mark.slow
-def test_what_is_further_behind_than_a_vehicle_s_own_is_none_of_its_height():
-    """A windscreen is a metre behind the bumper; as another vehicle's it would not count."""
+def test_top_too_far_behind_the_front_does_not_count():
+    """A windscreen is 1 m behind the bumper; at another vehicle's depth it would not count."""
     rig, lane, rows = drawn('car')
     heights = [measured(rig, lane, rows, search=HeightSearch(own_m=own_m)).height_m
                for own_m in (0.4, 4.0)]
     assert heights[0] < 1.15 and 1.3 < heights[1] < 1.65
 
 
-def test_strips_overlap_and_reach_from_the_lowest_to_the_highest():
+def test_strips_overlap_and_cover_the_range_of_heights():
     search = HeightSearch()
     assert search.heights_m[[0, -1]] == pytest.approx([search.least_m, search.most_m])
     assert np.diff(search.heights_m) == pytest.approx(search.step_m)
@@ -187,7 +187,7 @@ def test_strips_overlap_and_reach_from_the_lowest_to_the_highest():
 
 
 @pytest.mark.slow
-def test_the_width_of_a_marked_front_is_as_certain_as_its_corners():
+def test_width_of_a_marked_front_is_as_certain_as_its_corners():
     rig, lane, rows = drawn('car')
     px_per_m = np.ptp(rows[0][1].quad_left_px[:, 0]) / BODIES['car'].width_m
     found = measured(rig, lane, rows, marked_std_px=0.7)

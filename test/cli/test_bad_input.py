@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Bad input: exit 2, one line that names the file and the field, nothing that looks complete."""
+"""Bad input: exit 2, one line that names the file and the field, no output that looks complete."""
 from __future__ import annotations
 
 import math
@@ -18,7 +18,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 @pytest.fixture
 def refused(capsys, sample, short_bag, tmp_path):
-    """Give the function that runs ``replay`` in-process, checks how it ends, gives the line."""
+    """Return a function that runs ``replay`` in-process, checks its end, and returns the line."""
     def run(*more: str, bag: Path = short_bag, site: Path = sample / 'site.yaml',
             init: Path | None = sample / 'init.yaml') -> str:
         out = tmp_path / 'out'
@@ -36,13 +36,13 @@ def refused(capsys, sample, short_bag, tmp_path):
 
 
 def assert_names(line: str, *parts: object) -> None:
-    """Check that the line holds each part."""
+    """Assert that the line contains each part."""
     for part in parts:
         assert str(part) in line
 
 
 def replaced(msg, field: str, value):
-    """Give the message with a field set, which also fits frozen messages."""
+    """Return the message with one field replaced, also for frozen messages."""
     object.__setattr__(msg, field, value)
     return msg
 
@@ -61,7 +61,7 @@ def test_no_bag(refused, tmp_path):
     assert_names(refused(bag=tmp_path / 'nowhere'), tmp_path / 'nowhere')
 
 
-def test_a_folder_that_is_no_bag(refused, tmp_path):
+def test_folder_without_a_bag(refused, tmp_path):
     (tmp_path / 'empty').mkdir()
     assert_names(refused(bag=tmp_path / 'empty'), tmp_path / 'empty')
 
@@ -82,7 +82,7 @@ def test_one_side_missing(refused, rewrite, tmp_path, side):
     assert_names(refused(bag=bag), bag, side)
 
 
-def test_topic_that_is_not_in_the_bag(refused, short_bag):
+def test_topic_missing_from_the_bag(refused, short_bag):
     assert_names(refused('--left', '/nothing'), short_bag, '/nothing')
 
 
@@ -98,7 +98,7 @@ def test_calibration_of_zeros(refused, rewrite, tmp_path):
     assert re.search(r'\bk\b', refused(bag=bag), re.IGNORECASE)
 
 
-def test_size_of_images_against_calibration(refused, rewrite, tmp_path):
+def test_image_size_differs_from_calibration(refused, rewrite, tmp_path):
     def wider(topic, number, msg):
         return replaced(msg, 'width', 2048) if topic.endswith('info') else msg
     bag = rewrite(tmp_path / 'wide', wider)
@@ -137,12 +137,12 @@ def test_file_that_is_not_yaml(refused, tmp_path, name):
 
 
 @pytest.mark.parametrize('name', ['site.yaml', 'init.yaml'])
-def test_file_that_is_not_there(refused, tmp_path, name):
+def test_missing_file(refused, tmp_path, name):
     path = tmp_path / 'nowhere' / name
     assert_names(refused(**{name.removesuffix('.yaml'): path}), path)
 
 
-def test_unknown_line_of_a_lane(refused, edited):
+def test_lane_with_an_unknown_line(refused, edited):
     site = edited('site.yaml', lambda data: data['lanes'][0].update(left='kerb'))
     assert_names(refused(site=site), site, 'kerb')
 
@@ -158,7 +158,7 @@ def test_quad_outside_the_image(refused, edited, side, shift):
     assert_names(refused(init=init), init, side, '1024x768')
 
 
-def test_mark_in_a_pair_that_never_comes(refused, edited):
+def test_annotation_in_a_missing_pair(refused, edited):
     init = edited('init.yaml', lambda data: data['vehicles'][0].update(frame=99))
     assert_names(refused(init=init), init, 'vehicles[0].frame', '99', '4')
 
@@ -188,7 +188,7 @@ def test_out_is_a_file(capsys, sample, short_bag, tmp_path):
 
 
 def test_as_a_process(sample, tmp_path):
-    """The whole way once: a process, its exit status and its standard error."""
+    """End to end once: a process, its exit status and its standard error."""
     done = subprocess.run(
         [sys.executable, '-m', 'stereo_speed', 'replay', str(tmp_path / 'none.mcap'),
          '--site', str(sample / 'site.yaml'), '--init', str(sample / 'init.yaml'),

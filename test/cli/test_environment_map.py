@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""``map``: polygons to a map and its overlay, and what is wrong with them."""
+"""``map``: polygons to a map and its overlay, and invalid polygons."""
 from __future__ import annotations
 
 import cv2
@@ -30,7 +30,7 @@ def test_map_of_polygons(polygons, tmp_path, capsys):
     assert 'pathway: 6.2 %' in capsys.readouterr().out
 
 
-def test_map_takes_the_size_of_its_image(polygons, tmp_path):
+def test_map_has_the_size_of_its_image(polygons, tmp_path):
     image = np.full((30, 50, 3), 90, np.uint8)
     cv2.imwrite(str(tmp_path / 'image.png'), image)
     assert main(['map', str(polygons), '--image', str(tmp_path / 'image.png'), '--out',

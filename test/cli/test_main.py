@@ -14,7 +14,7 @@ from stereo_speed.core.errors import SiteError
 
 @pytest.fixture
 def command(monkeypatch):
-    """Give the function that installs a command that does what it is told."""
+    """Return a function that installs a command with a given action."""
     def install(action):
         class Module:
             run = staticmethod(action)
@@ -28,7 +28,7 @@ def command(monkeypatch):
 
 
 def raising(error):
-    """Give an action that raises."""
+    """Return an action that raises."""
     def action(args: argparse.Namespace) -> int:
         raise error
     return action
@@ -58,14 +58,14 @@ def test_interrupt(command):
     assert cli.main(['act']) == 130
 
 
-def test_faults_of_the_program_are_not_hidden(command):
+def test_program_faults_are_not_hidden(command):
     command(raising(ZeroDivisionError()))
     with pytest.raises(ZeroDivisionError):
         cli.main(['act'])
 
 
 @pytest.mark.parametrize('argv', [[], ['fly'], ['--colour']], ids=str)
-def test_no_such_command(capsys, argv):
+def test_unknown_command(capsys, argv):
     assert cli.main(argv) == 2
     captured = capsys.readouterr()
     assert captured.err.startswith('error: stereo_speed: ')

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A replay that reads ahead has for each pass the images that one in turn has."""
+"""A replay that reads ahead keeps the images of each pass like one that does not."""
 from __future__ import annotations
 
 from types import SimpleNamespace
@@ -21,14 +21,14 @@ STEP_NS = 100
 
 
 class Recorder:
-    """Notes of each pass which pairs there are both images of when it is offered."""
+    """Records which pairs of each pass have both images when it is offered."""
 
     def __init__(self):
         self.ring = ImageRing(2 * HELD * len(image().data), 10 ** 12)
         self.offered = []
 
     def offer(self, record_id, result):
-        """Note what there is."""
+        """Record the available images."""
         self.offered.append((result.track, [
             k for k in range(PAIRS) if self.ring.get('left', k * STEP_NS)
             and self.ring.get('right', k * STEP_NS + 1)]))
@@ -42,7 +42,7 @@ def image():
 
 
 @pytest.mark.parametrize('read_ahead', [1, 4, PAIRS])
-def test_what_is_read_ahead_drives_no_image_out_before_its_pass_is_told(read_ahead):
+def test_reading_ahead_drops_no_image_before_its_pass_is_published(read_ahead):
     recorder = Recorder()
     evidence, blank = ReplayEvidence(recorder, 'run', EnforcementConfig()), np.zeros((1, 4), 'u1')
     pairs = [StereoPair(k, k * STEP_NS, k * STEP_NS + 1, blank, blank) for k in range(PAIRS)]

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A replay that has processes help it writes what it would have written alone."""
+"""A replay with helper processes writes the same files as without."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -22,17 +22,17 @@ from stereo_speed.pipeline.pass_process import PassProcess
 
 @pytest.fixture(autouse=True)
 def two_cores(monkeypatch):
-    """Have helpers pay wherever this runs."""
+    """Make helpers worthwhile on any machine."""
     monkeypatch.setattr(os, 'sched_getaffinity', lambda pid: {0, 1})
 
 
 class Ready(SearchProcess):
-    """Searches from the first pair on: who asks whether it is ready waits until it is."""
+    """Searches from the first pair on: a query whether it is ready waits until it is."""
 
     made = []
 
     def __init__(self, *settings, **more):
-        """Make itself known."""
+        """Register itself."""
         super().__init__(*settings, **more)
         self.made.append(self)
 
@@ -43,7 +43,7 @@ class Ready(SearchProcess):
 
 
 class Dying(Ready):
-    """Is killed as soon as a detector is to move to it."""
+    """Is killed as soon as a detector would move to it."""
 
     def is_ready(self):
         """Wait until it is ready, and kill it."""
@@ -53,7 +53,7 @@ class Dying(Ready):
 
 
 class DyingBeforePasses(PassProcess):
-    """Is killed as soon as it could measure a pass."""
+    """Is killed before it can measure a pass."""
 
     def wait(self):
         """Wait until it is ready, and kill it."""
@@ -67,8 +67,7 @@ def files(folder):
 
 
 @pytest.mark.slow
-def test_the_same_is_written_with_helpers_without_and_where_they_are_killed(
-        sample, tmp_path, monkeypatch, capfd):
+def test_files_do_not_depend_on_helpers_or_their_death(sample, tmp_path, monkeypatch, capfd):
     def written(name, helpers, search=Ready, passes=PassProcess):
         monkeypatch.setattr(replay.Helpers, 'of', lambda *_, beside: helpers())
         monkeypatch.setattr(replay_helpers, 'SearchProcess', search)
@@ -95,7 +94,7 @@ def test_the_same_is_written_with_helpers_without_and_where_they_are_killed(
 
 @pytest.fixture(scope='module')
 def dense(sample, tmp_path_factory):
-    """Write a road on which nothing moves, at 20 pairs a second."""
+    """Write a bag of an empty road, at 20 pairs a second."""
     with StereoBag(sample / 'bag') as source:
         rig, still = source.rig, next(iter(source.pairs()))
     pairs = [replace(still, index=k, stamp_ns=ns, right_stamp_ns=ns)
@@ -104,11 +103,11 @@ def dense(sample, tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_parts_of_dense_pairs_end_where_they_do_without_helpers(
+def test_parts_of_dense_pairs_end_at_the_same_pairs_with_helpers(
         dense, sample, tmp_path, monkeypatch):
-    """When a part is to end the answer of the last search is still under way."""
+    """When a part could end, the result of the last search is still pending."""
     class Counted(replay.Parts):
-        """Parts that tell after how many pairs they ended."""
+        """A part that records after how many pairs it ended."""
 
         def begin(self, pipeline, so_far):
             ends.append(len(so_far.stamps_ns))
@@ -130,7 +129,7 @@ def test_parts_of_dense_pairs_end_where_they_do_without_helpers(
     assert ends == [10, 20, 30]
 
 
-def test_after_an_error_nothing_is_read_ahead_any_more(sample):
+def test_nothing_more_is_read_ahead_after_an_error(sample):
     def fail(pair):
         raise ZeroDivisionError
     with StereoBag(sample / 'bag') as bag, pytest.raises(ZeroDivisionError) as kept:
@@ -140,7 +139,7 @@ def test_after_an_error_nothing_is_read_ahead_any_more(sample):
 
 
 @pytest.mark.parametrize('forks, fewest', [(True, FEWEST_PAIRS), (False, FEWEST_WITHOUT_FORK)])
-def test_short_bags_and_those_of_many_go_without_processes(forks, fewest, monkeypatch):
+def test_short_bags_and_batches_of_bags_use_no_helpers(forks, fewest, monkeypatch):
     monkeypatch.setattr(replay_helpers, 'can_fork', lambda: forks)
     turn_s = sys.getswitchinterval()
     for pairs, beside in ((fewest - 1, True), (10 * fewest, False)):
@@ -151,7 +150,7 @@ def test_short_bags_and_those_of_many_go_without_processes(forks, fewest, monkey
     assert sys.getswitchinterval() == turn_s
 
     class Asked(Helpers):
-        """Tells whether there were to be processes."""
+        """Records whether helpers were requested."""
 
         def __init__(self, processes, *_, **more):
             asked.append(processes)
@@ -160,7 +159,7 @@ def test_short_bags_and_those_of_many_go_without_processes(forks, fewest, monkey
     assert asked == [True]
 
 
-def test_other_detectors_and_annotated_fronts_are_searched_for_here():
+def test_other_detectors_and_annotated_fronts_are_processed_here():
     for detector in (None, 'boxes'):
         with Helpers(True, detector) as helpers:
             assert helpers.later is not None and helpers.detect is None

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""``site`` from end to end on the sample, and what it refuses."""
+"""``site`` end to end on the sample, and its refusals."""
 from __future__ import annotations
 
 import numpy as np
@@ -11,7 +11,7 @@ import yaml
 
 
 @pytest.mark.slow
-def test_refine_writes_a_site_that_can_be_used(sample, short_bag, tmp_path, capsys):
+def test_refine_writes_a_usable_site(sample, short_bag, tmp_path, capsys):
     out, pictures = tmp_path / 'new' / 'near.yaml', tmp_path / 'pictures'
     assert main(['site', 'refine', str(short_bag), '--site', str(sample / 'site.yaml'),
                  '--out', str(out), '--pictures', str(pictures)]) == 0
@@ -33,7 +33,7 @@ def test_refine_writes_a_site_that_can_be_used(sample, short_bag, tmp_path, caps
 
 @pytest.mark.slow
 def test_check_changes_nothing(edited, short_bag, tmp_path, capsys):
-    """On a site of one line, for it takes as long as there are lines."""
+    """On a site of one line, as each line takes time."""
     def one_line(data):
         data['lines'] = {'edge_right': data['lines']['edge_right']}
         data['lanes'] = [{'name': 'lane_0', 'path': 'edge_right', 'speed_limit': '55 mph'}]

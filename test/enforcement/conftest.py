@@ -43,7 +43,7 @@ class Sample(NamedTuple):
 
 @pytest.fixture(scope='session')
 def sample():
-    """Measure the sample and keep its images as they came."""
+    """Measure the sample and keep its images as received."""
     ring = ImageRing(1 << 30, 10 ** 12)
 
     def keep(pair, left, right):
@@ -60,7 +60,7 @@ def sample():
 
 @pytest.fixture(scope='session')
 def written(sample, tmp_path_factory):
-    """Write the record of the sample's vehicle; a folder that no test may change."""
+    """Write the record of the sample's vehicle into a folder that no test may change."""
     folder = tmp_path_factory.mktemp('written') / 'evidence'
     recorder = sample.recorder(folder)
     assert recorder.offer(NAME, sample.result).anew
@@ -70,7 +70,7 @@ def written(sample, tmp_path_factory):
 
 @pytest.fixture
 def evidence(written, tmp_path):
-    """Return a copy of the record that a test may spoil."""
+    """Return a copy of the record that a test may damage."""
     return Path(shutil.copytree(written, tmp_path / 'evidence'))
 
 
