@@ -26,7 +26,7 @@ def make(model, d):
 
 
 @pytest.mark.parametrize('lens', LENSES)
-def test_projection_is_opencv_s(lens):
+def test_projection_equals_opencv(lens):
     """Same pixels as cv2.projectPoints and cv2.fisheye.projectPoints."""
     model, d = LENSES[lens]
     rng = np.random.default_rng(1)
@@ -44,7 +44,7 @@ def test_projection_is_opencv_s(lens):
 
 @pytest.mark.parametrize('lens', LENSES)
 def test_undistort_inverts_distort_over_the_image(lens):
-    """Every pixel of a grid over the image comes back to 1e-7 px."""
+    """Every pixel of a grid over the image is recovered to 1e-7 px."""
     camera = make(*LENSES[lens])
     uv = np.stack(np.meshgrid(np.linspace(0, 1023, 23), np.linspace(0, 767, 17)), axis=-1)
     np.testing.assert_allclose(camera.distort(camera.undistort(uv)), uv, atol=1e-7)
@@ -67,14 +67,14 @@ def test_behind_and_outside():
 
 
 def test_folded_rays_are_not_valid():
-    """With strong barrel distortion a ray at 63 degrees must not land in the image."""
+    """With strong barrel distortion a ray at 63 degrees must not project into the image."""
     camera = make('plumb_bob', [-0.3, 0.0, 0.0, 0.0])
     uv, valid = camera.project(np.array([1.82, 0.0, 1.0]))
     assert camera.inside(uv) and not valid
 
 
 def test_pixels_without_a_ray_are_nan():
-    """Barrel distortion peaks at a radius; pixels beyond it come from nowhere."""
+    """Barrel distortion peaks at a radius; no ray projects beyond it."""
     camera = make('plumb_bob', [-0.5, 0.0, 0.0, 0.0])
     far = np.array([511.5 + 1500 * 0.7, 383.5])  # x (1 - x^2 / 2) peaks at 0.544
     assert np.isnan(camera.undistort(far)).all()
@@ -86,7 +86,7 @@ def test_pixels_without_a_ray_are_nan():
     ({'D': [0.1, np.inf, 0, 0]}, 'D'), ({'model': 'brown'}, 'distortion_model'),
     ({'width_px': 0}, 'size'), ({'K': [1, 2]}, 'K')])
 def test_refuses(change, what):
-    """What cannot be a camera is named."""
+    """Invalid camera parameters are named."""
     good = {'name': 'left', 'width_px': 1024, 'height_px': 768, 'K': K, 'D': [],
             'model': 'plumb_bob'}
     with pytest.raises(CalibrationError, match=f'left: {what}: found .* wanted'):

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Where rays meet planes."""
+"""Intersections of rays and planes."""
 from __future__ import annotations
 
 import numpy as np

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""From a bag to a record: the limit that counts is that of the vehicle's lane and class."""
+"""From a bag to a record: the limit of the vehicle's lane and class applies."""
 from __future__ import annotations
 
 import json

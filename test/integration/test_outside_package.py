@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Trackers and detectors of another package, installed as any package and run by name."""
+"""Trackers and detectors of another package, installed normally and run by name."""
 from __future__ import annotations
 
 import csv
@@ -32,7 +32,7 @@ def outside(tmp_path_factory):
 
 @pytest.fixture
 def environment(outside, monkeypatch):
-    """Let processes that the test starts find it, as if it was installed beside the others."""
+    """Let child processes find the package as if it was installed normally."""
     root = Path(__file__).resolve().parents[2]
     monkeypatch.setenv('PYTHONPATH', os.pathsep.join([str(root), str(outside)]))
 
@@ -70,7 +70,7 @@ def test_both_run_in_replay_with_their_parameters(sample, environment, tmp_path)
      'trackers.outside_clock.speed_mps: found 500'),
     (['--detector', 'outside_radar'], '{}', 'outside_gate'),
 ], ids=['key', 'bounds', 'name'])
-def test_what_is_wrong_is_named(options, text, words, sample, environment, tmp_path):
+def test_errors_are_named(options, text, words, sample, environment, tmp_path):
     config = tmp_path / 'config.yaml'
     config.write_text(text)
     done = replay(sample, tmp_path / 'out', *options, '--config', str(config))
@@ -78,7 +78,7 @@ def test_what_is_wrong_is_named(options, text, words, sample, environment, tmp_p
     assert words in done.stderr
 
 
-def test_the_tracker_is_evaluated_beside_others(sample, environment, tmp_path):
+def test_tracker_is_evaluated_with_others(sample, environment, tmp_path):
     done = subprocess.run(
         [sys.executable, '-m', 'stereo_speed', 'evaluate', str(sample), '--trackers',
          'outside_clock', '--seeds', '1', '--particles', '100', '--jobs', '1', '--out',

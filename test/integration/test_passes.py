@@ -38,7 +38,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def line_of_the_listener_of_the_readme():
-    """Run the consumer of the README, who comes late; return the first line that it prints."""
+    """Run the README's consumer as a late subscriber; return the first line that it prints."""
     fence = re.search(r'^```python passes.py\n(.*?)^```', (ROOT / 'README.md').read_text(),
                       re.MULTILINE | re.DOTALL)
     with subprocess.Popen([sys.executable, '-u', '-c', fence[1]], stdout=subprocess.PIPE,
@@ -52,7 +52,8 @@ def line_of_the_listener_of_the_readme():
             listener.kill()
 
 
-def test_a_pass_is_told_when_the_stream_stops_and_to_who_comes_late(stand_in, sample, tmp_path):
+def test_pass_is_published_at_the_end_of_the_stream_and_to_late_subscribers(
+        stand_in, sample, tmp_path):
     from stereo_speed.nodes.common import LATCHED, RELIABLE
     from stereo_speed.nodes.messages import speed_of
     assert main(['replay', str(sample / 'bag'), '--site', str(sample / 'site.yaml'),
@@ -96,8 +97,8 @@ def test_a_pass_is_told_when_the_stream_stops_and_to_who_comes_late(stand_in, sa
 
 
 @pytest.mark.parametrize('fault', ['info_nan', 'odd_encoding'])
-def test_one_process_survives_a_bad_message_and_measures_the_pass(fault, stand_in, sample):
-    """Without the messages of pairs; one image or calibration in the middle is unusable."""
+def test_single_process_survives_a_bad_message_and_measures_the_pass(fault, stand_in, sample):
+    """Without pair messages; one image or calibration in the middle is unusable."""
     from stereo_speed.nodes.common import LATCHED, RELIABLE
     told, readings, health = [], [], []
     stand_in.create_subscription(DiagnosticArray, '/diagnostics', health.append, RELIABLE)
@@ -124,9 +125,8 @@ def test_one_process_survives_a_bad_message_and_measures_the_pass(fault, stand_i
 @pytest.mark.parametrize(('module', 'fault'), [
     ('search_process', 'searches for vehicles without a process of its own'),
     ('pass_process', 'measures passes without a process of its own')])
-def test_a_node_measures_without_a_process_that_works_for_it_and_starts_it_anew(
-        stand_in, sample, module, fault):
-    """Killed before a pass, it is missed in that; in the next one there is another one."""
+def test_node_measures_without_its_helper_process_and_restarts_it(stand_in, sample, module, fault):
+    """It is killed before a pass and missing during it; a new one is there in the next pass."""
     from stereo_speed.nodes.common import LATCHED, RELIABLE
     told, said = [], []
     stand_in.create_subscription(DiagnosticArray, '/diagnostics', lambda m: said.extend(
@@ -150,7 +150,7 @@ def test_a_node_measures_without_a_process_that_works_for_it_and_starts_it_anew(
         assert abs(found['speed_mps'] - 55 * MPH_MPS) < 4 * found['speed_std_mps']
 
 
-def test_two_rigs_in_two_namespaces_measure_alike_and_are_told_apart(stand_in, sample):
+def test_two_rigs_in_two_namespaces_measure_alike_and_stay_separate(stand_in, sample):
     from stereo_speed.nodes.common import LATCHED, RELIABLE
     told, health = {}, []
     stand_in.create_subscription(DiagnosticArray, '/diagnostics', health.append, RELIABLE)

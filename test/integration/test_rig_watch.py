@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The live rig against its site: a node looks at it in a process of its own."""
+"""The live rig against its site: a node checks it in a separate process."""
 from __future__ import annotations
 
 import json
@@ -22,7 +22,7 @@ TURNED_DEG, TRUE_MPH = 0.05, 55.0  # 6 % of the speed
 
 
 def heard_of(stand_in):
-    """Return the list to which what is told of the rig is appended."""
+    """Return the list to which reports on the rig are appended."""
     states = []
     stand_in.create_subscription(
         DiagnosticArray, '/diagnostics',
@@ -31,14 +31,14 @@ def heard_of(stand_in):
 
 
 def turned(topic, _, msg):
-    """Return a message of the sample as calibrated before its right camera turned."""
+    """Return a message of the sample as calibrated before its right camera rotated."""
     if topic.endswith('right/camera_info'):
         before = Rotation.from_euler('y', TURNED_DEG, degrees=True).as_matrix()
         msg.r = (msg.r.reshape(3, 3) @ before).ravel()
     return msg
 
 
-def test_a_look_at_the_rig_is_told(stand_in, sample):
+def test_check_of_the_rig_is_reported(stand_in, sample):
     states = heard_of(stand_in)
     with Process('speed_camera_node', *RELIABLE_IMAGES, *RELIABLE_INFOS, *EVERY_PAIR,
                  f'site:={sample / "site.yaml"}', 'rig_check_interval_s:=3600',
@@ -50,8 +50,7 @@ def test_a_look_at_the_rig_is_told(stand_in, sample):
     assert states[-1].level == b'\x00'
 
 
-def test_a_camera_that_has_turned_is_noticed_and_then_measured_with(
-        stand_in, sample, rewrite, tmp_path):
+def test_rotated_camera_is_noticed_and_then_corrected(stand_in, sample, rewrite, tmp_path):
     from stereo_speed.nodes.common import LATCHED
     states, passes = heard_of(stand_in), []
     stand_in.create_subscription(

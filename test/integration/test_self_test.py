@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The self-test of ``tracker_node``: an ERROR and no readings until it is passed."""
+"""The self-test of ``tracker_node``: an ERROR and no readings until it passes."""
 from __future__ import annotations
 
 import pytest
@@ -15,7 +15,7 @@ STARTUP_S, EVENT_S = 60.0, 40.0
 
 
 def levels(stand_in):
-    """Gather the states of the self-test as they come: level and message."""
+    """Collect the states of the self-test: level and message."""
     found = []
 
     def take(msg):
@@ -25,15 +25,15 @@ def levels(stand_in):
     return found
 
 
-def test_what_the_self_test_found_is_told(stand_in, sample):
-    """What is told while it runs: ``test/nodes/test_self_test.py``."""
+def test_result_of_the_self_test_is_reported(stand_in, sample):
+    """For reports while it runs see ``test/nodes/test_self_test.py``."""
     found = levels(stand_in)
     with Process('tracker_node', *RELIABLE_INFOS, f'site:={sample / "site.yaml"}',
                  f'self_test:={sample}'):
         stand_in.wait(lambda: found and found[-1] == (b'\x00', 'passed'), STARTUP_S + EVENT_S)
 
 
-def test_a_failed_self_test_is_an_error(stand_in, sample):
+def test_failed_self_test_is_an_error(stand_in, sample):
     found = levels(stand_in)
     with Process('tracker_node', *RELIABLE_INFOS, f'site:={sample / "site.yaml"}',
                  f'self_test:={sample}', 'verdict.most_speed_mps:=10.0'):

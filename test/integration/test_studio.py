@@ -35,7 +35,7 @@ SEEN = '() => Object.fromEntries(Object.entries(seen).map(([k, v]) => [k, [...v]
 
 @pytest.fixture
 def studio():
-    """Give the address of the page of a real ``studio_node``."""
+    """Return the address of the page of a real ``studio_node``."""
     with subprocess.Popen([sys.executable, '-m', 'stereo_speed', 'studio', '--live', '--port',
                            '0'], stdout=subprocess.PIPE, text=True) as process:
         try:
@@ -46,7 +46,7 @@ def studio():
             process.kill()
 
 
-def test_the_page_shows_what_the_nodes_measure(studio, sample):
+def test_page_shows_what_the_nodes_measure(studio, sample):
     with headless.browsing() as browser:
         page = browser.new_page(viewport=headless.SIZE)
         page.set_default_timeout(headless.WAIT_MS)

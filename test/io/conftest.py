@@ -19,7 +19,7 @@ SIZE = (16, 12)  # width, height
 
 
 class Messages:
-    """Build messages of one ROS version; the fields differ in name only."""
+    """Builds messages of one ROS version; only the names of fields differ."""
 
     def __init__(self, ros1=False):
         self.ros1 = ros1
@@ -62,7 +62,7 @@ class Messages:
 
 
 def calibration(side):
-    """Fields of a CameraInfo: f = 20 px, baseline 0.5 m."""
+    """Return the fields of a CameraInfo: f = 20 px, baseline 0.5 m."""
     tx = -10.0 if side == 'right' else 0.0
     return {
         'height': SIZE[1], 'width': SIZE[0], 'distortion_model': 'plumb_bob',
@@ -72,12 +72,12 @@ def calibration(side):
 
 
 def picture(seed, shape=(12, 16), dtype=np.uint8):
-    """Give a random image."""
+    """Return a random image."""
     return np.random.default_rng(seed).integers(0, np.iinfo(dtype).max, shape, dtype)
 
 
 def recording(make, count=3, offset_ns=0, image=None):
-    """Give (topic, message, log time) of a stereo stream; receive times are another clock."""
+    """Return (topic, message, log time) of a stereo stream; receive times are another clock."""
     image = image or (lambda stamp, seed: make.image(stamp, picture(seed)))
     rows = []
     for i in range(count):
@@ -91,7 +91,7 @@ def recording(make, count=3, offset_ns=0, image=None):
 
 
 def write(path, rows, make, kind='mcap'):
-    """Write (topic, message, log time) rows; gives the path to open."""
+    """Write (topic, message, log time) rows; return the path to open."""
     store = make.store
     if kind == 'ros1':
         path = path.with_suffix('.bag')
@@ -112,7 +112,7 @@ def write(path, rows, make, kind='mcap'):
 
 @pytest.fixture()
 def bags():
-    """Everything above, without an import between test files."""
+    """Return the functions above, without an import between test files."""
     return SimpleNamespace(
         ros2=Messages(), ros1=Messages(ros1=True), recording=recording, write=write,
         picture=picture, calibration=calibration, STEP_NS=STEP_NS, START_NS=START_NS, SIZE=SIZE)

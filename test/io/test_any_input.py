@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Whatever a YAML file or the bytes of an image hold, there is a result or one clear line."""
+"""Whatever a YAML file or an image's bytes contain, there is a result or one clear line."""
 from __future__ import annotations
 
 from hypothesis import given, HealthCheck, settings, strategies as st
@@ -29,7 +29,7 @@ quick = settings(max_examples=40, deadline=None, derandomize=True, database=None
 
 
 def loads(load, path, tree):
-    """Write a tree, read it, and check that what is refused is refused in one line."""
+    """Write and read a tree; check that a refusal is one line."""
     path.write_text(yaml.safe_dump(tree, allow_unicode=True), encoding='utf-8')
     try:
         load(path)

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Tiny bags of every kind: written, read, equal; and every way they can be broken."""
+"""Tiny bags of every kind: written, read, equal; and every kind of damage."""
 import hashlib
 import logging
 import shutil
@@ -64,8 +64,8 @@ def test_bare_file(write, kind):
     assert len(opened(file)[1]) == 3
 
 
-def test_receive_time_counts_for_nothing(bags, write):
-    """All left messages first, then the right ones, recorded in an absurd order of sides."""
+def test_receive_time_is_ignored(bags, write):
+    """All left messages first, then the right ones, recorded in an unlikely order of sides."""
     rows = bags.recording(bags.ros2)
     rows = sorted(rows, key=lambda r: 'right' in r[0])
     rows = [(topic, msg, 7 + i) for i, (topic, msg, _) in enumerate(rows)]
@@ -74,7 +74,7 @@ def test_receive_time_counts_for_nothing(bags, write):
     np.testing.assert_array_equal(pairs[1].right, bags.picture(3))
 
 
-def test_offset_stamps_pair_with_the_nearest_and_say_so(bags, write, caplog):
+def test_offset_stamps_pair_with_the_nearest_and_this_is_reported(bags, write, caplog):
     path = write(bags.recording(bags.ros2, offset_ns=300_000))
     with caplog.at_level(logging.INFO):
         bag, pairs = opened(path)
@@ -85,7 +85,7 @@ def test_offset_stamps_pair_with_the_nearest_and_say_so(bags, write, caplog):
             for r in caplog.records] == [('WARNING', True)]
 
 
-def test_a_number_forces_the_tolerance(bags, write):
+def test_given_tolerance_is_used(bags, write):
     path = write(bags.recording(bags.ros2, offset_ns=300_000))
     with StereoBag(path, tolerance_ns=0) as bag:
         with pytest.raises(BagError, match='pairs: found none among 3 left and 3 right images, '
@@ -121,7 +121,7 @@ def test_messages_in_recorded_order(bags, write):
     assert [m.log_time_ns for m in messages] == sorted(m.log_time_ns for m in messages)
 
 
-def test_input_hash_is_of_the_bytes(write, tmp_path):
+def test_input_hash_is_that_of_the_bytes(write, tmp_path):
     folder = write()
     first = StereoBag(folder).input_hash()
     moved = shutil.copytree(folder, tmp_path / 'moved')
@@ -133,18 +133,18 @@ def test_input_hash_is_of_the_bytes(write, tmp_path):
 
 
 def refused(path, told, error=BagError, **options):
-    """Check the message: one line that names the path."""
+    """Assert that the message is one line that names the path."""
     with pytest.raises(error, match=told) as caught:
         opened(path, **options)
     assert '\n' not in str(caught.value)
     assert str(caught.value).startswith(str(path))
 
 
-def test_not_there(tmp_path):
+def test_missing_bag(tmp_path):
     refused(tmp_path / 'none', 'bag: found no such file or folder, wanted a rosbag2 folder')
 
 
-def test_other_file(tmp_path):
+def test_other_file_type(tmp_path):
     path = tmp_path / 'a.txt'
     path.write_text('hello')
     refused(path, "found a file ending in '.txt'")
@@ -178,7 +178,7 @@ def test_truncated(write, kind, share):
 
 @pytest.mark.parametrize('kind', KINDS)
 def test_overwritten_bytes_never_give_a_traceback(bags, write, kind):
-    """Noise anywhere in the file: one line, or a bag that is still read."""
+    """Noise anywhere in the file gives one line, or a bag that can still be read."""
     path = write(kind=kind)
     file = path if path.is_file() else next(
         p for p in path.iterdir() if p.suffix in ('.mcap', '.db3'))
@@ -196,7 +196,7 @@ def test_overwritten_bytes_never_give_a_traceback(bags, write, kind):
 
 
 def test_messages_missing_from_the_file(bags, write):
-    """The metadata tell of more than the file holds."""
+    """The metadata list more than the file contains."""
     folder = write(bags.recording(bags.ros2, count=4))
     short = write(bags.recording(bags.ros2, count=3), name='short')
     shutil.copy(short / 'short.mcap', folder / 'bag.mcap')

@@ -1,10 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""
-A tracker that believes a clock and a detector that believes a gate.
-
-They look at no image, so that what they say is known beforehand; all else is as in a real one.
-"""
+"""A tracker and a detector that return scripted motion and detections."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -35,7 +31,7 @@ class ClockSettings:
 
 
 class ClockTracker:
-    """Moves its front along the path of its lane at a speed that is a parameter."""
+    """Moves its front along the path of its lane at a configured speed."""
 
     Settings = ClockSettings
 
@@ -57,7 +53,7 @@ class ClockTracker:
         self.ended = False
 
     def update(self, pair):
-        """Move on by the time that has passed."""
+        """Advance by the elapsed time."""
         s_m = self.s_m + self.speed_mps * (pair.stamp_ns - self.first_ns) * 1e-9
         left, right = front_quads(self.rig, self.lane, s_m)
         if not (np.isfinite(left).all() and self.rig.left.inside(left).all()):
@@ -73,7 +69,7 @@ class ClockTracker:
             axes=self.lane.path.frame(np.array(s_m)), quad_left_px=left, quad_right_px=right)
 
     def result(self):
-        """Return what it always knew."""
+        """Return the configured speed."""
         return PassResult(
             track=self.track, lane=self.lane.name, first_ns=self.stamps_ns[0],
             last_ns=self.stamps_ns[-1], pairs=len(self.stamps_ns), speed_mps=self.speed_mps,
@@ -92,7 +88,7 @@ class GateSettings:
 
 
 class GateDetector:
-    """Finds one vehicle, in a pair and at a place that are parameters."""
+    """Finds one vehicle, in a configured pair and place."""
 
     Settings = GateSettings
 
@@ -101,7 +97,7 @@ class GateDetector:
         self.pairs = 0
 
     def reset(self):
-        """Start anew."""
+        """Reset."""
         self.pairs = 0
 
     def update(self, pair, tracked):
