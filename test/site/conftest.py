@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Files of sites, as the tests of their reading write them."""
+"""Files of sites for the tests of their reading."""
 from __future__ import annotations
 
 import copy
@@ -11,7 +11,7 @@ import yaml
 
 @pytest.fixture
 def write(tmp_path):
-    """Give a writer of YAML files."""
+    """Return a writer of YAML files."""
     def writer(data):
         path = tmp_path / 'file.yaml'
         path.write_text(data if isinstance(data, str) else yaml.safe_dump(data))
@@ -21,7 +21,7 @@ def write(tmp_path):
 
 @pytest.fixture(scope='session')
 def put():
-    """Give the function that copies a structure with one place changed; None removes it."""
+    """Return a function that copies a structure with one place changed; None removes it."""
     def changed(base, place, value):
         data = copy.deepcopy(base)
         at = data

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What refined site files say more: read, written and refused, by name."""
+"""Further content of refined site files: read, written and refused, by name."""
 from __future__ import annotations
 
 import numpy as np
@@ -37,7 +37,7 @@ def load(folder, data):
     return load_site(path)
 
 
-def test_there_and_back(tmp_path):
+def test_refined_site_round_trips(tmp_path):
     first = load(tmp_path, SITE)
     assert first.lines['a'].left_std_px.tolist() == [0.02, 0.03, 1.0]
     assert first.lines['b'].left_std_px is None

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Reading of site files: what is taken and what is refused, by name."""
+"""Reading of site files: valid content, and refusals by name."""
 from __future__ import annotations
 
 from pathlib import Path
@@ -33,7 +33,7 @@ def test_site_is_read(write):
 
 
 def test_name_is_optional(write, put):
-    """The file's stem stands in."""
+    """The file's stem is used instead."""
     assert load_site(write(put(SITE, ['name'], None))).name == 'file'
 
 
@@ -88,8 +88,8 @@ def test_site_faults(write, place, value, match, put):
     assert '\n' not in str(info.value) and 'wanted' in str(info.value)
 
 
-def test_lines_that_were_found_in_the_images_may_cross_between_their_points(write, put):
-    """In a bend, where one is found here and there alone; clicked, that would be a slip."""
+def test_lines_found_in_images_may_cross_between_their_points(write, put):
+    """In a bend, where one was found only in places; clicked, a crossing would be a slip."""
     crossing = put(SITE, ['lines', 'b', 'left_image'], [[180, 300], [150, 420], [130, 500]])
     for view in ('left', 'right'):
         count = len(crossing['lines']['b'][f'{view}_image'])
@@ -117,7 +117,7 @@ def test_missing_and_binary_files(tmp_path):
         load_site(tmp_path / 'x.yaml')
 
 
-def test_tolerances_of_the_rig_come_with_the_site(tmp_path):
+def test_tolerances_of_the_rig_are_read_with_the_site(tmp_path):
     path = tmp_path / 'site.yaml'
     text = Path(SAMPLE_SITE).read_text()
     path.write_text(text + 'tolerances: {focal_std: 0.001, stamp_std_s: 0.0005}\n')

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Reading of init files: what is taken and what is refused, by name."""
+"""Reading of init files: valid content, and refusals by name."""
 from __future__ import annotations
 
 

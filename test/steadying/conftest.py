@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A textured world infinitely far away, seen by cameras that rotate."""
+"""An infinitely distant textured world, seen by cameras that rotate."""
 from __future__ import annotations
 
 from functools import lru_cache
@@ -18,7 +18,7 @@ NOISE_GREY = 2.0
 
 
 def world(rays: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the grey values of directions (..., 3): waves of many lengths, of some pixels."""
+    """Return the grey values of directions (..., 3): waves of many lengths of some pixels."""
     rng = np.random.default_rng(5)
     x, y = np.moveaxis(rays[..., :2] / rays[..., 2:], -1, 0)
     out = np.full(x.shape, 125.0)
@@ -44,7 +44,7 @@ def rig() -> StereoRig:
 
 @pytest.fixture(scope='session')
 def take(rig) -> Callable[..., StereoPair]:
-    """Return what takes a pair."""
+    """Return a function that takes a pair."""
     v, u = np.mgrid[:HEIGHT, :WIDTH].astype(float)
     grid = np.stack([u, v], axis=-1)
     rays = [camera.rays(grid) for camera in (rig.left, rig.right)]
@@ -52,7 +52,7 @@ def take(rig) -> Callable[..., StereoPair]:
     @lru_cache(maxsize=None)
     def taken(index: int, motion: Optional[RigMotion] = None, *, gain: float = 1.0,
               noise: float = NOISE_GREY) -> StereoPair:
-        """Take a pair of a rig that has moved, with noise of its own; its motion is not told."""
+        """Take a pair of a rig that has moved, with independent noise, withholding the motion."""
         now = rig.as_taken(motion)
         turned = np.eye(3) if now.left.rotation is None else now.left.rotation
         rng = np.random.default_rng(index)

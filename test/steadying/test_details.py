@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Patches of an image, found again in it from places that are off by known offsets."""
+"""Patches of an image, found again in it from places with known offsets."""
 from __future__ import annotations
 
 import numpy as np
@@ -19,7 +19,7 @@ def blob(contrast):
 
 @pytest.mark.parametrize('contrast', [200, 20, 5], ids=['by day', 'dusk', 'by night'])
 @pytest.mark.parametrize('off_px', [[0.0, 0.0], [0.125, 0.0], [0.0, -0.125], [0.05, 0.08]])
-def test_an_offset_is_found_whatever_the_contrast(contrast, off_px):
+def test_offset_is_found_at_any_contrast(contrast, off_px):
     image = blob(contrast)
     details = Details.at(image, CENTRE_PX)
     found = details.find(image, CENTRE_PX + off_px)

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a right camera that has turned does to what is told."""
+"""The effect of a rotated right camera on the results."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -39,19 +39,19 @@ TURN_RAD = np.radians([0.02, 0.0, 0.0])
 
 
 def steadier(*, turned=False, too_far=False, lost=False, std_deg=0.0005):
-    """Stand in for what has watched the rig."""
+    """Return a stand-in for a steadier that has watched the rig."""
     drift = SimpleNamespace(turned=turned, too_far=too_far,
                             corrected_rad=TURN_RAD if turned else np.zeros(3),
                             covariance_rad2=np.radians(std_deg) ** 2 * np.eye(3))
     return SimpleNamespace(drift=drift, lost=lost)
 
 
-def test_a_rig_that_stands_still_changes_nothing(doubt):
+def test_fixed_rig_changes_nothing(doubt):
     assert doubt.update(UPDATE, steadier()) is UPDATE
     assert doubt.result(RESULT, doubt.share('a', steadier())) is RESULT
 
 
-def test_the_uncertain_angle_of_a_turned_camera_is_in_every_sigma(doubt):
+def test_uncertain_angle_of_a_rotated_camera_is_in_every_sigma(doubt):
     watch = steadier(turned=True)
     share = doubt.share('a', watch)
     # A pan of one rad changes lengths at range Z by 2 Z / b; near observations weigh most.
@@ -69,7 +69,7 @@ def test_the_uncertain_angle_of_a_turned_camera_is_in_every_sigma(doubt):
 @pytest.mark.parametrize('watch', [steadier(turned=True, too_far=True),
                                    steadier(turned=True, std_deg=0.005)],
                          ids=['too far', 'too uncertain'])
-def test_what_cannot_be_corrected_is_withheld(watch, doubt):
+def test_uncorrectable_rotation_withholds_readings(watch, doubt):
     assert doubt.update(UPDATE, watch).state is TrackState.TENTATIVE
     result = doubt.result(RESULT, doubt.share('a', watch))
     assert result.verdict is Verdict.REJECTED and result.reason == Reason.RIG_UNCERTAIN
@@ -78,15 +78,15 @@ def test_what_cannot_be_corrected_is_withheld(watch, doubt):
 
 @pytest.mark.parametrize('watch', [steadier(turned=True), steadier()],
                          ids=['found', 'taken back'])
-def test_a_vehicle_seen_before_and_after_a_turn_was_found_is_withheld(watch, doubt):
-    """Its pairs may be of either side of the turn, whatever was corrected in them."""
+def test_vehicle_seen_before_and_after_a_rotation_was_found_is_withheld(watch, doubt):
+    """Its pairs may be from before or after the rotation, whatever was corrected in them."""
     assert doubt.update(UPDATE, watch, TURN_RAD).state is TrackState.TENTATIVE
     assert doubt.share('a', watch, TURN_RAD) > 2 * 20 / 0.5 * TURN_RAD[0]
     result = doubt.result(RESULT, doubt.share('a', watch, TURN_RAD))
     assert result.reason == Reason.RIG_UNCERTAIN
 
 
-def test_readings_wait_while_nothing_shows_how_a_swaying_rig_stands(doubt):
+def test_readings_wait_while_the_state_of_a_swaying_rig_is_unknown(doubt):
     assert doubt.update(UPDATE, steadier(lost=True)).state is TrackState.TENTATIVE
     coasting = replace(UPDATE, state=TrackState.COASTING)
     assert doubt.update(coasting, steadier(lost=True)) is coasting

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Which markings cannot be what was clicked."""
+"""Markings that cannot be the ones that were clicked."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -23,14 +23,14 @@ ON = Beside(0.2, -2.0)
     ({'a': Beside(9.0, 8.0), 'b': ON, 'c': Beside(4.0, 1.8), 'd': ON}, {'a', 'c'}),
     ({'n': Beside(np.nan, np.nan), 'a': ON, 'b': ON, 'c': Beside(4.0, 1.8)}, {'c'}),
     ({'a': Beside(1.0, 0.91)}, {'a'}), ({'a': Beside(1.0, 0.89)}, set()), ({}, set())])
-def test_lines_far_beside_their_clicks_where_others_lie_on_theirs(lines, wrong):
-    """With clicks of 0.3 px, three sigmas of these and of what clicks do beside other lines."""
+def test_lines_are_too_far_off_where_others_lie_on_their_clicks(lines, wrong):
+    """With clicks of 0.3 px, three sigmas of these and of the click errors of other lines."""
     assert not_clicked(lines, 0.3, 3.0) == wrong
 
 
 @pytest.mark.parametrize('right', (0, 1))
-def test_distances_are_those_of_the_drawing(drawn, right):
-    """Pixels 0.1 m beside a level line 3 m below lie f 0.1 / z off, times the slope's cosine."""
+def test_distances_equal_those_of_the_drawing(drawn, right):
+    """Pixels 0.1 m beside a level line 3 m below are off by f 0.1 / z times the slope's cosine."""
     z = np.linspace(40.0, 14.0, 9)
     points = np.column_stack([np.full(9, -2.0 + 0.1), np.full(9, 3.0), z])
     off_px, px_per_m = beside(drawn.fit, 'right', bool(right), drawn.rig.project(points)[right])
@@ -49,7 +49,7 @@ def test_distances_are_those_of_the_drawing(drawn, right):
     ({'left': 0.13}, ('left',)),  # the band is another: the light beside a rail's shadow
     ({'left': 0.07}, ()),  # its edge was clicked
     ({'left': 0.13, 'right': 0.13}, ())])  # the rig was knocked since
-def test_a_band_beside_the_clicks_of_one_line_is_not_taken_for_it(drawn, off_m, lost):
+def test_band_beside_the_clicks_of_a_line_is_not_taken_for_it(drawn, off_m, lost):
     rng, z = np.random.default_rng(3), np.linspace(44.0, 13.0, 14)
     lines = {name: PickedLine(name, *(
         drawn.rig.project(np.column_stack([np.full(14, x + off_m.get(name, 0.0)),

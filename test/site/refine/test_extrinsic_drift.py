@@ -33,16 +33,16 @@ def test_one_angle_moved(axis):
         STD_DEG[axis], rel=0.1)
 
 
-def test_what_cannot_be_seen_stays_uncertain():
-    """An angle that the images do not show may have moved as often as any."""
+def test_unobservable_angle_stays_uncertain():
+    """An angle that the images do not determine may have moved with the prior probability."""
     drift = decide_drift([Shown(0.0, np.zeros(3), np.diag(np.radians([5.0, 0.0003, 0.002])**2))])
     expected = np.sqrt(CONFIG.moved_probability * CONFIG.moved_std_deg**2)
     assert np.degrees(np.sqrt(drift.covariance_rad2[0, 0])) == pytest.approx(expected, rel=0.05)
 
 
 @pytest.mark.slow
-def test_uncertainty_covers_the_decision():
-    """Over rigs drawn from the same belief the error has the claimed second moment."""
+def test_uncertainty_includes_that_of_the_decision():
+    """Over rigs drawn from the prior the error has the claimed second moment."""
     rng = np.random.default_rng(0)
     covariance = np.diag(np.radians(STD_DEG)**2)
     scores, variances, squares = [], [], []
@@ -61,8 +61,8 @@ def test_uncertainty_covers_the_decision():
     assert np.all((ratio > 0.75) & (ratio < 1.3))
 
 
-def test_a_road_that_explains_as_much_keeps_a_pan_from_being_found():
-    """One family sees a pan of 30 sigmas; another, more likely by e^10, sees none."""
+def test_equally_good_road_without_a_pan_prevents_a_correction():
+    """One family finds a pan of 30 sigmas; another, more likely by e^10, finds none."""
     small = np.diag(np.radians([0.001, 0.0003, 0.002])**2)
     plane = Shown(0.0, np.radians([0.03, 0.0, 0.0]), small)
     assert decide_drift([plane]).moved

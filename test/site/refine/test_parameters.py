@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Every parameter of the refinement changes something that it finds or says."""
+"""Every parameter of the refinement changes a result or a message."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -33,7 +33,7 @@ FIELDS = {**{n: f for n, f in parameters_of(RefineConfig) if n not in ELSEWHERE}
 
 
 def configured(name: str, value: Any) -> tuple[RefineConfig, RoadPrior]:
-    """Return the parameters with one of them set; no name sets none."""
+    """Return the parameters with one of them set, or none."""
     if name in {f for f, _ in parameters_of(RoadPrior)}:
         return RefineConfig(), RoadPrior(**{name: value})
     return RefineConfig(**({name: value} if name else {})), RoadPrior()
@@ -41,7 +41,7 @@ def configured(name: str, value: Any) -> tuple[RefineConfig, RoadPrior]:
 
 @pytest.fixture(scope='module')
 def results(drawn, drawn_off, drawn_refined) -> Mapping[str, Callable[..., Any]]:
-    """Return functions from parameters to what comes of them, those that take no time first."""
+    """Return functions from parameters to results, the fast ones first."""
     rng = np.random.default_rng(2)
     texture = rng.normal(0, 14, (360, 640))
     images = [np.clip(drawn.image(right) + texture, 0, 255).astype(np.uint8) for right in (0, 1)]
@@ -85,7 +85,7 @@ def results(drawn, drawn_off, drawn_refined) -> Mapping[str, Callable[..., Any]]
 
 @pytest.fixture(scope='module')
 def outcome(results) -> Callable[[str, str, Any], Any]:
-    """Return the function from a result, a parameter and its value to what comes of it."""
+    """Return the function from a result, a parameter and its value to the outcome."""
     @lru_cache(maxsize=None)
     def of(result: str, name: str, value: Any) -> Any:
         return results[result](*configured(name, value))
