@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The documentation names what exists, and its examples run."""
+"""The documentation refers to existing things, and its examples run."""
 from __future__ import annotations
 
 import argparse
@@ -45,7 +45,7 @@ each_page = pytest.mark.parametrize('page', PAGES, ids=lambda p: str(p.relative_
 
 
 def blocks(page: Path, info: str) -> str:
-    """Return the code blocks of a page that have an info string, one after the other."""
+    """Return the code blocks of a page that have an info string, in order."""
     return '\n\n'.join(body for found, body in FENCE.findall(page.read_text()) if found == info)
 
 
@@ -55,7 +55,7 @@ def prose(page: Path) -> str:
 
 
 def spans(page: Path) -> set[str]:
-    """Return what stands between backquotes in the prose of a page."""
+    """Return the texts between backquotes in the prose of a page."""
     return {' '.join(span.split()) for span in re.findall(r'(?<!`)`([^`]+)`(?!`)', prose(page))}
 
 
@@ -66,7 +66,7 @@ def anchor(heading: str) -> str:
 
 @cache
 def words_of_the_code() -> set[str]:
-    """Return all words of code, of configuration and of the examples for contributors."""
+    """Return all words of code, configuration and the examples for contributors."""
     folders = ('stereo_speed', 'test', 'config', 'launch', 'tools', 'sample')
     files = [f for folder in folders for f in (ROOT / folder).rglob('*')
              if f.suffix in ('.py', '.yaml', '.xml') and f.name != 'test_docs.py']
@@ -81,7 +81,7 @@ def words_of_the_code() -> set[str]:
 
 
 @each_page
-def test_links_lead_somewhere(page):
+def test_links_have_targets(page):
     for target in re.findall(r'\]\(([^)\s]+)\)', prose(page)):
         if target.startswith(('http:', 'https:')):
             continue
@@ -153,7 +153,7 @@ def test_commands_and_options_exist():
 
 @each_page
 def test_names_of_code_exist(page):
-    """Identifiers of two words or more are those of the code, or of the examples."""
+    """Identifiers of two words or more are in the code, or in the examples."""
     known = words_of_the_code() | FOREIGN
     for span in spans(page):
         for name in re.findall(r'(?<![\w./-])[A-Za-z_][\w.]*\w(?![\w/-])', span):
@@ -178,7 +178,7 @@ def test_every_reason_is_explained():
 # -- the rooms --------------------------------------------------------------------------------
 
 
-def test_table_of_rooms_is_that_of_the_layer_test():
+def test_table_of_rooms_equals_that_of_the_layer_test():
     layers = runpy.run_path(str(ROOT / 'test' / 'test_layers.py'))
     text = (ROOT / 'docs' / 'architecture.md').read_text()
     rows = re.findall(r'^\| (\d+) \| `([\w.]+)` \| [^|]+ \|([^|]*)\|$', text, re.MULTILINE)
@@ -325,7 +325,7 @@ def test_example_of_a_node(tmp_path, private_graph):
         rclpy.try_shutdown()
 
 
-def test_examples_keep_to_the_line_length():
+def test_examples_keep_the_line_length():
     for page in PAGES:
         for info, body in FENCE.findall(page.read_text()):
             if info.startswith('python'):

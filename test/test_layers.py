@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The layering: imports point down only, and outside libraries stay in their rooms."""
+"""The layering: imports point down only, and external libraries stay in their rooms."""
 from __future__ import annotations
 
 import ast
@@ -71,7 +71,7 @@ def room_of(module: str) -> str:
 
 def imports_of(source: str, module: str, is_package: bool) -> Iterator[tuple[str, bool]]:
     """
-    Find what a module imports, wherever in the module it does.
+    Return the imports of a module, wherever in the module they are.
 
     :param source: its text.
     :param module: its dotted name below the package.
@@ -101,12 +101,12 @@ def imports_of(source: str, module: str, is_package: bool) -> Iterator[tuple[str
 
 
 def is_room(name: str) -> bool:
-    """Tell whether a name is that of a folder of the package."""
+    """Return whether a name is that of a folder of the package."""
     return any(room.split('.')[0] == name for room in RANK)
 
 
 def faults(source: str, module: str, is_package: bool = False) -> list[str]:
-    """List the imports of a module that the layering forbids."""
+    """Return the imports of a module that the layering forbids."""
     room = room_of(module)
     found = []
     for name, ours in imports_of(source, module, is_package):
@@ -122,12 +122,12 @@ def faults(source: str, module: str, is_package: bool = False) -> list[str]:
 
 
 def in_laboratory(room: str) -> bool:
-    """Tell whether a room belongs to the laboratory."""
+    """Return whether a room belongs to the laboratory."""
     return room.partition('.')[0] == LABORATORY
 
 
 def dotted(path: Path) -> str:
-    """Give the dotted name, below the package, of a source file."""
+    """Return the dotted name, below the package, of a source file."""
     parts = path.relative_to(ROOT).with_suffix('').parts
     return '.'.join(parts[:-1] if len(parts) > 1 and parts[-1] == '__init__' else parts)
 
@@ -154,7 +154,7 @@ def test_imports_point_down(path):
     ('cli.replay', 'from .. import lab', 'laboratory'),
     ('site.file', 'from .refine.refiner import refine_site', 'site.refine'),
 ], ids=lambda value: value[:30])
-def test_faults_are_seen(module, source, wanted):
+def test_faults_are_found(module, source, wanted):
     assert len(faults(source, module)) == 1
     assert wanted in faults(source, module)[0]
 

@@ -51,7 +51,7 @@ def test_every_pick_is_within_the_road(make_scene):
     assert np.all(np.abs(feet.s_m) < 1.05 * model.half_length_m)
 
 
-def test_views_that_do_not_overlap_are_refused(make_scene):
+def test_views_without_common_points_are_refused(make_scene):
     flat = np.stack([np.linspace(100, 900, 10), np.full(10, 400.0)], axis=-1)
     with pytest.raises(NoRoadError, match='fewer than 3 points in common'):
         guess_road(make_scene().rig, [(flat, flat - [10, 0])], 0)

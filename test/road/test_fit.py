@@ -163,7 +163,7 @@ def test_jacobian_against_differences(make_scene, shape):
             got[:, i], wanted, atol=2e-3 * np.abs(wanted).max(), err_msg=f'parameter {i}')
 
 
-def test_views_that_do_not_overlap_are_refused(make_scene):
+def test_views_without_common_points_are_refused(make_scene):
     """Level lines under a level baseline give no road."""
     flat = np.stack([np.linspace(100, 900, 10), np.full(10, 400.0)], axis=-1)
     with pytest.raises(ValueError, match='fewer than 3 points in common'):

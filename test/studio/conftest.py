@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What tests of the page share: the sample opened, a server that runs, and a plain client."""
+"""Shared by the tests of the page: the opened sample, a running server, and a plain client."""
 from __future__ import annotations
 
 from contextlib import contextmanager
@@ -26,7 +26,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / 'tools'))
 
 
 class Client:
-    """A plain client that has, or has not, the cookie."""
+    """A plain client with or without the cookie."""
 
     def __init__(self, guard: Guard, known: bool = True) -> None:
         self.guard = guard
@@ -34,7 +34,7 @@ class Client:
 
     def ask(self, method: str, path: str, body: Optional[bytes] = None,
             **headers: str) -> tuple[int, dict[str, str], bytes]:
-        """Ask and return status, headers and body."""
+        """Send a request and return status, headers and body."""
         connection = http.client.HTTPConnection('127.0.0.1', self.guard.port, timeout=30)
         more = {name.replace('_', '-'): value for name, value in headers.items()}
         connection.putrequest(method, path, skip_host='Host' in more)
@@ -70,7 +70,7 @@ class Client:
 
 @pytest.fixture(scope='session')
 def scene(sample) -> Iterator[Scene]:
-    """Give the sample's bag, open."""
+    """Return the sample's bag, open."""
     scene = Scene(sample / 'bag')
     yield scene
     scene.close()
@@ -78,13 +78,13 @@ def scene(sample) -> Iterator[Scene]:
 
 @pytest.fixture
 def space(scene, tmp_path) -> Workspace:
-    """Give an empty draft on the sample."""
+    """Return an empty draft on the sample."""
     return Workspace(scene, tmp_path / 'site.yaml', tmp_path / 'init.yaml')
 
 
 @pytest.fixture
 def serving():
-    """Give the function that serves something and gives a client."""
+    """Return a function that serves an object and returns a client."""
     @contextmanager
     def serve(**what: Any) -> Iterator[Client]:
         guard = Guard()
@@ -95,13 +95,13 @@ def serving():
 
 @pytest.fixture
 def client(space, serving) -> Iterator[Client]:
-    """Give a client of a server with an empty draft."""
+    """Return a client of a server with an empty draft."""
     with serving(workspace=space) as client:
         yield client
 
 
 def write_passes(folder, count=3, lane='lane_0', updates=2, **more):
-    """Write a run of some passes, as ``replay`` does; ``more`` is said of each."""
+    """Write a run of some passes, as ``replay`` does; ``more`` has additional values of each."""
     passes = [PassResult(
         track=k, lane=lane, first_ns=10**18 + k * 10**9, last_ns=10**18 + k * 10**9 + 10**8,
         pairs=updates, speed_mps=20.0 + 0.05 * k, speed_std_mps=0.1,
@@ -120,7 +120,7 @@ def write_passes(folder, count=3, lane='lane_0', updates=2, **more):
 
 @pytest.fixture(scope='session')
 def replayed(sample, tmp_path_factory) -> Path:
-    """Give what ``replay`` writes of the sample, with its violation and its database."""
+    """Return what ``replay`` writes of the sample, with its violation and its database."""
     out = tmp_path_factory.mktemp('replayed') / 'run'
     assert main(['replay', str(sample / 'bag'), '--site', str(sample / 'site.yaml'), '--out',
                  str(out), '--no-plots', '--evidence', '--sqlite']) == 0
@@ -129,5 +129,5 @@ def replayed(sample, tmp_path_factory) -> Path:
 
 @pytest.fixture
 def make_run():
-    """Give the function that writes a run of some passes."""
+    """Return the function that writes a run of some passes."""
     return write_passes
