@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What ``bench`` says of live nodes where it cannot time them, and whose time it counts."""
+"""What ``bench`` reports of live nodes where it cannot time them, and whose CPU time it counts."""
 from __future__ import annotations
 
 from contextlib import contextmanager, ExitStack, nullcontext
@@ -17,12 +17,12 @@ from stereo_speed.lab.cli.live_graph import alive, GraphError, play, processor_s
 
 @pytest.fixture
 def undrawn(monkeypatch):
-    """Draw nothing, and leave the graph of this process as it is."""
+    """Disable plots, and leave the graph of this process unchanged."""
     monkeypatch.setattr(bench_live, 'private_graph', lambda: None)
     monkeypatch.setattr(bench_live, 'Traffic', SimpleNamespace(drawn=lambda *_, **__: None))
 
 
-def test_without_ros_one_line_says_so(undrawn, monkeypatch):
+def test_missing_ros_is_one_line(undrawn, monkeypatch):
     for name in [name for name in sys.modules if name.startswith('stereo_speed.nodes.')]:
         monkeypatch.delitem(sys.modules, name)
     for name in ('rclpy', 'rosgraph_msgs'):
@@ -32,14 +32,14 @@ def test_without_ros_one_line_says_so(undrawn, monkeypatch):
                                             'rosgraph_msgs')}
 
 
-def test_a_graph_that_fails_is_one_line(undrawn, monkeypatch):
+def test_failing_graph_is_one_line(undrawn, monkeypatch):
     def fails(traffic):
         raise GraphError('live: one: found it\nended')
     monkeypatch.setattr(bench_live, 'live_table', fails)
     assert live_lines(1.0) == 'live over DDS: not measured, live: one: found it ended\n'
 
 
-def test_delays_and_pairs_are_told_of_each_node(undrawn, monkeypatch):
+def test_delays_and_pairs_are_reported_for_each_node(undrawn, monkeypatch):
     """Of 4 pairs at 10 a second: all four were taken, or half of them."""
     pytest.importorskip('rclpy')
     delays_s = [0.010, 0.020, 0.030, 0.110]
@@ -58,7 +58,7 @@ def test_delays_and_pairs_are_told_of_each_node(undrawn, monkeypatch):
     assert rows[0][1] == '1 readings, 0 passes'
 
 
-def test_rounds_follow_on_each_other_as_pairs_do(sample):
+def test_rounds_follow_each_other_at_the_pair_interval(sample):
     """The sample has 12 pairs, 0.2 s apart."""
     traffic = Traffic.of(sample, 5.0)
     assert len(traffic.stamps_ns) == 12
@@ -67,7 +67,7 @@ def test_rounds_follow_on_each_other_as_pairs_do(sample):
 
 @contextmanager
 def python(code):
-    """Run Python code; kill it in the end."""
+    """Run Python code in a process, which is killed at the end."""
     with subprocess.Popen([sys.executable, '-c', code], stdin=subprocess.PIPE,
                           stdout=subprocess.PIPE) as process:
         try:
@@ -76,8 +76,8 @@ def python(code):
             process.kill()
 
 
-def test_processor_time_is_that_of_helpers_too():
-    """Who has started one that works for 0.4 s and sleeps did nothing itself."""
+def test_cpu_time_includes_that_of_child_processes():
+    """The parent only sleeps; its child works for 0.4 s."""
     work = ('import time\nwhile time.process_time() < 0.4: pass\n'
             'print("done", flush=True)\ntime.sleep(60)')
     code = ('import os, subprocess, sys\n'
@@ -92,7 +92,7 @@ def test_processor_time_is_that_of_helpers_too():
         processor_s(process.pid)
 
 
-def test_a_node_that_has_ended_is_told():
+def test_ended_node_is_reported():
     class Ended:
         name, process = 'one_node', SimpleNamespace(returncode=2)
 
@@ -104,8 +104,8 @@ def test_a_node_that_has_ended_is_told():
 
 
 @pytest.mark.parametrize('status', [0, 1])
-def test_a_replay_that_ends_before_any_pair_is_told_is_not_waited_for(status, monkeypatch):
-    """Whatever its status: 0 is that of a replay that has played all it had."""
+def test_replay_that_ends_before_any_result_is_not_waited_for(status, monkeypatch):
+    """Whatever its status: 0 means that the whole replay was played."""
     monkeypatch.setattr(live_graph, 'Process', lambda *_: nullcontext(SimpleNamespace(
         process=SimpleNamespace(poll=lambda: status, returncode=status), ended=lambda: True)))
     waited_s = []
@@ -121,7 +121,7 @@ def test_a_replay_that_ends_before_any_pair_is_told_is_not_waited_for(status, mo
     assert sum(waited_s) < 5.0
 
 
-def test_a_node_whose_process_is_gone_is_one_line(undrawn, monkeypatch):
+def test_node_without_a_process_is_one_line(undrawn, monkeypatch):
     with python('') as process:
         process.wait()
     node = SimpleNamespace(name='one_node', process=process)

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What nodes say is held against the right vehicle and the right time, by hand."""
+"""Published results are compared with the right vehicle and time, by hand."""
 from __future__ import annotations
 
 from types import SimpleNamespace
@@ -18,13 +18,13 @@ TRUTH = [VehicleTruth(7, STAMPS, np.array([20.0, 18, 16, 14, 12]), np.tile([-3.0
 
 
 def heard(*rows, off_ns=0):
-    """Give what was heard: places of vehicle_0 at some rows of the truth."""
+    """Return what was received: places of vehicle_0 at some rows of the truth."""
     return SimpleNamespace(places={
         (int(STAMPS[row]) + off_ns, 'vehicle_0'): (-2.5, 0.0, 41.0) for row in rows})
 
 
 def told(speed, off_ns=0):
-    """Give a pass over all five stamps."""
+    """Return a pass over all five stamps."""
     return {'track': 0, 'speed_mps': speed, 'speed_std_mps': 0.5, 'first_stamp_ns': off_ns,
             'last_stamp_ns': 4 * SECOND + off_ns}
 
@@ -33,29 +33,29 @@ def told(speed, off_ns=0):
 @pytest.mark.parametrize(('rows', 'mean'), [((0, 1, 2, 3, 4), 16.0), ((0, 4), 16.0),
                                             ((0, 1), 19.0), ((3, 4), 16.0), ((1, 2, 4), 16.0),
                                             ((2, 4), 16.0)])
-def test_a_pass_is_compared_with_its_vehicle_in_its_pairs(rows, mean, off_ns):
+def test_pass_is_compared_with_its_vehicle_over_its_pairs(rows, mean, off_ns):
     """
-    All up to the last one that was told count, those in a gap as well; also an hour off.
+    All pairs up to the last published one count, including a gap; also with stamps an hour off.
 
-    There is a pair for as many rows as there are between two that were told.
+    Between two published ones there are as many pairs as rows.
     """
     assert _pass_error(told(mean + 0.1, off_ns), heard(*rows, off_ns=off_ns), TRUTH) \
         == pytest.approx((0.1, 0.5))
 
 
-def test_what_cannot_be_compared_is_left_out():
+def test_results_that_cannot_be_compared_are_left_out():
     assert _pass_error({**told(None)}, heard(0), TRUTH) is None
     assert _pass_error(told(16.0), heard(), TRUTH) is None
 
 
-def test_a_reading_is_compared_with_the_vehicle_that_is_there_then():
+def test_reading_is_compared_with_the_vehicle_present_then():
     reading = SimpleNamespace(ns=3 * SECOND, frame_id='vehicle_0', speed_mps=14.5, std_mps=0.2)
     assert _error(reading, heard(3), TRUTH) == pytest.approx((0.5, 0.2))
     assert _error(reading, heard(2), TRUTH) is None
 
 
-def test_the_worst_reading_is_told_by_its_sigmas_also_where_none_is_wrong(capsys):
-    """Off by 0.5 m/s at 0.1 in place of 1 m/s at 0.5; the truth is 14 and 16 m/s."""
+def test_worst_reading_in_sigmas_is_reported_even_if_none_is_wrong(capsys):
+    """Off by 0.5 m/s with sigma 0.1, not by 1 m/s with sigma 0.5; the truth is 14 and 16 m/s."""
     def reading(row, speed_mps, std_mps):
         return SimpleNamespace(at_s=10.0 + row, ns=row * SECOND, frame_id='vehicle_0',
                                speed_mps=speed_mps, std_mps=std_mps)

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The ``traffic`` command: measures, writes, refuses."""
+"""The ``traffic`` command: results, files, refusals."""
 from __future__ import annotations
 
 import csv
@@ -13,8 +13,8 @@ from stereo_speed.cli import main as cli
 
 
 @pytest.mark.slow
-def test_a_short_stream_is_measured(tmp_path, capsys):
-    """15 s of the traffic of the docs' table: each vehicle once, none wrong, nothing false."""
+def test_short_stream_is_measured(tmp_path, capsys):
+    """15 s of the traffic of the docs' table: each vehicle once, none wrong, no false track."""
     assert cli.main(['traffic', '--minutes', '0.25', '--vehicles', '5', '--fps', '5', '--lanes',
                      '2', '--lines', 'exact', '--particles', '200', '--seed', '1', '--out',
                      str(tmp_path)]) == 0

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What processes of the tests of the producer do."""
+"""Work for the processes of the producer's tests."""
 from __future__ import annotations
 
 import os

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Items from another process: the same, in order, with what goes wrong there."""
+"""Items from another process: equal, in order, with the errors raised there."""
 from __future__ import annotations
 
 import importlib
@@ -15,17 +15,17 @@ from stereo_speed.lab.evaluation.producer import produced, WAITING
 
 @pytest.fixture
 def squares(monkeypatch):
-    """Return a function of a module that processes of their own can import."""
+    """Return a function of a module that other processes can import."""
     monkeypatch.syspath_prepend(str(Path(__file__).parent))
     return importlib.import_module('producing').squares
 
 
-def test_more_items_than_wait_at_once_come_in_order(squares):
+def test_more_items_than_the_buffer_holds_come_in_order(squares):
     count = 3 * WAITING
     assert list(produced(squares, count)) == [n ** 2 for n in range(count)]
 
 
-def test_what_goes_wrong_there_is_raised_here_after_what_went_well(squares):
+def test_error_in_the_process_is_raised_after_the_good_items(squares):
     items = produced(squares, 5, 2)
     assert [next(items), next(items)] == [0, 1]
     with pytest.raises(ValueError, match='no square of 2'):
@@ -33,14 +33,14 @@ def test_what_goes_wrong_there_is_raised_here_after_what_went_well(squares):
 
 
 @pytest.mark.slow
-def test_a_process_that_dies_is_noticed(squares):
+def test_dead_process_is_noticed(squares):
     with pytest.raises(RuntimeError, match='exit code -9'):
         list(produced(squares, 5, None, 1))
 
 
 @pytest.mark.parametrize('ending', [signal.SIG_DFL, signal.SIG_IGN])
-def test_the_process_ends_with_its_reader(squares, monkeypatch, ending):
-    """Also where it does not end when it is told to, as its reader does not."""
+def test_process_ends_with_its_reader(squares, monkeypatch, ending):
+    """Also one that ignores the request to end."""
     monkeypatch.setattr(producer, '_ALIVE_S', 0.5)
     before = set(multiprocessing.active_children())
     handler = signal.signal(signal.SIGTERM, ending)

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Both estimates of passes, summed up by hand, and one pass through the command."""
+"""Both estimates of passes, summarised by hand, and one pass through the command."""
 from __future__ import annotations
 
 import csv
@@ -12,7 +12,7 @@ from stereo_speed.lab.evaluation.second import second_table, SecondRun, wrong_fi
 
 
 def a_run(first, second, *, rejected=False, wrong=(True, True), path='straight'):
-    """Make a pass at 20 m/s whose estimates are so many mph off."""
+    """Return a pass at 20 m/s whose estimates have given errors in mph."""
     return SecondRun(
         kinds={'path': path}, truth_mps=20.0, rejected=rejected, wrong=wrong,
         first_mps=None if first is None else 20 + first * MPH_MPS, first_std_mps=0.1,
@@ -40,7 +40,7 @@ def test_figures_by_hand():
 
 
 @pytest.mark.slow
-def test_a_pass_through_the_command(tmp_path, capsys):
+def test_pass_through_the_command(tmp_path, capsys):
     assert main(['second', '--passes', '1', '--lines', 'exact', '--jobs', '0', '--out',
                  str(tmp_path)]) == 0
     row, = csv.DictReader((tmp_path / 'passes.csv').open())

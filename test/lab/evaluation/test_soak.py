@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The judge of long live runs, by vehicles and samples made up by hand."""
+"""The judge of long live runs, with invented vehicles and samples."""
 from __future__ import annotations
 
 import mmap
@@ -19,7 +19,7 @@ START, ROUND = 100 * SECOND, 60 * SECOND
 
 
 def vehicle(number, first_s, side_m):
-    """Give a vehicle that comes nearer at 10 m/s for three seconds."""
+    """Return a vehicle that approaches at 10 m/s for three seconds."""
     stamps = START + (first_s * SECOND + np.arange(30) * SECOND // 10)
     z_m = 60.0 - 10.0 * np.arange(30) * 0.1
     return VehicleTruth(number, stamps, np.full(30, 10.0),
@@ -30,7 +30,7 @@ TRUTH = (vehicle(0, 5, 0.0), vehicle(1, 5, 12.0), vehicle(2, 30, 0.0))
 
 
 def passes(truth, turn, speed=10.0, verdict='measured', off_m=0.5):
-    """Give a pass of a vehicle in a round, and the places of its track."""
+    """Return a pass of a vehicle in a round, and the places of its track."""
     places = [(int(ns) + turn * ROUND, tuple(at + [off_m, 0, 0]))
               for ns, at in zip(truth.stamps_ns, truth.position_m)]
     return ({'verdict': verdict, 'first_stamp_ns': places[0][0],
@@ -53,7 +53,7 @@ def test_each_vehicle_of_each_round_is_counted():
     assert rounds.reasons == {'too_few_pairs': 1}
 
 
-def test_pairs_that_came_nowhere_are_lost():
+def test_pairs_without_a_result_are_lost():
     stamps = [START, START + SECOND, START + 2 * SECOND]
     found = [ns + turn * ROUND for turn in range(3) for ns in stamps]
     assert lost_pairs(found, stamps, ROUND, 3) == (9, 0)
@@ -71,7 +71,7 @@ def samples(memory, handles=lambda k: 20):
     (samples(lambda k: 100.0 + k / 5), 'memory grew by 15.0 MB'),
     (samples(lambda k: 100.0, lambda k: 20 + k // 10), 'handles grew from 22 to 30'),
 ], ids=['flat', 'warm', 'leak', 'files'])
-def test_what_grows_is_told(made, fault):
+def test_growth_is_reported(made, fault):
     rules = SoakRules(warm_share=0.25, growth_mb=10.0, handles=3)
     assert ''.join(Held.of('node', made, rules).faults(rules)).startswith(
         fault and f'node: {fault}')
@@ -79,7 +79,7 @@ def test_what_grows_is_told(made, fault):
         Held.of('node', made[:3], rules)
 
 
-def test_a_run_is_sound_or_says_what_is_not():
+def test_run_is_good_or_its_faults_are_listed():
     rounds = Rounds(TRUTH, {0}, ROUND, START)
     rounds.add(*passes(TRUTH[0], 0))
     flat = Held.of('node', samples(lambda k: 100.0), SoakRules())
@@ -98,7 +98,7 @@ def test_a_run_is_sound_or_says_what_is_not():
                                          '1 of 2 vehicles were measured once']
 
 
-def test_memory_is_not_judged_where_pairs_wait():
+def test_memory_is_not_judged_while_pairs_wait():
     leak = Held.of('node', samples(lambda k: 100.0 + k), SoakRules())
 
     def run(*delays_s):
@@ -109,7 +109,7 @@ def test_memory_is_not_judged_where_pairs_wait():
     assert 'NOT JUDGED' in run(0.1, 9.0).notes(SoakRules())[0]
 
 
-def test_a_process_is_seen_as_it_is():
+def test_state_of_a_process_is_read():
     before = sample_of(os.getpid(), time.monotonic())
     # from the system, not from what the process has freed before
     with mmap.mmap(-1, 30 * 2 ** 20, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS) as block, \
@@ -121,8 +121,8 @@ def test_a_process_is_seen_as_it_is():
     assert 25 < after.memory_mb - before.memory_mb < 40
 
 
-def test_vehicles_count_when_they_are_well_seen(sample, tmp_path):
-    """Of the sample's file, which does not say how well, all count."""
+def test_only_well_visible_vehicles_count(sample, tmp_path):
+    """In a file without visibility, such as the sample's, all count."""
     assert counted_vehicles(sample / 'truth.csv', (TRUTH[1],)) == {1}
     path = tmp_path / 'truth.csv'
     rows = [f'{100 + k / 5},{v},80.0,{visible},1' for k in range(9)

@@ -23,7 +23,7 @@ CONFIG = traffic_config('day', minutes=0.06, vehicles=12, fps=5.0, rig=SMALL)
 
 
 def dark_pairs(count):
-    """Yield pairs that show nothing, one vehicle all the while and another that comes late."""
+    """Yield pairs of black images with one vehicle all the time and another that comes late."""
     image = np.zeros((SMALL.height_px, SMALL.width_px), np.uint8)
     row = {'speed': 20.0, 'path_speed': 20.0, 'lateral': 0.0, 'x': 0.0, 'y': 1.0, 'z': 40.0,
            'width_px': 60.0, 'lane': 0, 'visible': 1.0, 'in_view': True}
@@ -45,7 +45,7 @@ def test_pairs_from_another_process_are_the_same():
 
 @pytest.mark.slow
 def test_refined_lanes_are_nearer_to_the_true_ones():
-    """By other traffic on the same road: its appearance and clicks are those of the stream."""
+    """By other traffic on the same road, with the appearance and clicks of the stream."""
     config = traffic_config('day', lanes=2, minutes=1.0, vehicles=10, rig=SMALL)
     exact, picked, refined = (traffic_site(config, 3, lines).lanes['lane_0'].path for lines in (
         LineKnowledge.EXACT, LineKnowledge.PICKED, LineKnowledge.REFINED))
@@ -55,7 +55,7 @@ def test_refined_lanes_are_nearer_to_the_true_ones():
     assert off_m[0] > 0.01 and off_m[1] < 0.1 * off_m[0]
 
 
-def test_a_pipeline_that_is_given_no_annotations_misses_every_vehicle(tmp_path):
+def test_pipeline_without_annotations_misses_every_vehicle(tmp_path):
     site = traffic_site(CONFIG, 0, LineKnowledge.PICKED)
     result = measure_traffic(dark_pairs(8), site.pipeline(PipelineConfig(), ()), 8)
     score = result.score(TrafficRules(seen_s=1.4))

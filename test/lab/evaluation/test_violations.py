@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Records of simulated traffic beside the truth: what is wrong is told, what is right is not."""
+"""Records of simulated traffic against the truth: wrong ones are reported, right ones are not."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -32,7 +32,7 @@ TRUTH = list(zip(truth(7, 0.0), truth(8, 3.7)))
 
 
 def decided(kmh, place=lambda n: (0.1, 1.0, 50.3 - 2 * n), step_ns=STEP_NS):
-    """Return a stream with a record of a speed, of a vehicle that was at some places."""
+    """Return a stream with a record of a speed, of a vehicle at given places."""
     box = np.array([[0.0, 0], [10, 0], [10, 8], [0, 8]])
     update = TrackUpdate(0, 3, 'near', TrackState.CONFIRMED, 20.0, 0.1, 5.0, 0.0, np.zeros(3),
                          np.eye(3), np.eye(3), box, box)
@@ -56,7 +56,7 @@ def decided(kmh, place=lambda n: (0.1, 1.0, 50.3 - 2 * n), step_ns=STEP_NS):
     (decided(72.0, step_ns=STEP_NS // 2), 0, 0),  # stamps that a fault has changed
 ], ids=['right', '2.9 above', '2.8 below', '3.1 above', '3.1 below', 'other vehicle', 'nothing',
         'other stamps'])
-def test_what_is_wrong_is_told(stream, speed, vehicle):
+def test_wrong_records_are_reported(stream, speed, vehicle):
     found = stream.scored('none', TRUTH, LIMIT_MPS)
     assert (found['wrong_speed'], found['wrong_vehicle']) == (speed, vehicle)
     assert len(found['details']) == max(speed, vehicle)
@@ -64,7 +64,7 @@ def test_what_is_wrong_is_told(stream, speed, vehicle):
     assert found['recorded'] == (0 if 'vehicles [-1' in str(found['details']) else 1)
 
 
-def test_a_vehicle_within_the_limit_is_told():
+def test_vehicle_within_the_limit_is_reported():
     found = decided(72.0).scored('none', TRUTH, 75 * KMH_MPS)
     assert (found['violations'], found['not_violating']) == (0, 1)
 
@@ -84,7 +84,7 @@ def test_every_fault_has_its_streams_and_its_row():
     assert rows['all'][columns.index('share')] == '50 %'
 
 
-def test_what_the_second_estimate_rejects_is_counted():
+def test_rejections_by_the_second_estimate_are_counted():
     stream = decided(72.0)
     apart = replace(stream.passes[0], second=SecondEstimate(18.0, 0.2, 8))
     none = replace(stream.passes[0], second=SecondEstimate(None, None, 2))

@@ -24,12 +24,12 @@ def make_rig(d=(-0.2, 0.1, 1e-3, -1e-3), r=(0.004, -0.02, 0.003)):
 
 
 def make_picks(rig):
-    """Project points of the line, other ones in each view."""
+    """Return projections of points of the line, different ones in each view."""
     a, b = np.linspace(0, 50, 9)[:, None], np.linspace(2, 48, 7)[:, None]
     return rig.project(START + a * TRAVEL)[0], rig.project(START + b * TRAVEL)[1]
 
 
-def test_line_comes_back_exactly():
+def test_line_is_recovered_exactly():
     """Noise-free picks through distortion give the line, its start and its direction."""
     rig = make_rig()
     path = straight.straight_path(rig, *make_picks(rig))
@@ -59,14 +59,14 @@ def test_plucker_hand_worked():
 
 
 def test_line_in_the_epipolar_plane_has_no_direction():
-    """Both views then say the same and the planes are one."""
+    """Both views then give the same plane."""
     rig = make_rig(d=(), r=(0, 0, 0))
     rig = StereoRig(rig.left, rig.right, rig.R, np.array([-0.5, 0, 0]))
     flat = np.array([0.0, 1.0, -400.0])
     assert np.isnan(straight.direction(straight.plucker_line(rig, flat, flat))).all()
 
 
-def test_moved_pixels_are_the_projections_and_the_homography():
+def test_moved_pixels_equal_the_projections_and_the_homography():
     """Eq. 22 and 23 agree with moved points and with eq. 5."""
     rig = make_rig(d=())
     points = np.array([[-2.0, 1.0, 40.0], [1.0, 0.5, 40.0]])

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What is drawn lies where the geometry says, to a small part of a pixel."""
+"""Drawn objects are where the geometry predicts, to a small part of a pixel."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -44,14 +44,14 @@ def _texels(texture):
 
 
 def _sample(image, x, y, size_m):
-    """Sample an image at metres from the top-left corner of what it covers."""
+    """Sample an image at metres from the top-left corner of the area it covers."""
     rows, columns = image.shape
     return map_coordinates(image, [y * rows / size_m[1] - 0.5, x * columns / size_m[0] - 0.5],
                            order=1, mode='nearest')
 
 
 def _brute(camera, corners_px, texture, size_m, box):
-    """Draw the front by a homography from its projected corners, many samples a pixel."""
+    """Draw the front by a homography from its projected corners, with many samples per pixel."""
     u0, u1, v0, v1 = box
     w, h = size_m
     flat = camera.undistort(corners_px)
@@ -73,7 +73,7 @@ def _brute(camera, corners_px, texture, size_m, box):
 
 
 def _shift(image, reference):
-    """Return how far an image lies to the right of and below its reference, px."""
+    """Return the offset of an image to the right of and below its reference, px."""
     mean = (image + reference) / 2
     gy, gx = np.gradient(mean)
     terms = np.stack([gx.ravel(), gy.ravel(), np.ones(gx.size), mean.ravel()], axis=1)
@@ -100,7 +100,7 @@ def test_front_is_drawn_where_it_projects(make, rig):
 
 
 def _forward(project, pose, appearance, box):
-    """Draw a front with relief by projecting its surface, many small pieces a pixel."""
+    """Draw a front with relief by projecting its surface, with many small pieces per pixel."""
     u0, u1, v0, v1 = box
     w, h = size_m = appearance.body.width_m, appearance.body.tracked_m(appearance.rear)
     x, y = np.meshgrid((np.arange(1200) + 0.5) * w / 1200, (np.arange(600) + 0.5) * h / 600)
@@ -148,7 +148,7 @@ def test_relief_is_drawn_where_its_surface_projects(kind, receding):
     assert abs(shifts[0][0] - shifts[1][0]) < 0.01
 
 
-def test_front_of_one_grey_has_its_centroid_at_the_projected_area():
+def test_uniform_front_has_its_centroid_at_the_projected_area():
     scene = SimScene(straight_config())
     vehicle = scene.vehicles[0]
     for t_s in (0.0, 1.3):
@@ -213,7 +213,7 @@ def test_markings_lie_on_the_lines(config):
 
 
 @pytest.mark.parametrize('model', ['plumb_bob', 'rational', 'equidistant'])
-def test_rays_on_a_grid_are_the_cameras(model):
+def test_rays_on_a_grid_equal_the_cameras(model):
     rig = SimScene(straight_config(
         rig=RIGS['distorted' if model == 'plumb_bob' else model])).rig
     view = View(rig.right, rig.R, rig.t)
